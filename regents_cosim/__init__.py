@@ -1,0 +1,1 @@
+"""A crash-test bench for driving planners that lives inside SUMO and highway-env."""

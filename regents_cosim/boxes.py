@@ -1,0 +1,82 @@
+"""Exact oriented boxes on the host: the judge of every collision.
+
+All functions broadcast; positions in metres, yaw in radians counter-clockwise from +x.
+Boxes are closed: touching counts as overlapping, so `overlap` holds exactly where `distance` is 0.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+
+class Boxes(NamedTuple):
+    """Oriented rectangles, given by their centres; the five fields broadcast against each other."""
+
+    x: Float[np.ndarray, "..."]  # [m]
+    y: Float[np.ndarray, "..."]  # [m]
+    yaw: Float[np.ndarray, "..."]  # [rad]
+    length: Float[np.ndarray, "..."]  # [m]
+    width: Float[np.ndarray, "..."]  # [m]
+
+
+_ALONG = np.array([0.5, 0.5, -0.5, -0.5])
+_ACROSS = np.array([0.5, -0.5, -0.5, 0.5])
+
+
+def corners(boxes: Boxes) -> Float[np.ndarray, "... 4 2"]:
+    """Corner positions [m]: front left, front right, rear right, rear left."""
+    x, y, yaw, length, width = (np.asarray(v, float)[..., None] for v in boxes)
+    along, across = length * _ALONG, width * _ACROSS
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack(
+        np.broadcast_arrays(x + along * cos - across * sin, y + along * sin + across * cos), axis=-1
+    )
+
+
+def overlap(a: Boxes, b: Boxes) -> Bool[np.ndarray, "..."]:
+    """Whether two boxes share a point, by the four separating axes of two rectangles.
+
+    Source: separating-axis theorem (Gottschalk et al. 1996), needed because two boxes can
+    cross like a plus sign with no corner of either inside the other.
+    """
+    turn = np.subtract(b.yaw, a.yaw)
+    cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    a_long, a_wide = np.multiply(0.5, a.length), np.multiply(0.5, a.width)
+    b_long, b_wide = np.multiply(0.5, b.length), np.multiply(0.5, b.width)
+    ahead_a, left_a = _in_frame(a, b)
+    ahead_b, left_b = _in_frame(b, a)
+    return (
+        (np.abs(ahead_a) <= a_long + b_long * cos + b_wide * sin)
+        & (np.abs(left_a) <= a_wide + b_long * sin + b_wide * cos)
+        & (np.abs(ahead_b) <= b_long + a_long * cos + a_wide * sin)
+        & (np.abs(left_b) <= b_wide + a_long * sin + a_wide * cos)
+    )
+
+
+def distance(a: Boxes, b: Boxes) -> Float[np.ndarray, "..."]:
+    """Distance between the closest points of two boxes [m], 0 where they overlap.
+
+    For disjoint rectangles the closest pair always holds a corner of one of them, so the
+    least of the eight corner-to-box distances is exact. Source: ReGentS eq. 1.
+    """
+    apart = np.minimum(_least_corner_distance(a, b), _least_corner_distance(b, a))
+    return np.where(overlap(a, b), 0.0, apart)
+
+
+def _in_frame(a: Boxes, b: Boxes) -> tuple[np.ndarray, np.ndarray]:
+    """Centre of b as (ahead, left) in the frame of a [m]."""
+    dx, dy = np.subtract(b.x, a.x), np.subtract(b.y, a.y)
+    cos, sin = np.cos(a.yaw), np.sin(a.yaw)
+    return dx * cos + dy * sin, dy * cos - dx * sin
+
+
+def _least_corner_distance(box: Boxes, other: Boxes) -> np.ndarray:
+    """Least distance from a corner of `other` to the filled rectangle `box` [m]."""
+    points = corners(other)
+    x, y, yaw, length, width = (np.asarray(v, float)[..., None] for v in box)
+    dx, dy = points[..., 0] - x, points[..., 1] - y
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    out_long = np.maximum(np.abs(dx * cos + dy * sin) - 0.5 * length, 0.0)
+    out_wide = np.maximum(np.abs(dy * cos - dx * sin) - 0.5 * width, 0.0)
+    return np.hypot(out_long, out_wide).min(axis=-1)

@@ -1,0 +1,47 @@
+"""Every error a user can cause: what was found, what was expected, what to do next.
+
+The command line prints the message on one line and exits with `exit_code`; no traceback.
+"""
+
+from pathlib import Path
+
+
+class RegentsError(Exception):
+    """Wrong usage or input."""
+
+    exit_code = 2
+
+
+class CaseError(RegentsError):
+    """A case or suite on disk that cannot be read."""
+
+
+class ScenarioError(RegentsError):
+    """Values that do not form a valid Scenario."""
+
+
+class SumoError(RegentsError):
+    """SUMO could not be started, refused its input, or died."""
+
+
+class NoWindowError(RegentsError):
+    """The traffic holds no window that can be attacked."""
+
+
+class PlannerError(RegentsError):
+    """A planner that cannot be found or that failed."""
+
+
+def require(condition: bool, message: str, error: type[RegentsError] = ScenarioError) -> None:
+    """Raise `error(message)` unless `condition` holds."""
+    if not condition:
+        raise error(message)
+
+
+def require_file(path: Path, what: str) -> Path:
+    """Return `path` if it is a readable file, otherwise raise with what was expected there."""
+    if not path.exists():
+        raise RegentsError(f"{what} not found: {path} (expected an existing file; check the path)")
+    if not path.is_file():
+        raise RegentsError(f"{what} is not a file: {path}")
+    return path

@@ -1,0 +1,234 @@
+"""Cases and suites on disk. The layout is the contract of the README, section "A case on disk".
+
+A case is a folder written under a temporary name and renamed, so a killed run leaves none
+half-written. Its maps lie once per suite in `../maps`, named by their content. Loading checks
+schema, shapes and a content hash and never unpickles.
+"""
+
+import hashlib
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import numpy as np
+import shapely
+
+from regents_cosim.atomic import explain_write, new_folder, write_atomic
+from regents_cosim.errors import CaseError, ScenarioError
+from regents_cosim.map_files import MapFiles, load_map, map_files, save_map
+from regents_cosim.scenario import Agent, AttackRecord, Overlap, Provenance, Scenario, Signal, Tracks
+
+SCHEMA = 1
+_Kind = TypeVar("_Kind")
+
+
+@dataclass(frozen=True)
+class _Header:
+    """scenario.json, except for `schema`."""
+
+    id: str
+    hash: str
+    dt: float
+    ego: str
+    target: tuple[float, float]
+    agents: tuple[Agent, ...]
+    map: MapFiles
+    signals: tuple[Signal, ...]
+    overlaps: tuple[Overlap, ...]
+    provenance: Provenance
+    attack: AttackRecord | None
+
+
+@dataclass(frozen=True)
+class SuiteEntry:
+    """One case of a suite."""
+
+    case: str
+    hash: str
+
+
+@dataclass(frozen=True)
+class Suite:
+    """suite.json: what a folder of cases holds and how it was made."""
+
+    cases: tuple[SuiteEntry, ...]
+    command: str = ""
+    seed: int = 0
+    versions: dict[str, str] = field(default_factory=dict)
+    schema: int = SCHEMA
+
+
+def save_case(scenario: Scenario, suite: Path) -> Path:
+    """Write `scenario` to `suite/<id>`, replacing a case of that name; return its folder.
+
+    Raises RegentsError where the folder cannot be written.
+    """
+    with explain_write(suite):
+        suite.mkdir(parents=True, exist_ok=True)
+        files = save_map(scenario.road, suite / "maps")
+        with new_folder(suite / scenario.id) as folder:
+            (folder / "tracks.npz").write_bytes(_pack_tracks(scenario.tracks))
+            if scenario.original is not None:
+                (folder / "original.npz").write_bytes(_pack_tracks(scenario.original))
+            header = _header(scenario, files, content_hash(scenario))
+            text = msgspec.json.encode({"schema": SCHEMA} | msgspec.to_builtins(header))
+            (folder / "scenario.json").write_bytes(msgspec.json.format(text, indent=1) + b"\n")
+    return suite / scenario.id
+
+
+def load_case(folder: Path) -> Scenario:
+    """Read a case exactly as it was saved.
+
+    Raises CaseError with what was found and expected where a file is missing, truncated, of
+    a newer schema, or does not match its content hash.
+    """
+    header = _load_header(folder)
+    with _explain_read(folder):
+        scenario = Scenario(
+            id=header.id,
+            dt=header.dt,
+            agents=header.agents,
+            tracks=_load_tracks(folder / "tracks.npz"),
+            target=header.target,
+            road=load_map(header.map, folder),
+            provenance=header.provenance,
+            signals=header.signals,
+            overlaps=header.overlaps,
+            attack=header.attack,
+            original=_load_tracks(folder / "original.npz") if header.attack else None,
+        )
+    if header.ego != scenario.ego.id:
+        raise CaseError(f"{folder}: ego is {header.ego!r} but the first agent is {scenario.ego.id!r}")
+    found = content_hash(scenario)
+    if found != header.hash:
+        raise CaseError(
+            f"{folder}: content hash {found[:12]}, expected {header.hash[:12]} (was a file of the case changed?)"
+        )
+    return scenario
+
+
+def content_hash(scenario: Scenario) -> str:
+    """SHA-256 of everything that a replay depends on: all but the provenance."""
+    digest = hashlib.sha256()
+    content = _header(scenario, map_files(scenario.road), "")
+    for name in ("id", "dt", "target", "agents", "map", "signals", "overlaps", "attack"):
+        digest.update(msgspec.json.encode(getattr(content, name), order="deterministic"))
+    for tracks in filter(None, (scenario.tracks, scenario.original)):
+        for item in fields(tracks):
+            value = getattr(tracks, item.name)
+            digest.update(item.name.encode() + (b"-" if value is None else value.tobytes()))
+    return digest.hexdigest()
+
+
+def save_suite(folder: Path, suite: Suite) -> None:
+    """Write the manifest of a suite."""
+    with explain_write(folder):
+        text = msgspec.json.format(msgspec.json.encode(suite), indent=1) + b"\n"
+        write_atomic(folder / "suite.json", text)
+
+
+def load_suite(folder: Path) -> Suite:
+    """Read the manifest of a suite. Raises CaseError where there is none that can be read."""
+    path = folder / "suite.json"
+    if not path.is_file():
+        raise CaseError(f"no suite.json in {folder} (expected a folder of cases; make one with `regents record`)")
+    with _explain_read(folder):
+        return _decode(path.read_bytes(), Suite, path)
+
+
+def find_cases(path: Path) -> list[Path]:
+    """The case folders that `path` stands for: itself, or those its manifest lists, in that order."""
+    if not path.is_dir():
+        raise CaseError(f"{path} is not a folder (expected a case, or a folder of cases)")
+    if (path / "scenario.json").is_file():
+        return [path]
+    return [path / entry.case for entry in load_suite(path).cases]
+
+
+# --- one case ---------------------------------------------------------------------------------
+
+
+def _header(scenario: Scenario, files: MapFiles, digest: str) -> _Header:
+    return _Header(
+        id=scenario.id,
+        hash=digest,
+        dt=scenario.dt,
+        ego=scenario.ego.id,
+        target=scenario.target,
+        agents=scenario.agents,
+        map=files,
+        signals=scenario.signals,
+        overlaps=scenario.overlaps,
+        provenance=scenario.provenance,
+        attack=scenario.attack,
+    )
+
+
+def _load_header(folder: Path) -> _Header:
+    path = folder / "scenario.json"
+    if not path.is_file():
+        raise CaseError(f"no scenario.json in {folder} (expected a case folder)")
+    with _explain_read(folder):
+        return _decode(path.read_bytes(), _Header, path)
+
+
+def _decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:
+    """Decode JSON of our schema or an older one into `kind`."""
+    schema = msgspec.json.decode(text, type=_Schema).schema
+    if schema > SCHEMA:
+        raise CaseError(
+            f"{path}: schema {schema}, this version reads up to {SCHEMA} (upgrade regents_cosim to read it)"
+        )
+    return msgspec.json.decode(text, type=kind)
+
+
+def _pack_tracks(tracks: Tracks) -> bytes:
+    arrays = {f.name: getattr(tracks, f.name) for f in fields(tracks)}
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **{name: value for name, value in arrays.items() if value is not None})
+    return buffer.getvalue()
+
+
+def _load_tracks(path: Path) -> Tracks:
+    names = {f.name for f in fields(Tracks)}
+    with np.load(path, allow_pickle=False) as packed:
+        unknown = set(packed.files) - names
+        if unknown:
+            raise CaseError(f"{path}: unknown arrays {sorted(unknown)}, expected {sorted(names)}")
+        return Tracks(**{name: packed[name] for name in packed.files})
+
+
+# --- reading safely ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Schema:
+    schema: int
+
+
+@contextmanager
+def _explain_read(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except CaseError:
+        raise
+    except ScenarioError as error:
+        raise CaseError(f"{folder}: {error}") from error
+    except _UNREADABLE as error:
+        raise CaseError(f"{folder}: a file of the case is missing, damaged or truncated ({_first_line(error)})") from error
+
+
+_UNREADABLE: tuple[type[Exception], ...] = (
+    OSError, EOFError, ValueError, TypeError, KeyError, MemoryError, zipfile.BadZipFile, zlib.error,
+    msgspec.MsgspecError, shapely.errors.ShapelyError, RecursionError,
+)  # fmt: skip
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

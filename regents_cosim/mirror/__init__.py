@@ -1,0 +1,1 @@
+"""The differentiable simulator: pure JAX, no files, no clocks, no globals."""

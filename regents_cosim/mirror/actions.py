@@ -1,0 +1,175 @@
+"""From tracks to controls: the smooth fit, and what to do where a track has gaps.
+
+The plain estimate (`bicycle.controls_between`, the paper's choice) inverts the model exactly but
+ignores positions, so that noise and model error add up over the horizon. The smooth fit is the
+least-squares solution of
+
+    sum_k |p_k - p_log_k|^2 / s_p^2 + (yaw_k - yaw_log_k)^2 / s_yaw^2 + (u_k - u_log_k)^2 / s_u^2
+          + (a_k - a_{k-1})^2 / s_a^2 + (c_k - c_{k-1})^2 / s_c^2
+
+by Gauss-Newton in its time-recursive form (iterative LQR): every pass solves the linearised
+problem backwards in time and then rolls out forwards *with the feedback it found*. The first
+pass around the log itself is a tracking controller, which is why it does not diverge where an
+open-loop fit does. Source: Li and Todorov 2004 (iLQR); limits by clipping in the forward pass.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip, controls_between, wrap
+from regents_cosim.scenario import Tracks
+
+# Standard deviations that the fit grants: tight on position, loose on yaw (SUMO's vehicles slip
+# up to 7 degrees at their centre in curves) and on the changes of the controls per step.
+_POSITION_M = 0.02
+_YAW_RAD = 0.2
+_SPEED_M_S = 1.0
+_ACCEL_CHANGE = 2.0  # [m/s^2]
+_CURVATURE_CHANGE = 0.02  # [1/m]
+_PASSES = 8
+
+
+def fill_gaps(tracks: Tracks) -> Tracks:
+    """Tracks whose invalid entries repeat the nearest valid state (the earlier one on a tie)."""
+    steps = np.arange(tracks.steps)
+    nearest = np.zeros(tracks.x.shape, int)
+    for agent, valid in enumerate(tracks.valid):
+        present = np.flatnonzero(valid)
+        if len(present):
+            nearest[agent] = present[np.abs(steps[:, None] - present).argmin(axis=1)]
+    filled = {name: np.take_along_axis(getattr(tracks, name), nearest, 1) for name in ("x", "y", "yaw", "speed")}
+    return Tracks(**filled, valid=tracks.valid)
+
+
+@eqx.filter_jit
+def fit_controls(
+    log: Motion,
+    valid: Bool[Array, "agent time"],
+    start: Motion,
+    moving: Bool[Array, "agent step"],
+    dt: Float[Array, ""],
+) -> Controls:
+    """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time]."""
+    first = clip(controls_between(log, dt))
+    fit = jax.vmap(lambda *agent: _fit_one(*agent, dt))
+    return fit(log, valid, start, moving, first)
+
+
+class _Trajectory(eqx.Module):
+    """One agent: states (x, y, yaw, speed, previous accel, previous curvature) and controls."""
+
+    states: Float[Array, "time 6"]
+    controls: Float[Array, "step 2"]
+    cost: Float[Array, ""]
+
+
+class _Policy(eqx.Module):
+    """Change of the controls: `offset` plus `gain` times the deviation from the nominal states."""
+
+    offset: Float[Array, "step 2"]
+    gain: Float[Array, "step 2 6"]
+
+
+_CHANGE_WEIGHT = np.array([1.0 / _ACCEL_CHANGE**2, 1.0 / _CURVATURE_CHANGE**2], np.float32)
+_STATE_WEIGHT = np.array(
+    [1.0 / _POSITION_M**2, 1.0 / _POSITION_M**2, 1.0 / _YAW_RAD**2, 1.0 / _SPEED_M_S**2, 0.0, 0.0], np.float32
+)
+_LIMITS = np.array([ACCEL_LIMIT, CURVATURE_LIMIT], np.float32)
+
+
+def _fit_one(log: Motion, valid: Array, start: Motion, moving: Array, first: Controls, dt: Array) -> Controls:
+    controls = jnp.stack([first.accel, first.curvature], axis=-1)
+    goal = jnp.stack([log.x, log.y, log.yaw, log.speed], axis=-1)
+    goal = jnp.concatenate([goal, jnp.concatenate([controls[:1], controls])], axis=-1)
+    begin = jnp.concatenate([jnp.stack([start.x, start.y, start.yaw, start.speed]), controls[0]])
+
+    def improve(best: _Trajectory, _: None) -> tuple[_Trajectory, None]:
+        policy = _solve_backwards(best, goal, valid, moving, dt)
+        for scale in (1.0, 0.3):
+            new = _roll_forwards(best, policy, scale, begin, goal, valid, moving, dt)
+            better = new.cost < best.cost
+            best = jax.tree.map(lambda a, b, better=better: jnp.where(better, a, b), new, best)
+        return best, None
+
+    nominal = _Trajectory(goal, controls, jnp.asarray(jnp.inf, goal.dtype))
+    best, _ = jax.lax.scan(improve, nominal, length=_PASSES)
+    return Controls(best.controls[:, 0], best.controls[:, 1])
+
+
+def _advance(state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
+    """One step of `bicycle.step` with the control remembered; standing still while not `moves`."""
+    x, y, yaw, speed = state[:4]
+    next_speed = jnp.where(speed + control[0] * dt >= 0.0, speed + control[0] * dt, 0.0)
+    travelled = 0.5 * (speed + next_speed) * dt
+    turned = control[1] * travelled
+    mid = yaw + 0.5 * turned
+    ahead = jnp.stack([x + travelled * jnp.cos(mid), y + travelled * jnp.sin(mid), yaw + turned, next_speed])
+    return jnp.concatenate([jnp.where(moves, ahead, state[:4]), control])
+
+
+def _deviation(state: Array, goal: Array) -> Float[Array, " 6"]:
+    return (state - goal).at[2].set(wrap(state[2] - goal[2]))
+
+
+def _solve_backwards(nominal: _Trajectory, goal: Array, valid: Array, moving: Array, dt: Array) -> _Policy:
+    """Gauss-Newton policy around `nominal`, whose states need not follow from its controls."""
+    states, controls = nominal.states, nominal.controls
+    a, b = jax.vmap(jax.jacfwd(_advance, (0, 1)), (0, 0, 0, None))(states[:-1], controls, moving, dt)
+    reached = jax.vmap(_advance, (0, 0, 0, None))(states[:-1], controls, moving, dt)
+    defect = reached - states[1:]
+    weight = valid[:, None] * _STATE_WEIGHT
+    pull = weight * jax.vmap(_deviation)(states, goal)
+    change = controls - states[:-1, 4:]
+
+    def back(value: tuple[Array, Array], step: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        slope, curve = value
+        a_k, b_k, defect_k, weight_k, pull_k, change_k = step
+        slope = slope + curve @ defect_k
+        steer = jnp.diag(_CHANGE_WEIGHT)
+        along_state = pull_k + a_k.T @ slope - jnp.pad(steer @ change_k, (4, 0))
+        along_control = steer @ change_k + b_k.T @ slope
+        state_state = jnp.diag(weight_k) + a_k.T @ curve @ a_k + jnp.pad(steer, ((4, 0), (4, 0)))
+        control_state = b_k.T @ curve @ a_k - jnp.pad(steer, ((0, 0), (4, 0)))
+        inverse = _inverse_2x2(steer + b_k.T @ curve @ b_k)
+        offset, gain = -inverse @ along_control, -inverse @ control_state
+        slope = along_state + control_state.T @ offset
+        curve = state_state + control_state.T @ gain
+        return (slope, 0.5 * (curve + curve.T)), (offset, gain)
+
+    last = (pull[-1], jnp.diag(weight[-1]))
+    _, (offset, gain) = jax.lax.scan(back, last, (a, b, defect, weight[:-1], pull[:-1], change), reverse=True)
+    return _Policy(offset, gain)
+
+
+def _inverse_2x2(m: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
+    determinant = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+    return jnp.array([[m[1, 1], -m[0, 1]], [-m[1, 0], m[0, 0]]]) / determinant
+
+
+def _roll_forwards(
+    nominal: _Trajectory,
+    policy: _Policy,
+    scale: float,
+    begin: Array,
+    goal: Array,
+    valid: Array,
+    moving: Array,
+    dt: Array,
+) -> _Trajectory:
+    """Roll out from `begin` with the policy around `nominal`, controls clipped to the limits."""
+
+    def forward(state: Array, step: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+        nominal_state, nominal_control, offset, gain, moves = step
+        correction = scale * offset + gain @ _deviation(state, nominal_state)
+        control = jnp.clip(nominal_control + correction, -_LIMITS, _LIMITS)
+        return _advance(state, control, moves, dt), (state, control)
+
+    steps = (nominal.states[:-1], nominal.controls, policy.offset, policy.gain, moving)
+    last, (states, controls) = jax.lax.scan(forward, begin, steps)
+    states = jnp.concatenate([states, last[None]])
+    misses = valid[:, None] * _STATE_WEIGHT * jax.vmap(_deviation)(states, goal) ** 2
+    changes = _CHANGE_WEIGHT * (controls - states[:-1, 4:]) ** 2
+    return _Trajectory(states, controls, misses.sum() + changes.sum())

@@ -1,0 +1,57 @@
+"""How far off the road a point is: the non-drivable area, blurred, as a field on a grid.
+
+The ReGentS paper convolves a binary map with a Gaussian at every corner of every box; blurring
+the map once and looking it up bilinearly is the same number, and far cheaper.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.ndimage import gaussian_filter
+
+from regents_cosim.roadmap import RoadMap
+
+CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
+SIGMA_M = 0.5
+_MARGIN_M = 12.0  # how far beyond the tracks the field reaches; outside it is constant
+_SIDES = (512, 768, 1024, 1536, 2048, 3072, 4096)  # cells; few shapes, few compilations
+
+
+class RoadField(eqx.Module):
+    """Blurred non-drivable map in scene coordinates, its four neighbours packed in one gather.
+
+    `cells[r, c]` holds the values at (r, c), (r, c+1), (r+1, c), (r+1, c+1); row 0 is the least y.
+    """
+
+    cells: Float[Array, "row column 4"]  # 0 on the road, 1 off it
+    corner: Float[Array, " 2"]  # [m] position of cell (0, 0)
+
+    def __call__(self, x: Float[Array, "*axes"], y: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
+        """Field at points [m], bilinear between cells; constant beyond the grid's border."""
+        rows, columns, _ = self.cells.shape
+        u = jnp.clip((x - self.corner[0]) / CELL_M, 0.0, columns - 1.001)
+        v = jnp.clip((y - self.corner[1]) / CELL_M, 0.0, rows - 1.001)
+        column, row = u.astype(jnp.int32), v.astype(jnp.int32)
+        near = self.cells.reshape(-1, 4)[row * columns + column]
+        s, t = u - column, v - row
+        lower = near[..., 0] * (1.0 - s) + near[..., 1] * s
+        upper = near[..., 2] * (1.0 - s) + near[..., 3] * s
+        return lower * (1.0 - t) + upper * t
+
+
+def blur(
+    road: RoadMap, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], origin: Float[np.ndarray, " 2"]
+) -> RoadField:
+    """The field of `road` over the bounds `low`..`high` [m, map frame] plus a margin.
+
+    Coordinates of the result are relative to `origin` [m]. Source: C_adv_dev of the ReGentS
+    paper (m_oob * K), with K a Gaussian of sigma 0.5 m.
+    """
+    low = np.floor((low - _MARGIN_M) / CELL_M) * CELL_M
+    needed = int(np.ceil((high + _MARGIN_M - low).max() / CELL_M)) + 1
+    side = next((side for side in _SIDES if side >= needed), needed)
+    off_road = ~road.raster((float(low[0]), float(low[1])), (side, side), CELL_M)
+    field = gaussian_filter(off_road.astype(np.float32), SIGMA_M / CELL_M, mode="nearest")
+    packed = np.stack([field, np.roll(field, -1, 1), np.roll(field, -1, 0), np.roll(field, (-1, -1), (0, 1))], -1)
+    return RoadField(jnp.asarray(packed), jnp.asarray(low - origin, jnp.float32))

@@ -1,0 +1,118 @@
+"""World: a Scenario on the device, and the only border between NumPy and JAX.
+
+Padded to a few shapes with masks, no strings, float32, coordinates relative to the middle of
+the ego's track (8 km from the origin a float32 step is 1 mm; near it, a thousandth of that).
+"""
+
+import dataclasses
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim import boxes
+from regents_cosim.mirror.actions import fill_gaps, fit_controls
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.road_field import RoadField, blur
+from regents_cosim.mirror.separation import Box
+from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
+
+AGENT_BUCKETS = (8, 16, 32, 64, 128)
+
+
+class World(eqx.Module):
+    """One scenario: the ego is agent 0, entries beyond the real agents are never valid.
+
+    Invalid entries of `log` hold the nearest valid state, so that nothing non-finite or absurd
+    can reach a gradient; they count nowhere.
+    """
+
+    log: Motion  # [agent time] as recorded
+    valid: Bool[Array, "agent time"]
+    controls: Controls  # [agent step] that reproduce the log
+    start: Motion  # [agent] state at the first valid step
+    moving: Bool[Array, "agent step"]  # from the first valid step on
+    half_length: Float[Array, " agent"]  # [m]
+    half_width: Float[Array, " agent"]  # [m]
+    vehicle: Bool[Array, " agent"]  # a motor vehicle, not a pedestrian or cyclist
+    apart: Bool[Array, "agent agent"]  # not overlapping when both are first there
+    on_road: Bool[Array, "4 agent"]  # corners that are on the drivable area at the first valid step
+    road: RoadField
+    dt: Float[Array, ""]  # [s]
+
+    def boxes(self, motion: Motion) -> Box:
+        """Boxes [agent time] of all agents along `motion`."""
+        half = (self.half_length[:, None], self.half_width[:, None])
+        return Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *half)
+
+
+def scene_origin(scenario: Scenario) -> Float[np.ndarray, " 2"]:
+    """Origin [m, map frame] of the device's coordinates."""
+    track = np.stack([scenario.tracks.x[0], scenario.tracks.y[0]])
+    return np.round(0.5 * (track.min(axis=1) + track.max(axis=1)))
+
+
+def to_world(scenario: Scenario) -> World:
+    """Move a Scenario to the device; controls are the smooth fit of its tracks (`actions`)."""
+    tracks, origin = scenario.tracks, scene_origin(scenario)
+    real = len(scenario.agents)
+    padded = next((size for size in AGENT_BUCKETS if size >= real), real)
+    extra = padded - real
+    valid = np.pad(tracks.valid, ((0, extra), (0, 0)))
+    filled = fill_gaps(tracks)
+    log = [np.pad(values, ((0, extra), (0, 0))) for values in (filled.x - origin[0], filled.y - origin[1])]
+    log += [np.pad(values, ((0, extra), (0, 0))) for values in (np.unwrap(filled.yaw, axis=1), filled.speed)]
+    motion = Motion(*(jnp.asarray(values, jnp.float32) for values in log))
+    first = np.argmax(valid, axis=1)
+    moving = np.arange(tracks.steps - 1) >= first[:, None]
+    dt = jnp.float32(scenario.dt)
+    start = Motion(*(jnp.asarray(values[np.arange(padded), first], jnp.float32) for values in log))
+    present = np.stack([filled.x, filled.y], axis=-1)[tracks.valid]
+    sizes = np.array([(a.length, a.width) for a in scenario.agents] + [(1.0, 1.0)] * extra)
+    return World(
+        log=motion,
+        valid=jnp.asarray(valid),
+        controls=fit_controls(motion, jnp.asarray(valid), start, jnp.asarray(moving), dt),
+        start=start,
+        moving=jnp.asarray(moving),
+        half_length=jnp.asarray(0.5 * sizes[:, 0], jnp.float32),
+        half_width=jnp.asarray(0.5 * sizes[:, 1], jnp.float32),
+        vehicle=jnp.asarray([a.kind in VEHICLE_KINDS for a in scenario.agents] + [False] * extra),
+        apart=jnp.asarray(np.pad(_apart_at_first(scenario), (0, extra))),
+        on_road=jnp.asarray(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra)))),
+        road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin),
+        dt=dt,
+    )
+
+
+def to_tracks(motion: Motion, controls: Controls, scenario: Scenario) -> Tracks:
+    """Tracks of `scenario`'s agents along `motion`, in the map frame; absent where it has them absent."""
+    real, valid = len(scenario.agents), scenario.tracks.valid
+    origin = scene_origin(scenario)
+    x, y, yaw, speed = (
+        np.asarray(v, np.float64)[:real] for v in (motion.x, motion.y, motion.yaw, motion.speed)
+    )  # fmt: skip
+    held = valid[:, :-1] & valid[:, 1:]
+    accel, curvature = (np.where(held, np.asarray(v, np.float64)[:real], 0.0) for v in (controls.accel, controls.curvature))
+    tracks = Tracks(x + origin[0], y + origin[1], yaw, np.maximum(speed, 0.0), valid, accel, curvature)
+    absent = {name: np.where(valid, getattr(tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
+    return dataclasses.replace(tracks, **absent)
+
+
+def _apart_at_first(scenario: Scenario) -> Bool[np.ndarray, "agent agent"]:
+    """Pairs whose boxes do not overlap at the first step where both are present."""
+    tracks = scenario.tracks
+    both = tracks.valid[:, None] & tracks.valid[None]
+    step = np.argmax(both, axis=2)
+    index = np.arange(len(scenario.agents))
+    mine = boxes.Boxes(*(v[index[:, None], step] for v in np.broadcast_arrays(*scenario.boxes)))
+    theirs = boxes.Boxes(*(v[index[None, :], step] for v in np.broadcast_arrays(*scenario.boxes)))
+    return ~boxes.overlap(mine, theirs)
+
+
+def _corners_on_road(scenario: Scenario) -> Bool[np.ndarray, "4 agent"]:
+    first = np.argmax(scenario.tracks.valid, axis=1)
+    index = np.arange(len(scenario.agents))
+    at_first = boxes.Boxes(*(v[index, first] for v in np.broadcast_arrays(*scenario.boxes)))
+    return scenario.road.contains(boxes.corners(at_first)).T

@@ -1,0 +1,110 @@
+"""RoadMap: lanes, how they connect, and where one may drive. Frame: the map's own, metres."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.errors import require
+
+
+@dataclass(frozen=True, eq=False)
+class Lane:
+    """One lane, or one way through a junction."""
+
+    id: str
+    centre: Float[np.ndarray, "point 2"]  # [m] in the direction of travel
+    width: float  # [m]
+    speed_limit: float  # [m/s]
+    junction: bool = False  # an internal lane, inside a junction
+    left: str | None = None  # neighbour one may change to
+    right: str | None = None
+
+    def __post_init__(self) -> None:
+        centre = np.array(self.centre, float)
+        centre.setflags(write=False)
+        object.__setattr__(self, "centre", centre)
+        require(
+            centre.ndim == 2 and centre.shape[1] == 2 and len(centre) >= 2,
+            f"lane {self.id}: centre line of shape {centre.shape}, expected at least two points [x, y]",
+        )
+        require(bool(np.isfinite(centre).all()), f"lane {self.id}: centre line holds NaN or infinite numbers")
+        require(self.width > 0, f"lane {self.id}: width {self.width} m, expected a positive number")
+
+    @cached_property
+    def length(self) -> float:
+        """Length of the centre line [m]."""
+        return float(np.hypot(*np.diff(self.centre, axis=0).T).sum())
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A lane that continues into another; `signal` and `link` name the light in front of it."""
+
+    source: str
+    target: str
+    signal: str | None = None  # id of a Signal
+    link: int = 0  # index into its letters
+
+
+@dataclass(frozen=True, eq=False)
+class RoadMap:
+    """Lanes, connections and drivable area of one map.
+
+    `sumo_net` is the network file (gzip) where the map came from SUMO, so that a Scenario
+    can be replayed there on a machine that does not have the original.
+    """
+
+    lanes: tuple[Lane, ...]
+    connections: tuple[Connection, ...]
+    drivable: BaseGeometry  # polygon or multipolygon [m]
+    sumo_net: bytes | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        ids = {lane.id for lane in self.lanes}
+        require(len(ids) == len(self.lanes), "lane ids of a map must differ from each other")
+        require(not self.drivable.is_empty, "the drivable area of a map is empty")
+        for link in self.connections:
+            for end in (link.source, link.target):
+                require(end in ids, f"a connection names lane {end}, which the map does not have")
+
+    @cached_property
+    def lane(self) -> dict[str, Lane]:
+        """Lanes by id."""
+        return {lane.id: lane for lane in self.lanes}
+
+    @cached_property
+    def exits(self) -> dict[str, tuple[Connection, ...]]:
+        """For every lane the connections that leave it."""
+        found: dict[str, list[Connection]] = {lane.id: [] for lane in self.lanes}
+        for link in self.connections:
+            found[link.source].append(link)
+        return {source: tuple(links) for source, links in found.items()}
+
+    @cached_property
+    def centre_lines(self) -> shapely.STRtree:
+        """Spatial index of the centre lines, in the order of `lanes`."""
+        return shapely.STRtree([shapely.LineString(lane.centre) for lane in self.lanes])
+
+    def contains(self, points: Float[np.ndarray, "... 2"]) -> Bool[np.ndarray, "..."]:
+        """Whether points [m] lie on the drivable area."""
+        shapely.prepare(self.drivable)
+        return shapely.contains_xy(self.drivable, points[..., 0], points[..., 1])
+
+    def raster(
+        self, origin: tuple[float, float], shape: tuple[int, int], cell_m: float
+    ) -> Bool[np.ndarray, "row column"]:
+        """Drivable or not at cell centres; row 0 at the least y, column 0 at the least x.
+
+        `origin` [m] is the centre of cell (0, 0), so cell (r, c) stands for
+        origin + cell_m * (c, r).
+        """
+        rows, columns = shape
+        x = origin[0] + cell_m * np.arange(columns)
+        y = origin[1] + cell_m * np.arange(rows)
+        near = shapely.clip_by_rect(self.drivable, x[0] - 1.0, y[0] - 1.0, x[-1] + 1.0, y[-1] + 1.0)
+        shapely.prepare(near)
+        return shapely.contains_xy(near, *np.meshgrid(x, y))

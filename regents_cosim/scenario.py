@@ -1,0 +1,240 @@
+"""Scenario: one traffic scene over a horizon, the one value that every stage speaks.
+
+Frozen and validated at construction. Frame: the map's own (x east, y north, metres), box
+centres, yaw in radians counter-clockwise from +x. Entries where `valid` is False are 0.
+"""
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.boxes import Boxes
+from regents_cosim.errors import require
+from regents_cosim.roadmap import RoadMap
+
+Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
+Role = Literal["ego", "background", "adversary"]
+Outcome = Literal["collision", "no_collision", "no_candidate", "already_colliding", "diverged"]
+CollisionKind = Literal["rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on"]
+
+VEHICLE_KINDS: frozenset[Kind] = frozenset({"car", "truck", "bus", "motorcycle"})
+
+
+@dataclass(frozen=True)
+class Agent:
+    """One road user."""
+
+    id: str
+    kind: Kind
+    length: float  # [m]
+    width: float  # [m]
+    role: Role = "background"
+
+    def __post_init__(self) -> None:
+        for name in ("length", "width"):
+            size = getattr(self, name)
+            require(
+                bool(np.isfinite(size)) and size > 0,
+                f"agent {self.id}: {name} {size} m, expected a positive number",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Motion of all agents, in the order of `Scenario.agents`.
+
+    `accel` and `curvature` hold constantly from step k to k + 1; they are None where only
+    the motion was observed.
+    """
+
+    x: Float[np.ndarray, "agent time"]  # [m]
+    y: Float[np.ndarray, "agent time"]  # [m]
+    yaw: Float[np.ndarray, "agent time"]  # [rad]
+    speed: Float[np.ndarray, "agent time"]  # [m/s] never negative
+    valid: Bool[np.ndarray, "agent time"]
+    accel: Float[np.ndarray, "agent time-1"] | None = None  # [m/s^2]
+    curvature: Float[np.ndarray, "agent time-1"] | None = None  # [1/m] positive turns left
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self)):
+            self._freeze(name)
+        require(self.x.ndim == 2, f"tracks of {self.x.ndim} axes, expected [agent, time]")
+        agents, steps = self.x.shape
+        for name in (f.name for f in fields(self)):
+            self._check(name, (agents, steps - 1 if name in ("accel", "curvature") else steps))
+        require(bool((self.speed >= 0).all()), "tracks: a speed is negative, expected 0 or more [m/s]")
+        require((self.accel is None) == (self.curvature is None), "tracks: accel and curvature come together")
+
+    def _freeze(self, name: str) -> None:
+        value = getattr(self, name)
+        if value is not None:
+            array = np.array(value, bool if name == "valid" else np.float64)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def _check(self, name: str, shape: tuple[int, int]) -> None:
+        value = getattr(self, name)
+        if value is None:
+            return
+        require(
+            value.shape == shape,
+            f"tracks: {name} has shape {list(value.shape)}, expected {list(shape)} [agent, time]",
+        )
+        bad = np.argwhere(~np.isfinite(value))
+        if len(bad):
+            require(False, f"tracks: {name} is not finite at agent {bad[0][0]}, step {bad[0][1]}")
+
+    @property
+    def steps(self) -> int:
+        """Number of instants, one more than the number of controls."""
+        return self.x.shape[1]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One traffic light: which letters it shows from which step on.
+
+    Letters are SUMO's: r red, y yellow, g/G green, u red-yellow, s stop, o/O off; one letter
+    per controlled link, so that a Connection names a light by (signal id, link index).
+    """
+
+    id: str
+    changes: tuple[tuple[int, str], ...]  # (step, letters), first at step 0
+
+    def __post_init__(self) -> None:
+        steps = [step for step, _ in self.changes]
+        require(
+            bool(steps) and steps[0] == 0 and all(a < b for a, b in zip(steps, steps[1:], strict=False)),
+            f"signal {self.id}: changes at steps {steps[:5]}, expected increasing steps from 0",
+        )
+        require(
+            len({len(letters) for _, letters in self.changes}) == 1,
+            f"signal {self.id}: changes show different numbers of lights",
+        )
+
+    def letters(self, step: int) -> str:
+        """What the light shows at `step`."""
+        return [letters for since, letters in self.changes if since <= step][-1]
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Two agents whose boxes overlap in the source's own traffic."""
+
+    agents: tuple[str, str]
+    first_step: int
+    last_step: int
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a Scenario came from, enough to make it again."""
+
+    source: str  # "sumo", "fcd", ...
+    file: str  # name of the configuration or log
+    sha256: str  # of that file
+    begin_s: float  # time of step 0 in the source [s]
+    seed: int = 0
+    versions: dict[str, str] = field(default_factory=dict)
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Collision:
+    """The first contact of the ego."""
+
+    agent: str  # whom the ego hits, or is hit by
+    step: int
+    time_s: float
+    kind: CollisionKind
+    relative_speed: float  # [m/s] at the first step of contact
+    attributed: bool  # the attack changed the controls of `agent`
+
+
+@dataclass(frozen=True)
+class AttackRecord:
+    """How an attack went."""
+
+    method: str
+    planner: str
+    outcome: Outcome
+    iterations: int
+    collision: Collision | None = None
+    settings: dict[str, float | int | str | bool] = field(default_factory=dict)
+    cost_history: dict[str, tuple[float, ...]] = field(default_factory=dict)  # per term and iteration
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """s = (g, v, w, q) of the ReGentS paper, section 3.1: map, agents, signals, tracks, target."""
+
+    id: str
+    dt: float  # [s]
+    agents: tuple[Agent, ...]  # the ego first, then by increasing id
+    tracks: Tracks
+    target: tuple[float, float]  # [m] where the ego wants to go
+    road: RoadMap
+    provenance: Provenance
+    signals: tuple[Signal, ...] = ()
+    overlaps: tuple[Overlap, ...] = ()
+    attack: AttackRecord | None = None
+    original: Tracks | None = None  # before the attack
+
+    def __post_init__(self) -> None:
+        require(bool(np.isfinite(self.dt)) and self.dt > 0, f"dt is {self.dt} s, expected a positive number")
+        require(bool(np.isfinite(self.target).all()), f"target {self.target} is not finite")
+        self._check_agents()
+        for tracks in filter(None, (self.tracks, self.original)):
+            self._check_tracks(tracks)
+        require(
+            (self.attack is None) == (self.original is None),
+            "an attacked scenario keeps its original tracks, and only an attacked one",
+        )
+
+    def _check_agents(self) -> None:
+        roles = [agent.role for agent in self.agents]
+        require(
+            roles[:1] == ["ego"] and roles.count("ego") == 1,
+            f"agents have roles {roles[:4]}, expected the ego first and only once",
+        )
+        others = [agent.id for agent in self.agents[1:]]
+        for before, after in zip(others, others[1:], strict=False):
+            require(before < after, f"agent ids {before!r}, {after!r}: expected increasing ids after the ego's")
+        require(self.agents[0].id not in others, f"agent id {self.agents[0].id!r} occurs twice")
+
+    def _check_tracks(self, tracks: Tracks) -> None:
+        require(
+            len(tracks.x) == len(self.agents),
+            f"tracks of {len(tracks.x)} agents, expected {len(self.agents)} as listed",
+        )
+        require(tracks.steps >= 2, f"{tracks.steps} steps, expected at least 2")
+        missing = np.flatnonzero(~tracks.valid[0])
+        if len(missing):
+            require(False, f"ego {self.agents[0].id!r} is absent at step {missing[0]}, expected throughout")
+
+    @property
+    def ego(self) -> Agent:
+        """The agent that the planner drives."""
+        return self.agents[0]
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """Boxes of all agents at all steps, [agent, time]."""
+        return boxes_of(self.agents, self.tracks)
+
+    def before_attack(self) -> "Scenario":
+        """The scenario as it was recorded."""
+        if self.original is None:
+            return self
+        agents = tuple(replace(a, role="ego" if i == 0 else "background") for i, a in enumerate(self.agents))
+        return replace(self, agents=agents, tracks=self.original, attack=None, original=None)
+
+
+def boxes_of(agents: tuple[Agent, ...], tracks: Tracks) -> Boxes:
+    """Boxes of `agents` along `tracks`, [agent, time]."""
+    length = np.array([agent.length for agent in agents])[:, None]
+    width = np.array([agent.width for agent in agents])[:, None]
+    return Boxes(tracks.x, tracks.y, tracks.yaw, length, width)

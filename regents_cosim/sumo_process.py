@@ -1,0 +1,77 @@
+"""libsumo, started and closed: the only door to it. Call it in a worker process (`workers`).
+
+SUMO writes what it thinks of its input to the terminal; here that is kept, and shown as the
+reason when it refuses to go on.
+"""
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import ModuleType
+from typing import IO
+
+from regents_cosim.errors import SumoError
+
+# Shared libraries that the wheel links but does not bring: measured with ldd, SUMO 1.28.0.
+_DEBIAN_PACKAGES = "libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1"
+
+
+def load_libsumo() -> ModuleType:
+    """Import libsumo. Raises SumoError that names the Debian packages where it cannot load."""
+    os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # it greets on stdout otherwise
+    try:
+        import libsumo
+    except ImportError as error:
+        raise SumoError(
+            f"SUMO's library cannot be loaded ({error}). The wheel needs system libraries; "
+            f"on Debian or Ubuntu: apt-get install {_DEBIAN_PACKAGES}"
+        ) from error
+    return libsumo
+
+
+@contextmanager
+def running_sumo(options: Sequence[str], gui: bool = False) -> Iterator[ModuleType]:
+    """A started simulation, closed at the end. Raises SumoError with SUMO's own words.
+
+    `options` are SUMO's command-line options. One simulation per process.
+    """
+    libsumo = load_libsumo()
+    if gui and not os.environ.get("DISPLAY"):
+        raise SumoError("sumo-gui needs a display, and DISPLAY is not set (leave out --gui, or use --record)")
+    with _output_kept() as output:
+        try:
+            libsumo.start(["sumo-gui" if gui else "sumo", *options])
+            yield libsumo
+        except libsumo.TraCIException as error:
+            raise SumoError(f"SUMO refused: {_reason(output) or error}") from error
+        finally:
+            libsumo.close()
+
+
+@contextmanager
+def _output_kept() -> Iterator[IO[bytes]]:
+    """Send this process's file descriptors 1 and 2 to a file while the block runs."""
+    with tempfile.TemporaryFile() as output:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        saved = [os.dup(1), os.dup(2)]
+        os.dup2(output.fileno(), 1)
+        os.dup2(output.fileno(), 2)
+        try:
+            yield output
+        finally:
+            for target, source in enumerate(saved, start=1):
+                os.dup2(source, target)
+                os.close(source)
+
+
+def _reason(output: IO[bytes]) -> str:
+    """SUMO's error lines, or its last words, on one line."""
+    sys.stdout.flush()
+    output.seek(0)
+    lines = [line.strip() for line in output.read().decode(errors="replace").splitlines() if line.strip()]
+    errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
+    lines = [line for line in lines if not line.startswith(("Warning:", "Quitting"))]
+    return " ".join(errors or lines[-2:])
