@@ -1,0 +1,1 @@
+"""The search for adversary controls. Knows nothing of SUMO."""

@@ -1,0 +1,103 @@
+"""Scenarios in, attacked Scenarios out: one scenario per thread, results as values."""
+
+import dataclasses
+import os
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from regents_cosim.attack.descent import Found, descend
+from regents_cosim.attack.presets import AttackConfig
+from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.errors import RegentsError
+from regents_cosim.mirror.world import to_tracks, to_world
+from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner
+from regents_cosim.scenario import AttackRecord, Collision, Outcome, Scenario, Tracks
+
+_COST_TERMS = ("ego", "pair", "road")
+
+
+def attack(
+    scenarios: Iterable[Scenario], config: AttackConfig, planner: str = "idm", batch: int = 32
+) -> Iterator[Scenario]:
+    """Attack every scenario, in order; yields each with its AttackRecord as soon as it is done.
+
+    The search never fails: how it ended is `attack.outcome`. At most `batch` scenarios are held
+    on the device at once. Raises PlannerError where the planner cannot be found, RegentsError
+    for a scenario that was attacked before.
+    """
+    under_test = find_planner(planner)
+    threads = os.cpu_count() or 1
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[Scenario]] = deque()
+        for scenario in scenarios:
+            waiting.append(pool.submit(attack_one, scenario, config, under_test, planner))
+            if len(waiting) >= max(batch, 1):
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def attack_one(scenario: Scenario, config: AttackConfig, planner: JaxPlanner, planner_name: str) -> Scenario:
+    """Attack one scenario."""
+    if scenario.attack is not None:
+        raise RegentsError(
+            f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
+        )
+    world = to_world(scenario)
+    memory = planner.init(Scene(scenario, world))
+    found = descend(world, planner, memory, config)
+    return _attacked(scenario, config, planner_name, found)
+
+
+def _attacked(scenario: Scenario, config: AttackConfig, planner_name: str, found: Found) -> Scenario:
+    outcome = _outcome(found)
+    tracks = scenario.tracks if outcome == "diverged" else to_tracks(found.motion, found.controls, scenario)
+    collision = _collision(scenario, tracks, found) if found.hit else None
+    agents = tuple(
+        replace(agent, role="adversary") if collision and outcome == "collision" and agent.id == collision.agent else agent
+        for agent in scenario.agents
+    )
+    iterations = int(found.iterations)
+    record = AttackRecord(
+        method=config.method,
+        planner=planner_name,
+        outcome=outcome,
+        iterations=iterations,
+        collision=collision,
+        settings={k: v for k, v in dataclasses.asdict(config).items() if k != "method"},
+        cost_history=dict(zip(_COST_TERMS, _history(found, iterations), strict=True)),
+    )
+    return replace(scenario, agents=agents, tracks=tracks, attack=record, original=scenario.tracks)
+
+
+def _outcome(found: Found) -> Outcome:
+    if not found.finite:
+        return "diverged"
+    if found.hit:
+        return "collision" if found.iterations > 0 else "already_colliding"
+    return "no_collision" if found.any_candidate else "no_candidate"
+
+
+def _collision(scenario: Scenario, tracks: Tracks, found: Found) -> Collision:
+    """The first contact, by the exact boxes of the host."""
+    contact = first_contact(scenario.agents, tracks)
+    if contact is None:
+        raise RuntimeError(f"case {scenario.id}: the mirror saw a collision that the exact boxes do not confirm")
+    agent, step = contact
+    return Collision(
+        agent=scenario.agents[agent].id,
+        step=step,
+        time_s=round(step * scenario.dt, 9),
+        kind=collision_kind(scenario.agents, tracks, agent, step),
+        relative_speed=relative_speed(tracks, agent, step),
+        attributed=bool(found.changed[agent]),
+    )
+
+
+def _history(found: Found, iterations: int) -> list[tuple[float, ...]]:
+    rounded = np.asarray(found.history, float)[:iterations].round(6)
+    return [tuple(term.tolist()) for term in rounded.T]

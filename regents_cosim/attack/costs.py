@@ -1,0 +1,111 @@
+"""The three terms of the attack's cost, each with its equation of the ReGentS paper.
+
+A minimum is found without gradient and only the winner is differentiated: the gradient of a
+hard minimum, at the price of one distance instead of thousands.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.attack.presets import AttackConfig
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.separation import Box, corners, distance, gap
+from regents_cosim.mirror.world import World
+
+_CLOSE_PAIRS = 16  # pairs whose exact distance is looked at, chosen by a lower bound
+
+
+class Costs(eqx.Module):
+    """Values of the terms; `total` is what the descent lowers."""
+
+    ego: Float[Array, ""]  # [m] C_ego_col
+    pair: Float[Array, ""]  # [m] C_adv_col, never positive
+    road: Float[Array, ""]  # C_adv_dev
+    total: Float[Array, ""]
+
+
+def total_cost(world: World, motion: Motion, candidate: Bool[Array, " agent"], config: AttackConfig) -> Costs:
+    """C = C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev (section 3.2) along `motion`, ego in row 0."""
+    boxes = world.boxes(motion)
+    ego = ego_distance(world, boxes, candidate)
+    pair = pair_proximity(world, boxes, candidate, config.pair_reach_m)
+    road = road_deviation(world, boxes)
+    return Costs(ego, pair, road, ego + config.pair_weight * pair + config.road_weight * road)
+
+
+def ego_distance(world: World, boxes: Box, candidate: Bool[Array, " agent"]) -> Float[Array, ""]:
+    """C_ego_col = min over candidates i of (1/T) sum_k d_BB(0, i, k) [m] (eq. 4).
+
+    The mean is over the steps at which i is valid. Without candidates the value is meaningless.
+    """
+    nearest = jax.lax.stop_gradient(mean_ego_distances(world, boxes))
+    chosen = jnp.argmin(jnp.where(candidate, nearest, jnp.inf))
+    return _mean_where(distance(take(boxes, 0), take(boxes, chosen)), world.valid[chosen])
+
+
+def mean_ego_distances(world: World, boxes: Box) -> Float[Array, " agent"]:
+    """(1/T) sum_k d_BB(0, i, k) for every agent i [m]."""
+    ego = jax.tree.map(lambda values: values[:1], boxes)
+    return _mean_where(distance(ego, boxes), world.valid)
+
+
+def pair_proximity(world: World, boxes: Box, candidate: Bool[Array, " agent"], reach_m: float) -> Float[Array, ""]:
+    """C_adv_col = - min over pairs i < j of background agents and k of min(tau, d_BB(i, j, k)) [m].
+
+    Pairs that overlap in the log when both are first there are left out, and so are pairs of
+    which neither may change: they are constants that would hide the others in the minimum.
+    """
+    i, j, k = _closest_pair(world, jax.tree.map(jax.lax.stop_gradient, boxes), candidate)
+    closest = distance(*(jax.tree.map(lambda values, a=a: values[a, k], _full(boxes)) for a in (i, j)))
+    none_found = i == j
+    return -jnp.where(none_found, reach_m, jnp.minimum(closest, reach_m))
+
+
+def road_deviation(world: World, boxes: Box) -> Float[Array, ""]:
+    """C_adv_dev = (1/T) sum_k sum_i sum over the corners c of i of (m_oob * K)(c).
+
+    Corners that are off the road at the agent's first step are left out.
+    """
+    x, y = corners(jax.tree.map(lambda values: values[1:], boxes))
+    counted = world.valid[1:] & world.on_road[:, 1:, None]
+    return jnp.where(counted, world.road(x, y), 0.0).sum() / world.valid.shape[1]
+
+
+def take(boxes: Box, agent: Int[Array, ""] | int) -> Box:
+    """Boxes [time] of one agent."""
+    return jax.tree.map(lambda values: values[agent], boxes)
+
+
+def _full(boxes: Box) -> Box:
+    """Boxes whose fields all have the shape [agent, time]."""
+    return jax.tree.map(lambda values: jnp.broadcast_to(values, boxes.x.shape), boxes)
+
+
+def _closest_pair(
+    world: World, boxes: Box, candidate: Bool[Array, " agent"]
+) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
+    """(i, j, step) of the closest pair of background agents, i == j where there is none.
+
+    The separating-axis gap bounds every distance from below; exact distances decide among the
+    pairs with the least gaps.
+    """
+    boxes, agents = _full(boxes), candidate.shape[0]
+    background = jnp.arange(agents) > 0
+    counts = jnp.triu(world.apart & (candidate[:, None] | candidate[None]) & background[:, None], k=1)
+    mine, theirs = (jax.tree.map(lambda v, axis=axis: jnp.expand_dims(v, axis), boxes) for axis in (1, 0))
+    together = counts[:, :, None] & world.valid[:, None] & world.valid[None]
+    bound = jnp.where(together, gap(mine, theirs), jnp.inf).min(axis=2).reshape(-1)
+    _, best = jax.lax.top_k(-bound, min(_CLOSE_PAIRS, bound.shape[0]))
+    i, j = best // agents, best % agents
+    exact = distance(take(boxes, i), take(boxes, j))
+    exact = jnp.where(together[i, j], exact, jnp.inf)
+    pair, step = jnp.unravel_index(jnp.argmin(exact), exact.shape)
+    found = jnp.isfinite(exact[pair, step])
+    return jnp.where(found, i[pair], 0), jnp.where(found, j[pair], 0), step
+
+
+def _mean_where(values: Float[Array, "*axes time"], valid: Bool[Array, "*axes time"]) -> Float[Array, "*axes"]:
+    total = jnp.where(valid, values, 0.0).sum(axis=-1)
+    return total / jnp.maximum(valid.sum(axis=-1), 1)

@@ -1,0 +1,137 @@
+"""The search: roll out, look for a collision, differentiate, mask, Adam, again.
+
+One compiled loop per scenario. It stops at the first collision of the ego with any background
+agent, or when the iterations are spent. Source: ReGentS section 3.2 (and KING section 3).
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.attack.costs import Costs, total_cost
+from regents_cosim.attack.presets import AttackConfig
+from regents_cosim.attack.rules import candidates, diverging_in_front
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
+from regents_cosim.mirror.rollout import LoopPlanner, drive, roll_out_background, with_ego
+from regents_cosim.mirror.separation import overlaps
+from regents_cosim.mirror.world import World
+
+# A hit in float32 must be one for the exact judge on the host as well.
+_HIT_DEPTH_M = 1e-3
+
+
+class Found(eqx.Module):
+    """What an attack ended with."""
+
+    motion: Motion  # [agent time] last roll-out, ego in row 0
+    controls: Controls  # [agent step] that made it, the ego's own in row 0
+    changed: Bool[Array, " agent"]  # the attack moved this agent's controls
+    hit: Bool[Array, ""]
+    finite: Bool[Array, ""]
+    any_candidate: Bool[Array, ""]
+    iterations: Int[Array, ""]  # updates made
+    history: Float[Array, "iteration term"]  # ego, pair and road cost before each update
+
+
+class _Search(eqx.Module):
+    actions: Float[Array, "agent step 2"]  # accel and curvature as shares of their limits
+    adam: optax.OptState
+    motion: Motion
+    ego_controls: Controls
+    hit: Bool[Array, ""]
+    finite: Bool[Array, ""]
+    iterations: Int[Array, ""]
+    history: Float[Array, "iteration term"]
+
+
+@eqx.filter_jit
+def descend(world: World, planner: LoopPlanner, memory: Any, config: AttackConfig) -> Found:
+    """Attack `planner` (with its `memory` of the scene) in `world`."""
+    candidate = candidates(world, config)
+    logged = to_actions(world.controls)
+    adam = optax.adam(config.learning_rate, config.beta1, config.beta2)
+
+    def roll_out(actions: Array) -> tuple[Motion, Controls]:
+        background = roll_out_background(world, to_controls(actions))
+        ego, ego_controls = drive(planner, memory, world, background)
+        return with_ego(background, ego), ego_controls
+
+    def cost(actions: Array, ego: Motion) -> tuple[Float[Array, ""], Costs]:
+        motion = with_ego(roll_out_background(world, to_controls(actions)), ego)
+        costs = total_cost(world, motion, candidate, config)
+        return costs.total, costs
+
+    def evaluate(search: _Search) -> _Search:
+        motion, ego_controls = roll_out(search.actions)
+        return eqx.tree_at(
+            lambda s: (s.motion, s.ego_controls, s.hit),
+            search,
+            (motion, ego_controls, ego_is_hit(world, motion)),
+        )
+
+    def update(search: _Search) -> _Search:
+        ego = jax.tree.map(lambda values: values[0], search.motion)
+        (_, costs), gradient = jax.value_and_grad(cost, has_aux=True)(search.actions, ego)
+        steps, state = adam.update(gradient, search.adam)
+        steps = jnp.where(may_change(search.motion), steps, 0.0)
+        terms = jnp.stack([costs.ego, costs.pair, costs.road])
+        finite = jnp.isfinite(gradient).all() & jnp.isfinite(terms).all()
+        return evaluate(
+            _Search(
+                actions=jnp.clip(search.actions + steps, -1.0, 1.0),
+                adam=state,
+                motion=search.motion,
+                ego_controls=search.ego_controls,
+                hit=search.hit,
+                finite=finite,
+                iterations=search.iterations + 1,
+                history=search.history.at[search.iterations].set(terms),
+            )
+        )
+
+    def may_change(motion: Motion) -> Bool[Array, "agent #step 2"]:
+        steers = candidate
+        if config.cancel_front_steering:
+            steers &= ~diverging_in_front(motion, world.valid, config.front_share, config.front_window_rad)
+        return jnp.stack([candidate, steers], axis=-1)[:, None]
+
+    def goes_on(search: _Search) -> Bool[Array, ""]:
+        return ~search.hit & search.finite & (search.iterations < config.iterations) & candidate.any()
+
+    begin = _Search(
+        actions=logged,
+        adam=adam.init(logged),
+        motion=world.log,
+        ego_controls=jax.tree.map(lambda values: values[0], world.controls),
+        hit=jnp.asarray(False),
+        finite=jnp.asarray(True),
+        iterations=jnp.int32(0),
+        history=jnp.zeros((config.iterations, 3), jnp.float32),
+    )
+    end = jax.lax.while_loop(goes_on, update, evaluate(begin))
+    controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), to_controls(end.actions), end.ego_controls)
+    finite = end.finite & jnp.isfinite(end.motion.x).all() & jnp.isfinite(end.motion.y).all()
+    changed = (jnp.abs(end.actions - logged) > 1e-6).any(axis=(1, 2))
+    return Found(end.motion, controls, changed, end.hit, finite, candidate.any(), end.iterations, end.history)
+
+
+def ego_is_hit(world: World, motion: Motion) -> Bool[Array, ""]:
+    """Whether the ego's box overlaps another's at some step (eq. 2), pairs that began so left out."""
+    boxes = world.boxes(motion)
+    ego = jax.tree.map(lambda values: values[:1], boxes)
+    counts = world.valid & world.apart[0][:, None]
+    return (counts & overlaps(ego, boxes, _HIT_DEPTH_M))[1:].any()
+
+
+def to_actions(controls: Controls) -> Float[Array, "agent step 2"]:
+    """Controls as shares of the mirror's limits."""
+    return jnp.stack([controls.accel / ACCEL_LIMIT, controls.curvature / CURVATURE_LIMIT], axis=-1)
+
+
+def to_controls(actions: Float[Array, "agent step 2"]) -> Controls:
+    """The inverse of `to_actions`."""
+    return Controls(actions[..., 0] * ACCEL_LIMIT, actions[..., 1] * CURVATURE_LIMIT)

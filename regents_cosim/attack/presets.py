@@ -1,0 +1,37 @@
+"""KING and ReGentS: two values of one configuration."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class AttackConfig:
+    """Everything that decides an attack, besides the scenario and the planner.
+
+    Defaults are those that both papers share. Actions are optimised in [-1, 1], the share of
+    the mirror's limits, so `learning_rate` x `iterations` bounds how far one can move.
+    """
+
+    method: str
+    iterations: int = 500  # at most
+    learning_rate: float = 1e-3  # Adam; ReGentS section 4
+    beta1: float = 0.9
+    beta2: float = 0.999
+    pair_weight: float = 5.0  # lambda_col
+    road_weight: float = 20.0  # lambda_dev
+    pair_reach_m: float = 1.25  # tau: background agents further apart do not repel each other
+    cancel_front_steering: bool = False  # ReGentS rule 1
+    front_share: float = 0.5  # tau_front: share of steps in the red zone that cancels steering
+    front_window_rad: float = np.pi / 8
+    exclude_rear: bool = False  # ReGentS rule 2
+    rear_share: float = 0.8  # of the steps inside the sector behind the ego
+    rear_sector_rad: float = np.pi / 4  # its full width
+    exclude_static: bool = False  # ReGentS rule 3
+    static_m: float = 0.2  # moves less over the horizon
+
+
+KING = AttackConfig("king")
+REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True, exclude_static=True)
+
+METHODS = {preset.method: preset for preset in (REGENTS, KING)}

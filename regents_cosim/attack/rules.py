@@ -1,0 +1,58 @@
+"""Who may attack, and whose steering is left alone: the three rules of ReGentS, section 3.3."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.attack.presets import AttackConfig
+from regents_cosim.mirror.bicycle import Motion, wrap
+from regents_cosim.mirror.world import World
+
+
+def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
+    """Agents whose controls the attack may change.
+
+    Motor vehicles other than the ego that are present for at least half of the horizon and do
+    not overlap the ego from the start, less those that rules 2 and 3 exclude.
+    """
+    not_ego = jnp.arange(world.valid.shape[0]) > 0
+    long_enough = world.valid.mean(axis=1) >= 0.5
+    allowed = not_ego & world.vehicle & long_enough & world.apart[0]
+    if config.exclude_rear:
+        allowed &= ~mostly_behind(world, config.rear_share, config.rear_sector_rad)
+    if config.exclude_static:
+        allowed &= travelled(world) >= config.static_m
+    return allowed
+
+
+def mostly_behind(world: World, share: float, sector_rad: float) -> Bool[Array, " agent"]:
+    """Rule 2: in the log, inside the sector behind the ego for more than `share` of its valid steps."""
+    log = world.log
+    bearing = jnp.arctan2(log.y - log.y[0], log.x - log.x[0])
+    off_axis = wrap(bearing - log.yaw[0] - jnp.pi)
+    behind = world.valid & (jnp.abs(off_axis) < 0.5 * sector_rad)
+    return behind.sum(axis=1) > share * world.valid.sum(axis=1)
+
+
+def travelled(world: World) -> Float[Array, " agent"]:
+    """Rule 3: length of the logged path over the valid steps [m]."""
+    both = world.valid[:, 1:] & world.valid[:, :-1]
+    steps = jnp.hypot(jnp.diff(world.log.x, axis=1), jnp.diff(world.log.y, axis=1))
+    return jnp.where(both, steps, 0.0).sum(axis=1)
+
+
+def diverging_in_front(
+    motion: Motion, valid: Bool[Array, "agent time"], share: float, window_rad: float
+) -> Bool[Array, " agent"]:
+    """Rule 1: in the red zone for more than `share` of the valid steps of the current roll-out.
+
+    With alpha the bearing of agent i from the ego, dyaw = wrap(yaw_i - yaw_0) and
+    dalpha = wrap(alpha - yaw_0), the red zone is |dyaw| < pi/8, |dalpha| < pi/8 and
+    0 < dalpha / dyaw < 1: ahead, to one side, and turned away to the same side, so that any
+    pull towards the ego's future path turns it further away.
+    """
+    dyaw = wrap(motion.yaw - motion.yaw[0])
+    dalpha = wrap(jnp.arctan2(motion.y - motion.y[0], motion.x - motion.x[0]) - motion.yaw[0])
+    narrow = (jnp.abs(dyaw) < window_rad) & (jnp.abs(dalpha) < window_rad)
+    same_side = (dalpha * dyaw > 0.0) & (jnp.abs(dalpha) < jnp.abs(dyaw))
+    red = valid & narrow & same_side
+    return red.sum(axis=1) > share * valid.sum(axis=1)

@@ -1,0 +1,16 @@
+"""The simplest planner: goes straight on at the speed it has."""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.planners.interface import JaxPlanner
+
+
+class ConstantVelocity(JaxPlanner):
+    """No acceleration, no steering, whatever happens."""
+
+    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
+        """Zero controls."""
+        return Controls(jnp.zeros_like(ego.x), jnp.zeros_like(ego.x)), memory

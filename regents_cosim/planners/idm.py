@@ -1,0 +1,169 @@
+"""IDM on a route: follows its path, keeps its distance to whatever stands in its corridor.
+
+The Intelligent Driver Model (Treiber, Hennecke and Helbing 2000) gives the acceleration
+
+    a (1 - (v / v0)^4 - (s* / s)^2),   s* = s0 + max(0, v T + v dv / (2 sqrt(a b)))
+
+against every agent whose box reaches into the corridor ahead and against red lights; the least
+one counts. Steering is pure pursuit (Coulter 1992) on the route.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
+from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.planners.interface import JaxPlanner, Scene
+from regents_cosim.planners.route import SPACING_M, Route, plan_route
+
+_POINTS = 384  # route points kept, one every metre
+_STOP_LINES = 4
+_FAR_M = 1e3
+_MIN_GAP_M = 0.1  # closer than this the interaction term would blow up
+_ALREADY_PASSED_M = 1.0  # a stop line this far behind the front bumper no longer holds
+
+
+class Memory(eqx.Module):
+    """The route on the device, and the ego's size."""
+
+    x: Float[Array, " point"]  # [m]
+    y: Float[Array, " point"]  # [m]
+    cos: Float[Array, " point"]  # direction of the route
+    sin: Float[Array, " point"]
+    speed: Float[Array, " point"]  # [m/s] desired: limit, lateral acceleration, and time to brake for both
+    line: Float[Array, " stop_line"]  # [m] along the route
+    closed: Bool[Array, "time stop_line"]  # the light is red or yellow
+    half_length: Float[Array, ""]  # [m]
+    half_width: Float[Array, ""]  # [m]
+
+
+class Sight(eqx.Module):
+    """Obstacles along the route at each step; row k depends on step k alone."""
+
+    rear: Float[Array, "*time agent"]  # [m] where along the route the agent's box begins
+    front: Float[Array, "*time agent"]  # [m] and ends
+    speed: Float[Array, "*time agent"]  # [m/s] along the route
+    blocks: Bool[Array, "*time agent"]  # reaches into the corridor
+    closed: Bool[Array, "*time stop_line"]
+
+
+class IDM(JaxPlanner):
+    """IDM with pure pursuit. Defaults: Treiber and Kesting 2013, table 11.2 (cars in cities)."""
+
+    time_headway: float = 1.0  # [s]
+    standstill_gap: float = 2.0  # [m]
+    max_accel: float = 2.0  # [m/s^2]
+    comfortable_brake: float = 3.0  # [m/s^2]
+    stopping_brake: float = 4.5  # [m/s^2] brakes for a light if this is enough to stop before it
+    lateral_accel: float = 3.0  # [m/s^2] slows down for curves
+    corridor_margin: float = 0.3  # [m] on either side of the ego
+    look_ahead: float = 0.5  # [s] of pure pursuit
+    min_look_ahead: float = 3.0  # [m]
+
+    def init(self, scene: Scene) -> Memory:
+        """The route of the ego: its logged path, extended along the lanes."""
+        route = plan_route(scene.scenario)
+        points = _pad_line(route.points)
+        direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
+        angle = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
+        on_device = scene.on_device(points)
+        line, closed = _stop_lines(route, scene.scenario.tracks.steps)
+        return Memory(
+            x=on_device[:, 0],
+            y=on_device[:, 1],
+            cos=jnp.asarray(np.cos(angle), jnp.float32),
+            sin=jnp.asarray(np.sin(angle), jnp.float32),
+            speed=jnp.asarray(self._desired_speed(route, angle), jnp.float32),
+            line=line,
+            closed=closed,
+            half_length=scene.world.half_length[0],
+            half_width=scene.world.half_width[0],
+        )
+
+    def look(self, memory: Memory, traffic: Traffic) -> Sight:
+        """Where along the route every agent's box begins and ends, and whether it is in the way."""
+        motion = traffic.motion
+        along, across, index = _project(memory, motion.x, motion.y)
+        cos = jnp.cos(motion.yaw) * memory.cos[index] + jnp.sin(motion.yaw) * memory.sin[index]
+        sin = jnp.sqrt(jnp.maximum(1.0 - cos**2, 0.0))
+        half_length, half_width = traffic.half_length[:, None], traffic.half_width[:, None]
+        reach = jnp.abs(cos) * half_length + sin * half_width
+        breadth = sin * half_length + jnp.abs(cos) * half_width
+        inside = jnp.abs(across) - breadth < memory.half_width + self.corridor_margin
+        sight = (along - reach, along + reach, motion.speed * cos, traffic.valid & inside)
+        return Sight(*(values.T for values in sight), closed=memory.closed)
+
+    def step(self, memory: Memory, sight: Sight, ego: Motion) -> tuple[Controls, Memory]:
+        """IDM acceleration for the tightest obstacle, pure-pursuit curvature."""
+        along, _, index = _project(memory, ego.x, ego.y)
+        nose = along + memory.half_length
+        ahead = sight.blocks & (0.5 * (sight.rear + sight.front) > along)
+        gaps = jnp.where(ahead, sight.rear - nose, _FAR_M)
+        to_line = memory.line - nose
+        can_stop = ego.speed**2 < 2.0 * self.stopping_brake * jnp.maximum(to_line, 0.0)
+        held = sight.closed & (to_line > -_ALREADY_PASSED_M) & (can_stop | (ego.speed < 0.5))
+        gaps = jnp.concatenate([gaps, jnp.where(held, to_line + self.standstill_gap - 0.5, _FAR_M)])
+        speeds = jnp.concatenate([jnp.where(ahead, sight.speed, ego.speed), jnp.where(held, 0.0, ego.speed)])
+        accel = self._accel(ego.speed, memory.speed[index], gaps, speeds)
+        return Controls(accel, self._curvature(memory, along, ego)), memory
+
+    def _accel(self, speed: Array, desired: Array, gaps: Array, speeds: Array) -> Float[Array, ""]:
+        free = 1.0 - (speed / jnp.maximum(desired, 0.1)) ** 4
+        closing = speed * (speed - speeds) / (2.0 * np.sqrt(self.max_accel * self.comfortable_brake))
+        wanted = self.standstill_gap + jnp.maximum(speed * self.time_headway + closing, 0.0)
+        interaction = (wanted / jnp.maximum(gaps, _MIN_GAP_M)) ** 2
+        accel = self.max_accel * (jnp.maximum(free, -self.comfortable_brake / self.max_accel) - interaction.max())
+        return jnp.clip(accel, -ACCEL_LIMIT, self.max_accel)
+
+    def _curvature(self, memory: Memory, along: Array, ego: Motion) -> Float[Array, ""]:
+        ahead = jnp.maximum(self.look_ahead * ego.speed, self.min_look_ahead)
+        at = jnp.clip((along + ahead) / SPACING_M, 0.0, _POINTS - 1.001)
+        index = at.astype(jnp.int32)
+        part = at - index
+        dx = memory.x[index] * (1.0 - part) + memory.x[index + 1] * part - ego.x
+        dy = memory.y[index] * (1.0 - part) + memory.y[index + 1] * part - ego.y
+        left = dy * jnp.cos(ego.yaw) - dx * jnp.sin(ego.yaw)
+        return 2.0 * left / jnp.maximum(dx**2 + dy**2, 1.0)
+
+    def _desired_speed(self, route: Route, angle: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+        """Limit and lateral acceleration at every point, and slow enough to brake for the next ones."""
+        window = 5  # points: single kinks of a polyline are no curves
+        curvature = np.abs(np.gradient(np.convolve(np.pad(angle, window, "edge"), np.ones(window) / window, "same")))
+        bend = np.sqrt(self.lateral_accel / np.maximum(curvature[window:-window] / SPACING_M, 1e-3))
+        speed = np.minimum(_extend(route.speed_limit), bend)
+        for index in range(_POINTS - 2, -1, -1):
+            speed[index] = min(speed[index], np.sqrt(speed[index + 1] ** 2 + 2.0 * self.max_accel * SPACING_M))
+        return np.minimum(speed, 60.0)
+
+
+def _project(memory: Memory, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Distance along and across the route [m], left positive, and the nearest point's index."""
+    index = jnp.argmin((x[..., None] - memory.x) ** 2 + (y[..., None] - memory.y) ** 2, axis=-1)
+    dx, dy = x - memory.x[index], y - memory.y[index]
+    along = index * SPACING_M + dx * memory.cos[index] + dy * memory.sin[index]
+    return along, dy * memory.cos[index] - dx * memory.sin[index], index
+
+
+def _pad_line(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
+    """The first `_POINTS` points, continued straight where there are fewer."""
+    missing = _POINTS - len(points)
+    if missing <= 0:
+        return points[:_POINTS]
+    ahead = points[-1] - points[-2]
+    return np.concatenate([points, points[-1] + np.arange(1, missing + 1)[:, None] * ahead])
+
+
+def _extend(limits: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+    return np.pad(limits, (0, max(_POINTS - len(limits), 0)), "edge")[:_POINTS]
+
+
+def _stop_lines(route: Route, steps: int) -> tuple[Float[Array, " stop_line"], Bool[Array, "time stop_line"]]:
+    """The first few lights of the route, padded with lines that never close."""
+    line, closed = np.full(_STOP_LINES, -_FAR_M), np.zeros((steps, _STOP_LINES), bool)
+    for index, light in enumerate(route.stop_lines[:_STOP_LINES]):
+        line[index], closed[:, index] = light.distance_m, light.stop
+    return jnp.asarray(line, jnp.float32), jnp.asarray(closed)

@@ -1,0 +1,114 @@
+"""What a planner is, and how one is found by name.
+
+A planner written in JAX is an `eqx.Module` that runs inside the compiled loop. Ten lines do:
+
+    class Cautious(JaxPlanner):
+        def step(self, memory, sight, ego):
+            ahead = (sight.motion.x - ego.x) * jnp.cos(ego.yaw) + (sight.motion.y - ego.y) * jnp.sin(ego.yaw)
+            near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
+            return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
+"""
+
+import importlib
+import importlib.util
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from regents_cosim.errors import PlannerError
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.mirror.world import World, scene_origin
+from regents_cosim.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a planner is told before the first step: the scenario, and the same on the device.
+
+    The device's coordinates are the map's less `origin`. A planner that looks at later steps of
+    the tracks knows the future; only `log_replay` is meant to.
+    """
+
+    scenario: Scenario
+    world: World
+
+    @property
+    def origin(self) -> Float[np.ndarray, " 2"]:
+        """Origin [m, map frame] of the device's coordinates."""
+        return scene_origin(self.scenario)
+
+    def on_device(self, points: Float[np.ndarray, "point 2"]) -> Float[Array, "point 2"]:
+        """Points of the map frame in the device's coordinates [m]."""
+        return jnp.asarray(points - self.origin, jnp.float32)
+
+
+class JaxPlanner(eqx.Module):
+    """A planner inside the compiled loop: override `step`, and `init` or `look` where needed.
+
+    `init` runs once per scenario on the host. Everything else must be traceable by JAX. Memory
+    of equal shapes over scenarios saves compilations.
+    """
+
+    def init(self, scene: Scene) -> Any:
+        """Memory at the first step, any pytree."""
+        return ()
+
+    def look(self, memory: Any, traffic: Traffic) -> Any:
+        """What is seen of the others, time first; by default the `Traffic` of each step.
+
+        Runs for all steps at once, because the others do not depend on the ego. Row k may use
+        `traffic` up to step k only.
+        """
+        steps = traffic.valid.shape[-1]
+        in_time = jax.tree.map(lambda v: jnp.moveaxis(v, -1, 0), (traffic.motion, traffic.valid))
+        sizes = (traffic.half_length, traffic.half_width)
+        return Traffic(*in_time, *(jnp.broadcast_to(v, (steps, *v.shape)) for v in sizes))
+
+    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
+        """Scalar controls for one step and the next memory. They are clipped to the mirror's limits."""
+        raise NotImplementedError
+
+
+def find_planner(name: str) -> JaxPlanner:
+    """A planner by its name, as `package.module:attribute` or as `path/to/file.py:attribute`.
+
+    The attribute is a JaxPlanner or something that makes one without arguments. Names come from
+    the entry points `regents_cosim.planners`. Raises PlannerError.
+    """
+    known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
+    module_name, _, attribute = known.get(name, name).partition(":")
+    if not attribute:
+        raise PlannerError(
+            f"planner {name!r} not found, expected one of {', '.join(sorted(known))}, "
+            "`package.module:attribute` or `file.py:attribute`"
+        )
+    found = getattr(_import(module_name, name), attribute, None)
+    if found is None:
+        raise PlannerError(f"planner {name!r}: {module_name} has no {attribute!r}")
+    planner = found() if callable(found) and not isinstance(found, JaxPlanner) else found
+    if not isinstance(planner, JaxPlanner):
+        raise PlannerError(f"planner {name!r} is a {type(planner).__name__}, expected a JaxPlanner")
+    return planner
+
+
+def _import(module_name: str, name: str) -> ModuleType:
+    try:
+        if not module_name.endswith(".py"):
+            return importlib.import_module(module_name)
+        spec = importlib.util.spec_from_file_location(Path(module_name).stem, module_name)
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{module_name} is not a Python file")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever a user's module raises is the user's answer
+        raise PlannerError(f"planner {name!r} cannot be imported: {type(error).__name__}: {error}") from error
+    return module

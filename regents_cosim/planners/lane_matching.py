@@ -1,0 +1,64 @@
+"""Which lanes a path runs along: the cheapest sequence, not the nearest lane point by point.
+
+Inside a junction several lanes begin at one place; only the sequence tells them apart, and with
+it the light that holds for the path.
+"""
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from regents_cosim.frames import wrap
+from regents_cosim.roadmap import Lane, RoadMap
+
+_REACH_M = 3.0
+_SAME_WAY_RAD = np.deg2rad(45.0)
+_CHANGE_COST_M = 2.0  # a lane change costs as much as being this far off the centre line once
+_JUMP_COST_M = 30.0  # between lanes that do not connect
+_NOWHERE_COST_M = 2.0 * _REACH_M  # no lane at all
+
+
+def match_lanes(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[Lane | None]:
+    """The lane under every point [m] of a path, or None where there is none that runs its way.
+
+    Viterbi over the lanes within 3 m and 45 degrees: distance to the centre line at each point,
+    plus the cost of changing between lanes that do not continue each other.
+    """
+    options = _options(road, points)
+    follows = {(link.source, link.target) for link in road.connections}
+    best = [cost for _, cost in options[0]]
+    came_from: list[list[int]] = []
+    for before, now in zip(options, options[1:], strict=False):
+        moves = np.array([[_move_cost(a, b, follows) for a, _ in before] for b, _ in now]) + best
+        came_from.append(moves.argmin(axis=1).tolist())
+        best = moves.min(axis=1) + [cost for _, cost in now]
+    chosen = [int(np.argmin(best))]
+    for back in reversed(came_from):
+        chosen.append(back[chosen[-1]])
+    return [options[k][index][0] for k, index in enumerate(reversed(chosen))]
+
+
+def _options(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[list[tuple[Lane | None, float]]]:
+    """For every point the lanes it may be on with the distance to their centre lines [m]."""
+    where = shapely.points(points)
+    step = np.diff(points, axis=0, append=points[-1:] + (points[-1:] - points[-2:-1]))
+    heading = np.arctan2(step[:, 1], step[:, 0])
+    index, lane = road.centre_lines.query(where, predicate="dwithin", distance=_REACH_M)
+    line = road.centre_lines.geometries[lane]
+    at = np.clip(shapely.line_locate_point(line, where[index]), 0.0, np.maximum(shapely.length(line) - 0.5, 0.0))
+    ends = [shapely.get_coordinates(shapely.line_interpolate_point(line, at + ahead)) for ahead in (0.0, 0.5)]
+    along = ends[1] - ends[0]
+    turn = np.abs(wrap(np.arctan2(along[:, 1], along[:, 0]) - heading[index]))
+    away = shapely.distance(line, where[index])
+    found: list[list[tuple[Lane | None, float]]] = [[(None, _NOWHERE_COST_M)] for _ in points]
+    for i in np.flatnonzero(turn < _SAME_WAY_RAD):
+        found[index[i]].append((road.lanes[lane[i]], float(away[i])))
+    return found
+
+
+def _move_cost(before: Lane | None, after: Lane | None, follows: set[tuple[str, str]]) -> float:
+    if before is after or before is None or after is None:
+        return 0.0
+    if (before.id, after.id) in follows:
+        return 0.0
+    return _CHANGE_COST_M if after.id in (before.left, before.right) else _JUMP_COST_M

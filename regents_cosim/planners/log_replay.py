@@ -1,0 +1,23 @@
+"""The ego as it was recorded, blind to everything: the open-loop ego of published tables."""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.planners.interface import JaxPlanner, Scene
+
+
+class LogReplay(JaxPlanner):
+    """Applies the controls of the smooth fit of the ego's own track, one after the other."""
+
+    def init(self, scene: Scene) -> tuple[Int[Array, ""], Controls]:
+        """The step to come, and all controls."""
+        logged = scene.world.controls
+        return jnp.int32(0), Controls(logged.accel[0], logged.curvature[0])
+
+    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
+        """The logged control of this step."""
+        now, logged = memory
+        return Controls(logged.accel[now], logged.curvature[now]), (now + 1, logged)

@@ -1,0 +1,124 @@
+"""Where the ego is going: its logged path, extended along the lanes, as one evenly spaced line."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+
+from regents_cosim.frames import wrap
+from regents_cosim.planners.lane_matching import match_lanes
+from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.scenario import Scenario
+
+SPACING_M = 1.0
+_EXTENSION_M = 120.0  # beyond the logged path: a planner may be faster than its log
+_MIN_STEP_M = 0.5  # a standing ego adds no points
+
+
+@dataclass(frozen=True, eq=False)
+class StopLine:
+    """A light on the route."""
+
+    distance_m: float  # along the route
+    stop: Bool[np.ndarray, " time"]  # shows red or yellow at that step
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A line in the map frame with a point every `SPACING_M`."""
+
+    points: Float[np.ndarray, "point 2"]  # [m]
+    speed_limit: Float[np.ndarray, " point"]  # [m/s]
+    stop_lines: tuple[StopLine, ...]
+
+
+def plan_route(scenario: Scenario) -> Route:
+    """The ego's logged path, then straight on along connected lanes, with limits and lights."""
+    logged = _logged_path(scenario)
+    lanes = _lanes_ahead(scenario.road, match_lanes(scenario.road, logged)[-1])
+    points = _evenly(np.concatenate([logged, _extension(logged, lanes)]))
+    on_lane = match_lanes(scenario.road, points)
+    return Route(points, _limits(on_lane), _stop_lines(scenario, points, on_lane))
+
+
+def _logged_path(scenario: Scenario) -> Float[np.ndarray, "point 2"]:
+    """The ego's positions without those that hardly moved; at least two points."""
+    tracks = scenario.tracks if scenario.original is None else scenario.original
+    positions = np.stack([tracks.x[0], tracks.y[0]], axis=1)
+    kept = [positions[0]]
+    for position in positions[1:]:
+        if np.hypot(*(position - kept[-1])) >= _MIN_STEP_M:
+            kept.append(position)
+    if len(kept) == 1:
+        yaw = tracks.yaw[0, -1]
+        kept.append(kept[0] + _MIN_STEP_M * np.array([np.cos(yaw), np.sin(yaw)]))
+    return np.array(kept)
+
+
+def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float[np.ndarray, "point 2"]:
+    """Points beyond the logged path: along `lanes`, then straight ahead."""
+    points, end = [], logged[-1]
+    for lane in lanes:
+        line = shapely.LineString(lane.centre)
+        since = line.project(shapely.Point(end)) if lane is lanes[0] else 0.0
+        along = np.arange(since + (5.0 if lane is lanes[0] else 0.0), line.length, SPACING_M)
+        points.extend([p.x, p.y] for p in shapely.line_interpolate_point(line, along))
+    path = np.array([*logged[-2:], *points])
+    ahead = np.exp(1j * _heading(path)[-1])
+    straight = path[-1] + np.arange(SPACING_M, _EXTENSION_M)[:, None] * [ahead.real, ahead.imag]
+    return np.concatenate([path[2:], straight])
+
+
+def _lanes_ahead(road: RoadMap, lane: Lane | None) -> list[Lane]:
+    """`lane` and those that follow it, always the straightest one."""
+    found, length = [], 0.0
+    while lane is not None and lane not in found and length < 2.0 * _EXTENSION_M:
+        found.append(lane)
+        length += lane.length
+        exits = [road.lane[link.target] for link in road.exits[lane.id]]
+        out = _heading(lane.centre)[-1]
+        lane = min(exits, key=lambda to: abs(wrap(_heading(to.centre)[-1] - out)), default=None)
+    return found
+
+
+def _heading(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
+    """Direction of the line at each point [rad]."""
+    steps = np.diff(points, axis=0)
+    angles = np.arctan2(steps[:, 1], steps[:, 0])
+    return np.append(angles, angles[-1])
+
+
+def _evenly(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    at = np.arange(0.0, along[-1], SPACING_M)
+    return np.stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])], axis=1)
+
+
+def _limits(on_lane: list[Lane | None]) -> Float[np.ndarray, " point"]:
+    """Speed limit at every point; where there is no lane, that of the nearest point which has one."""
+    known = [i for i, lane in enumerate(on_lane) if lane is not None]
+    if not known:
+        return np.full(len(on_lane), np.inf)
+    return np.array(
+        [on_lane[min(known, key=lambda k, i=i: abs(k - i))].speed_limit for i in range(len(on_lane))]
+    )  # fmt: skip
+
+
+def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | None]) -> tuple[StopLine, ...]:
+    """Lights where the route goes from one lane to the next through a signalled connection."""
+    signals = {signal.id: signal for signal in scenario.signals}
+    found = []
+    for index, (before, after) in enumerate(zip(on_lane, on_lane[1:], strict=False)):
+        link = _link(scenario.road, before, after)
+        if link is not None and link.signal in signals:
+            letters = [signals[link.signal].letters(k)[link.link] for k in range(scenario.tracks.steps)]
+            stop = np.array([letter in "ryu" for letter in letters])
+            found.append(StopLine(index * SPACING_M, stop))
+    return tuple(found)
+
+
+def _link(road: RoadMap, before: Lane | None, after: Lane | None) -> Connection | None:
+    if before is None or after is None or before is after:
+        return None
+    return next((link for link in road.exits[before.id] if link.target == after.id), None)
