@@ -44,8 +44,8 @@ def running_sumo(options: Sequence[str], gui: bool = False) -> Iterator[ModuleTy
         try:
             libsumo.start(["sumo-gui" if gui else "sumo", *options])
             yield libsumo
-        except libsumo.TraCIException as error:
-            raise SumoError(f"SUMO refused: {_reason(output) or error}") from error
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:  # the second while it runs
+            raise SumoError(f"SUMO refused: {' '.join((_reason(output) or str(error)).split())}") from error
         finally:
             libsumo.close()
 

@@ -7,7 +7,7 @@ the map once and looking it up bilinearly is the same number, and far cheaper.
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from scipy.ndimage import gaussian_filter
 
 from regents_cosim.roadmap import RoadMap
@@ -15,25 +15,27 @@ from regents_cosim.roadmap import RoadMap
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
 SIGMA_M = 0.5
 _MARGIN_M = 12.0  # how far beyond the tracks the field reaches; outside it is constant
-_SIDES = (512, 768, 1024, 1536, 2048, 3072, 4096)  # cells; few shapes, few compilations
+_SIZES = tuple(2**power for power in (20, 22, 24))  # cells; few shapes, few compilations
 
 
 class RoadField(eqx.Module):
     """Blurred non-drivable map in scene coordinates, its four neighbours packed in one gather.
 
-    `cells[r, c]` holds the values at (r, c), (r, c+1), (r+1, c), (r+1, c+1); row 0 is the least y.
+    Cell (r, c), number r * columns + c, holds the values at (r, c), (r, c+1), (r+1, c) and
+    (r+1, c+1); row 0 is the least y. Cells beyond rows * columns are padding.
     """
 
-    cells: Float[Array, "row column 4"]  # 0 on the road, 1 off it
+    cells: Float[Array, "cell 4"]  # 0 on the road, 1 off it
+    shape: Int[Array, " 2"]  # rows, columns
     corner: Float[Array, " 2"]  # [m] position of cell (0, 0)
 
     def __call__(self, x: Float[Array, "*axes"], y: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
         """Field at points [m], bilinear between cells; constant beyond the grid's border."""
-        rows, columns, _ = self.cells.shape
+        rows, columns = self.shape
         u = jnp.clip((x - self.corner[0]) / CELL_M, 0.0, columns - 1.001)
         v = jnp.clip((y - self.corner[1]) / CELL_M, 0.0, rows - 1.001)
         column, row = u.astype(jnp.int32), v.astype(jnp.int32)
-        near = self.cells.reshape(-1, 4)[row * columns + column]
+        near = self.cells[row * columns + column]
         s, t = u - column, v - row
         lower = near[..., 0] * (1.0 - s) + near[..., 1] * s
         upper = near[..., 2] * (1.0 - s) + near[..., 3] * s
@@ -49,9 +51,11 @@ def blur(
     paper (m_oob * K), with K a Gaussian of sigma 0.5 m.
     """
     low = np.floor((low - _MARGIN_M) / CELL_M) * CELL_M
-    needed = int(np.ceil((high + _MARGIN_M - low).max() / CELL_M)) + 1
-    side = next((side for side in _SIDES if side >= needed), needed)
-    off_road = ~road.raster((float(low[0]), float(low[1])), (side, side), CELL_M)
+    columns, rows = (np.ceil((high + _MARGIN_M - low) / CELL_M).astype(int) + 1).tolist()
+    off_road = ~road.raster((float(low[0]), float(low[1])), (rows, columns), CELL_M)
     field = gaussian_filter(off_road.astype(np.float32), SIGMA_M / CELL_M, mode="nearest")
-    packed = np.stack([field, np.roll(field, -1, 1), np.roll(field, -1, 0), np.roll(field, (-1, -1), (0, 1))], -1)
-    return RoadField(jnp.asarray(packed), jnp.asarray(low - origin, jnp.float32))
+    size = next((size for size in _SIZES if size >= field.size), field.size)
+    cells = np.zeros((size, 4), np.float32)
+    for neighbour, shift in enumerate(((0, 0), (0, -1), (-1, 0), (-1, -1))):
+        cells[: field.size, neighbour] = np.roll(field, shift, (0, 1)).ravel()
+    return RoadField(jnp.asarray(cells), jnp.array([rows, columns]), jnp.asarray(low - origin, jnp.float32))

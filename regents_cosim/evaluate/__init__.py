@@ -1,0 +1,1 @@
+"""Scores: what was measured, with how much certainty."""

@@ -1,0 +1,16 @@
+"""How sure one can be of a share."""
+
+from math import sqrt
+
+
+def wilson(successes: int, n: int, z: float = 1.959964) -> tuple[float, float]:
+    """95 % interval of a share of `successes` in `n` trials; (0, 1) where nothing was tried.
+
+    Source: Wilson 1927, the score interval: right also near 0 and 1, where the usual one is not.
+    """
+    if n == 0:
+        return 0.0, 1.0
+    share, slack = successes / n, z * z / n
+    middle = (share + slack / 2) / (1 + slack)
+    half = z * sqrt(share * (1 - share) / n + slack / (4 * n)) / (1 + slack)
+    return max(middle - half, 0.0), min(middle + half, 1.0)

@@ -1,0 +1,1 @@
+"""The outside world becomes Scenarios: simulators and logs. A source knows nothing of attacks."""

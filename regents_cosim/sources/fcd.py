@@ -1,0 +1,255 @@
+"""Scenarios from SUMO's fcd-output and a network, without running SUMO.
+
+A log holds no sizes: they come from the vTypes of route or additional files, and a type that
+is not found there counts as a car of 5.0 m x 1.8 m, with a warning. It holds no signals
+either. Write it with `--precision 6`: two decimals, SUMO's default, leave the speeds (which
+are derived from positions) an error of about 0.1 m/s.
+"""
+
+import csv
+import gzip
+import io
+import warnings
+import xml.etree.ElementTree as ET
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from regents_cosim.errors import NoWindowError, RegentsError, require_file
+from regents_cosim.frames import wrap
+from regents_cosim.provenance import sha256_of
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.scenario import Scenario
+from regents_cosim.sources.motion import smooth_pieces
+from regents_cosim.sources.recording import Recording, Slot
+from regents_cosim.sources.sumo_net import read_road_map
+from regents_cosim.sources.sumo_types import CAR, VehicleType, read_types
+from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
+
+STEP_S = 0.1
+_COARSEST_S = 1.0  # between samples further apart a vehicle's way is a guess
+
+
+class LogError(RegentsError):
+    """A log that cannot be read."""
+
+
+def record_fcd(
+    log: Path,
+    net: Path,
+    *,
+    types: tuple[Path, ...] = (),
+    count: int = 8,
+    seed: int = 0,
+    horizon_s: float = 8.0,
+    radius_m: float = 100.0,
+) -> list[Scenario]:
+    """Up to `count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same.
+
+    `types` are route or additional files that define the vehicle types. Logs of another step,
+    up to 1 s, are resampled to 0.1 s: straight between samples, turning the shorter way. Windows are picked as
+    by `windows.choose_windows`; persons are left out.
+
+    Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
+    """
+    windows = Windows(count, seed, horizon_s, radius_m)
+    require_file(log, "FCD log")
+    road = read_road_map(net)
+    known = read_types(types)
+    grid = _time_grid(log)
+    recordings = list(_recordings(log, grid, known, windows))
+    _check_place(log, recordings, road)
+    recordings = [_resampled(recording, windows) for recording in recordings]
+    return choose_windows(recordings, road, Origin("fcd", log.name, sha256_of(log)), windows)
+
+
+# --- time ---------------------------------------------------------------------------------------
+
+
+class _Grid(NamedTuple):
+    """The instants of a log."""
+
+    begin_s: float
+    dt: float
+    steps: int
+
+
+def _time_grid(log: Path) -> _Grid:
+    """First instant, step, number of steps. Steps may be missing (SUMO can leave out empty ones)."""
+    times = np.array([time for time, _ in _instants(log)])
+    if len(times) < 2:
+        raise LogError(f"{log}: {len(times)} time steps, expected at least 2 (is it an fcd-output?)")
+    gaps = np.diff(times)
+    dt = float(gaps.min())
+    if dt <= 0:
+        raise LogError(f"{log}: time does not increase at {times[1:][gaps <= 0][0]:g} s")
+    if dt > _COARSEST_S + 1e-6:
+        raise LogError(f"{log}: one sample every {dt:g} s, expected at most {_COARSEST_S:g} s (--step-length 0.1)")
+    steps = gaps / dt
+    if np.abs(steps - np.round(steps)).max() > 0.01:
+        raise LogError(f"{log}: time steps of {dt:g} s and {gaps.max():g} s mixed, expected one step length")
+    return _Grid(float(times[0]), round(dt, 6), round((times[-1] - times[0]) / dt) + 1)
+
+
+def _recordings(log: Path, grid: _Grid, known: dict[str, VehicleType], windows: Windows) -> Iterator[Recording]:
+    steps = int(np.ceil(windows.horizon_s / grid.dt - 1e-6)) + 1
+    total = grid.steps // steps
+    if total == 0:
+        raise NoWindowError(
+            f"no window found: a horizon of {windows.horizon_s:g} s does not fit into {log.name}, which lasts "
+            f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter --horizon"
+        )
+    slots = {i: Slot(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps) for i in draw_slots(total, windows)}
+    names: dict[str, str] = {}
+    for time, rows in _instants(log):
+        index, step = divmod(round((time - grid.begin_s) / grid.dt), steps)
+        if index in slots:
+            for name, kind, x, y, angle in rows:
+                slots[index].rows.append((name, step, x, y, angle))
+                names[name] = kind
+    unknown = sorted(set(names.values()) - set(known))
+    if unknown:
+        warnings.warn(
+            f"{log.name}: no vType for {', '.join(unknown[:5])}{' ...' * (len(unknown) > 5)}; taken as cars of "
+            f"{CAR.length} m x {CAR.width} m (name the files that define them with -r or -a)",
+            stacklevel=2,
+        )
+    types = {name: known.get(kind, CAR) for name, kind in names.items()}
+    for slot in slots.values():
+        yield slot.finish(types)
+
+
+def _check_place(log: Path, recordings: Sequence[Recording], road: RoadMap) -> None:
+    """Raise LogError where no vehicle is anywhere near the network."""
+    x, y = (np.concatenate([getattr(r, name)[r.valid] for r in recordings]) for name in ("x", "y"))
+    west, south, east, north = road.drivable.bounds
+    if len(x) and not ((x > west) & (x < east) & (y > south) & (y < north)).any():
+        raise LogError(
+            f"{log}: all vehicles are off the network (the first at x {x[0]:.1f}, y {y[0]:.1f}; the network spans "
+            f"x {west:.0f} to {east:.0f}, y {south:.0f} to {north:.0f}); expected a log of this network, "
+            "without --fcd-output.geo"
+        )
+
+
+def _resampled(recording: Recording, windows: Windows) -> Recording:
+    """The Recording at 0.1 s; between two samples a vehicle is there only if it is in both."""
+    if abs(recording.dt - STEP_S) < 1e-6:
+        return recording
+    whole = smooth_pieces(recording.x, recording.y, recording.valid, recording.dt)
+    place = np.arange(windows.steps(STEP_S)) * STEP_S / recording.dt
+    before = np.minimum(np.floor(place + 1e-9).astype(int), recording.x.shape[1] - 1)
+    part = np.clip(place - before, 0.0, None)
+    after = np.where(part > 1e-6, np.minimum(before + 1, recording.x.shape[1] - 1), before)
+    valid = whole[:, before] & whole[:, after]
+
+    def between(values: np.ndarray, change: np.ndarray) -> np.ndarray:
+        return np.where(valid, values[:, before] + part * change, 0.0)
+
+    x, y, yaw = recording.x, recording.y, recording.yaw
+    return replace(
+        recording,
+        dt=STEP_S,
+        x=between(x, x[:, after] - x[:, before]),
+        y=between(y, y[:, after] - y[:, before]),
+        yaw=wrap(between(yaw, wrap(yaw[:, after] - yaw[:, before]))),
+        valid=valid,
+    )
+
+
+# --- reading ------------------------------------------------------------------------------------
+
+_Row = tuple[str, str, float, float, float]  # vehicle, type, x, y, angle
+
+
+def _instants(log: Path) -> Iterator[tuple[float, list[_Row]]]:
+    """Time [s] and vehicles of every instant, one at a time."""
+    with _explain(log), log.open("rb") as packed:
+        is_gzip = packed.read(2) == b"\x1f\x8b"
+        packed.seek(0)
+        with gzip.open(packed) if is_gzip else nullcontext(packed) as stream:
+            start = stream.read(64)
+            if not start:
+                raise ValueError("the file is empty")
+            stream.seek(0)
+            yield from (_from_xml if start.lstrip()[:1] == b"<" else _from_csv)(stream)
+
+
+@contextmanager
+def _explain(log: Path) -> Iterator[None]:
+    expected = "expected SUMO's fcd-output as .xml, .xml.gz or .csv"
+    try:
+        yield
+    except ET.ParseError as error:
+        raise LogError(f"{log}: broken or truncated XML ({error}); {expected}") from error
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise LogError(f"{log}: truncated or damaged gzip file ({error}); {expected}") from error
+    except (ValueError, csv.Error) as error:  # among them text that is no UTF-8
+        raise LogError(f"{log}: {error}; {expected}") from error
+
+
+def _from_xml(stream: gzip.GzipFile | io.BufferedReader) -> Iterator[tuple[float, list[_Row]]]:
+    root = None
+    for event, element in ET.iterparse(stream, events=("start", "end")):
+        if root is None:
+            root = element
+            if root.tag != "fcd-export":
+                raise ValueError(f"the root element is <{root.tag}>, not <fcd-export>")
+        if event == "end" and element.tag == "timestep":
+            yield _seconds(_value(element, "time")), [_row(vehicle) for vehicle in element.iter("vehicle")]
+            root.clear()  # what was read is not kept
+
+
+def _row(vehicle: ET.Element) -> _Row:
+    x, y, angle = (float(_value(vehicle, name)) for name in ("x", "y", "angle"))
+    return _value(vehicle, "id"), vehicle.get("type", "DEFAULT_VEHTYPE"), x, y, angle
+
+
+def _value(element: ET.Element, name: str) -> str:
+    value = element.get(name)
+    if value is None:
+        raise ValueError(f"a <{element.tag}> has no {name}")
+    return value
+
+
+def _seconds(time: str) -> float:
+    """Seconds of 12.30, or of 1:02:03:04.5 (days, hours, minutes, seconds)."""
+    factors = (1.0, 60.0, 3600.0, 86400.0)
+    return sum(factor * float(part) for factor, part in zip(factors, reversed(time.split(":")), strict=False))
+
+
+def _from_csv(stream: gzip.GzipFile | io.BufferedReader) -> Iterator[tuple[float, list[_Row]]]:
+    text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
+    header = text.readline().strip()
+    separator = next((mark for mark in ";,\t" if mark in header), ";")
+    columns = [name.strip('"') for name in header.split(separator)]
+    found = {name: columns.index(f"{part}_{name}") for part, name in _COLUMNS if f"{part}_{name}" in columns}
+    missing = [f"{part}_{name}" for part, name in _COLUMNS if name not in found and name != "type"]
+    if missing:
+        raise ValueError(f"neither XML nor a CSV header with {', '.join(missing)}")
+    now, rows = None, []
+    for cells in csv.reader(text, delimiter=separator):
+        if len(cells) < len(columns):
+            raise ValueError(f"{len(cells)} of {len(columns)} columns in the row {separator.join(cells)[:40]!r}")
+        time = _seconds(cells[found["time"]])
+        if now is not None and time != now:
+            yield now, rows
+            rows = []
+        now = time
+        if cells[found["id"]]:  # empty for a step without vehicles, and for persons
+            x, y, angle = (float(cells[found[name]]) for name in ("x", "y", "angle"))
+            rows.append(
+                (cells[found["id"]], cells[found["type"]] if "type" in found else "DEFAULT_VEHTYPE", x, y, angle)
+            )
+    if now is not None:
+        yield now, rows
+
+
+_COLUMNS = (
+    ("timestep", "time"), ("vehicle", "id"), ("vehicle", "type"),
+    ("vehicle", "x"), ("vehicle", "y"), ("vehicle", "angle"),
+)  # fmt: skip

@@ -1,0 +1,66 @@
+"""Recording: what every vehicle did over one slot of time, as plain arrays.
+
+Simulators and logs are turned into Recordings; `windows` makes Scenarios of them.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.frames import SumoPose, from_sumo
+from regents_cosim.scenario import Signal
+from regents_cosim.sources.sumo_types import VehicleType
+
+_NOWHERE_M = 1e8  # SUMO puts a vehicle without a place beyond this
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Motion of all vehicles over consecutive instants, box centres, in the map's frame."""
+
+    begin_s: float  # time of the first instant [s]
+    dt: float  # [s]
+    ids: tuple[str, ...]  # increasing
+    types: tuple[VehicleType, ...]
+    x: Float[np.ndarray, "vehicle time"]  # [m]
+    y: Float[np.ndarray, "vehicle time"]  # [m]
+    yaw: Float[np.ndarray, "vehicle time"]  # [rad]
+    valid: Bool[np.ndarray, "vehicle time"]
+    signals: tuple[Signal, ...] = ()
+
+
+@dataclass
+class Slot:
+    """A Recording while it grows, in SUMO's terms."""
+
+    begin_s: float
+    dt: float  # [s]
+    steps: int
+    # Vehicle, step, front bumper x and y [m], degrees clockwise from north.
+    rows: list[tuple[str, int, float, float, float]] = field(default_factory=list)
+    letters: dict[str, list[str]] = field(default_factory=dict)  # of every signal, per step
+
+    def finish(self, types: dict[str, VehicleType]) -> Recording:
+        """The Recording; `types` gives the type of every vehicle."""
+        rows = [row for row in self.rows if abs(row[2]) < _NOWHERE_M and abs(row[3]) < _NOWHERE_M]
+        ids = tuple(sorted({row[0] for row in rows}))
+        index = {name: i for i, name in enumerate(ids)}
+        at = (np.array([index[row[0]] for row in rows], int), np.array([row[1] for row in rows], int))
+        x, y, angle = np.array([row[2:] for row in rows], float).reshape(-1, 3).T
+        lengths = np.array([types[name].length for name in ids], float)
+        pose = from_sumo(SumoPose(x, y, angle), lengths[at[0]])
+        arrays = {name: np.zeros((len(ids), self.steps)) for name in pose._fields}
+        for name, values in pose._asdict().items():
+            arrays[name][at] = values
+        valid = np.zeros((len(ids), self.steps), bool)
+        valid[at] = True
+        signals = tuple(Signal(name, _changes(letters)) for name, letters in sorted(self.letters.items()))
+        return Recording(
+            self.begin_s, self.dt, ids, tuple(types[name] for name in ids), **arrays, valid=valid, signals=signals
+        )
+
+
+def _changes(letters: list[str]) -> tuple[tuple[int, str], ...]:
+    before = [None, *letters]
+    return tuple((step, now) for step, now in enumerate(letters) if now != before[step])

@@ -1,0 +1,167 @@
+"""A SUMO network becomes a RoadMap: the lanes for cars, how they connect, where one may drive.
+
+Lanes that a passenger car may not use (footpaths, tracks, bus lanes) and crossings are left
+out. Ways through junctions are lanes of their own, and may be chains of several.
+"""
+
+import gzip
+import itertools
+import xml.sax
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from xml.sax.xmlreader import AttributesImpl
+
+import numpy as np
+import shapely
+import sumolib
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.errors import SumoError, require_file
+from regents_cosim.roadmap import Connection, Lane, RoadMap
+
+_CLOSE_M = 0.2  # slivers between lanes up to twice as wide belong to the road
+_LEAST_LENGTH_M = 1e-3  # netconvert writes lanes of one point doubled; they have no direction
+
+
+def read_road_map(path: Path) -> RoadMap:
+    """Read a .net.xml or .net.xml.gz.
+
+    Raises SumoError where the file is damaged, is no network, or has no lane for cars.
+    """
+    content = _read(require_file(path, "SUMO network"))
+    net, lefthand = _parse(content, path)
+    lanes = {lane.getID(): lane for lane in _car_lanes(net)}
+    if not lanes:
+        raise SumoError(
+            f"{path}: no lane of this network allows passenger cars (expected at least one; "
+            "see allow/disallow of its lanes)"
+        )
+    return RoadMap(
+        lanes=tuple(_lane(lane, lanes, lefthand) for lane in lanes.values()),
+        connections=tuple(dict.fromkeys(link for lane in lanes.values() for link in _connections(lane, net, lanes))),
+        drivable=_drivable(net, list(lanes.values())),
+        sumo_net=gzip.compress(content, mtime=0),  # no time stamp: equal networks give equal bytes
+    )
+
+
+class _Reader(sumolib.net.NetReader):
+    """sumolib's reader, and the side of the road that one drives on; None for a file that is no network."""
+
+    lefthand: bool | None = None
+
+    def startElement(self, name: str, attrs: AttributesImpl) -> None:  # noqa: N802
+        if name == "net":
+            self.lefthand = attrs.get("lefthand") == "true"
+        super().startElement(name, attrs)
+
+
+def _read(path: Path) -> bytes:
+    content = path.read_bytes()
+    if not content.startswith(b"\x1f\x8b"):
+        return content
+    try:
+        return gzip.decompress(content)
+    except (OSError, EOFError, zlib.error) as error:
+        raise SumoError(f"{path}: damaged gzip file ({error}); expected a .net.xml.gz") from error
+
+
+def _parse(content: bytes, path: Path) -> tuple[sumolib.net.Net, bool]:
+    reader = _Reader(withInternal=True)
+    try:
+        xml.sax.parseString(content, reader)
+    except xml.sax.SAXParseException as error:
+        raise SumoError(
+            f"{path}: broken XML at line {error.getLineNumber()} ({error.getMessage()}); expected a SUMO network"
+        ) from error
+    except (KeyError, ValueError, AttributeError, IndexError, TypeError) as error:
+        raise SumoError(f"{path}: damaged SUMO network ({type(error).__name__}: {error})") from error
+    if reader.lefthand is None:
+        raise SumoError(f"{path}: not a SUMO network (expected the root element <net>, as netconvert writes it)")
+    return reader.getNet(), reader.lefthand
+
+
+# --- lanes ------------------------------------------------------------------------------------
+
+
+def _car_lanes(net: sumolib.net.Net) -> Iterator[sumolib.net.lane.Lane]:
+    for edge in net.getEdges(withInternal=True):
+        if edge.getFunction() in ("", "internal"):
+            yield from (lane for lane in edge.getLanes() if lane.allows("passenger") and _has_direction(lane))
+
+
+def _has_direction(lane: sumolib.net.lane.Lane) -> bool:
+    return shapely.LineString(lane.getShape()).length > _LEAST_LENGTH_M
+
+
+def _lane(lane: sumolib.net.lane.Lane, lanes: dict[str, sumolib.net.lane.Lane], lefthand: bool) -> Lane:
+    inward = _neighbour(lane, 1, lanes)  # lane 0 is the outermost
+    outward = _neighbour(lane, -1, lanes)
+    return Lane(
+        id=lane.getID(),
+        centre=np.array(lane.getShape()),
+        width=lane.getWidth(),
+        speed_limit=lane.getSpeed(),
+        junction=lane.getEdge().getFunction() == "internal",
+        left=outward if lefthand else inward,
+        right=inward if lefthand else outward,
+    )
+
+
+def _neighbour(lane: sumolib.net.lane.Lane, offset: int, lanes: dict[str, sumolib.net.lane.Lane]) -> str | None:
+    edge = lane.getEdge()
+    index = lane.getIndex() + offset
+    if edge.getFunction() or not 0 <= index < edge.getLaneNumber():
+        return None
+    name = edge.getLane(index).getID()
+    return name if name in lanes else None
+
+
+# --- connections ------------------------------------------------------------------------------
+
+
+def _connections(
+    lane: sumolib.net.lane.Lane, net: sumolib.net.Net, lanes: dict[str, sumolib.net.lane.Lane]
+) -> Iterator[Connection]:
+    """The connections out of `lane`, those through a junction lane by lane, the light at its entry."""
+    if lane.getEdge().getFunction() == "internal":
+        return
+    for link in lane.getOutgoing():
+        chain = [lane, *_ways_through(link, net), link.getToLane()]
+        if not all(part.allows("passenger") for part in chain) or not _has_direction(link.getToLane()):
+            continue
+        names = [part.getID() for part in chain if part.getID() in lanes]
+        signal = link.getTLSID() or None
+        yield Connection(names[0], names[1], signal, max(link.getTLLinkIndex(), 0) if signal else 0)
+        yield from (Connection(a, b) for a, b in itertools.pairwise(names[1:]))
+
+
+def _ways_through(link: sumolib.net.connection.Connection, net: sumolib.net.Net) -> Iterator[sumolib.net.lane.Lane]:
+    """The internal lanes that follow each other behind `link`: a left turn often has two."""
+    via = link.getViaLaneID()
+    while via:
+        lane = net.getLane(via)
+        yield lane
+        following = lane.getOutgoing()
+        via = following[0].getViaLaneID() if following else None
+
+
+# --- drivable area ----------------------------------------------------------------------------
+
+
+def _drivable(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> BaseGeometry:
+    """Lanes and junctions in one, gaps up to 0.4 m closed."""
+    centre_lines = [shapely.LineString(lane.getShape()) for lane in lanes]
+    half_widths = [0.5 * lane.getWidth() for lane in lanes]
+    strips = shapely.buffer(centre_lines, half_widths, cap_style="flat")
+    area = shapely.union_all([*strips, *_junctions(net, lanes)])
+    return area.buffer(_CLOSE_M, join_style="mitre").buffer(-_CLOSE_M, join_style="mitre")
+
+
+def _junctions(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> Iterator[BaseGeometry]:
+    edges = {lane.getEdge() for lane in lanes}
+    nodes = dict.fromkeys(node.getID() for edge in edges for node in (edge.getFromNode(), edge.getToNode()))
+    for name in sorted(nodes):
+        shape = net.getNode(name).getShape()
+        if len(shape) >= 3:
+            yield shapely.Polygon(shape).buffer(0.0)

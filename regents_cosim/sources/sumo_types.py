@@ -1,0 +1,79 @@
+"""SUMO's vehicle classes and types: which kind of road user, and how large."""
+
+import gzip
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+from regents_cosim.errors import SumoError, require_file
+from regents_cosim.scenario import Kind
+
+
+@dataclass(frozen=True)
+class VehicleType:
+    """What a vehicle looks like from above."""
+
+    kind: Kind
+    length: float  # [m]
+    width: float  # [m]
+
+
+_KINDS: dict[str, Kind] = {
+    "truck": "truck", "trailer": "truck",
+    "bus": "bus", "coach": "bus",
+    "motorcycle": "motorcycle", "moped": "motorcycle",
+    "bicycle": "bicycle", "scooter": "bicycle",
+    "pedestrian": "pedestrian", "wheelchair": "pedestrian",
+    "container": "other", "tram": "other", "rail_urban": "other", "rail": "other", "rail_electric": "other",
+    "rail_fast": "other", "subway": "other", "cable_car": "other", "ship": "other",
+    "aircraft": "other", "drone": "other",
+}  # fmt: skip
+
+# Length and width [m] per class. Source: SUMO 1.28, vehicle.getLength / getWidth of a type with nothing but its class.
+_SIZES: dict[str, tuple[float, float]] = {
+    "truck": (7.1, 2.4), "trailer": (16.5, 2.55), "bus": (12.0, 2.5), "coach": (14.0, 2.6),
+    "delivery": (6.5, 2.16), "emergency": (6.5, 2.16), "motorcycle": (2.2, 0.9), "moped": (2.1, 0.78),
+    "bicycle": (1.6, 0.65), "scooter": (1.2, 0.5),
+}  # fmt: skip
+CAR = VehicleType("car", 5.0, 1.8)
+
+DEFAULT_TYPES: dict[str, VehicleType] = {
+    "DEFAULT_VEHTYPE": CAR,
+    "DEFAULT_TAXITYPE": CAR,
+    "DEFAULT_BIKETYPE": VehicleType("bicycle", *_SIZES["bicycle"]),
+}
+
+
+def kind_of(vehicle_class: str) -> Kind:
+    """The kind of a vClass; a car for every class that drives like one (delivery, taxi, ignoring ...)."""
+    return _KINDS.get(vehicle_class, "car")
+
+
+def read_types(paths: tuple[Path, ...]) -> dict[str, VehicleType]:
+    """Every vType of route and additional files, and SUMO's own; sizes they leave out are those of their class."""
+    found = dict(DEFAULT_TYPES)
+    for path in paths:
+        entries = read_xml(path, "vehicle types").iter("vType")
+        found.update((entry.get("id", ""), _vehicle_type(entry, path)) for entry in entries)
+    return found
+
+
+def _vehicle_type(entry: ET.Element, path: Path) -> VehicleType:
+    vehicle_class = entry.get("vClass", "passenger")
+    length, width = _SIZES.get(vehicle_class, (CAR.length, CAR.width))
+    try:
+        length, width = float(entry.get("length", length)), float(entry.get("width", width))
+    except ValueError as error:
+        raise SumoError(f"{path}: vType {entry.get('id')!r} has a size that is no number ({error})") from error
+    return VehicleType(kind_of(vehicle_class), length, width)
+
+
+def read_xml(path: Path, what: str) -> ET.Element:
+    """The root of an XML file, plain or gzip. Raises SumoError where it is broken."""
+    content = require_file(path, what).read_bytes()
+    try:
+        return ET.fromstring(gzip.decompress(content) if content.startswith(b"\x1f\x8b") else content)
+    except ET.ParseError as error:
+        raise SumoError(f"{path}: broken XML ({error}); expected {what}") from error
+    except (OSError, EOFError) as error:
+        raise SumoError(f"{path}: damaged gzip file ({error}); expected {what}") from error

@@ -1,0 +1,251 @@
+"""Windows: which vehicle becomes the ego of which slot of a recording.
+
+Pure: the same recordings, road and seed give the same Scenarios.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice, pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.collisions import find_overlaps
+from regents_cosim.errors import NoWindowError, RegentsError, require
+from regents_cosim.provenance import command, versions
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.scenario import VEHICLE_KINDS, Agent, Provenance, Scenario, Tracks
+from regents_cosim.sources.motion import smooth_pieces, speeds
+from regents_cosim.sources.recording import Recording
+
+MAX_AGENTS = 64  # the ego included
+_NEAR_M = 50.0  # within which the ego needs company
+_COMPANY = 2  # moving vehicles at the same instant
+_MOVING_MPS = 1.0
+_LEAST_WAY_M = 5.0  # that the ego covers
+
+
+@dataclass(frozen=True)
+class Windows:
+    """What is asked for."""
+
+    count: int = 8
+    seed: int = 0
+    horizon_s: float = 8.0
+    radius_m: float = 100.0  # agents that never come closer to the ego are left out
+
+    def __post_init__(self) -> None:
+        require(self.count >= 1, f"--count {self.count}, expected at least 1", RegentsError)
+        require(self.seed >= 0, f"--seed {self.seed}, expected 0 or more", RegentsError)
+        require(0.2 <= self.horizon_s < 1e6, f"--horizon {self.horizon_s} s, expected 0.2 s or more", RegentsError)
+        require(self.radius_m > 0, f"radius {self.radius_m} m, expected a positive number", RegentsError)
+
+    def steps(self, dt: float) -> int:
+        """Instants in a window, one more than its steps."""
+        return round(self.horizon_s / dt) + 1
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where the recordings come from, for ids and provenance."""
+
+    source: str  # "sumo", "fcd"
+    file: str  # name only
+    sha256: str
+
+    @property
+    def name(self) -> str:
+        """The file's name without its endings, as part of a folder name."""
+        return _folder_name(re.sub(r"(\.(gz|xml|csv|sumocfg|rou|net|fcd))+$", "", self.file)) or self.source
+
+
+def draw_slots(total: int, windows: Windows) -> list[int]:
+    """Which of `total` consecutive slots to record, spread evenly over them and drawn by seed.
+
+    Reading every vehicle at every step costs as much as simulating it, so a third of the time
+    is read at most, unless there are only a few slots.
+    """
+    wanted = min(total, max(4, min(-(-3 * windows.count // 2), total // 3)))
+    bounds = np.linspace(0, total, wanted + 1).astype(int)
+    rng = np.random.default_rng(windows.seed)
+    return [int(rng.integers(low, high)) for low, high in pairwise(bounds)]
+
+
+def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origin, windows: Windows) -> list[Scenario]:
+    """Up to `windows.count` Scenarios, ordered by time; every Recording is one slot of the horizon.
+
+    First one ego per slot, in rounds until there are enough. An ego is a motor vehicle that
+
+    - is there at every instant, without a jump,
+    - covers at least 5 m, at more than 1 m/s on average,
+    - has, at some instant, at least 2 other motor vehicles within 50 m (centre to centre) that
+      drive faster than 1 m/s at that instant,
+    - overlaps no other box at any instant,
+    - keeps its centre on the drivable area (buses on their own lanes do not).
+
+    Others with a jump or a gap keep their longest smooth piece. Raises NoWindowError with the
+    number of vehicles that fail each rule where there is no window at all.
+    """
+    rng = np.random.default_rng(windows.seed)
+    scenes = [_Scene.of(recording) for recording in recordings]
+    refused: Counter[str] = Counter()
+    queues = {
+        slot: _egos(scenes[slot], road, rng.permutation(len(scenes[slot].recording.ids)), refused)
+        for slot in rng.permutation(len(scenes)).tolist()
+    }
+    found = sorted(islice(_in_rounds(queues), windows.count))
+    if not found:
+        raise NoWindowError(_why_none(recordings, refused, windows))
+    taken: Counter[str] = Counter()
+    return [_scenario(scenes[slot], ego, road, origin, windows, taken) for slot, ego in found]
+
+
+def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:
+    while queues:
+        for slot, queue in list(queues.items()):
+            ego = next(queue, None)
+            if ego is None:
+                del queues[slot]
+            else:
+                yield slot, ego
+
+
+# --- egos ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """A Recording with its jumps cut out."""
+
+    recording: Recording
+    valid: Bool[np.ndarray, "vehicle time"]
+    speed: Float[np.ndarray, "vehicle time"]  # [m/s]
+    motor: Bool[np.ndarray, " vehicle"]
+
+    @classmethod
+    def of(cls, recording: Recording) -> "_Scene":
+        valid = smooth_pieces(recording.x, recording.y, recording.valid, recording.dt)
+        speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
+        motor = np.array([kind.kind in VEHICLE_KINDS for kind in recording.types], bool)
+        return cls(recording, valid, speed, motor)
+
+    def distances(self, ego: int) -> Float[np.ndarray, "vehicle time"]:
+        """From the ego's centre to all others' [m]; infinite where one of them is absent, and to itself."""
+        x, y = self.recording.x, self.recording.y
+        apart = np.where(self.valid & self.valid[ego], np.hypot(x - x[ego], y - y[ego]), np.inf)
+        apart[ego] = np.inf
+        return apart
+
+    def boxes(self, of: slice | Bool[np.ndarray, " vehicle"]) -> Boxes:
+        """Boxes of some vehicles, [vehicle, time]."""
+        types = np.array([(kind.length, kind.width) for kind in self.recording.types])[of]
+        r = self.recording
+        return Boxes(r.x[of], r.y[of], r.yaw[of], types[:, :1], types[:, 1:])
+
+
+def _egos(scene: _Scene, road: RoadMap, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
+    """The vehicles that may be the ego, in the given order; the others are counted by reason."""
+    for ego in order.tolist():
+        reason = _refusal(scene, ego, road)
+        if reason is None:
+            yield ego
+        else:
+            refused[reason] += 1
+
+
+def _refusal(scene: _Scene, ego: int, road: RoadMap) -> str | None:
+    if not scene.motor[ego]:
+        return "were no motor vehicles"
+    if not scene.recording.valid[ego].all():
+        return "were not there throughout"
+    if not scene.valid[ego].all():
+        return "jumped (teleported, or changed lanes at once)"
+    speed = scene.speed[ego]
+    way = np.trapezoid(speed, dx=scene.recording.dt)
+    if way < _LEAST_WAY_M or speed.mean() <= _MOVING_MPS:
+        return "stood or crept"
+    apart = scene.distances(ego)
+    moving = (scene.speed > _MOVING_MPS) & scene.motor[:, None]
+    if ((apart <= _NEAR_M) & moving).sum(axis=0).max() < _COMPANY:
+        return f"had fewer than {_COMPANY} moving vehicles within {_NEAR_M:.0f} m"
+    if _overlaps_any(scene, ego, apart):
+        return "overlapped another vehicle in the recorded traffic"
+    if not road.contains(np.stack([scene.recording.x[ego], scene.recording.y[ego]], axis=-1)).all():
+        return "left the lanes for cars"
+    return None
+
+
+def _overlaps_any(scene: _Scene, ego: int, apart: Float[np.ndarray, "vehicle time"]) -> bool:
+    lengths = np.array([kind.length + kind.width for kind in scene.recording.types])
+    close = apart.min(axis=1) <= lengths + lengths[ego]  # never less than both half diagonals
+    hits = overlap(scene.boxes(slice(ego, ego + 1)), scene.boxes(close))
+    return bool((hits & scene.valid[close]).any())
+
+
+def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: Windows) -> str:
+    tried = f"{len(recordings)} slot{'s' * (len(recordings) != 1)} of {windows.horizon_s:g} s"
+    if not refused:
+        when = f"in {tried}" if recordings else "at any time"
+        return f"no window found: no vehicle was on the road {when} (expected traffic; see --begin and the routes)"
+    reasons = ", ".join(f"{number} {reason}" for reason, number in refused.most_common())
+    return (
+        f"no window found: of {refused.total()} candidate egos in {tried}, {reasons} "
+        "(try another --begin or --seed, a shorter --horizon, or more traffic)"
+    )
+
+
+# --- Scenarios ----------------------------------------------------------------------------------
+
+
+def _scenario(
+    scene: _Scene, ego: int, road: RoadMap, origin: Origin, windows: Windows, taken: Counter[str]
+) -> Scenario:
+    recording = scene.recording
+    members = [ego, *_nearest(scene, ego, windows.radius_m)]
+    agents = tuple(
+        Agent(recording.ids[i], t.kind, t.length, t.width, "ego" if i == ego else "background")
+        for i, t in ((i, recording.types[i]) for i in members)
+    )
+    tracks = _tracks(scene, members)
+    lights = {link.signal for link in road.connections}
+    return Scenario(
+        id=_unique(f"{origin.name}-{recording.begin_s:07.1f}s-{_folder_name(recording.ids[ego])}", taken),
+        dt=recording.dt,
+        agents=agents,
+        tracks=tracks,
+        target=(float(tracks.x[0, -1]), float(tracks.y[0, -1])),
+        road=road,
+        provenance=Provenance(
+            origin.source, origin.file, origin.sha256, recording.begin_s, windows.seed, versions(), command()
+        ),
+        signals=tuple(signal for signal in recording.signals if signal.id in lights),
+        overlaps=find_overlaps(agents, tracks),
+    )
+
+
+def _nearest(scene: _Scene, ego: int, radius_m: float) -> list[int]:
+    """The other vehicles within the radius at some instant, the nearest up to the limit, by increasing id."""
+    least = scene.distances(ego).min(axis=1)
+    near = [int(i) for i in np.argsort(least, kind="stable") if least[i] <= radius_m]
+    return sorted(near[: MAX_AGENTS - 1])
+
+
+def _tracks(scene: _Scene, members: list[int]) -> Tracks:
+    recording, valid = scene.recording, scene.valid[members]
+    x, y, yaw, speed = (
+        np.where(valid, values[members], 0.0) for values in (recording.x, recording.y, recording.yaw, scene.speed)
+    )
+    return Tracks(x, y, yaw, speed, valid)
+
+
+def _folder_name(name: str) -> str:
+    """`name` in letters that every file system takes."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip(".")[:80]
+
+
+def _unique(name: str, taken: Counter[str]) -> str:
+    taken[name] += 1
+    return name if taken[name] == 1 else f"{name}-{taken[name]}"

@@ -1,0 +1,74 @@
+"""What a person sees: progress on stderr, tables on stdout, the same rows as JSON on demand."""
+
+import json
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+_Item = TypeVar("_Item")
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """How to talk: `quiet` leaves out everything but the result, `json` prints it for machines."""
+
+    quiet: bool = False
+    json: bool = False
+
+    def say(self, text: str) -> None:
+        """One line on stderr."""
+        if not self.quiet:
+            _stderr().print(text, markup=False, highlight=False, soft_wrap=True)
+
+    @contextmanager
+    def waiting(self, what: str) -> Iterator[None]:
+        """A bar without an end while the block runs."""
+        with self._progress() as bar:
+            bar.add_task(what, total=None)
+            yield
+
+    def each(self, items: Iterable[_Item], what: str, total: int) -> Iterator[_Item]:
+        """Pass `items` on while a bar counts them."""
+        with self._progress() as bar:
+            task = bar.add_task(what, total=total)
+            for item in items:
+                bar.advance(task)
+                yield item
+
+    def show(self, title: str, rows: Sequence[dict[str, Any]], note: str = "") -> None:
+        """A table of `rows`, whose keys are the headings, and a `note` under it."""
+        if self.json:
+            json.dump(rows, sys.stdout, indent=1)
+            sys.stdout.write("\n")
+            return
+        table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
+        for heading in rows[0] if rows else ():
+            table.add_column(heading.replace("_", " "), overflow="fold")
+        for row in rows:
+            table.add_row(*(_cell(value) for value in row.values()))
+        console = Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 200)
+        console.print(table)
+        if note:
+            console.print(note, markup=False)
+
+    def _progress(self) -> Progress:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        return Progress(*columns, console=_stderr(), transient=True, disable=self.quiet)
+
+
+def _stderr() -> Console:
+    return Console(file=sys.stderr)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
