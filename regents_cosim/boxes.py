@@ -10,14 +10,17 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 
+Values = Float[np.ndarray, "..."] | float
+
+
 class Boxes(NamedTuple):
     """Oriented rectangles, given by their centres; the five fields broadcast against each other."""
 
-    x: Float[np.ndarray, "..."]  # [m]
-    y: Float[np.ndarray, "..."]  # [m]
-    yaw: Float[np.ndarray, "..."]  # [rad]
-    length: Float[np.ndarray, "..."]  # [m]
-    width: Float[np.ndarray, "..."]  # [m]
+    x: Values  # [m]
+    y: Values  # [m]
+    yaw: Values  # [rad]
+    length: Values  # [m]
+    width: Values  # [m]
 
 
 _ALONG = np.array([0.5, 0.5, -0.5, -0.5])
@@ -34,7 +37,7 @@ def corners(boxes: Boxes) -> Float[np.ndarray, "... 4 2"]:
     )
 
 
-def overlap(a: Boxes, b: Boxes) -> Bool[np.ndarray, "..."]:
+def overlap(a: Boxes, b: Boxes) -> Bool[np.ndarray, "..."] | np.bool_:
     """Whether two boxes share a point, by the four separating axes of two rectangles.
 
     Source: separating-axis theorem (Gottschalk et al. 1996), needed because two boxes can
@@ -54,7 +57,7 @@ def overlap(a: Boxes, b: Boxes) -> Bool[np.ndarray, "..."]:
     )
 
 
-def distance(a: Boxes, b: Boxes) -> Float[np.ndarray, "..."]:
+def distance(a: Boxes, b: Boxes) -> Values:
     """Distance between the closest points of two boxes [m], 0 where they overlap.
 
     For disjoint rectangles the closest pair always holds a corner of one of them, so the
@@ -64,14 +67,14 @@ def distance(a: Boxes, b: Boxes) -> Float[np.ndarray, "..."]:
     return np.where(overlap(a, b), 0.0, apart)
 
 
-def _in_frame(a: Boxes, b: Boxes) -> tuple[np.ndarray, np.ndarray]:
+def _in_frame(a: Boxes, b: Boxes) -> tuple[Values, Values]:
     """Centre of b as (ahead, left) in the frame of a [m]."""
     dx, dy = np.subtract(b.x, a.x), np.subtract(b.y, a.y)
     cos, sin = np.cos(a.yaw), np.sin(a.yaw)
     return dx * cos + dy * sin, dy * cos - dx * sin
 
 
-def _least_corner_distance(box: Boxes, other: Boxes) -> np.ndarray:
+def _least_corner_distance(box: Boxes, other: Boxes) -> Values:
     """Least distance from a corner of `other` to the filled rectangle `box` [m]."""
     points = corners(other)
     x, y, yaw, length, width = (np.asarray(v, float)[..., None] for v in box)

@@ -197,7 +197,7 @@ def _pack_tracks(tracks: Tracks) -> bytes:
 
 def _load_tracks(path: Path) -> Tracks:
     names = {f.name for f in fields(Tracks)}
-    with np.load(path, allow_pickle=False) as packed:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as packed:
         unknown = set(packed.files) - names
         if unknown:
             raise CaseError(f"{path}: unknown arrays {sorted(unknown)}, expected {sorted(names)}")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -71,7 +72,13 @@ def _attacked(scenario: Scenario, config: AttackConfig, planner_name: str, found
         settings={k: v for k, v in dataclasses.asdict(config).items() if k != "method"},
         cost_history=dict(zip(_COST_TERMS, _history(found, iterations), strict=True)),
     )
-    return replace(scenario, agents=agents, tracks=tracks, attack=record, original=scenario.tracks)
+    name = f"{scenario.id}-{config.method}-{_label(planner_name)}"
+    return replace(scenario, id=name, agents=agents, tracks=tracks, attack=record, original=scenario.tracks)
+
+
+def _label(planner: str) -> str:
+    """The last part of a planner's name, in letters that every file system takes."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", planner.rpartition(":")[2])
 
 
 def _outcome(found: Found) -> Outcome:

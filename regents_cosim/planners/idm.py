@@ -13,7 +13,8 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
+from scipy.spatial import cKDTree
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.rollout import Traffic
@@ -22,6 +23,8 @@ from regents_cosim.planners.route import SPACING_M, Route, plan_route
 
 _POINTS = 384  # route points kept, one every metre
 _STOP_LINES = 4
+_GRID_CELLS = 256  # side of the grid that knows the nearest route point of every place ...
+_GRID_M = 2.0  # ... and the size of its cells: 512 m hold any route of `_POINTS`
 _FAR_M = 1e3
 _MIN_GAP_M = 0.1  # closer than this the interaction term would blow up
 _ALREADY_PASSED_M = 1.0  # a stop line this far behind the front bumper no longer holds
@@ -35,6 +38,8 @@ class Memory(eqx.Module):
     cos: Float[Array, " point"]  # direction of the route
     sin: Float[Array, " point"]
     speed: Float[Array, " point"]  # [m/s] desired: limit, lateral acceleration, and time to brake for both
+    nearest: Int[Array, " cell"]  # index of the route point closest to each cell of a square grid
+    corner: Float[Array, " 2"]  # [m] of that grid
     line: Float[Array, " stop_line"]  # [m] along the route
     closed: Bool[Array, "time stop_line"]  # the light is red or yellow
     half_length: Float[Array, ""]  # [m]
@@ -71,6 +76,7 @@ class IDM(JaxPlanner):
         direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
         angle = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
         on_device = scene.on_device(points)
+        nearest, corner = _nearest_points(points)
         line, closed = _stop_lines(route, scene.scenario.tracks.steps)
         return Memory(
             x=on_device[:, 0],
@@ -78,6 +84,8 @@ class IDM(JaxPlanner):
             cos=jnp.asarray(np.cos(angle), jnp.float32),
             sin=jnp.asarray(np.sin(angle), jnp.float32),
             speed=jnp.asarray(self._desired_speed(route, angle), jnp.float32),
+            nearest=jnp.asarray(nearest, jnp.int32),
+            corner=scene.on_device(corner[None])[0],
             line=line,
             closed=closed,
             half_length=scene.world.half_length[0],
@@ -141,11 +149,32 @@ class IDM(JaxPlanner):
 
 
 def _project(memory: Memory, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Distance along and across the route [m], left positive, and the nearest point's index."""
-    index = jnp.argmin((x[..., None] - memory.x) ** 2 + (y[..., None] - memory.y) ** 2, axis=-1)
+    """Distance along and across the route [m], left positive, and the nearest point's index.
+
+    The grid gives a point within a few metres of the nearest, its tangent the rest: the same as
+    comparing all points wherever an agent can reach the corridor, without the comparing.
+    """
+    cell = jnp.stack([(y - memory.corner[1]) / _GRID_M, (x - memory.corner[0]) / _GRID_M])
+    row, column = jnp.clip(jnp.round(cell).astype(jnp.int32), 0, _GRID_CELLS - 1)
+    along = _along(memory, memory.nearest[row * _GRID_CELLS + column], x, y)
+    index = jnp.clip(jnp.round(along / SPACING_M).astype(jnp.int32), 0, _POINTS - 1)
     dx, dy = x - memory.x[index], y - memory.y[index]
-    along = index * SPACING_M + dx * memory.cos[index] + dy * memory.sin[index]
-    return along, dy * memory.cos[index] - dx * memory.sin[index], index
+    return _along(memory, index, x, y), dy * memory.cos[index] - dx * memory.sin[index], index
+
+
+def _along(memory: Memory, index: Array, x: Array, y: Array) -> Array:
+    dx, dy = x - memory.x[index], y - memory.y[index]
+    return index * SPACING_M + dx * memory.cos[index] + dy * memory.sin[index]
+
+
+def _nearest_points(
+    points: Float[np.ndarray, "point 2"],
+) -> tuple[Int[np.ndarray, " cell"], Float[np.ndarray, " 2"]]:
+    """For the cells of a grid around the route its closest point, and the grid's corner [m]."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    corner = middle - 0.5 * _GRID_M * (_GRID_CELLS - 1)
+    y, x = np.meshgrid(*(corner[axis] + _GRID_M * np.arange(_GRID_CELLS) for axis in (1, 0)), indexing="ij")
+    return cKDTree(points).query(np.stack([x.ravel(), y.ravel()], axis=-1))[1], corner
 
 
 def _pad_line(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:

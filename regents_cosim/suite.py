@@ -1,0 +1,44 @@
+"""Folders of cases with their manifest: written case by case, read as a whole."""
+
+from pathlib import Path
+
+from regents_cosim.errors import CaseError
+from regents_cosim.files import (
+    Suite,
+    SuiteEntry,
+    content_hash,
+    find_cases,
+    load_case,
+    load_suite,
+    save_case,
+    save_suite,
+)
+from regents_cosim.provenance import command, versions
+from regents_cosim.scenario import Scenario
+
+
+class SuiteWriter:
+    """Adds cases to a folder. What the folder holds already stays, unless a case of the same name replaces it."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        """Raises CaseError where `folder` holds a manifest that cannot be read."""
+        self.folder = folder
+        self.seed = seed
+        known = load_suite(folder).cases if (folder / "suite.json").exists() else ()
+        self._entries = {entry.case: entry.hash for entry in known}
+
+    def add(self, scenario: Scenario) -> Path:
+        """Save a case and the manifest with it; return the case's folder."""
+        saved = save_case(scenario, self.folder)
+        self._entries[scenario.id] = content_hash(scenario)
+        cases = tuple(SuiteEntry(case, digest) for case, digest in sorted(self._entries.items()))
+        save_suite(self.folder, Suite(cases, command(), self.seed, versions()))
+        return saved
+
+
+def load_cases(path: Path) -> list[Scenario]:
+    """The case at `path`, or all cases of the suite there, in the order of its manifest."""
+    cases = [load_case(folder) for folder in find_cases(path)]
+    if not cases:
+        raise CaseError(f"{path}: the suite lists no cases (make some with `regents record`)")
+    return cases

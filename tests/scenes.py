@@ -1,0 +1,56 @@
+"""Small scenes made by hand, for tests that need no simulator."""
+
+import numpy as np
+import shapely
+
+from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
+
+DT = 0.1
+PROVENANCE = Provenance("test", "made by hand", "0" * 64, 0.0)
+
+
+def straight_road(lanes: int = 3, width: float = 3.2) -> RoadMap:
+    """Lanes along +x from -200 to 600 m, the rightmost at y = 0."""
+    names = [f"lane{i}" for i in range(lanes)]
+    return RoadMap(
+        lanes=tuple(
+            Lane(
+                name,
+                np.array([[-200.0, i * width], [600.0, i * width]]),
+                width,
+                15.0,
+                left=names[i + 1] if i + 1 < lanes else None,
+                right=names[i - 1] if i else None,
+            )
+            for i, name in enumerate(names)
+        ),
+        connections=(),
+        drivable=shapely.box(-200.0, -width / 2, 600.0, (lanes - 0.5) * width),
+    )
+
+
+def scene(*cars: tuple[float, float, float], steps: int = 81, name: str = "scene", **changes) -> Scenario:
+    """Cars (x, y, speed) that go straight on along +x; the first is the ego."""
+    x0, y0, speed = (np.array(values, float)[:, None] for values in zip(*cars, strict=True))
+    time = DT * np.arange(steps)
+    x = x0 + speed * time
+    tracks = Tracks(x, y0 + 0 * x, 0 * x, speed + 0 * x, np.ones(x.shape, bool))
+    agents = tuple(Agent(f"car{i:02d}", "car", 4.6, 1.8, "background" if i else "ego") for i in range(len(cars)))
+    values = {
+        "id": name,
+        "dt": DT,
+        "agents": agents,
+        "tracks": tracks,
+        "target": (float(x[0, -1]), float(y0[0, 0])),
+        "road": straight_road(),
+        "provenance": PROVENANCE,
+    }
+    return Scenario(**(values | changes))
+
+
+def platoon(cars: int = 9, seed: int = 0) -> Scenario:
+    """Three lanes of cars at about 10 m/s, the ego in the back row."""
+    rng = np.random.default_rng(seed)
+    rows = ((18.0 * (i // 3) + rng.uniform(0, 3), 3.2 * (i % 3), rng.uniform(8, 12)) for i in range(cars))
+    return scene(*rows, name=f"platoon{seed}")

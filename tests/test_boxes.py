@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from regents_cosim.boxes import Boxes, corners, distance, overlap
+
+BOX = st.builds(
+    Boxes,
+    x=st.floats(-6, 6),
+    y=st.floats(-6, 6),
+    yaw=st.floats(-7, 7),
+    length=st.floats(0.5, 12),
+    width=st.floats(0.3, 3),
+)
+
+
+def polygon(box: Boxes) -> shapely.Polygon:
+    return shapely.Polygon(corners(box))
+
+
+@given(BOX, BOX)
+def test_distance_is_shapelys(a, b):
+    assert distance(a, b) == pytest.approx(polygon(a).distance(polygon(b)), abs=1e-9)
+
+
+@given(BOX, BOX)
+def test_overlap_holds_where_the_distance_is_zero(a, b):
+    apart = polygon(a).distance(polygon(b))
+    if not 0 < apart < 1e-9:  # nothing decides in the last bit
+        assert overlap(a, b) == (apart == 0)
+
+
+@given(BOX, BOX, st.floats(-4, 4), st.floats(-50, 50))
+def test_distance_is_symmetric_and_does_not_change_when_both_move(a, b, turn, shift):
+    def moved(box):
+        point = (box.x + 1j * box.y) * np.exp(1j * turn) + shift
+        return Boxes(point.real, point.imag, box.yaw + turn, box.length, box.width)
+
+    assert distance(a, b) == pytest.approx(distance(b, a), abs=1e-9)
+    assert distance(a, b) == pytest.approx(distance(moved(a), moved(b)), abs=1e-9)
+
+
+def test_boxes_that_cross_like_a_plus_sign_overlap():
+    flat, upright = Boxes(0.0, 0.0, 0.0, 6.0, 1.0), Boxes(0.0, 0.0, np.pi / 2, 6.0, 1.0)
+    assert overlap(flat, upright)
+    assert distance(flat, upright) == 0
+
+
+def test_touching_counts_as_overlapping():
+    assert overlap(Boxes(0.0, 0.0, 0.0, 4.0, 2.0), Boxes(4.0, 0.0, 0.0, 4.0, 2.0))
+    assert not overlap(Boxes(0.0, 0.0, 0.0, 4.0, 2.0), Boxes(4.0 + 1e-9, 0.0, 0.0, 4.0, 2.0))
+
+
+def test_corners_run_from_front_left_to_rear_left():
+    found = corners(Boxes(10.0, 0.0, np.pi / 2, 4.0, 2.0))
+    assert found == pytest.approx(np.array([[9, 2], [11, 2], [11, -2], [9, -2]]))
+
+
+def test_fields_broadcast():
+    one = Boxes(0.0, 0.0, 0.0, 4.0, 2.0)
+    many = Boxes(np.array([[0.0], [9.0]]), np.zeros((2, 3)), np.zeros(3), 4.0, 2.0)
+    assert distance(one, many).shape == (2, 3)
+    assert distance(one, many)[1] == pytest.approx([5, 5, 5])

@@ -1,0 +1,222 @@
+import gzip
+import json
+import os
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import platoon, scene
+
+from regents_cosim.errors import CaseError, RegentsError
+from regents_cosim.files import content_hash, find_cases, load_case, load_suite, save_case
+from regents_cosim.scenario import AttackRecord, Collision, Overlap, Signal
+from regents_cosim.suite import SuiteWriter, load_cases
+
+
+def attacked():
+    recorded = platoon()
+    bent = replace(
+        recorded.tracks,
+        y=recorded.tracks.y + 0.25,
+        accel=np.full((9, 80), 0.1),
+        curvature=np.full((9, 80), -0.01),
+    )
+    record = AttackRecord(
+        "regents",
+        "idm",
+        "collision",
+        17,
+        Collision("car03", 42, 4.2, "side_swipe", 3.25, attributed=True),
+        {"learning_rate": 1e-3, "exclude_rear": True},
+        {"ego": (3.0, 2.0), "pair": (-1.25, -1.0), "road": (0.0, 0.1)},
+    )
+    return replace(
+        recorded,
+        tracks=bent,
+        original=recorded.tracks,
+        attack=record,
+        signals=(Signal("tls", ((0, "rG"), (12, "Gr"))),),
+        overlaps=(Overlap(("car01", "car02"), 3, 9),),
+    )
+
+
+def assert_equal(a, b):
+    for name in ("id", "dt", "agents", "target", "provenance", "signals", "overlaps", "attack"):
+        assert getattr(a, name) == getattr(b, name)
+    for mine, theirs in ((a.tracks, b.tracks), (a.original, b.original)):
+        assert (mine is None) == (theirs is None)
+        for item in fields(mine) if mine else ():
+            left, right = getattr(mine, item.name), getattr(theirs, item.name)
+            assert (left is None and right is None) or np.array_equal(left, right)
+    assert a.road.connections == b.road.connections
+    assert a.road.drivable.equals_exact(b.road.drivable, 0.0)
+    assert all(np.array_equal(p.centre, q.centre) for p, q in zip(a.road.lanes, b.road.lanes, strict=True))
+
+
+@pytest.mark.parametrize("make", [platoon, attacked])
+def test_what_is_saved_is_loaded_exactly(tmp_path, make):
+    assert_equal(load_case(save_case(make(), tmp_path)), make())
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.floats(-1e6, 1e6, allow_subnormal=True), min_size=3, max_size=3), st.floats(1e-3, 1.0))
+def test_every_number_survives_to_the_last_bit(tmp_path_factory, y, dt):
+    made = scene(*((20.0 * i, value, 10.0) for i, value in enumerate(y)), dt=dt)
+    assert_equal(load_case(save_case(made, tmp_path_factory.mktemp("suite"))), made)
+
+
+def test_equal_content_has_an_equal_hash_wherever_it_comes_from():
+    other = replace(platoon(), provenance=replace(platoon().provenance, command="somewhere else"))
+    assert content_hash(platoon()) == content_hash(other)
+    moved = replace(platoon(), tracks=replace(platoon().tracks, x=np.nextafter(platoon().tracks.x, np.inf)))
+    assert content_hash(platoon()) != content_hash(moved)
+
+
+def test_files_are_the_same_bytes_every_time(tmp_path):
+    first, second = (save_case(attacked(), tmp_path / name) for name in ("a", "b"))
+    for path in sorted(first.iterdir()):
+        assert path.read_bytes() == (second / path.name).read_bytes()
+
+
+def test_a_map_is_stored_once_per_suite(tmp_path):
+    for seed in range(3):
+        save_case(platoon(seed=seed), tmp_path)
+    assert len(list((tmp_path / "maps").iterdir())) == 1
+    assert load_case(tmp_path / "platoon0").road is load_case(tmp_path / "platoon1").road
+
+
+def test_saving_again_replaces_the_case_and_leaves_nothing_else(tmp_path):
+    save_case(platoon(), tmp_path)
+    save_case(replace(platoon(), target=(1.0, 2.0)), tmp_path)
+    assert load_case(tmp_path / "platoon0").target == (1.0, 2.0)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["maps", "platoon0"]
+
+
+def test_a_write_that_fails_leaves_the_old_case(tmp_path, monkeypatch):
+    save_case(platoon(), tmp_path)
+    monkeypatch.setattr("regents_cosim.files._pack_tracks", lambda tracks: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        save_case(replace(platoon(), target=(1.0, 2.0)), tmp_path)
+    assert load_case(tmp_path / "platoon0").target == platoon().target
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["maps", "platoon0"]
+
+
+def test_an_output_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RegentsError, match="cannot write to .*file"):
+        save_case(platoon(), tmp_path / "file")
+
+
+# --- damage ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def case(tmp_path):
+    return save_case(attacked(), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "original.npz"])
+@pytest.mark.parametrize("keep", [0, 10, 0.5, 0.99])
+def test_truncated_files(case, name, keep):
+    whole = (case / name).read_bytes()
+    (case / name).write_bytes(whole[: int(keep * len(whole)) if keep < 1 else keep])
+    with pytest.raises(CaseError):
+        load_case(case)
+
+
+@pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "original.npz"])
+def test_missing_files(case, name):
+    (case / name).unlink()
+    with pytest.raises(CaseError):
+        load_case(case)
+
+
+def edit(case, change):
+    header = json.loads((case / "scenario.json").read_text())
+    change(header)
+    (case / "scenario.json").write_text(json.dumps(header))
+
+
+def rewrite(case, **changes):
+    with np.load(case / "tracks.npz") as packed:
+        arrays = dict(packed)
+    np.savez(case / "tracks.npz", **(arrays | changes))
+    return arrays
+
+
+def test_a_newer_schema(case):
+    edit(case, lambda header: header.update(schema=99))
+    with pytest.raises(CaseError, match=r"schema 99, this version reads up to 1 \(upgrade"):
+        load_case(case)
+
+
+def test_a_wrong_type_says_where(case):
+    edit(case, lambda header: header["agents"][2].update(length="long"))
+    with pytest.raises(CaseError, match=r"Expected `float`, got `str` - at `\$.agents\[2\].length`"):
+        load_case(case)
+
+
+def test_a_change_behind_our_back(case):
+    edit(case, lambda header: header.update(target=[0.0, 1.0]))
+    with pytest.raises(CaseError, match="content hash"):
+        load_case(case)
+
+
+def test_numbers_that_are_not_finite(case):
+    speed = np.full((9, 81), np.nan)
+    rewrite(case, speed=speed)
+    with pytest.raises(CaseError, match="speed is not finite at agent 0, step 0"):
+        load_case(case)
+
+
+def test_arrays_that_do_not_match(case):
+    rewrite(case, yaw=np.zeros((9, 80)))
+    with pytest.raises(CaseError, match=r"yaw has shape \[9, 80\], expected \[9, 81\]"):
+        load_case(case)
+
+
+class Exploit:
+    def __reduce__(self):
+        return (os.system, ("touch pwned",))
+
+
+def test_nothing_is_unpickled(case):
+    rewrite(case, x=np.array([Exploit()], dtype=object))
+    with pytest.raises(CaseError):
+        load_case(case)
+
+
+@pytest.mark.parametrize("name", ["../../secret", "/etc/passwd", "nothing.road.json.gz"])
+def test_maps_are_only_looked_for_beside_the_case(case, name):
+    edit(case, lambda header: header["map"].update(road=name))
+    with pytest.raises(CaseError, match="map"):
+        load_case(case)
+
+
+def test_a_damaged_map(case):
+    path = next((case.parent / "maps").iterdir())
+    path.write_bytes(gzip.compress(b'{"lanes": 7}'))
+    with pytest.raises(CaseError):
+        load_case(case)
+
+
+# --- suites ------------------------------------------------------------------------------------
+
+
+def test_a_suite_lists_its_cases_and_keeps_those_it_had(tmp_path):
+    first = SuiteWriter(tmp_path, seed=3)
+    first.add(platoon(seed=1))
+    SuiteWriter(tmp_path, seed=3).add(platoon(seed=0))
+    assert [entry.case for entry in load_suite(tmp_path).cases] == ["platoon0", "platoon1"]
+    assert [case.id for case in load_cases(tmp_path)] == ["platoon0", "platoon1"]
+    assert find_cases(tmp_path / "platoon1") == [tmp_path / "platoon1"]
+    assert load_suite(tmp_path).seed == 3
+
+
+def test_a_folder_without_a_manifest(tmp_path):
+    with pytest.raises(CaseError, match="no suite.json"):
+        find_cases(tmp_path)
+    with pytest.raises(CaseError, match="not a folder"):
+        find_cases(tmp_path / "nowhere")
