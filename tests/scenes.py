@@ -52,5 +52,5 @@ def scene(*cars: tuple[float, float, float], steps: int = 81, name: str = "scene
 def platoon(cars: int = 9, seed: int = 0) -> Scenario:
     """Three lanes of cars at about 10 m/s, the ego in the back row."""
     rng = np.random.default_rng(seed)
-    rows = ((18.0 * (i // 3) + rng.uniform(0, 3), 3.2 * (i % 3), rng.uniform(8, 12)) for i in range(cars))
+    rows = ((18.0 * (i // 3) + rng.uniform(0, 3), 3.2 * (i % 3), rng.uniform(9.5, 10.5)) for i in range(cars))
     return scene(*rows, name=f"platoon{seed}")

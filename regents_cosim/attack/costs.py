@@ -73,8 +73,8 @@ def road_deviation(world: World, boxes: Box) -> Float[Array, ""]:
     return jnp.where(counted, world.road(x, y), 0.0).sum() / world.valid.shape[1]
 
 
-def take(boxes: Box, agent: Int[Array, ""] | int) -> Box:
-    """Boxes [time] of one agent."""
+def take(boxes: Box, agent: Int[Array, "*chosen"] | int) -> Box:
+    """Boxes [*chosen, time] of some agents."""
     return jax.tree.map(lambda values: values[agent], boxes)
 
 

@@ -28,7 +28,7 @@ from jaxtyping import Array, Bool, Float
 ACCEL_LIMIT = 6.0  # [m/s^2]
 CURVATURE_LIMIT = 0.3  # [1/m]
 
-_MIN_TRAVEL_M = 1e-3  # a vehicle that moves less in a step has no measurable curvature
+_MIN_TRAVEL_M = 1e-4  # a vehicle that moves less in a step has no measurable curvature
 
 
 class Motion(eqx.Module):

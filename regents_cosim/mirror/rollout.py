@@ -6,7 +6,7 @@ step runs in a loop. Gradients do not pass through the ego: its actions are cons
 attack, as in the code of both papers, and that is what lets any planner be attacked.
 """
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -18,14 +18,15 @@ from regents_cosim.mirror.world import World
 
 
 class Traffic(eqx.Module):
-    """The other road users, in scene coordinates. Without a time axis: at one instant."""
+    """The other road users in scene coordinates: [agent, time], or [agent] at one instant."""
 
-    motion: Motion  # [agent time]
-    valid: Bool[Array, "agent *time"]
-    half_length: Float[Array, " agent"]  # [m]
-    half_width: Float[Array, " agent"]  # [m]
+    motion: Motion
+    valid: Bool[Array, "*axes"]
+    half_length: Float[Array, "*sizes"]  # [m]
+    half_width: Float[Array, "*sizes"]  # [m]
 
 
+@runtime_checkable
 class LoopPlanner(Protocol):
     """A planner that runs inside the compiled loop. Memory and sight are pytrees of its own."""
 

@@ -13,12 +13,12 @@ from jaxtyping import Array, Bool, Float
 class Box(eqx.Module):
     """Oriented rectangles; heading as (cos, sin), half sizes. Fields broadcast."""
 
-    x: Float[Array, "*axes"]  # [m]
-    y: Float[Array, "*axes"]  # [m]
-    cos: Float[Array, "*axes"]
-    sin: Float[Array, "*axes"]
-    half_length: Float[Array, "*axes"]  # [m]
-    half_width: Float[Array, "*axes"]  # [m]
+    x: Float[Array, "*#axes"]  # [m]
+    y: Float[Array, "*#axes"]  # [m]
+    cos: Float[Array, "*#axes"]
+    sin: Float[Array, "*#axes"]
+    half_length: Float[Array, "*#axes"]  # [m]
+    half_width: Float[Array, "*#axes"]  # [m]
 
 
 def gap(a: Box, b: Box) -> Float[Array, "*axes"]:

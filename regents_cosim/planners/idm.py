@@ -137,7 +137,7 @@ class IDM(JaxPlanner):
         left = dy * jnp.cos(ego.yaw) - dx * jnp.sin(ego.yaw)
         return 2.0 * left / jnp.maximum(dx**2 + dy**2, 1.0)
 
-    def _desired_speed(self, route: Route, angle: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+    def _desired_speed(self, route: Route, angle: Float[np.ndarray, " kept"]) -> Float[np.ndarray, " kept"]:
         """Limit and lateral acceleration at every point, and slow enough to brake for the next ones."""
         window = 5  # points: single kinks of a polyline are no curves
         curvature = np.abs(np.gradient(np.convolve(np.pad(angle, window, "edge"), np.ones(window) / window, "same")))
@@ -177,7 +177,7 @@ def _nearest_points(
     return cKDTree(points).query(np.stack([x.ravel(), y.ravel()], axis=-1))[1], corner
 
 
-def _pad_line(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
+def _pad_line(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "kept 2"]:
     """The first `_POINTS` points, continued straight where there are fewer."""
     missing = _POINTS - len(points)
     if missing <= 0:
@@ -186,7 +186,7 @@ def _pad_line(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 
     return np.concatenate([points, points[-1] + np.arange(1, missing + 1)[:, None] * ahead])
 
 
-def _extend(limits: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+def _extend(limits: Float[np.ndarray, " point"]) -> Float[np.ndarray, " kept"]:
     return np.pad(limits, (0, max(_POINTS - len(limits), 0)), "edge")[:_POINTS]
 
 

@@ -56,7 +56,7 @@ def _logged_path(scenario: Scenario) -> Float[np.ndarray, "point 2"]:
     return np.array(kept)
 
 
-def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float[np.ndarray, "point 2"]:
+def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float[np.ndarray, "further 2"]:
     """Points beyond the logged path: along `lanes`, then straight ahead."""
     points, end = [], logged[-1]
     for lane in lanes:
@@ -89,7 +89,7 @@ def _heading(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"
     return np.append(angles, angles[-1])
 
 
-def _evenly(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
+def _evenly(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "even 2"]:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     at = np.arange(0.0, along[-1], SPACING_M)
     return np.stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])], axis=1)

@@ -9,6 +9,7 @@ are derived from positions) an error of about 0.1 m/s.
 import csv
 import gzip
 import io
+import itertools
 import warnings
 import xml.etree.ElementTree as ET
 import zlib
@@ -43,7 +44,7 @@ def record_fcd(
     log: Path,
     net: Path,
     *,
-    types: tuple[Path, ...] = (),
+    routes_or_types: tuple[Path, ...] = (),
     count: int = 8,
     seed: int = 0,
     horizon_s: float = 8.0,
@@ -51,7 +52,7 @@ def record_fcd(
 ) -> list[Scenario]:
     """Up to `count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same.
 
-    `types` are route or additional files that define the vehicle types. Logs of another step,
+    `routes_or_types` are route or additional files that define the vehicle types. Logs of another step,
     up to 1 s, are resampled to 0.1 s: straight between samples, turning the shorter way. Windows are picked as
     by `windows.choose_windows`; persons are left out.
 
@@ -60,7 +61,7 @@ def record_fcd(
     windows = Windows(count, seed, horizon_s, radius_m)
     require_file(log, "FCD log")
     road = read_road_map(net)
-    known = read_types(types)
+    known = read_types(routes_or_types)
     grid = _time_grid(log)
     recordings = list(_recordings(log, grid, known, windows))
     _check_place(log, recordings, road)
@@ -117,7 +118,7 @@ def _recordings(log: Path, grid: _Grid, known: dict[str, VehicleType], windows: 
         warnings.warn(
             f"{log.name}: no vType for {', '.join(unknown[:5])}{' ...' * (len(unknown) > 5)}; taken as cars of "
             f"{CAR.length} m x {CAR.width} m (name the files that define them with -r or -a)",
-            stacklevel=2,
+            stacklevel=3,
         )
     types = {name: known.get(kind, CAR) for name, kind in names.items()}
     for slot in slots.values():
@@ -156,7 +157,7 @@ def _resampled(recording: Recording, windows: Windows) -> Recording:
         dt=STEP_S,
         x=between(x, x[:, after] - x[:, before]),
         y=between(y, y[:, after] - y[:, before]),
-        yaw=wrap(between(yaw, wrap(yaw[:, after] - yaw[:, before]))),
+        yaw=wrap(between(yaw, np.asarray(wrap(yaw[:, after] - yaw[:, before])))),
         valid=valid,
     )
 
@@ -223,33 +224,28 @@ def _seconds(time: str) -> float:
 
 
 def _from_csv(stream: gzip.GzipFile | io.BufferedReader) -> Iterator[tuple[float, list[_Row]]]:
-    text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
-    header = text.readline().strip()
-    separator = next((mark for mark in ";,\t" if mark in header), ";")
-    columns = [name.strip('"') for name in header.split(separator)]
-    found = {name: columns.index(f"{part}_{name}") for part, name in _COLUMNS if f"{part}_{name}" in columns}
-    missing = [f"{part}_{name}" for part, name in _COLUMNS if name not in found and name != "type"]
-    if missing:
-        raise ValueError(f"neither XML nor a CSV header with {', '.join(missing)}")
-    now, rows = None, []
-    for cells in csv.reader(text, delimiter=separator):
-        if len(cells) < len(columns):
-            raise ValueError(f"{len(cells)} of {len(columns)} columns in the row {separator.join(cells)[:40]!r}")
-        time = _seconds(cells[found["time"]])
-        if now is not None and time != now:
-            yield now, rows
-            rows = []
-        now = time
-        if cells[found["id"]]:  # empty for a step without vehicles, and for persons
-            x, y, angle = (float(cells[found[name]]) for name in ("x", "y", "angle"))
-            rows.append(
-                (cells[found["id"]], cells[found["type"]] if "type" in found else "DEFAULT_VEHTYPE", x, y, angle)
-            )
-    if now is not None:
-        yield now, rows
+    with io.TextIOWrapper(stream, encoding="utf-8", newline="") as text:
+        header = text.readline().strip()
+        separator = next((mark for mark in ";,\t" if mark in header), ";")
+        columns = [name.strip('"') for name in header.split(separator)]
+        missing = [name for name in _COLUMNS if name not in columns and name != "vehicle_type"]
+        if missing:
+            raise ValueError(f"neither XML nor a CSV header with {', '.join(missing)}")
+        rows = (_named(columns, row) for row in csv.reader(text, delimiter=separator))
+        for time, entries in itertools.groupby(rows, key=lambda entry: entry["timestep_time"]):
+            # The id is empty in a step without vehicles, and for persons.
+            yield _seconds(time), [_csv_row(entry) for entry in entries if entry["vehicle_id"]]
 
 
-_COLUMNS = (
-    ("timestep", "time"), ("vehicle", "id"), ("vehicle", "type"),
-    ("vehicle", "x"), ("vehicle", "y"), ("vehicle", "angle"),
-)  # fmt: skip
+def _named(columns: list[str], row: list[str]) -> dict[str, str]:
+    if len(row) != len(columns):
+        raise ValueError(f"truncated or damaged CSV, {len(row)} of {len(columns)} columns in the row {row[:3]}")
+    return dict(zip(columns, row, strict=True))
+
+
+def _csv_row(entry: dict[str, str]) -> _Row:
+    x, y, angle = (float(entry[f"vehicle_{name}"]) for name in ("x", "y", "angle"))
+    return entry["vehicle_id"], entry.get("vehicle_type", "DEFAULT_VEHTYPE"), x, y, angle
+
+
+_COLUMNS = ("timestep_time", "vehicle_id", "vehicle_type", "vehicle_x", "vehicle_y", "vehicle_angle")

@@ -6,7 +6,8 @@ from jaxtyping import Bool, Float
 from regents_cosim.frames import wrap
 
 # A jump differs from its neighbours by more than the hardest brake can (9 m/s^2, SUMO's emergency
-# deceleration) and 0.4 m: of real cities' steps 0.03 % are beyond, on kinks of short lanes and in teleports.
+# deceleration) and 0.4 m. Measured with lane changes of 3 s: 0.013 to 0.032 % of the steps of three
+# real cities (25 slots each) are beyond 0.49 m.
 _HARDEST = 9.0  # [m/s^2]
 _JUMP_M = 0.4
 

@@ -1,0 +1,1 @@
+"""What people look at: still pictures and animations of cases."""

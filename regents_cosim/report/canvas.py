@@ -1,0 +1,135 @@
+"""Antialiased drawing with Pillow: everything is drawn larger and reduced once."""
+
+import functools
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image, ImageDraw, ImageFont
+
+from regents_cosim.report.palette import Colour
+
+Points = Float[np.ndarray, "point 2"]
+Anchor = Literal["ls", "rs", "ms"]  # left, right, middle on the baseline
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """An image drawn at `zoom` times its size. All lengths are final pixels."""
+
+    image: Image.Image
+    zoom: int
+
+    @classmethod
+    def blank(cls, size: tuple[int, int], zoom: int, colour: Colour) -> "Canvas":
+        """A canvas of one colour."""
+        return cls(Image.new("RGB", (size[0] * zoom, size[1] * zoom), colour), zoom)
+
+    @functools.cached_property
+    def _draw(self) -> ImageDraw.ImageDraw:
+        return ImageDraw.Draw(self.image)
+
+    def finish(self) -> Image.Image:
+        """The image in its final size."""
+        return self.image.reduce(self.zoom) if self.zoom > 1 else self.image
+
+    def paste(self, other: "Canvas", left: int, top: int) -> None:
+        """Lay another canvas of the same zoom on this one."""
+        self.image.paste(other.image, (left * self.zoom, top * self.zoom))
+
+    def polygon(self, points: Points, fill: Colour) -> None:
+        """A filled polygon."""
+        self._draw.polygon(self._scaled(points), fill=fill)
+
+    def line(self, points: Points, colour: Colour, width: float) -> None:
+        """A line through all points, with round corners."""
+        if len(points) >= 2:
+            self._draw.line(self._scaled(points), fill=colour, width=self._thick(width), joint="curve")
+
+    def outline(self, points: Points, colour: Colour, width: float) -> None:
+        """The closed line around a polygon."""
+        self.line(np.concatenate([points, points[:2]]), colour, width)
+
+    def dashed(self, points: Points, colour: Colour, width: float, pattern: tuple[float, float]) -> None:
+        """A line of dashes; `pattern` is the length of a dash and of a gap."""
+        size = np.array(self.image.size) / self.zoom
+        for dash in dashes(points, *pattern):
+            if (dash.max(axis=0) >= -width).all() and (dash.min(axis=0) <= size + width).all():
+                self.line(dash, colour, width)
+
+    def disc(self, centre: Float[np.ndarray, " 2"], radius: float, fill: Colour) -> None:
+        """A filled circle."""
+        self._draw.ellipse(self._around(centre, radius), fill=fill)
+
+    def ring(self, centre: Float[np.ndarray, " 2"], radius: float, colour: Colour, width: float) -> None:
+        """A circle whose line lies inside `radius`."""
+        self._draw.ellipse(self._around(centre, radius), outline=colour, width=self._thick(width))
+
+    def box(self, left: float, top: float, right: float, bottom: float, fill: Colour) -> None:
+        """An upright rectangle; nothing where it is empty."""
+        x0, y0, x1, y1 = (round(edge * self.zoom) for edge in (left, top, right, bottom))
+        if x1 > x0 and y1 > y0:
+            self._draw.rectangle((x0, y0, x1 - 1, y1 - 1), fill=fill)
+
+    def text(
+        self, at: tuple[float, float], words: str, size: int, colour: Colour, anchor: Anchor = "ls", bold: bool = False
+    ) -> float:
+        """Write `words` in one line; returns their width."""
+        (place,) = self._scaled([at])
+        if not bold:
+            self._draw.text(place, words, fill=colour, font=_font(size * self.zoom), anchor=anchor)
+            return text_width(words, size)
+        return self._bold(place, words, size, colour, anchor)
+
+    def _bold(self, place: tuple[float, float], words: str, size: int, colour: Colour, anchor: Anchor) -> float:
+        """Pillow's font has one weight: thicken it, and set the letters further apart by as much."""
+        font, stroke = _font(size * self.zoom), max(round(0.02 * size * self.zoom), 1)
+        room = [font.getlength(letter) + stroke for letter in words]
+        x = place[0] - {"ls": 0.0, "ms": 0.5, "rs": 1.0}[anchor] * sum(room)
+        for letter, width in zip(words, room, strict=True):
+            self._draw.text((x, place[1]), letter, fill=colour, font=font, anchor="ls", stroke_width=stroke)
+            x += width
+        return sum(room) / self.zoom
+
+    def _scaled(self, points: Points | list[tuple[float, float]]) -> list[tuple[float, float]]:
+        return [(x, y) for x, y in (np.asarray(points, float) * self.zoom).tolist()]
+
+    def _around(self, centre: Float[np.ndarray, " 2"], radius: float) -> list[tuple[float, float]]:
+        return self._scaled(np.array([centre - radius, centre + radius]))
+
+    def _thick(self, width: float) -> int:
+        return max(1, round(width * self.zoom))
+
+
+def dashes(points: Points, dash: float, gap: float) -> list[Points]:
+    """Cut a line into dashes, starting with one."""
+    along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+    found = []
+    for start in np.arange(0.0, along[-1], dash + gap):
+        end = min(start + dash, along[-1])
+        at = np.concatenate([[start], along[(along > start) & (along < end)], [end]])
+        found.append(np.stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])], axis=-1))
+    return found
+
+
+def text_width(words: str, size: int) -> float:
+    """Width of one line of text [px]."""
+    return _font(size).getlength(words)
+
+
+def shorten(words: str, size: int, width: float) -> str:
+    """`words`, cut in the middle where they are wider than `width` [px]."""
+    if text_width(words, size) <= width:
+        return words
+    for kept in range(len(words) - 1, 1, -1):
+        head = (kept + 1) // 2
+        short = words[:head] + "..." + words[len(words) - (kept - head) :]
+        if text_width(short, size) <= width:
+            return short
+    return words[:1]
+
+
+@functools.lru_cache(maxsize=32)
+def _font(size: int) -> ImageFont.ImageFont | ImageFont.FreeTypeFont:
+    return ImageFont.load_default(size)

@@ -1,0 +1,138 @@
+"""Words and scales around a picture: title, time, legend, scale bar."""
+
+import unicodedata
+
+import numpy as np
+
+from regents_cosim.report.camera import View
+from regents_cosim.report.canvas import Canvas, shorten, text_width
+from regents_cosim.report.palette import (
+    ADVERSARY,
+    EGO,
+    FAINT_INK,
+    HAIRLINE,
+    INK,
+    OTHER,
+    PANEL,
+    Colour,
+    mix,
+    shade,
+)
+from regents_cosim.report.scene import Scene, draw_burst
+from regents_cosim.scenario import CollisionKind, Outcome
+
+HEADER_PX = 66
+FOOTER_PX = 38
+STRIP_PX = 30  # the title of one of two pictures
+
+_EDGE_PX = 16
+_KINDS: dict[CollisionKind, str] = {
+    "rear_end_by_ego": "ego hits adversary from behind",
+    "rear_end_by_adversary": "adversary hits ego from behind",
+    "side_swipe": "side-swipe",
+    "t_bone": "T-bone",
+    "head_on": "head-on",
+}
+_OUTCOMES: dict[Outcome, str] = {
+    "collision": "collision",
+    "no_collision": "no collision found",
+    "no_candidate": "nobody may attack",
+    "already_colliding": "collides without an attack",
+    "diverged": "attack diverged",
+}
+_SCALES_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+
+
+def draw_header(scene: Scene, step: int, width: int, zoom: int) -> Canvas:
+    """Case, planner, method and collision on the left; the time on the right, and as a line below."""
+    canvas = Canvas.blank((width, HEADER_PX), zoom, PANEL)
+    scenario = scene.scenario
+    hit = scene.collision is not None and step >= scene.collision.step
+    canvas.text((width - _EDGE_PX, 33), f"{step * scenario.dt:.1f} s", 24, ADVERSARY if hit else INK, "rs", bold=True)
+    canvas.text((width - _EDGE_PX, 52), f"step {step} of {scenario.tracks.steps - 1}", 12, FAINT_INK, "rs")
+    room = width - 2 * _EDGE_PX - 120
+    canvas.text((_EDGE_PX, 30), shorten(plain(scenario.id), 18, room), 18, INK, bold=True)
+    canvas.text((_EDGE_PX, 52), shorten(plain(describe(scene)), 13, room), 13, FAINT_INK)
+    _draw_timeline(canvas, scene, step, width)
+    return canvas
+
+
+def draw_footer(scene: Scene, view: View, width: int, zoom: int) -> Canvas:
+    """What the colours mean, and how long ten or so metres are."""
+    canvas = Canvas.blank((width, FOOTER_PX), zoom, PANEL)
+    canvas.box(0, 0, width, 1, HAIRLINE)
+    _draw_legend(canvas, scene)
+    _draw_scale(canvas, view, width)
+    return canvas
+
+
+def draw_strip(words: str, colour: Colour, width: int, zoom: int) -> Canvas:
+    """The title of one of two pictures."""
+    canvas = Canvas.blank((width, STRIP_PX), zoom, PANEL)
+    canvas.text((_EDGE_PX, 20), shorten(plain(words), 14, width - 2 * _EDGE_PX), 14, colour, bold=True)
+    return canvas
+
+
+def describe(scene: Scene) -> str:
+    """Planner, method, and how it ended, in one line."""
+    attack = scene.scenario.attack
+    if attack is None:
+        source = scene.scenario.provenance
+        return f"recorded traffic, before any attack · {source.source} {source.file} at {source.begin_s:g} s"
+    words = [f"planner {attack.planner}", f"attack {attack.method}"]
+    hit = attack.collision
+    if attack.outcome != "collision" or hit is None:
+        words.append(_OUTCOMES[attack.outcome])
+    if hit is not None:
+        speed = f"impact {hit.relative_speed:.1f} m/s ({3.6 * hit.relative_speed:.0f} km/h)"
+        words += [f"{_KINDS[hit.kind]} at {hit.time_s:.1f} s", speed]
+    return " · ".join(words)
+
+
+def plain(words: str) -> str:
+    """`words` in the letters that the font of the pictures has."""
+    bare = unicodedata.normalize("NFKD", words.replace("ß", "ss"))
+    letters = (letter for letter in bare if not unicodedata.combining(letter))
+    return "".join(letter if letter.isascii() or letter == "·" else "?" for letter in letters)
+
+
+# --- parts ------------------------------------------------------------------------------------
+
+
+def _draw_timeline(canvas: Canvas, scene: Scene, step: int, width: int) -> None:
+    last = max(scene.scenario.tracks.steps - 1, 1)
+    canvas.box(0, HEADER_PX - 3, width, HEADER_PX, HAIRLINE)
+    canvas.box(0, HEADER_PX - 3, width * step / last, HEADER_PX, FAINT_INK)
+    if scene.collision is not None:
+        at = width * scene.collision.step / last
+        canvas.box(at - 2, HEADER_PX - 6, min(at + 2, width), HEADER_PX, ADVERSARY)
+
+
+def _draw_legend(canvas: Canvas, scene: Scene) -> None:
+    middle = FOOTER_PX / 2 + 0.5
+    x = float(_EDGE_PX)
+    entries: list[tuple[Colour, str]] = [(EGO, "ego"), (OTHER, "other traffic")]
+    if len(scene.main) > 1:
+        entries.insert(1, (ADVERSARY, "adversary"))
+    for colour, words in entries:
+        canvas.box(x, middle - 5, x + 20, middle + 5, shade(colour))
+        canvas.box(x + 1, middle - 4, x + 19, middle + 4, colour)
+        x += 26 + canvas.text((x + 26, middle + 4.5), words, 13, INK) + 20
+    if scene.scenario.original is not None:
+        tint = mix(PANEL, ADVERSARY if len(scene.main) > 1 else EGO, 0.8)
+        canvas.dashed(np.array([[x, middle], [x + 26, middle]]), tint, 1.5, (6.0, 4.0))
+        x += 32 + canvas.text((x + 32, middle + 4.5), "before the attack", 13, INK) + 20
+    if scene.collision is not None:
+        draw_burst(canvas, np.array([x + 8, middle]), 7.0)
+        canvas.text((x + 22, middle + 4.5), "collision", 13, INK)
+
+
+def _draw_scale(canvas: Canvas, view: View, width: int) -> None:
+    metres = max(m for m in _SCALES_M if m * view.px_per_m <= 130 or m == 1)
+    length = metres * view.px_per_m
+    right, y = width - _EDGE_PX, FOOTER_PX / 2 + 6.5
+    for box in ((right - length, y - 1.5, right, y), (right - length, y - 6, right - length + 1.5, y)):
+        canvas.box(*box, INK)
+    canvas.box(right - 1.5, y - 6, right, y, INK)
+    words = f"{metres} m"
+    canvas.text((right - length / 2 - text_width(words, 12) / 2, y - 5), words, 12, INK)

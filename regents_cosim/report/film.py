@@ -1,0 +1,78 @@
+"""The camera's way through a scene, the ground it passes over, and the file of all frames."""
+
+import functools
+import io
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image
+
+from regents_cosim.report.camera import View, fit, follow
+from regents_cosim.report.canvas import Canvas
+from regents_cosim.report.palette import LAND, gif_palette
+from regents_cosim.report.scene import Scene, draw_ground
+
+Progress = Callable[[int, int], None]
+
+_FRAME_S = 0.1
+_HOLD_MS = 1500  # the last frame
+_LEAST_PX_PER_M = 5.0  # scenes that would look smaller are followed instead of shown as a whole
+_FOLLOW_PX_PER_M = 6.5
+
+
+def shoot(points: Float[np.ndarray, "time agent 2"], dt: float, size: tuple[int, int]) -> Sequence[View]:
+    """One view per instant: the same one where it shows everybody large enough, otherwise one that follows.
+
+    `points` [m] may be NaN where an agent is absent.
+    """
+    flat = points.reshape(-1, 2)
+    whole = fit(flat[np.isfinite(flat).all(axis=1)], size)
+    if whole.px_per_m >= _LEAST_PX_PER_M:
+        return [whole] * len(points)
+    return follow(np.nanmean(points, axis=1), dt, _FOLLOW_PX_PER_M, size)
+
+
+class Ground:
+    """What stands still, drawn once per tile of the size of a view."""
+
+    def __init__(self, scene: Scene, origin: View, zoom: int) -> None:
+        self._scene, self._origin, self._zoom = scene, origin, zoom
+        self._tile = functools.lru_cache(maxsize=9)(self._draw)  # a view touches four; a few for the way back
+
+    def under(self, view: View) -> Canvas:
+        """A fresh canvas with the ground below `view`, which is the origin moved by whole pixels."""
+        right = round((view.left - self._origin.left) * view.px_per_m)
+        down = round((self._origin.top - view.top) * view.px_per_m)
+        canvas = Canvas.blank((view.width, view.height), self._zoom, LAND)
+        for row in range(down // view.height, -(-(down + view.height) // view.height)):
+            for column in range(right // view.width, -(-(right + view.width) // view.width)):
+                canvas.paste(self._tile(column, row), column * view.width - right, row * view.height - down)
+        return canvas
+
+    def _draw(self, column: int, row: int) -> Canvas:
+        origin = self._origin
+        return draw_ground(self._scene, origin.shifted(column * origin.width, row * origin.height), self._zoom)
+
+
+def frame_steps(last: int, dt: float) -> list[int]:
+    """The steps that become frames: about ten per second, the last one in any case."""
+    steps = list(range(0, last + 1, _stride(dt)))
+    return steps if steps[-1] == last else [*steps, last]
+
+
+def gif_bytes(frames: Iterator[Image.Image], dt: float) -> bytes:
+    """An endless GIF in real time that rests on its last frame."""
+    palette = gif_palette()
+    indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    # GIF counts hundredths of a second
+    durations = [10 * round(100 * dt * _stride(dt))] * (len(indexed) - 1) + [_HOLD_MS]
+    buffer = io.BytesIO()
+    indexed[0].save(
+        buffer, "GIF", save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=False, disposal=1
+    )
+    return buffer.getvalue()
+
+
+def _stride(dt: float) -> int:
+    return max(round(_FRAME_S / dt), 1)

@@ -1,0 +1,64 @@
+"""Colours of every picture, and the fixed palette of the animations.
+
+Ego and adversary are the blue and the vermilion that every colour vision tells apart; all else
+is grey. Source: Okabe and Ito 2008, Color Universal Design, slightly brighter.
+"""
+
+import functools
+import itertools
+
+from PIL import Image
+
+Colour = tuple[int, int, int]
+
+LAND: Colour = (246, 245, 240)
+ROAD: Colour = (216, 220, 226)
+KERB: Colour = (176, 183, 193)
+MARKING: Colour = (255, 255, 255)
+PANEL: Colour = (255, 255, 255)
+HAIRLINE: Colour = (225, 228, 232)
+INK: Colour = (27, 31, 36)
+FAINT_INK: Colour = (90, 99, 110)
+EGO: Colour = (8, 104, 201)
+ADVERSARY: Colour = (226, 84, 10)
+OTHER: Colour = (146, 154, 165)
+BURST: Colour = (255, 200, 0)
+SIGNAL_RED: Colour = (206, 17, 55)
+SIGNAL_AMBER: Colour = (245, 170, 0)
+SIGNAL_GREEN: Colour = (0, 158, 115)
+SIGNAL_OFF: Colour = (120, 128, 138)
+
+_RAMP = 5  # shades between two colours that meet at an antialiased edge
+
+
+def mix(a: Colour, b: Colour, share: float) -> Colour:
+    """`share` of b in a."""
+    red, green, blue = (round(x + share * (y - x)) for x, y in zip(a, b, strict=True))
+    return red, green, blue
+
+
+def shade(colour: Colour) -> Colour:
+    """The darker tone of outlines and glass."""
+    return mix(colour, INK, 0.45)
+
+
+@functools.cache
+def gif_palette() -> Image.Image:
+    """At most 256 colours that serve every frame: all colours, and the shades where they meet.
+
+    A palette that is the same for all frames is stored once, and pixels that stand still keep
+    their value, so that only what moves costs space.
+    """
+    bodies = (EGO, ADVERSARY, OTHER)
+    inks = (*bodies, *map(shade, bodies), SIGNAL_RED, SIGNAL_AMBER, SIGNAL_GREEN, BURST, INK, FAINT_INK, KERB)
+    grounds = (PANEL, LAND, ROAD)
+    pairs = [
+        *itertools.product(grounds, inks),
+        *((body, shade(body)) for body in bodies),
+        *((BURST, INK), (BURST, ADVERSARY), (ROAD, MARKING), (PANEL, HAIRLINE), (PANEL, SIGNAL_OFF)),
+    ]
+    shades = dict.fromkeys(mix(a, b, k / _RAMP) for a, b in pairs for k in range(_RAMP + 1))
+    colours = list(shades)[:256]
+    image = Image.new("P", (1, 1))
+    image.putpalette([channel for colour in colours for channel in colour])
+    return image

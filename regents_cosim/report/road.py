@@ -1,0 +1,130 @@
+"""The road as a picture: surface, lane markings, stop lines and the lights above them."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.report.camera import View
+from regents_cosim.report.canvas import Canvas
+from regents_cosim.report.palette import (
+    KERB,
+    LAND,
+    MARKING,
+    ROAD,
+    SIGNAL_AMBER,
+    SIGNAL_GREEN,
+    SIGNAL_OFF,
+    SIGNAL_RED,
+    Colour,
+    shade,
+)
+from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.scenario import Signal
+
+_AROUND_M = 5.0  # drawn beyond the edge of a view, so that no outline shows there
+_MARKING_M = 0.16
+_DASH_M, _GAP_M = 3.0, 4.5
+_INSET_M = 0.25  # of solid lines, so that the edge of the road stays visible
+_BAR_M = 0.9  # thickness of a stop bar along the road
+_LIGHTS: dict[str, Colour] = {
+    "r": SIGNAL_RED, "s": SIGNAL_RED,
+    "y": SIGNAL_AMBER, "Y": SIGNAL_AMBER, "u": SIGNAL_AMBER,
+    "g": SIGNAL_GREEN, "G": SIGNAL_GREEN,
+}  # fmt: skip
+
+
+def draw_road(canvas: Canvas, view: View, road: RoadMap) -> None:
+    """Fill the canvas with what does not move."""
+    area = shapely.clip_by_rect(road.drivable, *view.bounds(_AROUND_M))
+    polygons = sorted(_polygons(area), key=lambda part: part.area, reverse=True)  # islands in a hole come last
+    for polygon in polygons:
+        _draw_polygon(canvas, view, polygon)
+    for lane in _visible(road, view):
+        if not lane.junction:
+            _draw_markings(canvas, view, lane)
+
+
+def draw_signals(canvas: Canvas, view: View, road: RoadMap, signals: tuple[Signal, ...], step: int) -> None:
+    """A bar at the end of every signalled lane, one part per way on, in SUMO's order from the right."""
+    letters = {signal.id: signal.letters(step) for signal in signals}
+    for lane in _visible(road, view):
+        lights = [_LIGHTS.get(letter, SIGNAL_OFF) for letter in _shown(road.exits[lane.id], letters)]
+        if lights:
+            _draw_bar(canvas, view, lane, lights)
+
+
+def _polygons(area: BaseGeometry) -> Iterator[shapely.Polygon]:
+    for part in shapely.get_parts(area):
+        if isinstance(part, shapely.Polygon):
+            yield part
+        elif hasattr(part, "geoms"):
+            yield from _polygons(part)
+
+
+def _draw_polygon(canvas: Canvas, view: View, polygon: shapely.Polygon) -> None:
+    for ring, fill in [(polygon.exterior, ROAD), *((hole, LAND) for hole in polygon.interiors)]:
+        points = view.pixels(shapely.get_coordinates(ring))
+        canvas.polygon(points, fill)
+        canvas.outline(points[:-1], KERB, 1.0)
+
+
+def _visible(road: RoadMap, view: View) -> list[Lane]:
+    """Lanes near the view, in the map's order."""
+    found = road.centre_lines.query(shapely.box(*view.bounds(_AROUND_M)))
+    return [road.lanes[index] for index in np.sort(found)]
+
+
+# --- markings ---------------------------------------------------------------------------------
+
+
+def _draw_markings(canvas: Canvas, view: View, lane: Lane) -> None:
+    """Dashes where one may change lanes, a solid line where not."""
+    width = max(_MARKING_M * view.px_per_m, 1.0)
+    if lane.left is not None:
+        pattern = (_DASH_M * view.px_per_m, _GAP_M * view.px_per_m)
+        canvas.dashed(view.pixels(_beside(lane, 0.5 * lane.width)), MARKING, width, pattern)
+    for side, neighbour in ((1.0, lane.left), (-1.0, lane.right)):
+        if neighbour is None:
+            canvas.line(view.pixels(_beside(lane, side * (0.5 * lane.width - _INSET_M))), MARKING, width)
+
+
+def _beside(lane: Lane, left_m: float) -> Float[np.ndarray, "point 2"]:
+    """The centre line, moved to the left [m]."""
+    return lane.centre + left_m * _normals(lane.centre)
+
+
+def _normals(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
+    """What one metre to the left is at each point, mitred at the corners."""
+    ways = np.diff(points, axis=0)
+    length = np.hypot(*ways.T)[:, None]
+    ways = ways / np.where(length > 0, length, 1.0)
+    turned = np.stack([-ways[:, 1], ways[:, 0]], axis=-1)
+    both = np.concatenate([turned[:1], turned[:-1] + turned[1:], turned[-1:]])
+    both[1:-1] /= np.maximum((both[1:-1] * turned[1:]).sum(axis=1, keepdims=True), 0.5)
+    return both
+
+
+# --- lights -----------------------------------------------------------------------------------
+
+
+def _shown(exits: tuple[Connection, ...], letters: dict[str, str]) -> list[str]:
+    links = sorted({(link.signal, link.link) for link in exits if link.signal in letters})
+    return [letters[signal][link] for signal, link in links if link < len(letters[signal])]
+
+
+def _draw_bar(canvas: Canvas, view: View, lane: Lane, lights: list[Colour]) -> None:
+    ahead = lane.centre[-1] - lane.centre[-2]
+    ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
+    left = np.array([-ahead[1], ahead[0]])
+    cuts = np.linspace(-0.42, 0.42, len(lights) + 1) * lane.width
+    corners = [(cuts[0], cuts[-1]), *zip(cuts[:-1], cuts[1:], strict=True)]
+    shapes = [
+        lane.centre[-1] + np.array([a * left, b * left, b * left - _BAR_M * ahead, a * left - _BAR_M * ahead])
+        for a, b in corners
+    ]
+    canvas.outline(view.pixels(shapes[0]), shade(SIGNAL_OFF), 2.0)
+    for shape, colour in zip(shapes[1:], lights, strict=True):
+        canvas.polygon(view.pixels(shape), colour)

@@ -1,0 +1,151 @@
+"""One instant of a Scenario, drawn into a view: the road and all that moves on it."""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from regents_cosim.boxes import Boxes, corners
+from regents_cosim.report.camera import View
+from regents_cosim.report.canvas import Canvas
+from regents_cosim.report.palette import ADVERSARY, BURST, EGO, INK, LAND, OTHER, PANEL, ROAD, Colour, mix
+from regents_cosim.report.road import draw_road, draw_signals
+from regents_cosim.report.vehicles import draw_ghost, draw_planned_way, draw_tail, draw_trail, draw_vehicle
+from regents_cosim.scenario import Collision, Scenario, Tracks
+
+_AFTER_COLLISION_S = 1.0  # later motion means nothing: nobody computes what a crash does
+_PULSE_S = 0.5  # the ring around a contact grows for that long
+_TAIL_S = 1.0  # behind other road users
+_BURST_PX, _RING_PX = 7.0, 15.0
+_STAR = np.array([(r * np.cos(a), r * np.sin(a)) for r, a in zip([1.0, 0.48] * 8, np.pi / 8 * np.arange(16))])
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A Scenario and whom its pictures are about."""
+
+    scenario: Scenario
+    adversary: str | None  # id of the agent drawn as the adversary
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> "Scene":
+        """The adversary is the agent of that role."""
+        return cls(scenario, next((a.id for a in scenario.agents if a.role == "adversary"), None))
+
+    @property
+    def collision(self) -> Collision | None:
+        """The collision that the attack found."""
+        return self.scenario.attack.collision if self.scenario.attack else None
+
+    @property
+    def last_step(self) -> int:
+        """Where an animation stops: shortly after the collision, or at the end."""
+        last = self.scenario.tracks.steps - 1
+        if self.collision is None:
+            return last
+        return min(self.collision.step + round(_AFTER_COLLISION_S / self.scenario.dt), last)
+
+    @property
+    def shown_step(self) -> int:
+        """The instant of a still picture."""
+        return self.scenario.tracks.steps - 1 if self.collision is None else self.collision.step
+
+    @functools.cached_property
+    def main(self) -> dict[int, Colour]:
+        """Indices and colours of those whom the picture is about: the adversary, if any, then the ego."""
+        ids = [agent.id for agent in self.scenario.agents]
+        found = {ids.index(self.adversary): ADVERSARY} if self.adversary in ids else {}
+        return found | {0: EGO}
+
+    def main_points(self) -> Float[np.ndarray, "time agent 2"]:
+        """Where they are up to `last_step` [m], NaN where absent."""
+        tracks, main = self.scenario.tracks, list(self.main)
+        if self.collision and self.collision.agent != self.adversary:
+            main.append([agent.id for agent in self.scenario.agents].index(self.collision.agent))
+        points = np.where(tracks.valid[main][..., None], _positions(tracks)[main], np.nan)
+        return points[:, : self.last_step + 1].transpose(1, 0, 2)
+
+    @functools.cached_property
+    def contact_point(self) -> Float[np.ndarray, " 2"] | None:
+        """The middle of what both boxes share at the collision [m]."""
+        if self.collision is None:
+            return None
+        other = [agent.id for agent in self.scenario.agents].index(self.collision.agent)
+        pair = [0, other]
+        boxes = self.scenario.boxes
+        step = self.collision.step
+        at = Boxes(boxes.x[pair, step], boxes.y[pair, step], boxes.yaw[pair, step], boxes.length[pair, 0], boxes.width[pair, 0])
+        ego, hit = shapely.polygons(corners(at))
+        shared = shapely.intersection(ego, hit)
+        place = shapely.shortest_line(ego, hit) if shared.is_empty else shared
+        return shapely.get_coordinates(place.centroid)[0]
+
+
+def draw_ground(scene: Scene, view: View, zoom: int) -> Canvas:
+    """All that stands still: the road, and the ways that ego and adversary took before the attack."""
+    canvas = Canvas.blank((view.width, view.height), zoom, LAND)
+    draw_road(canvas, view, scene.scenario.road)
+    original = scene.scenario.original
+    if original is not None:
+        points = _positions(original)
+        for index, colour in scene.main.items():
+            end = slice(scene.last_step + 1)
+            draw_planned_way(canvas, view, points[index, end], original.valid[index, end], mix(ROAD, colour, 0.7))
+    return canvas
+
+
+def draw_moving(scene: Scene, canvas: Canvas, view: View, step: int) -> None:
+    """All that changes, as it is at `step`."""
+    scenario = scene.scenario
+    tracks = scenario.tracks
+    points = _positions(tracks)
+    draw_signals(canvas, view, scenario.road, scenario.signals, step)
+    others = [index for index in np.flatnonzero(tracks.valid[:, step]).tolist() if index not in scene.main]
+    first = max(step - round(_TAIL_S / scenario.dt), 0)
+    for index in others:
+        tail = points[index, first : step + 1][tracks.valid[index, first : step + 1]]
+        draw_tail(canvas, view, tail, OTHER)
+    for index, colour in scene.main.items():
+        draw_trail(canvas, view, points[index], tracks.valid[index], colour, step)
+    _draw_ghosts(scene, canvas, view, step)
+    for index in [*others, *scene.main]:
+        if tracks.valid[index, step]:
+            pose = (float(tracks.x[index, step]), float(tracks.y[index, step]), float(tracks.yaw[index, step]))
+            colour = scene.main.get(index, OTHER)
+            draw_vehicle(canvas, view, scenario.agents[index], pose, colour, index in scene.main)
+    if scene.collision is not None and step >= scene.collision.step:
+        _draw_contact(scene, canvas, view, (step - scene.collision.step) * scenario.dt)
+
+
+def _draw_ghosts(scene: Scene, canvas: Canvas, view: View, step: int) -> None:
+    original = scene.scenario.original
+    if original is None:
+        return
+    for index, colour in scene.main.items():
+        if index > 0 and original.valid[index, step]:
+            pose = (float(original.x[index, step]), float(original.y[index, step]), float(original.yaw[index, step]))
+            draw_ghost(canvas, view, scene.scenario.agents[index], pose, colour)
+
+
+def _draw_contact(scene: Scene, canvas: Canvas, view: View, since_s: float) -> None:
+    """A burst, and a ring that opens around it."""
+    place = scene.contact_point
+    if place is None:
+        return
+    at = view.pixels(place)
+    draw_burst(canvas, at, _BURST_PX)
+    radius = _RING_PX * (0.65 + 0.35 * min(since_s / _PULSE_S, 1.0))
+    canvas.ring(at, radius + 1.2, PANEL, 4.4)
+    canvas.ring(at, radius, INK, 2.0)
+
+
+def draw_burst(canvas: Canvas, at: Float[np.ndarray, " 2"], radius: float) -> None:
+    """The star that marks a collision."""
+    canvas.polygon(at + (radius + 1.3) * _STAR, INK)
+    canvas.polygon(at + radius * _STAR, BURST)
+
+
+def _positions(tracks: Tracks) -> Float[np.ndarray, "agent time 2"]:
+    return np.stack([tracks.x, tracks.y], axis=-1)

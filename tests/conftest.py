@@ -1,0 +1,17 @@
+import hypothesis
+import jax
+import pytest
+
+# The machine that runs the tests is shared: an example may take long without being wrong.
+# Fixtures of one test serve all its examples: the only ones with @given set a precision or a folder.
+hypothesis.settings.register_profile(
+    "shared", deadline=None, suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture]
+)
+hypothesis.settings.load_profile("shared")
+
+
+@pytest.fixture
+def x64():
+    """Double precision on the device, to compare gradients with finite differences."""
+    with jax.enable_x64(True):
+        yield

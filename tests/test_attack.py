@@ -1,0 +1,136 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import platoon, scene
+
+from regents_cosim.attack.attack import attack
+from regents_cosim.attack.presets import KING, METHODS, REGENTS
+from regents_cosim.collisions import first_contact
+from regents_cosim.errors import PlannerError, RegentsError
+from regents_cosim.files import content_hash
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
+
+
+def attack_one(scenario, config=REGENTS, planner="log_replay"):
+    return next(attack([scenario], config, planner))
+
+
+def test_a_collision_is_found_and_confirmed_by_the_exact_boxes():
+    recorded = platoon()
+    attacked = attack_one(recorded)
+    assert first_contact(recorded.agents, recorded.tracks) is None
+    found = attacked.attack.collision
+    assert attacked.attack.outcome == "collision"
+    agent, step = first_contact(attacked.agents, attacked.tracks)
+    assert (attacked.agents[agent].id, step) == (found.agent, found.step)
+    assert attacked.agents[agent].role == "adversary"
+    assert [a.role for a in attacked.agents].count("adversary") == 1
+    assert found.time_s == pytest.approx(found.step * 0.1)
+    assert found.attributed
+
+
+def test_the_original_is_kept():
+    recorded = platoon()
+    attacked = attack_one(recorded)
+    assert content_hash(attacked.before_attack()) != content_hash(attacked)
+    assert np.array_equal(attacked.original.x, recorded.tracks.x)
+
+
+def test_controls_stay_within_the_limits_and_non_candidates_keep_theirs():
+    recorded = platoon()
+    attacked = attack_one(recorded, replace(REGENTS, learning_rate=0.05))
+    assert np.abs(attacked.tracks.accel).max() <= ACCEL_LIMIT
+    assert np.abs(attacked.tracks.curvature).max() <= CURVATURE_LIMIT
+    ahead = scene((0, 0, 10), (-20, 0, 10), (25, 3.2, 10), (200, 0, 0))
+    changed = attack_one(ahead)
+    deviation = np.hypot(changed.tracks.x - ahead.tracks.x, changed.tracks.y - ahead.tracks.y).max(axis=1)
+    assert deviation[[0, 1, 3]] == pytest.approx(0, abs=0.02)
+    assert deviation[2] > 0.3
+
+
+def test_the_cost_history_has_a_value_per_iteration_and_goes_down():
+    history = attack_one(platoon()).attack
+    assert {len(values) for values in history.cost_history.values()} == {history.iterations}
+    assert history.cost_history["ego"][-1] < history.cost_history["ego"][0]
+
+
+@pytest.mark.parametrize("config", [KING, REGENTS])
+@pytest.mark.parametrize("planner", ["log_replay", "constant_velocity", "idm"])
+def test_every_preset_attacks_every_planner(config, planner):
+    record = attack_one(platoon(seed=1), config, planner).attack
+    assert record.outcome == "collision"
+    assert (record.method, record.planner) == (config.method, planner)
+
+
+def test_no_candidate():
+    record = attack_one(scene((0, 0, 10), (-20, 0, 10), (30, 3.2, 0))).attack
+    assert (record.outcome, record.iterations) == ("no_candidate", 0)
+
+
+def test_a_lonely_ego_has_no_candidate():
+    assert attack_one(scene((0, 0, 10))).attack.outcome == "no_candidate"
+
+
+def test_already_colliding():
+    record = attack_one(scene((0, 0, 10), (20, 0, 4), (30, 3.2, 10))).attack
+    assert (record.outcome, record.iterations) == ("already_colliding", 0)
+    assert record.collision.agent == "car01"
+    assert not record.collision.attributed
+
+
+def test_overlaps_of_the_log_are_no_success():
+    made = scene((0, 0, 10), (2, 0, 10), (150, 3.2, 10))
+    record = attack_one(made, replace(REGENTS, iterations=3)).attack
+    assert record.outcome == "no_collision"
+
+
+def test_no_collision_when_the_iterations_are_spent():
+    record = attack_one(scene((0, 0, 10), (150, 3.2, 10)), replace(REGENTS, iterations=5)).attack
+    assert (record.outcome, record.iterations) == ("no_collision", 5)
+
+
+def test_one_candidate_is_enough():
+    assert attack_one(scene((0, 0, 10), (15, 3.2, 9))).attack.outcome == "collision"
+
+
+def test_numbers_that_blow_up_cost_this_scenario_only():
+    absurd = replace(REGENTS, learning_rate=float("nan"))
+    outcomes = [s.attack.outcome for s in attack([scene((0, 0, 10), (20, 3.2, 9))], absurd, "log_replay")]
+    assert outcomes == ["diverged"]
+
+
+def test_the_same_input_gives_the_same_bits_in_any_batch_and_order():
+    scenes = [platoon(seed=seed) for seed in range(3)]
+    alone = [content_hash(attack_one(s)) for s in scenes]
+    together = [content_hash(s) for s in attack(scenes, REGENTS, "log_replay", batch=2)]
+    backwards = [content_hash(s) for s in attack(scenes[::-1], REGENTS, "log_replay", batch=32)]
+    assert alone == together == backwards[::-1]
+
+
+def test_agents_that_come_late_or_leave_early_are_absent_everywhere():
+    made = platoon()
+    valid = np.array(made.tracks.valid)
+    valid[2, :30] = False
+    valid[4, 50:] = False
+    masked = {name: np.where(valid, getattr(made.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
+    attacked = attack_one(replace(made, tracks=replace(made.tracks, valid=valid, **masked)))
+    assert np.array_equal(attacked.tracks.valid, valid)
+    assert (attacked.tracks.x[~valid] == 0).all()
+
+
+def test_an_attacked_case_is_not_attacked_again():
+    attacked = attack_one(platoon())
+    with pytest.raises(RegentsError, match="attacked already"):
+        attack_one(attacked)
+
+
+def test_an_unknown_planner():
+    with pytest.raises(PlannerError, match="expected one of constant_velocity, idm, log_replay"):
+        attack_one(platoon(), planner="nobody")
+
+
+def test_king_is_regents_without_its_rules():
+    rules = {"method", "cancel_front_steering", "exclude_rear", "exclude_static"}
+    same = {name for name in vars(KING) if getattr(KING, name) == getattr(METHODS["regents"], name)}
+    assert same == set(vars(KING)) - rules

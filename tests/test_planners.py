@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+from scenes import platoon, scene
+
+from regents_cosim.attack.attack import attack
+from regents_cosim.attack.presets import REGENTS
+from regents_cosim.errors import PlannerError
+from regents_cosim.mirror.rollout import drive, roll_out_background
+from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.driver import LoopDriver
+from regents_cosim.planners.interface import Scene, find_planner
+
+MINE = '''
+import jax.numpy as jnp
+from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.planners.interface import JaxPlanner
+
+class Cautious(JaxPlanner):
+    def step(self, memory, sight, ego):
+        ahead = (sight.motion.x - ego.x) * jnp.cos(ego.yaw) + (sight.motion.y - ego.y) * jnp.sin(ego.yaw)
+        near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
+        return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
+
+NOT_ONE = 7
+'''
+
+
+@pytest.fixture
+def mine(tmp_path):
+    (tmp_path / "mine.py").write_text(MINE)
+    return f"{tmp_path}/mine.py"
+
+
+def driven(scenario, name):
+    planner, world = find_planner(name), to_world(scenario)
+    return drive(planner, planner.init(Scene(scenario, world)), world, roll_out_background(world, world.controls))[0]
+
+
+def test_log_replay_follows_the_log():
+    made = platoon()
+    world = to_world(made)
+    motion = driven(made, "log_replay")
+    assert np.hypot(motion.x - world.log.x[0], motion.y - world.log.y[0]).max() < 0.02
+
+
+def test_constant_velocity():
+    motion = driven(scene((0, 0, 7), (9, 0, 0)), "constant_velocity")
+    assert motion.x[-1] - motion.x[0] == pytest.approx(7 * 8, abs=1e-3)
+
+
+def test_a_planner_from_a_file(mine):
+    attacked = next(attack([scene((0, 0, 10), (20, 0, 8), (30, 3.2, 9))], REGENTS, f"{mine}:Cautious"))
+    assert attacked.attack.planner.endswith("Cautious")
+    assert attacked.id == "scene-regents-Cautious"
+
+
+def test_a_planner_from_a_module():
+    assert find_planner("regents_cosim.planners.idm:IDM") == find_planner("idm")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nobody", "expected one of constant_velocity, idm, log_replay"),
+        ("no_such_module:Thing", "cannot be imported: ModuleNotFoundError"),
+        ("regents_cosim.planners.idm:Nothing", "has no 'Nothing'"),
+        ("nowhere.py:Thing", "cannot be imported: FileNotFoundError"),
+    ],
+)
+def test_a_planner_that_cannot_be_found(name, said):
+    with pytest.raises(PlannerError, match=said):
+        find_planner(name)
+
+
+def test_something_that_is_no_planner(mine):
+    with pytest.raises(PlannerError, match="is a int, expected a JaxPlanner"):
+        find_planner(f"{mine}:NOT_ONE")
+
+
+@pytest.mark.parametrize("name", ["idm", "constant_velocity"])
+def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
+    made = platoon()
+    mirror = driven(made, name)
+    driver, tracks = LoopDriver(name), made.tracks
+    driver.start(made)
+    ego = [tracks.x[0, 0], tracks.y[0, 0], tracks.yaw[0, 0], tracks.speed[0, 0]]
+    seen = []
+    for step in range(tracks.steps - 1):
+        states = [np.array(v[:, step]) for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed)]
+        for values, mine in zip(states, ego, strict=True):
+            values[0] = mine
+        seen.append(ego)
+        ego = list(driver.advance(step, *states, tracks.valid[:, step]))
+    seen.append(ego)
+    origin = Scene(made, to_world(made)).origin
+    assert np.array(seen)[:, 0] - origin[0] == pytest.approx(np.asarray(mirror.x), abs=0.02)
+    assert np.array(seen)[:, 1] - origin[1] == pytest.approx(np.asarray(mirror.y), abs=0.02)

@@ -1,0 +1,59 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import shapely
+from scipy.stats import norm
+from scenes import straight_road
+
+from regents_cosim.mirror.road_field import CELL_M, SIGMA_M, blur
+from regents_cosim.roadmap import RoadMap
+
+ROAD = straight_road(lanes=2, width=4.0)  # drivable for -2 <= y <= 6
+
+
+def field_of(road=ROAD, origin=(0.0, 0.0), low=(-40.0, -10.0), high=(40.0, 20.0)):
+    return blur(road, np.array(low), np.array(high), np.array(origin))
+
+
+def lookup(field, x, y):
+    return np.asarray(field(jnp.asarray(x, jnp.float32), jnp.asarray(y, jnp.float32)))
+
+
+def test_it_is_the_blurred_edge_of_the_road():
+    across = np.linspace(-6, 1, 71)
+    exact = norm.cdf((-2 - across) / SIGMA_M)
+    half_a_cell = 0.5 * CELL_M * norm.pdf(0) / SIGMA_M  # the edge lies anywhere within its cell
+    assert lookup(field_of(), np.zeros(71), across) == pytest.approx(exact, abs=half_a_cell + 0.01)
+
+
+def test_zero_on_the_road_and_one_far_off():
+    assert lookup(field_of(), [0.0, 10.0], [2.0, 1.0]) == pytest.approx(0, abs=1e-3)
+    assert lookup(field_of(), [0.0, 0.0], [-9.0, 15.0]) == pytest.approx(1, abs=1e-3)
+
+
+def test_the_gradient_points_off_the_road():
+    slope = jax.grad(lambda y: field_of()(jnp.float32(3.0), y))
+    assert slope(jnp.float32(-2.0)) < -0.3
+    assert slope(jnp.float32(6.0)) > 0.3
+    assert slope(jnp.float32(2.0)) == pytest.approx(0, abs=1e-3)
+
+
+def test_points_beyond_the_grid_take_the_value_at_its_border():
+    assert lookup(field_of(), [1e6, 0.0], [2.0, 1e6]).tolist() == pytest.approx([0.0, 1.0], abs=1e-3)
+
+
+def test_the_origin_only_shifts_it():
+    here, there = field_of(), field_of(origin=(30.0, -7.0))
+    x, y = np.random.default_rng(0).uniform((-39, -9), (39, 19), (200, 2)).T
+    assert lookup(here, x, y) == pytest.approx(lookup(there, x - 30.0, y + 7.0), abs=1e-4)
+
+
+def test_rows_are_y_and_columns_are_x():
+    road = RoadMap(ROAD.lanes, (), shapely.box(10.0, -50.0, 30.0, 50.0))
+    assert lookup(field_of(road), [20.0, 0.0], [0.0, 20.0]).tolist() == pytest.approx([0.0, 1.0], abs=1e-3)
+
+
+def test_holes_are_off_the_road():
+    road = RoadMap(ROAD.lanes, (), shapely.box(-50, -20, 50, 30).difference(shapely.Point(0, 5).buffer(4)))
+    assert lookup(field_of(road), [0.0, 20.0], [5.0, 5.0]).tolist() == pytest.approx([1.0, 0.0], abs=1e-3)

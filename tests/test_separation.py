@@ -1,0 +1,76 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from jax.test_util import check_grads
+
+from regents_cosim import boxes as host
+from regents_cosim.mirror.separation import Box, corners, distance, gap, overlaps
+
+
+def device(box: host.Boxes) -> Box:
+    values = (box.x, box.y, np.cos(box.yaw), np.sin(box.yaw), 0.5 * box.length, 0.5 * box.width)
+    return Box(*(jnp.asarray(value) for value in values))
+
+
+def random_boxes(n, seed, spread=6.0):
+    rng = np.random.default_rng(seed)
+    ranges = ((-spread, spread), (-spread, spread), (-4, 4), (0.5, 12), (0.3, 3))
+    return host.Boxes(*(rng.uniform(low, high, n) for low, high in ranges))
+
+
+def test_thousands_of_pairs_agree_with_the_exact_judge():
+    a, b = random_boxes(20_000, 0), random_boxes(20_000, 1)
+    exact = host.distance(a, b)
+    assert distance(device(a), device(b)) == pytest.approx(exact, abs=2e-5)
+    clear = np.abs(np.asarray(gap(device(a), device(b)))) > 1e-5
+    assert (np.asarray(overlaps(device(a), device(b)))[clear] == host.overlap(a, b)[clear]).all()
+    assert 0.1 < host.overlap(a, b).mean() < 0.9
+
+
+def test_the_gap_is_a_lower_bound_and_its_sign_decides(x64):
+    a, b = random_boxes(5_000, 2), random_boxes(5_000, 3)
+    exact, bound = host.distance(a, b), np.asarray(gap(device(a), device(b)))
+    assert (bound <= exact + 1e-9).all()
+    assert ((bound <= 0) == (exact == 0)).all()
+
+
+def test_a_required_depth_makes_the_test_stricter():
+    a, b = (device(host.Boxes(x, 0.0, 0.0, 4.0, 2.0)) for x in (0.0, 3.9))
+    assert overlaps(a, b)
+    assert overlaps(a, b, 0.05)
+    assert not overlaps(a, b, 0.2)
+
+
+def distance_of(x, y, yaw):
+    x, y, yaw = (jnp.asarray(value) for value in (x, y, yaw))
+    moved = Box(x, y, jnp.cos(yaw), jnp.sin(yaw), jnp.asarray(2.0), jnp.asarray(1.0))
+    return distance(device(host.Boxes(0.0, 0.0, 0.3, 5.0, 2.0)), moved)
+
+
+@given(st.floats(4, 20), st.floats(-3, 3), st.floats(-3, 3))
+def test_gradients_are_those_of_finite_differences(x64, radius, bearing, yaw):
+    point = tuple(jnp.asarray(v) for v in (radius * np.cos(bearing), radius * np.sin(bearing), yaw))
+    here = distance_of(*point)
+    kinked = [abs(distance_of(*point) - distance_of(point[0], point[1], yaw + e)) for e in (1e-4, -1e-4)]
+    if here > 0.01 and abs(kinked[0] - kinked[1]) < 1e-6:  # away from contact and from ties of corners
+        check_grads(distance_of, point, order=1, modes=["rev"], eps=1e-7, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("x", [0.0, 1.0, 4.4, 4.5, 4.500001, 100.0])
+@pytest.mark.parametrize("yaw", [0.0, np.pi / 2, 1.0])
+def test_the_gradient_is_finite_everywhere(x, yaw):
+    gradient = jax.grad(distance_of, (0, 1, 2))(jnp.float32(x), jnp.float32(0.0), jnp.float32(yaw))
+    assert all(jnp.isfinite(value) for value in gradient)
+
+
+def test_overlapping_boxes_have_no_gradient():
+    assert [float(v) for v in jax.grad(distance_of, (0, 1))(jnp.float32(1.0), jnp.float32(0.5), jnp.float32(0.0))] == [0, 0]
+
+
+def test_corners_are_those_of_the_host():
+    boxes = random_boxes(7, 4)
+    x, y = corners(device(boxes))
+    assert np.stack([x, y], -1) == pytest.approx(np.moveaxis(host.corners(boxes), 0, 1), abs=1e-5)

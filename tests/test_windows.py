@@ -1,0 +1,213 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from regents_cosim.boxes import overlap
+from regents_cosim.errors import NoWindowError, RegentsError
+from regents_cosim.files import content_hash
+from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.scenario import Signal
+from regents_cosim.sources.motion import smooth_pieces, speeds
+from regents_cosim.sources.recording import Recording
+from regents_cosim.sources.sumo_types import VehicleType
+from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
+
+CAR = VehicleType("car", 5.0, 1.8)
+BIKE = VehicleType("bicycle", 1.6, 0.65)
+ORIGIN = Origin("sumo", "town.sumocfg", "0" * 64)
+STEPS = 81
+ROAD = RoadMap(
+    lanes=(Lane("a", np.array([[-100.0, 0.0], [500.0, 0.0]]), 20.0, 30.0),),
+    connections=(),
+    drivable=shapely.box(-100.0, -10.0, 500.0, 10.0),
+)
+
+
+def recording(x, y=None, types=None, valid=None, begin_s=0.0, signals=()):
+    """Vehicles that drive along x, one row each."""
+    x = np.asarray(x, float)
+    y = np.zeros_like(x) if y is None else np.zeros_like(x) + np.reshape(y, (len(x), -1))
+    ids = tuple(f"v{i:03d}" for i in range(len(x)))
+    types = types or (CAR,) * len(x)
+    valid = np.ones(x.shape, bool) if valid is None else valid
+    return Recording(begin_s, 0.1, ids, types, x, y, np.zeros_like(x), valid, signals)
+
+
+def cruise(*starts, speed=10.0):
+    return np.array(starts)[:, None] + speed * 0.1 * np.arange(STEPS)
+
+
+def choose(*recordings, **asked):
+    return choose_windows(recordings, ROAD, ORIGIN, Windows(**asked))
+
+
+def test_a_window_among_moving_traffic():
+    (scenario,) = choose(recording(cruise(0.0, 15.0, 30.0), begin_s=12.5), count=1)
+    assert scenario.id.startswith("town-00012.5s-v0")
+    assert scenario.tracks.steps == STEPS
+    assert len(scenario.agents) == 3
+    assert scenario.target == pytest.approx((scenario.tracks.x[0, -1], 0.0))
+    np.testing.assert_allclose(scenario.tracks.speed, 10.0)
+    assert scenario.provenance.begin_s == 12.5
+
+
+STILL = np.zeros((1, STEPS))
+REFUSALS = {
+    "stood or crept": recording(np.vstack([STILL, STILL + 15.0, STILL + 30.0])),
+    "fewer than 2 moving vehicles": recording(np.vstack([cruise(0.0, 15.0), STILL + 30.0])),
+    "fewer than 2 moving": recording(np.vstack([cruise(0.0, 60.0, 120.0)])),
+    "overlapped another": recording(cruise(0.0, 3.0, 6.0)),
+    "left the lanes": recording(cruise(0.0, 15.0, 30.0), y=[11.0, 11.0, 11.0]),
+    "no motor vehicles": recording(cruise(0.0, 15.0, 30.0), types=(BIKE,) * 3),
+    "not there throughout": recording(cruise(0.0, 15.0, 30.0), valid=np.tile(np.arange(STEPS) > 0, (3, 1))),
+    "jumped": recording(cruise(0.0, 15.0, 30.0), y=np.tile(3.2 * (np.arange(STEPS) > 40), (3, 1))),
+}
+
+
+@pytest.mark.parametrize("reason", REFUSALS)
+def test_no_window_says_why_with_numbers(reason):
+    with pytest.raises(NoWindowError, match=reason) as error:
+        choose(REFUSALS[reason])
+    assert "of 3 candidate egos in 1 slot of 8 s" in str(error.value)
+
+
+def test_no_traffic_is_said():
+    with pytest.raises(NoWindowError, match="no vehicle was on the road in 1 slot"):
+        choose(recording(np.zeros((0, STEPS))))
+
+
+def test_company_need_not_last_but_must_be_at_the_same_instant():
+    late, early = np.arange(STEPS) > 60, np.arange(STEPS) < 20
+    everyone = np.ones(STEPS, bool)
+    together = recording(cruise(0.0, 15.0, 30.0), valid=np.array([everyone, late, late]))
+    apart = recording(cruise(0.0, 15.0, 30.0), valid=np.array([everyone, late, early]))
+    assert len(choose(together)) == 1
+    with pytest.raises(NoWindowError):
+        choose(apart)
+
+
+def test_first_every_slot_gives_one_ego():
+    slots = [recording(cruise(0.0, 15.0, 30.0), begin_s=8.1 * i) for i in range(3)]
+    begins = [s.provenance.begin_s for s in choose(*slots, count=3)]
+    assert begins == pytest.approx([0.0, 8.1, 16.2])
+    more = choose(*slots, count=7)
+    assert sorted(np.unique([s.provenance.begin_s for s in more], return_counts=True)[1]) == [2, 2, 3]
+    assert len({s.id for s in more}) == 7
+    assert len(choose(*slots, count=50)) == 9  # fewer than asked, and no more than there are
+
+
+def test_the_seed_decides():
+    slots = [recording(cruise(0.0, 15.0, 30.0), begin_s=8.1 * i) for i in range(6)]
+
+    def hashes(seed):
+        return [content_hash(s) for s in choose(*slots, count=4, seed=seed)]
+
+    assert hashes(3) == hashes(3)
+    assert len({tuple(hashes(seed)) for seed in range(5)}) > 1
+
+
+def test_another_vehicle_that_jumps_keeps_its_longest_smooth_piece():
+    y = np.zeros((4, STEPS))
+    y[3] = 3.2 + 3.2 * (np.arange(STEPS) >= 60)  # changes lanes at once
+    scenarios = choose(recording(cruise(0.0, 15.0, 30.0, 5.0), y=y), count=9)
+    assert {s.ego.id for s in scenarios} == {"v000", "v001", "v002"}
+    track = scenarios[0].tracks
+    last = [a.id for a in scenarios[0].agents].index("v003")
+    assert track.valid[last].tolist() == [step < 60 for step in range(STEPS)]
+    assert not track.x[last, 60:].any()
+
+
+def test_the_nearest_64_come_along():
+    offsets = np.concatenate([[0.0], np.repeat(np.arange(1, 12) * 8.0, 9)])
+    lateral = np.concatenate([[0.0], np.tile(np.arange(-4, 5) * 2.0, 11)])
+    scenario = choose(recording(cruise(*offsets), y=lateral), count=1, seed=1)[0]
+    assert len(scenario.agents) == 64
+    ids = [a.id for a in scenario.agents[1:]]
+    assert ids == sorted(ids)
+    ego = int(scenario.ego.id[1:])
+    way = np.hypot(offsets - offsets[ego], lateral - lateral[ego])
+    way[ego] = np.inf
+    taken = {int(name[1:]) for name in ids}
+    assert max(way[i] for i in taken) <= min(way[i] for i in range(len(way)) if i not in taken and i != ego)
+
+
+def test_agents_out_of_reach_stay_out():
+    (scenario,) = choose(recording(cruise(0.0, 15.0, 30.0, 400.0)), count=1, radius_m=100.0)
+    assert "v003" not in [a.id for a in scenario.agents]
+
+
+def test_overlaps_of_others_are_recorded_as_such():
+    scenarios = choose(recording(cruise(0.0, 15.0, 30.0, 45.0, 48.0)), count=9)
+    assert {s.ego.id for s in scenarios} == {"v000", "v001", "v002"}
+    for scenario in scenarios:
+        (found,) = scenario.overlaps
+        assert (set(found.agents), found.first_step, found.last_step) == ({"v003", "v004"}, 0, 80)
+        assert not overlap(*([type(scenario.boxes)(*(v[i] for v in scenario.boxes)) for i in (0, 1)])).any()
+
+
+def test_only_signals_of_the_map_come_along():
+    (scenario,) = choose(recording(cruise(0.0, 15.0, 30.0), signals=(Signal("far", ((0, "r"),)),)), count=1)
+    assert scenario.signals == ()
+
+
+def test_ids_are_folder_names():
+    strange = Recording(
+        0.0, 0.1, ("..x", "a/b", "a:b"), (CAR,) * 3, cruise(0.0, 15.0, 30.0),
+        np.zeros((3, STEPS)), np.zeros((3, STEPS)), np.ones((3, STEPS), bool),
+    )  # fmt: skip
+    names = [s.id for s in choose_windows([strange], ROAD, Origin("fcd", "ä b.xml.gz", ""), Windows())]
+    assert len(set(names)) == 3
+    assert all(name.replace("_", "").replace("-", "").replace(".", "").isascii() for name in names)
+    assert not any(set(name) & set('/:\\ "') for name in names)
+
+
+@pytest.mark.parametrize("asked", [{"count": 0}, {"horizon_s": 0.0}, {"radius_m": -1.0}, {"seed": -1}])
+def test_senseless_requests_are_refused(asked):
+    with pytest.raises(RegentsError, match="expected"):
+        Windows(**asked)
+
+
+@given(st.integers(1, 500), st.integers(1, 60), st.integers(0, 9))
+def test_slots_are_spread_over_the_time(total, count, seed):
+    slots = draw_slots(total, Windows(count=count, seed=seed))
+    assert slots == sorted(set(slots))
+    assert all(0 <= slot < total for slot in slots)
+    assert len(slots) <= max(4, total // 3)
+    assert np.diff([-1, *slots, total]).max() <= 2 * -(-total // len(slots))
+
+
+@given(st.floats(0.0, 30.0), st.floats(-4.0, 4.0), st.floats(-0.1, 0.1))
+def test_speed_of_a_bicycle_is_found_again(speed, accel, curvature):
+    time = 0.1 * np.arange(30)
+    stop = speed / -accel if accel < 0 else np.inf
+    t = np.minimum(time, stop)
+    gone = speed * t + 0.5 * accel * t**2
+    yaw = curvature * gone
+    x = np.where(abs(curvature) < 1e-6, gone, np.sin(yaw) / (curvature or 1.0))
+    y = np.where(abs(curvature) < 1e-6, 0.0, (1.0 - np.cos(yaw)) / (curvature or 1.0))
+    found = speeds(x[None], y[None], yaw[None], np.ones((1, 30), bool), 0.1)[0]
+    expected = np.maximum(speed + accel * t, 0.0)
+    moving = np.abs(time - stop) > 0.21  # where it stops the acceleration changes at once
+    np.testing.assert_allclose(found[moving], expected[moving], atol=0.02, rtol=0.02)
+    assert (found >= 0).all()
+
+
+def test_speeds_of_short_tracks():
+    x = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [0.0, 1.0, 3.0]])
+    valid = np.array([[True, True, False], [False, False, True], [True, True, True]])
+    found = speeds(x, np.zeros((3, 3)), np.zeros((3, 3)), valid, 0.1)
+    np.testing.assert_allclose(found, [[10.0, 10.0, 0.0], [0.0, 0.0, 0.0], [5.0, 15.0, 25.0]])
+
+
+def test_a_gap_and_a_teleport_break_a_track_a_hard_brake_does_not():
+    time = 0.1 * np.arange(40)
+    brake = 20.0 * np.minimum(time, 2.0) - 4.5 * np.maximum(np.minimum(time, 2.0) - 1.0, 0.0) ** 2
+    teleport = 10.0 * time + 50.0 * (np.arange(40) >= 25)
+    valid = np.ones((3, 40), bool)
+    valid[2, 10] = False
+    kept = smooth_pieces(np.array([brake, teleport, 10.0 * time]), np.zeros((3, 40)), valid, 0.1)
+    assert kept[0].all()
+    assert kept[1].tolist() == [step < 25 for step in range(40)]
+    assert kept[2].tolist() == [step > 10 for step in range(40)]
