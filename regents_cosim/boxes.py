@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-
 Values = Float[np.ndarray, "..."] | float
 
 
@@ -32,9 +31,7 @@ def corners(boxes: Boxes) -> Float[np.ndarray, "... 4 2"]:
     x, y, yaw, length, width = (np.asarray(v, float)[..., None] for v in boxes)
     along, across = length * _ALONG, width * _ACROSS
     cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.stack(
-        np.broadcast_arrays(x + along * cos - across * sin, y + along * sin + across * cos), axis=-1
-    )
+    return np.stack(np.broadcast_arrays(x + along * cos - across * sin, y + along * sin + across * cos), axis=-1)
 
 
 def overlap(a: Boxes, b: Boxes) -> Bool[np.ndarray, "..."] | np.bool_:

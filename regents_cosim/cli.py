@@ -5,21 +5,17 @@ goes to SUMO. Exit codes: 0 clean, 1 a failed verification, 2 wrong usage or inp
 """
 
 import dataclasses
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, Parameter
 
 from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
-    from regents_cosim.replay.verify import Verification
-    from regents_cosim.scenario import Scenario
-    from regents_cosim.terminal import Terminal
+    pass
 
 app = App(
     name="regents",
@@ -79,11 +75,11 @@ Compiled = Annotated[bool, Parameter(negative="--no-compile-cache")]
 
 @app.command
 def record(
-    traffic: Traffic = Traffic(),  # noqa: B008  frozen
+    traffic: Traffic = Traffic(),
     *,
     output: Annotated[Path, Parameter(["--output", "-o"])],
     executor: str = "local",
-    talk: Talk = Talk(),  # noqa: B008
+    talk: Talk = Talk(),
     sumo: SumoOptions = (),
 ) -> int:
     """Cut windows of ordinary traffic into cases.
@@ -122,7 +118,7 @@ def record(
 @app.command
 def attack(
     cases: Annotated[Path | None, Parameter(show_default=False)] = None,
-    traffic: Traffic = Traffic(),  # noqa: B008
+    traffic: Traffic = Traffic(),
     *,
     planner: str = "idm",
     method: Literal["regents", "king"] = "regents",
@@ -133,7 +129,7 @@ def attack(
     verify: bool = True,
     pictures: bool = True,
     compile_cache: bool = True,
-    talk: Talk = Talk(),  # noqa: B008
+    talk: Talk = Talk(),
     sumo: SumoOptions = (),
 ) -> int:
     """Find how another road user could make the planner crash; verify every crash in SUMO.
@@ -180,7 +176,9 @@ def attack(
     if pictures:
         _draw_stills(attacked, output, terminal)
     rows = [_attack_row(scenario, verified.get(scenario.id)) for scenario in attacked]
-    terminal.show(f"{config.method} against {planner}: {len(rows)} cases in {output}", rows, _summary(attacked, verified))
+    terminal.show(
+        f"{config.method} against {planner}: {len(rows)} cases in {output}", rows, _summary(attacked, verified)
+    )
     return _exit_code(verified.values())
 
 
@@ -194,7 +192,7 @@ def replay(
     gui: bool = False,
     record: Path | None = None,
     executor: str = "local",
-    talk: Talk = Talk(),  # noqa: B008
+    talk: Talk = Talk(),
     sumo: SumoOptions = (),
 ) -> int:
     """Replay a case, or every case of a folder, and say whether the same crash happens.
@@ -223,13 +221,216 @@ def replay(
     scenarios = load_cases(cases)
     if (record or gui) and len(scenarios) > 1:
         raise RegentsError(f"{cases} holds {len(scenarios)} cases; --record and --gui show one, name its folder")
-    driven_by = None
-    if ego == "planner" or (ego is None and planner is not None):
-        driven_by = planner or _attacked_planner(scenarios)
-    jobs = replay_each(scenarios, where, driven_by, gui, _executor(executor), sumo)
-    replays = list(terminal.each(jobs, f"replaying in {where}", len(scenarios)))
+    by_planner = ego == "planner" or (ego is None and planner is not None)
+    replays = replay_each(scenarios, where, _drivers(scenarios, planner) if by_planner else None, gui, executor)
+    found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
     if record:
-        _record_picture(scenarios[0], replays[0], record, terminal)
-    rows = [_replay_row(scenario, found) for scenario, found in zip(scenarios, replays, strict=True)]
-    terminal.show(f"replayed in {where}, ego by {driven_by or 'its track'}", rows, _reasons(scenarios, replays))
-    return _exit_code(replays)
+        _draw(found[0].replayed, record, terminal)
+    rows = [_replay_row(scenario, result) for scenario, result in zip(scenarios, found, strict=True)]
+    terminal.show(f"replayed in {where}, the ego by {'its planner' if by_planner else 'its track'}", rows)
+    return _exit_code(found, terminal)
+
+
+@bench.command
+def reconstruction(
+    *, count: int = 20, seed: int = 0, nets: tuple[str, ...] = (), talk: Talk = Talk()  # noqa: B008
+) -> int:
+    """How well the mirror's controls reproduce SUMO's tracks, per network.
+
+    Parameters
+    ----------
+    count
+        windows per network
+    nets
+        shipped networks; all by default
+    """
+    from regents_cosim.evaluate.benchmark import reconstruction_row
+
+    terminal = _terminal(talk)
+    traffic = _shipped_traffic(nets, count, seed, terminal)
+    rows = [
+        dataclasses.asdict(reconstruction_row(net, scenarios))
+        for net, scenarios in terminal.each(traffic.items(), "fitting", len(traffic))
+    ]
+    terminal.show("position error of roll-outs against the recorded tracks", rows)
+    return 0
+
+
+@bench.command
+def success(
+    *,
+    count: int = 20,
+    seed: int = 0,
+    nets: tuple[str, ...] = (),
+    planners: tuple[str, ...] = ("log_replay", "idm"),
+    compile_cache: bool = True,
+    talk: Talk = Talk(),  # noqa: B008
+) -> int:
+    """How often KING and ReGentS make planners crash.
+
+    Parameters
+    ----------
+    count
+        windows per network
+    nets
+        shipped networks; all by default
+    planners
+        systems under test
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.attack.attack import attack as run_attack
+    from regents_cosim.attack.presets import KING, REGENTS
+    from regents_cosim.evaluate.benchmark import success_row
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+
+    terminal = _terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    windows = [s for found in _shipped_traffic(nets, count, seed, terminal).values() for s in found]
+    rows = []
+    for planner in planners:
+        for config in (KING, REGENTS):
+            attacked = run_attack(windows, config, planner)
+            what = f"{config.method} against {planner}"
+            rows.append(dataclasses.asdict(success_row(config, planner, terminal.each(attacked, what, len(windows)))))
+    terminal.show(f"attacks on {len(windows)} windows", rows)
+    return 0
+
+
+# --- pieces shared by the commands ------------------------------------------------------------
+
+
+def _terminal(talk: Talk) -> "Terminal":
+    from regents_cosim.terminal import Terminal
+
+    return Terminal(talk.quiet, talk.json)
+
+
+def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "Terminal") -> "list[Scenario]":
+    from regents_cosim.sources.record import record as run_record
+    from regents_cosim.sources.sumo_config import SumoInput
+    from regents_cosim.workers import executor_for
+
+    if traffic.config is None and traffic.net is None:
+        raise RegentsError("no traffic named (expected -c NAME.sumocfg, or -n NAME.net.xml with -r ROUTES or --fcd LOG)")
+    source = SumoInput(
+        config=traffic.config,
+        net=traffic.net,
+        routes=_files(traffic.routes),
+        additional=_files(traffic.additional),
+        begin_s=traffic.begin,
+        end_s=traffic.end,
+        extra=(*sumo, *(() if traffic.step_length == 0.1 else (f"--step-length={traffic.step_length}",))),
+    )
+    with executor_for(executor) as pool, terminal.waiting("recording traffic"):
+        found = run_record(
+            source,
+            fcd=traffic.fcd,
+            count=traffic.count,
+            seed=traffic.seed,
+            horizon_s=traffic.horizon,
+            radius_m=traffic.radius,
+            executor=pool,
+        )
+    if len(found) < traffic.count:
+        terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
+    return found
+
+
+def _files(names: str) -> tuple[Path, ...]:
+    return tuple(Path(name.strip()) for name in names.split(",") if name.strip())
+
+
+def _shipped_traffic(
+    nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal"
+) -> "dict[str, list[Scenario]]":
+    from regents_cosim.shipped import NETWORKS, network_config
+    from regents_cosim.sources.record import record as run_record
+
+    configs = {net: network_config(net) for net in nets or NETWORKS}
+    return {
+        net: run_record(config, count=count, seed=seed)
+        for net, config in terminal.each(configs.items(), "recording traffic", len(configs))
+    }
+
+
+def _attack_row(scenario: "Scenario", verified: "Replay | None") -> dict[str, Any]:
+    record = scenario.attack
+    hit = record.collision if record else None
+    return {
+        "case": scenario.id,
+        "outcome": record.outcome if record else None,
+        "iterations": record.iterations if record else None,
+        "adversary": hit.agent if hit else None,
+        "collision_step": hit.step if hit else None,
+        "kind": hit.kind if hit else None,
+        "impact_m_s": round(hit.relative_speed, 2) if hit else None,
+        "attributed": hit.attributed if hit else None,
+        "SUMO_verified": verified.verified if verified else None,
+    }
+
+
+def _replay_row(scenario: "Scenario", replay: "Replay") -> dict[str, Any]:
+    return {
+        "case": scenario.id,
+        "verified": replay.verified,
+        "expected": _contact(replay.expected),
+        "found": _contact(replay.found),
+        "position_error_mm": replay.position_error_mm,
+        "yaw_error_deg": replay.yaw_error_deg,
+        "simulators_own_collisions": replay.own_collisions,
+    }
+
+
+def _contact(contact: tuple[str, int] | None) -> str | None:
+    return f"{contact[0]} at {contact[1]}" if contact else None
+
+
+def _draw(scenario: "Scenario", path: Path, terminal: "Terminal") -> None:
+    from regents_cosim.report.picture import animate, draw_still
+
+    if path.suffix not in (".gif", ".png"):
+        raise RegentsError(f"--record {path}: expected a name that ends in .gif (moves) or .png (a still)")
+    with terminal.waiting(f"drawing {path}"):
+        (animate if path.suffix == ".gif" else draw_still)(scenario, path)
+
+
+def _exit_code(replays: "Iterable[Replay]", terminal: "Terminal") -> int:
+    """1 where a replay differs from its case; says why."""
+    failed = [replay for replay in replays if not replay.verified]
+    for replay in failed:
+        terminal.say(f"{replay.case}: {replay.reason}")
+    return 1 if failed else 0
+
+
+def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Our words, and those after `--`, which are SUMO's."""
+    words = list(arguments)
+    at = words.index("--") if "--" in words else len(words)
+    return words[:at], words[at + 1 :]
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code."""
+    mine, for_sumo = _split(arguments)
+    words = [*mine, *(f"--sumo-option={word}" for word in for_sumo)]
+    try:
+        code = app(words, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        return _complain(f"{error} (see `regents {mine[0] if mine else ''} --help`)", 2)
+    except RegentsError as error:
+        return _complain(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        return _complain("interrupted; cases that were finished are saved", 130)
+    return code if isinstance(code, int) else 0
+
+
+def main() -> None:
+    """Entry point `regents`."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def _complain(message: str, code: int) -> int:
+    print(f"regents: {' '.join(message.split())}", file=sys.stderr)
+    return code

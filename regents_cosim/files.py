@@ -221,7 +221,9 @@ def _explain_read(folder: Path) -> Iterator[None]:
     except ScenarioError as error:
         raise CaseError(f"{folder}: {error}") from error
     except _UNREADABLE as error:
-        raise CaseError(f"{folder}: a file of the case is missing, damaged or truncated ({_first_line(error)})") from error
+        raise CaseError(
+            f"{folder}: a file of the case is missing, damaged or truncated ({_first_line(error)})"
+        ) from error
 
 
 _UNREADABLE: tuple[type[Exception], ...] = (

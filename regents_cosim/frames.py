@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-
 Values = Float[np.ndarray, "..."] | float
 
 

@@ -4,6 +4,7 @@ Frozen and validated at construction. Frame: the map's own (x east, y north, met
 centres, yaw in radians counter-clockwise from +x. Entries where `valid` is False are 0.
 """
 
+import itertools
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Literal
@@ -107,7 +108,7 @@ class Signal:
     def __post_init__(self) -> None:
         steps = [step for step, _ in self.changes]
         require(
-            bool(steps) and steps[0] == 0 and all(a < b for a, b in zip(steps, steps[1:], strict=False)),
+            bool(steps) and steps[0] == 0 and all(a < b for a, b in itertools.pairwise(steps)),
             f"signal {self.id}: changes at steps {steps[:5]}, expected increasing steps from 0",
         )
         require(
@@ -201,7 +202,7 @@ class Scenario:
             f"agents have roles {roles[:4]}, expected the ego first and only once",
         )
         others = [agent.id for agent in self.agents[1:]]
-        for before, after in zip(others, others[1:], strict=False):
+        for before, after in itertools.pairwise(others):
             require(before < after, f"agent ids {before!r}, {after!r}: expected increasing ids after the ego's")
         require(self.agents[0].id not in others, f"agent id {self.agents[0].id!r} occurs twice")
 

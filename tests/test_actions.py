@@ -49,7 +49,12 @@ def test_a_noisy_log_is_smoothed_not_followed():
     start, controls = wavy()
     true = roll_out(start, controls, jnp.ones((12, STEPS), bool), DT)
     rng = np.random.default_rng(1)
-    noisy = Motion(*(v + rng.normal(0, s, v.shape).astype(np.float32) for v, s in zip(jax.tree.leaves(true), (0.05, 0.05, 0.02, 0.1), strict=True)))
+    noisy = Motion(
+        *(
+            v + rng.normal(0, s, v.shape).astype(np.float32)
+            for v, s in zip(jax.tree.leaves(true), (0.05, 0.05, 0.02, 0.1), strict=True)
+        )
+    )
     noisy = Motion(noisy.x, noisy.y, noisy.yaw, jnp.maximum(noisy.speed, 0))
     _, fitted = fit(noisy, start)
     local = roll_out(start, controls_between(noisy, DT), jnp.ones((12, STEPS), bool), DT)

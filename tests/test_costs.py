@@ -84,10 +84,16 @@ def test_one_background_agent_makes_no_pair():
 def test_the_closest_pair_is_found_among_many():
     rng = np.random.default_rng(0)
     for _ in range(5):
-        cars = [(x, y, v) for x, y, v in zip(rng.uniform(0, 150, 20), rng.uniform(0, 60, 20), rng.uniform(5, 15, 20), strict=True)]
+        cars = [
+            (x, y, v)
+            for x, y, v in zip(rng.uniform(0, 150, 20), rng.uniform(0, 60, 20), rng.uniform(5, 15, 20), strict=True)
+        ]
         made = scene(*cars)
         world, boxes, candidate = prepared(made)
-        mine, theirs = (host.Boxes(*(np.expand_dims(np.broadcast_to(v, made.tracks.x.shape), axis) for v in made.boxes)) for axis in (1, 0))
+        mine, theirs = (
+            host.Boxes(*(np.expand_dims(np.broadcast_to(v, made.tracks.x.shape), axis) for v in made.boxes))
+            for axis in (1, 0)
+        )
         exact = host.distance(mine, theirs)
         i, j = np.triu_indices(20, k=1)
         counted = (i > 0) & (exact[i, j, 0] > 0)

@@ -86,7 +86,7 @@ def test_a_box_across_its_lane_is_in_the_way():
 
 
 def test_it_stops_at_a_red_light_and_goes_on_green():
-    red, _, world = driven(crossing())
+    red, _, _world = driven(crossing())
     origin = 0.5 * (-60.0 + 20.0)
     nose = np.asarray(red.x) + origin + 2.3
     assert red.speed[-1] < 0.3
@@ -100,7 +100,10 @@ def test_it_takes_the_bend_and_slows_down_for_it():
     assert motion.yaw[-1] == pytest.approx(np.pi / 2, abs=0.1)
     lateral = np.asarray(controls.curvature) * np.asarray(motion.speed[:-1]) ** 2
     assert np.abs(lateral).max() < 4.5, "3 m/s^2 is aimed at, pure pursuit overshoots a little"
-    off = np.hypot(np.asarray(motion.x)[:, None] - np.asarray(world.log.x[0]), np.asarray(motion.y)[:, None] - np.asarray(world.log.y[0]))
+    off = np.hypot(
+        np.asarray(motion.x)[:, None] - np.asarray(world.log.x[0]),
+        np.asarray(motion.y)[:, None] - np.asarray(world.log.y[0]),
+    )
     assert off.min(axis=1)[:100].max() < 0.5
 
 

@@ -10,7 +10,7 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.driver import LoopDriver
 from regents_cosim.planners.interface import Scene, find_planner
 
-MINE = '''
+MINE = """
 import jax.numpy as jnp
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.planners.interface import JaxPlanner
@@ -22,7 +22,7 @@ class Cautious(JaxPlanner):
         return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
 
 NOT_ONE = 7
-'''
+"""
 
 
 @pytest.fixture

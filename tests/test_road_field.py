@@ -3,8 +3,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
-from scipy.stats import norm
 from scenes import straight_road
+from scipy.stats import norm
 
 from regents_cosim.mirror.road_field import CELL_M, SIGMA_M, blur
 from regents_cosim.roadmap import RoadMap

@@ -47,7 +47,9 @@ def test_agents_that_overlap_the_ego_from_the_start_are_no_candidates():
     assert chosen(scene((0, 0, 10), (2, 0, 10), (30, 3.2, 10)), KING) == [2]
 
 
-@pytest.mark.parametrize(("degrees", "behind"), [(0, True), (22, True), (-22, True), (23, False), (-23, False), (180, False)])
+@pytest.mark.parametrize(
+    ("degrees", "behind"), [(0, True), (22, True), (-22, True), (23, False), (-23, False), (180, False)]
+)
 def test_the_rear_sector_is_45_degrees_wide(degrees, behind):
     angle = np.pi + np.deg2rad(degrees)
     made = scene((0, 0, 10), (30 * np.cos(angle), 30 * np.sin(angle), 10))

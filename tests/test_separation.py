@@ -67,7 +67,10 @@ def test_the_gradient_is_finite_everywhere(x, yaw):
 
 
 def test_overlapping_boxes_have_no_gradient():
-    assert [float(v) for v in jax.grad(distance_of, (0, 1))(jnp.float32(1.0), jnp.float32(0.5), jnp.float32(0.0))] == [0, 0]
+    assert [float(v) for v in jax.grad(distance_of, (0, 1))(jnp.float32(1.0), jnp.float32(0.5), jnp.float32(0.0))] == [
+        0,
+        0,
+    ]
 
 
 def test_corners_are_those_of_the_host():

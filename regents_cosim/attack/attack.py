@@ -59,7 +59,9 @@ def _attacked(scenario: Scenario, config: AttackConfig, planner_name: str, found
     tracks = scenario.tracks if outcome == "diverged" else to_tracks(found.motion, found.controls, scenario)
     collision = _collision(scenario, tracks, found) if found.hit else None
     agents = tuple(
-        replace(agent, role="adversary") if collision and outcome == "collision" and agent.id == collision.agent else agent
+        replace(agent, role="adversary")
+        if collision and outcome == "collision" and agent.id == collision.agent
+        else agent
         for agent in scenario.agents
     )
     iterations = int(found.iterations)

@@ -11,11 +11,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attack.presets import AttackConfig
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.separation import Box, corners, distance, gap
+from regents_cosim.mirror.separation import Box, corners, distance
 from regents_cosim.mirror.world import World
-
-_CLOSE_PAIRS = 16  # pairs whose exact distance is looked at, chosen by a lower bound
-
 
 class Costs(eqx.Module):
     """Values of the terms; `total` is what the descent lowers."""
@@ -88,19 +85,22 @@ def _closest_pair(
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
     """(i, j, step) of the closest pair of background agents, i == j where there is none.
 
-    The separating-axis gap bounds every distance from below; exact distances decide among the
-    pairs with the least gaps.
+    Circles around the boxes bound every distance from below; exact distances decide among the
+    pairs with the least bounds, as many as there are agents. A pair within tau has a bound below
+    tau, and only neighbours do: a vehicle has one or two in the densest traffic.
     """
     boxes, agents = _full(boxes), candidate.shape[0]
     background = jnp.arange(agents) > 0
     counts = jnp.triu(world.apart & (candidate[:, None] | candidate[None]) & background[:, None], k=1)
-    mine, theirs = (jax.tree.map(lambda v, axis=axis: jnp.expand_dims(v, axis), boxes) for axis in (1, 0))
-    together = counts[:, :, None] & world.valid[:, None] & world.valid[None]
-    bound = jnp.where(together, gap(mine, theirs), jnp.inf).min(axis=2).reshape(-1)
-    _, best = jax.lax.top_k(-bound, min(_CLOSE_PAIRS, bound.shape[0]))
+    together = world.valid[:, None] & world.valid[None]
+    squares = (boxes.x[:, None] - boxes.x[None]) ** 2 + (boxes.y[:, None] - boxes.y[None]) ** 2
+    centres = jnp.sqrt(jnp.where(together, squares, jnp.inf).min(axis=2))
+    radius = jnp.hypot(world.half_length, world.half_width)
+    bound = jnp.where(counts, centres - radius[:, None] - radius[None], jnp.inf)
+    _, best = jax.lax.top_k(-bound.reshape(-1), agents)
     i, j = best // agents, best % agents
     exact = distance(take(boxes, i), take(boxes, j))
-    exact = jnp.where(together[i, j], exact, jnp.inf)
+    exact = jnp.where(counts[i, j][:, None] & world.valid[i] & world.valid[j], exact, jnp.inf)
     pair, step = jnp.unravel_index(jnp.argmin(exact), exact.shape)
     found = jnp.isfinite(exact[pair, step])
     return jnp.where(found, i[pair], 0), jnp.where(found, j[pair], 0), step

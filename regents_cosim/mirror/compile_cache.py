@@ -13,7 +13,9 @@ def cache_folder() -> Path | None:
     chosen = os.environ.get("REGENTS_CACHE", "")
     if chosen == OFF:
         return None
-    base = Path(chosen) if chosen else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "regents_cosim"
+    base = (
+        Path(chosen) if chosen else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "regents_cosim"
+    )
     return base / "compiled"
 
 

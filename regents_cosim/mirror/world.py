@@ -94,7 +94,9 @@ def to_tracks(motion: Motion, controls: Controls, scenario: Scenario) -> Tracks:
         np.asarray(v, np.float64)[:real] for v in (motion.x, motion.y, motion.yaw, motion.speed)
     )  # fmt: skip
     held = valid[:, :-1] & valid[:, 1:]
-    accel, curvature = (np.where(held, np.asarray(v, np.float64)[:real], 0.0) for v in (controls.accel, controls.curvature))
+    accel, curvature = (
+        np.where(held, np.asarray(v, np.float64)[:real], 0.0) for v in (controls.accel, controls.curvature)
+    )
     tracks = Tracks(x + origin[0], y + origin[1], yaw, np.maximum(speed, 0.0), valid, accel, curvature)
     absent = {name: np.where(valid, getattr(tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
     return dataclasses.replace(tracks, **absent)

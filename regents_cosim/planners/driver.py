@@ -46,7 +46,9 @@ class LoopDriver:
         """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame)."""
         now, (east, north) = len(x), self._scene.origin
         for known, value in zip(
-            (self._seen.x, self._seen.y, self._seen.yaw, self._seen.speed), (x - east, y - north, yaw, speed), strict=True
+            (self._seen.x, self._seen.y, self._seen.yaw, self._seen.speed),
+            (x - east, y - north, yaw, speed),
+            strict=True,
         ):
             known[:now, step] = value
         self._valid[:now, step] = valid

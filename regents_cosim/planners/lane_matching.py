@@ -4,6 +4,8 @@ Inside a junction several lanes begin at one place; only the sequence tells them
 it the light that holds for the path.
 """
 
+import itertools
+
 import numpy as np
 import shapely
 from jaxtyping import Float
@@ -28,7 +30,7 @@ def match_lanes(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[Lan
     follows = {(link.source, link.target) for link in road.connections}
     best = [cost for _, cost in options[0]]
     came_from: list[list[int]] = []
-    for before, now in zip(options, options[1:], strict=False):
+    for before, now in itertools.pairwise(options):
         moves = np.array([[_move_cost(a, b, follows) for a, _ in before] for b, _ in now]) + best
         came_from.append(moves.argmin(axis=1).tolist())
         best = moves.min(axis=1) + [cost for _, cost in now]

@@ -1,5 +1,6 @@
 """Where the ego is going: its logged path, extended along the lanes, as one evenly spaced line."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,7 +110,7 @@ def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | Non
     """Lights where the route goes from one lane to the next through a signalled connection."""
     signals = {signal.id: signal for signal in scenario.signals}
     found = []
-    for index, (before, after) in enumerate(zip(on_lane, on_lane[1:], strict=False)):
+    for index, (before, after) in enumerate(itertools.pairwise(on_lane)):
         link = _link(scenario.road, before, after)
         if link is not None and link.signal in signals:
             letters = [signals[link.signal].letters(k)[link.link] for k in range(scenario.tracks.steps)]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-_MARGIN_M = 14.0  # around what a picture is about
+_MARGIN_M = 18.0  # around what a picture is about
 _CLOSEST_PX_PER_M = 11.0
 _SMOOTH_S = 1.0  # the camera lags behind what it follows by about that
 
@@ -45,9 +45,13 @@ def fit(points: Float[np.ndarray, "point 2"], size: tuple[int, int]) -> View:
     return centred(0.5 * (least + greatest), min(scale, _CLOSEST_PX_PER_M), size)
 
 
-def fit_latest(
-    points: Float[np.ndarray, "time agent 2"], size: tuple[int, int], least_px_per_m: float
-) -> View:
+def trim(points: Float[np.ndarray, "point 2"], size: tuple[int, int], least_height: int) -> tuple[int, int]:
+    """`size` without the empty stripes above and below a scene that is wide and flat."""
+    needed = (np.ptp(points[:, 1]) + 2.0 * _MARGIN_M) * fit(points, size).px_per_m
+    return size[0], min(max(round(needed), least_height), size[1])
+
+
+def fit_latest(points: Float[np.ndarray, "time agent 2"], size: tuple[int, int], least_px_per_m: float) -> View:
     """As `fit`, but where the view would become too distant it lets go of the earliest instants.
 
     Entries of `points` may be NaN.

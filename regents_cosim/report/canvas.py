@@ -30,6 +30,11 @@ class Canvas:
     def _draw(self) -> ImageDraw.ImageDraw:
         return ImageDraw.Draw(self.image)
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in final pixels."""
+        return self.image.width // self.zoom, self.image.height // self.zoom
+
     def finish(self) -> Image.Image:
         """The image in its final size."""
         return self.image.reduce(self.zoom) if self.zoom > 1 else self.image
@@ -53,9 +58,9 @@ class Canvas:
 
     def dashed(self, points: Points, colour: Colour, width: float, pattern: tuple[float, float]) -> None:
         """A line of dashes; `pattern` is the length of a dash and of a gap."""
-        size = np.array(self.image.size) / self.zoom
+        edge = np.add(self.size, width)
         for dash in dashes(points, *pattern):
-            if (dash.max(axis=0) >= -width).all() and (dash.min(axis=0) <= size + width).all():
+            if (dash.max(axis=0) >= -width).all() and (dash.min(axis=0) <= edge).all():
                 self.line(dash, colour, width)
 
     def disc(self, centre: Float[np.ndarray, " 2"], radius: float, fill: Colour) -> None:

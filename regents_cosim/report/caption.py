@@ -27,8 +27,8 @@ STRIP_PX = 30  # the title of one of two pictures
 
 _EDGE_PX = 16
 _KINDS: dict[CollisionKind, str] = {
-    "rear_end_by_ego": "ego hits adversary from behind",
-    "rear_end_by_adversary": "adversary hits ego from behind",
+    "rear_end_by_ego": "rear-end by the ego",
+    "rear_end_by_adversary": "rear-end into the ego",
     "side_swipe": "side-swipe",
     "t_bone": "T-bone",
     "head_on": "head-on",

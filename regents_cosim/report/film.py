@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from regents_cosim.report.camera import View, fit, follow
+from regents_cosim.report.camera import View, fit, follow, trim
 from regents_cosim.report.canvas import Canvas
 from regents_cosim.report.palette import LAND, gif_palette
 from regents_cosim.report.scene import Scene, draw_ground
@@ -21,24 +21,27 @@ _LEAST_PX_PER_M = 5.0  # scenes that would look smaller are followed instead of 
 _FOLLOW_PX_PER_M = 6.5
 
 
-def shoot(points: Float[np.ndarray, "time agent 2"], dt: float, size: tuple[int, int]) -> Sequence[View]:
+def shoot(
+    points: Float[np.ndarray, "time agent 2"], dt: float, size: tuple[int, int], least_height: int
+) -> Sequence[View]:
     """One view per instant: the same one where it shows everybody large enough, otherwise one that follows.
 
-    `points` [m] may be NaN where an agent is absent.
+    `points` [m] may be NaN where an agent is absent. Views have `size` [px], less where the scene is flat.
     """
     flat = points.reshape(-1, 2)
-    whole = fit(flat[np.isfinite(flat).all(axis=1)], size)
+    present = flat[np.isfinite(flat).all(axis=1)]
+    whole = fit(present, trim(present, size, least_height))
     if whole.px_per_m >= _LEAST_PX_PER_M:
         return [whole] * len(points)
     return follow(np.nanmean(points, axis=1), dt, _FOLLOW_PX_PER_M, size)
 
 
 class Ground:
-    """What stands still, drawn once per tile of the size of a view."""
+    """What stands still, drawn once per tile of the size of a view, so that a long way needs little memory."""
 
     def __init__(self, scene: Scene, origin: View, zoom: int) -> None:
         self._scene, self._origin, self._zoom = scene, origin, zoom
-        self._tile = functools.lru_cache(maxsize=9)(self._draw)  # a view touches four; a few for the way back
+        self._tile = functools.lru_cache(maxsize=6)(self._draw)  # a view touches at most four
 
     def under(self, view: View) -> Canvas:
         """A fresh canvas with the ground below `view`, which is the origin moved by whole pixels."""
@@ -69,7 +72,14 @@ def gif_bytes(frames: Iterator[Image.Image], dt: float) -> bytes:
     durations = [10 * round(100 * dt * _stride(dt))] * (len(indexed) - 1) + [_HOLD_MS]
     buffer = io.BytesIO()
     indexed[0].save(
-        buffer, "GIF", save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=False, disposal=1
+        buffer,
+        "GIF",
+        save_all=True,
+        append_images=indexed[1:],
+        duration=durations,
+        loop=0,
+        optimize=True,
+        palette=palette.palette,
     )
     return buffer.getvalue()
 

@@ -28,7 +28,9 @@ SIGNAL_AMBER: Colour = (245, 170, 0)
 SIGNAL_GREEN: Colour = (0, 158, 115)
 SIGNAL_OFF: Colour = (120, 128, 138)
 
-_RAMP = 5  # shades between two colours that meet at an antialiased edge
+_RAMP = 6  # steps between two colours that meet at an antialiased edge
+_APART = 7  # shades closer than that in every channel are one
+_MOST = 255  # a GIF holds 256; the last one stands for "as before"
 
 
 def mix(a: Colour, b: Colour, share: float) -> Colour:
@@ -44,21 +46,24 @@ def shade(colour: Colour) -> Colour:
 
 @functools.cache
 def gif_palette() -> Image.Image:
-    """At most 256 colours that serve every frame: all colours, and the shades where they meet.
+    """Colours that serve every frame: all of the above, and the shades where they meet.
 
     A palette that is the same for all frames is stored once, and pixels that stand still keep
     their value, so that only what moves costs space.
     """
     bodies = (EGO, ADVERSARY, OTHER)
-    inks = (*bodies, *map(shade, bodies), SIGNAL_RED, SIGNAL_AMBER, SIGNAL_GREEN, BURST, INK, FAINT_INK, KERB)
+    lights = (SIGNAL_RED, SIGNAL_AMBER, SIGNAL_GREEN, SIGNAL_OFF)
     grounds = (PANEL, LAND, ROAD)
+    inks = (*bodies, *map(shade, bodies), *lights, BURST, INK, FAINT_INK, KERB)
     pairs = [
         *itertools.product(grounds, inks),
         *((body, shade(body)) for body in bodies),
-        *((BURST, INK), (BURST, ADVERSARY), (ROAD, MARKING), (PANEL, HAIRLINE), (PANEL, SIGNAL_OFF)),
+        *((BURST, INK), (BURST, ADVERSARY), (ROAD, MARKING), (PANEL, HAIRLINE)),
     ]
-    shades = dict.fromkeys(mix(a, b, k / _RAMP) for a, b in pairs for k in range(_RAMP + 1))
-    colours = list(shades)[:256]
+    colours: list[Colour] = []
+    for colour in (*grounds, *inks, HAIRLINE, *(mix(a, b, k / _RAMP) for a, b in pairs for k in range(1, _RAMP))):
+        if all(max(abs(x - y) for x, y in zip(colour, kept, strict=True)) >= _APART for kept in colours):
+            colours.append(colour)
     image = Image.new("P", (1, 1))
-    image.putpalette([channel for colour in colours for channel in colour])
+    image.putpalette([channel for colour in colours[:_MOST] for channel in colour])
     return image

@@ -1,5 +1,6 @@
 """The road as a picture: surface, lane markings, stop lines and the lights above them."""
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -120,7 +121,7 @@ def _draw_bar(canvas: Canvas, view: View, lane: Lane, lights: list[Colour]) -> N
     ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
     left = np.array([-ahead[1], ahead[0]])
     cuts = np.linspace(-0.42, 0.42, len(lights) + 1) * lane.width
-    corners = [(cuts[0], cuts[-1]), *zip(cuts[:-1], cuts[1:], strict=True)]
+    corners = [(cuts[0], cuts[-1]), *itertools.pairwise(cuts)]
     shapes = [
         lane.centre[-1] + np.array([a * left, b * left, b * left - _BAR_M * ahead, a * left - _BAR_M * ahead])
         for a, b in corners

@@ -12,14 +12,15 @@ from regents_cosim.report.camera import View
 from regents_cosim.report.canvas import Canvas
 from regents_cosim.report.palette import ADVERSARY, BURST, EGO, INK, LAND, OTHER, PANEL, ROAD, Colour, mix
 from regents_cosim.report.road import draw_road, draw_signals
-from regents_cosim.report.vehicles import draw_ghost, draw_planned_way, draw_tail, draw_trail, draw_vehicle
+from regents_cosim.report.vehicles import Pose, draw_ghost, draw_planned_way, draw_tail, draw_trail, draw_vehicle
 from regents_cosim.scenario import Collision, Scenario, Tracks
 
 _AFTER_COLLISION_S = 1.0  # later motion means nothing: nobody computes what a crash does
 _PULSE_S = 0.5  # the ring around a contact grows for that long
 _TAIL_S = 1.0  # behind other road users
 _BURST_PX, _RING_PX = 7.0, 15.0
-_STAR = np.array([(r * np.cos(a), r * np.sin(a)) for r, a in zip([1.0, 0.48] * 8, np.pi / 8 * np.arange(16))])
+_SPIKES = np.arange(16) * np.pi / 8
+_STAR = np.stack([np.cos(_SPIKES), np.sin(_SPIKES)], axis=-1) * np.where(np.arange(16) % 2, 0.48, 1.0)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,7 @@ class Scene:
         """Where they are up to `last_step` [m], NaN where absent."""
         tracks, main = self.scenario.tracks, list(self.main)
         if self.collision and self.collision.agent != self.adversary:
-            main.append([agent.id for agent in self.scenario.agents].index(self.collision.agent))
+            main.append(self._index(self.collision.agent))
         points = np.where(tracks.valid[main][..., None], _positions(tracks)[main], np.nan)
         return points[:, : self.last_step + 1].transpose(1, 0, 2)
 
@@ -72,15 +73,19 @@ class Scene:
         """The middle of what both boxes share at the collision [m]."""
         if self.collision is None:
             return None
-        other = [agent.id for agent in self.scenario.agents].index(self.collision.agent)
-        pair = [0, other]
-        boxes = self.scenario.boxes
-        step = self.collision.step
-        at = Boxes(boxes.x[pair, step], boxes.y[pair, step], boxes.yaw[pair, step], boxes.length[pair, 0], boxes.width[pair, 0])
-        ego, hit = shapely.polygons(corners(at))
+        ego, hit = self._box(0), self._box(self._index(self.collision.agent))
         shared = shapely.intersection(ego, hit)
         place = shapely.shortest_line(ego, hit) if shared.is_empty else shared
         return shapely.get_coordinates(place.centroid)[0]
+
+    def _box(self, index: int) -> shapely.Polygon:
+        """The box of an agent in the still picture."""
+        agent = self.scenario.agents[index]
+        pose = pose_at(self.scenario.tracks, index, self.shown_step)
+        return shapely.Polygon(corners(Boxes(*pose, agent.length, agent.width)))
+
+    def _index(self, name: str) -> int:
+        return [agent.id for agent in self.scenario.agents].index(name)
 
 
 def draw_ground(scene: Scene, view: View, zoom: int) -> Canvas:
@@ -112,7 +117,7 @@ def draw_moving(scene: Scene, canvas: Canvas, view: View, step: int) -> None:
     _draw_ghosts(scene, canvas, view, step)
     for index in [*others, *scene.main]:
         if tracks.valid[index, step]:
-            pose = (float(tracks.x[index, step]), float(tracks.y[index, step]), float(tracks.yaw[index, step]))
+            pose = pose_at(tracks, index, step)
             colour = scene.main.get(index, OTHER)
             draw_vehicle(canvas, view, scenario.agents[index], pose, colour, index in scene.main)
     if scene.collision is not None and step >= scene.collision.step:
@@ -121,11 +126,11 @@ def draw_moving(scene: Scene, canvas: Canvas, view: View, step: int) -> None:
 
 def _draw_ghosts(scene: Scene, canvas: Canvas, view: View, step: int) -> None:
     original = scene.scenario.original
-    if original is None:
+    if original is None or step >= original.steps:
         return
     for index, colour in scene.main.items():
         if index > 0 and original.valid[index, step]:
-            pose = (float(original.x[index, step]), float(original.y[index, step]), float(original.yaw[index, step]))
+            pose = pose_at(original, index, step)
             draw_ghost(canvas, view, scene.scenario.agents[index], pose, colour)
 
 
@@ -145,6 +150,11 @@ def draw_burst(canvas: Canvas, at: Float[np.ndarray, " 2"], radius: float) -> No
     """The star that marks a collision."""
     canvas.polygon(at + (radius + 1.3) * _STAR, INK)
     canvas.polygon(at + radius * _STAR, BURST)
+
+
+def pose_at(tracks: Tracks, index: int, step: int) -> Pose:
+    """Where an agent is at `step`."""
+    return float(tracks.x[index, step]), float(tracks.y[index, step]), float(tracks.yaw[index, step])
 
 
 def _positions(tracks: Tracks) -> Float[np.ndarray, "agent time 2"]:

@@ -88,14 +88,13 @@ def _body(agent: Agent) -> Float[np.ndarray, "point 2"]:
 
 
 def _windows(agent: Agent) -> list[Float[np.ndarray, "point 2"]]:
-    """Windscreen and rear window; those with a long box sit right behind their front."""
+    """The windscreen; long vehicles have it right behind their front."""
     half, side = 0.5 * agent.length, 0.5 * agent.width
     if agent.kind in ("bicycle", "pedestrian", "motorcycle"):
         return [_nose(agent)]
     if agent.kind in ("truck", "bus") or agent.length > 7.0:
         return [_pane(half - 0.45, half - 1.25, 0.80 * side, 0.80 * side)]
-    screen = _pane(0.46 * half, 0.14 * half, 0.80 * side, 0.66 * side)
-    return [screen, _pane(-0.62 * half, -0.80 * half, 0.60 * side, 0.72 * side)]
+    return [_pane(0.50 * half, 0.12 * half, 0.82 * side, 0.66 * side)]
 
 
 def _pane(front: float, rear: float, half_front: float, half_rear: float) -> Float[np.ndarray, "point 2"]:

@@ -1,0 +1,62 @@
+"""The moment of contact, enlarged in a free corner of a still picture."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from regents_cosim.report.camera import View, centred
+from regents_cosim.report.canvas import Canvas
+from regents_cosim.report.palette import FAINT_INK, PANEL
+from regents_cosim.report.scene import Scene, draw_ground, draw_moving
+from regents_cosim.roadmap import RoadMap
+
+_SIZE = (330, 240)  # [px]
+_EDGE_PX = 18
+_PX_PER_M = 20.0
+_LEAST_GAIN = 1.7  # times larger than the picture, otherwise it shows nothing new
+
+
+def draw_close_up(scene: Scene, picture: Canvas, view: View, step: int) -> None:
+    """Add the close-up, unless every corner holds what the picture is about."""
+    contact = scene.contact_point
+    if contact is None or view.px_per_m * _LEAST_GAIN > _PX_PER_M:
+        return
+    close = centred(contact, _PX_PER_M, _SIZE)
+    left, bottom, right, top = close.bounds()
+    marked = _rectangle(*view.pixels(np.array([left, top])), *view.pixels(np.array([right, bottom])))
+    points = scene.main_points()[: step + 1].reshape(-1, 2)
+    corner = _free_corner(
+        scene.scenario.road, view, np.concatenate([view.pixels(points[np.isfinite(points).all(axis=1)]), marked])
+    )
+    if corner is None:
+        return
+    canvas = draw_ground(scene, close, picture.zoom)
+    draw_moving(scene, canvas, close, step)
+    picture.outline(marked, FAINT_INK, 1.0)
+    picture.paste(canvas, *corner)
+    frame = _rectangle(*corner, corner[0] + _SIZE[0], corner[1] + _SIZE[1])
+    picture.outline(frame, PANEL, 6.0)
+    picture.outline(frame, FAINT_INK, 1.4)
+
+
+def _free_corner(road: RoadMap, view: View, points: Float[np.ndarray, "point 2"]) -> tuple[int, int] | None:
+    """The corner that covers none of `points` [px] and the least road; None where there is none."""
+    far_x, far_y = view.width - _EDGE_PX - _SIZE[0], view.height - _EDGE_PX - _SIZE[1]
+    corners = itertools.product((_EDGE_PX, far_x), (_EDGE_PX, far_y))
+    free = [
+        corner for corner in corners if not ((points >= corner) & (points <= np.add(corner, _SIZE))).all(axis=1).any()
+    ]
+    return min(free, key=lambda corner: _covered_road(road, view, corner), default=None)
+
+
+def _covered_road(road: RoadMap, view: View, corner: tuple[int, int]) -> float:
+    """Drivable area behind a close-up in `corner` [m^2], in whole square metres so that ties are ties."""
+    there = replace(view.shifted(*corner), width=_SIZE[0], height=_SIZE[1])
+    return round(shapely.clip_by_rect(road.drivable, *there.bounds()).area)
+
+
+def _rectangle(left: float, top: float, right: float, bottom: float) -> Float[np.ndarray, "4 2"]:
+    return np.array([[left, top], [right, top], [right, bottom], [left, bottom]], float)

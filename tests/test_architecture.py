@@ -1,0 +1,64 @@
+"""The rules of the code that no linter knows."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import regents_cosim
+
+PACKAGE = Path(regents_cosim.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+LIBSUMO_DOOR = PACKAGE / "sumo_process.py"
+
+
+def imports_of(path: Path) -> set[str]:
+    """Top-level names of all modules that a file imports, wherever in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            found.add((node.module or "").partition(".")[0])
+    return found
+
+
+def names_in(path: Path) -> set[str]:
+    return {node.id for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Name)}
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports(path):
+    found = imports_of(path)
+    assert "libsumo" not in found or path == LIBSUMO_DOOR, "libsumo is imported by sumo_process alone"
+    assert not found & {"traci", "pickle", "torch"}, "no second door to SUMO, no pickle, no torch"
+
+
+@pytest.mark.parametrize("path", [p for p in MODULES if {"mirror", "attacks"} & set(p.parts)], ids=lambda p: p.name)
+def test_the_mirror_and_the_attack_are_pure(path):
+    assert not imports_of(path) & {"time", "random", "datetime"}
+    if path.name != "compile_cache.py":
+        assert not names_in(path) & {"open", "print"}
+
+
+def fresh(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    heavy = "{'jax', 'equinox', 'libsumo', 'scipy', 'shapely', 'numpy', 'rich', 'PIL'}"
+    assert fresh(f"import sys, regents_cosim, regents_cosim.cli; print({heavy} & set(sys.modules))") == "set()"
+
+
+@pytest.mark.parametrize("name", regents_cosim.__all__)
+def test_public_names_exist_whatever_was_imported_before(name):
+    code = f"import regents_cosim.attacks.costs; from regents_cosim import KING, {name} as found; print(type(found).__name__)"
+    assert fresh(code) != "module"
+
+
+def test_an_unknown_name():
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        regents_cosim.nothing  # noqa: B018
