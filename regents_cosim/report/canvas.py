@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from regents_cosim.report.palette import Colour
 
 Points = Float[np.ndarray, "point 2"]
+Px = int | float  # final pixels
 Anchor = Literal["ls", "rs", "ms"]  # left, right, middle on the baseline
 
 
@@ -47,38 +48,38 @@ class Canvas:
         """A filled polygon."""
         self._draw.polygon(self._scaled(points), fill=fill)
 
-    def line(self, points: Points, colour: Colour, width: float) -> None:
+    def line(self, points: Points, colour: Colour, width: Px) -> None:
         """A line through all points, with round corners."""
         if len(points) >= 2:
             self._draw.line(self._scaled(points), fill=colour, width=self._thick(width), joint="curve")
 
-    def outline(self, points: Points, colour: Colour, width: float) -> None:
+    def outline(self, points: Points, colour: Colour, width: Px) -> None:
         """The closed line around a polygon."""
         self.line(np.concatenate([points, points[:2]]), colour, width)
 
-    def dashed(self, points: Points, colour: Colour, width: float, pattern: tuple[float, float]) -> None:
+    def dashed(self, points: Points, colour: Colour, width: Px, pattern: tuple[Px, Px]) -> None:
         """A line of dashes; `pattern` is the length of a dash and of a gap."""
         edge = np.add(self.size, width)
         for dash in dashes(points, *pattern):
             if (dash.max(axis=0) >= -width).all() and (dash.min(axis=0) <= edge).all():
                 self.line(dash, colour, width)
 
-    def disc(self, centre: Float[np.ndarray, " 2"], radius: float, fill: Colour) -> None:
+    def disc(self, centre: Float[np.ndarray, " 2"], radius: Px, fill: Colour) -> None:
         """A filled circle."""
         self._draw.ellipse(self._around(centre, radius), fill=fill)
 
-    def ring(self, centre: Float[np.ndarray, " 2"], radius: float, colour: Colour, width: float) -> None:
+    def ring(self, centre: Float[np.ndarray, " 2"], radius: Px, colour: Colour, width: Px) -> None:
         """A circle whose line lies inside `radius`."""
         self._draw.ellipse(self._around(centre, radius), outline=colour, width=self._thick(width))
 
-    def box(self, left: float, top: float, right: float, bottom: float, fill: Colour) -> None:
+    def box(self, left: Px, top: Px, right: Px, bottom: Px, fill: Colour) -> None:
         """An upright rectangle; nothing where it is empty."""
         x0, y0, x1, y1 = (round(edge * self.zoom) for edge in (left, top, right, bottom))
         if x1 > x0 and y1 > y0:
             self._draw.rectangle((x0, y0, x1 - 1, y1 - 1), fill=fill)
 
     def text(
-        self, at: tuple[float, float], words: str, size: int, colour: Colour, anchor: Anchor = "ls", bold: bool = False
+        self, at: tuple[Px, Px], words: str, size: int, colour: Colour, anchor: Anchor = "ls", bold: bool = False
     ) -> float:
         """Write `words` in one line; returns their width."""
         (place,) = self._scaled([at])
@@ -97,17 +98,17 @@ class Canvas:
             x += width
         return sum(room) / self.zoom
 
-    def _scaled(self, points: Points | list[tuple[float, float]]) -> list[tuple[float, float]]:
+    def _scaled(self, points: Points | list[tuple[Px, Px]]) -> list[tuple[float, float]]:
         return [(x, y) for x, y in (np.asarray(points, float) * self.zoom).tolist()]
 
-    def _around(self, centre: Float[np.ndarray, " 2"], radius: float) -> list[tuple[float, float]]:
+    def _around(self, centre: Float[np.ndarray, " 2"], radius: Px) -> list[tuple[float, float]]:
         return self._scaled(np.array([centre - radius, centre + radius]))
 
-    def _thick(self, width: float) -> int:
+    def _thick(self, width: Px) -> int:
         return max(1, round(width * self.zoom))
 
 
-def dashes(points: Points, dash: float, gap: float) -> list[Points]:
+def dashes(points: Points, dash: Px, gap: Px) -> list[Float[np.ndarray, "_ 2"]]:
     """Cut a line into dashes, starting with one."""
     along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
     found = []
@@ -123,7 +124,7 @@ def text_width(words: str, size: int) -> float:
     return _font(size).getlength(words)
 
 
-def shorten(words: str, size: int, width: float) -> str:
+def shorten(words: str, size: int, width: Px) -> str:
     """`words`, cut in the middle where they are wider than `width` [px]."""
     if text_width(words, size) <= width:
         return words

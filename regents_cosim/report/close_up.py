@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from regents_cosim.report.camera import View, centred
 from regents_cosim.report.canvas import Canvas
@@ -26,18 +26,17 @@ def draw_close_up(scene: Scene, picture: Canvas, view: View, step: int) -> None:
         return
     close = centred(contact, _PX_PER_M, _SIZE)
     left, bottom, right, top = close.bounds()
-    marked = _rectangle(*view.pixels(np.array([left, top])), *view.pixels(np.array([right, bottom])))
+    marked = _rectangle(view.pixels(np.array([left, top])), view.pixels(np.array([right, bottom])))
     points = scene.main_points()[: step + 1].reshape(-1, 2)
-    corner = _free_corner(
-        scene.scenario.road, view, np.concatenate([view.pixels(points[np.isfinite(points).all(axis=1)]), marked])
-    )
+    kept_free = np.concatenate([view.pixels(points[np.isfinite(points).all(axis=1)]), marked])
+    corner = _free_corner(scene.scenario.road, view, kept_free)
     if corner is None:
         return
     canvas = draw_ground(scene, close, picture.zoom)
     draw_moving(scene, canvas, close, step)
     picture.outline(marked, FAINT_INK, 1.0)
     picture.paste(canvas, *corner)
-    frame = _rectangle(*corner, corner[0] + _SIZE[0], corner[1] + _SIZE[1])
+    frame = _rectangle(np.array(corner, float), np.add(corner, _SIZE).astype(float))
     picture.outline(frame, PANEL, 6.0)
     picture.outline(frame, FAINT_INK, 1.4)
 
@@ -46,17 +45,20 @@ def _free_corner(road: RoadMap, view: View, points: Float[np.ndarray, "point 2"]
     """The corner that covers none of `points` [px] and the least road; None where there is none."""
     far_x, far_y = view.width - _EDGE_PX - _SIZE[0], view.height - _EDGE_PX - _SIZE[1]
     corners = itertools.product((_EDGE_PX, far_x), (_EDGE_PX, far_y))
-    free = [
-        corner for corner in corners if not ((points >= corner) & (points <= np.add(corner, _SIZE))).all(axis=1).any()
-    ]
+    free = [corner for corner in corners if not _inside(points, corner).any()]
     return min(free, key=lambda corner: _covered_road(road, view, corner), default=None)
 
 
-def _covered_road(road: RoadMap, view: View, corner: tuple[int, int]) -> float:
+def _inside(points: Float[np.ndarray, "point 2"], corner: tuple[int, int]) -> Bool[np.ndarray, " point"]:
+    return np.all((points >= corner) & (points <= np.add(corner, _SIZE)), axis=1)
+
+
+def _covered_road(road: RoadMap, view: View, corner: tuple[int, int]) -> int:
     """Drivable area behind a close-up in `corner` [m^2], in whole square metres so that ties are ties."""
     there = replace(view.shifted(*corner), width=_SIZE[0], height=_SIZE[1])
     return round(shapely.clip_by_rect(road.drivable, *there.bounds()).area)
 
 
-def _rectangle(left: float, top: float, right: float, bottom: float) -> Float[np.ndarray, "4 2"]:
-    return np.array([[left, top], [right, top], [right, bottom], [left, bottom]], float)
+def _rectangle(first: Float[np.ndarray, " 2"], last: Float[np.ndarray, " 2"]) -> Float[np.ndarray, "4 2"]:
+    """The four corners between two opposite ones."""
+    return np.array([first, [last[0], first[1]], last, [first[0], last[1]]])

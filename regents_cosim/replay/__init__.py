@@ -1,0 +1,1 @@
+"""Scenarios back into simulators, and what became of the crash there."""

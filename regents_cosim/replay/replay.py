@@ -1,0 +1,64 @@
+"""`replay`: a case in a simulator, and whether the same crash happens there."""
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Literal
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.planners.driver import LoopDriver
+from regents_cosim.planners.interface import find_planner
+from regents_cosim.replay.mirror import replay_in_mirror
+from regents_cosim.replay.sumo import replay_in_sumo
+from regents_cosim.replay.verify import Replay, compare, failed
+from regents_cosim.scenario import Scenario
+from regents_cosim.workers import run_each
+
+Simulator = Literal["sumo", "mirror"]
+
+
+def replay(
+    scenario: Scenario, where: Simulator = "sumo", planner: str | None = None, gui: bool = False
+) -> Replay:
+    """Replay one case; the ego follows its track, or `planner` in closed loop.
+
+    A simulator that refuses or dies gives a Replay that is not verified and says why. Raises
+    PlannerError for a planner that cannot be found.
+    """
+    return next(replay_each([scenario], where, planner, gui))
+
+
+def replay_each(
+    scenarios: Sequence[Scenario],
+    where: Simulator = "sumo",
+    planner: str | None = None,
+    gui: bool = False,
+    executor: Executor | None = None,
+) -> Iterator[Replay]:
+    """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`."""
+    if planner is not None:
+        find_planner(planner)  # complain here rather than once per case
+    if where == "mirror":
+        yield from (_in_mirror(scenario, planner) for scenario in scenarios)
+        return
+    jobs = [_SumoJob(scenario, planner, gui) for scenario in scenarios]
+    for scenario, found in zip(scenarios, run_each(_in_sumo, jobs, executor), strict=True):
+        yield failed(scenario, str(found)) if isinstance(found, RegentsError) else found
+
+
+@dataclass(frozen=True)
+class _SumoJob:
+    scenario: Scenario
+    planner: str | None
+    gui: bool
+
+
+def _in_sumo(job: _SumoJob) -> Replay:
+    """Run in a worker process."""
+    driver = LoopDriver(job.planner) if job.planner else None
+    seen = replay_in_sumo(job.scenario, driver, job.gui)
+    return compare(job.scenario, seen.tracks, seen.collisions, ego_is_free=driver is not None)
+
+
+def _in_mirror(scenario: Scenario, planner: str | None) -> Replay:
+    return compare(scenario, replay_in_mirror(scenario, planner), ego_is_free=planner is not None)

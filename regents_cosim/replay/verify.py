@@ -1,0 +1,95 @@
+"""Did the crash survive the transfer? A replay held against its case, by the exact boxes."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.collisions import first_contact
+from regents_cosim.frames import wrap
+from regents_cosim.replay.sumo import SumoCollision
+from regents_cosim.scenario import Scenario, Tracks
+
+POSITION_BOUND_M = 1e-3
+YAW_BOUND_DEG = 0.01
+
+Contact = tuple[str, int]  # agent id, step
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What a simulator made of a case. `verified`: the same first contact of the ego, or none as in the case."""
+
+    case: str
+    verified: bool
+    reason: str  # in words, where not verified
+    expected: Contact | None = None
+    found: Contact | None = None
+    position_error_m: Float[np.ndarray, "agent time"] | None = None  # 0 where absent
+    yaw_error_deg: Float[np.ndarray, "agent time"] | None = None
+    own_collisions: tuple[SumoCollision, ...] = ()  # the simulator's own list
+    replayed: Scenario | None = None  # with the tracks that the simulator reported
+
+    @property
+    def reports_same_pair(self) -> bool:
+        """Whether the simulator's own list holds the ego and the agent that the case says it hits."""
+        if self.expected is None or self.replayed is None:
+            return False
+        pair = {self.expected[0], self.replayed.ego.id}
+        return any({hit.collider, hit.victim} == pair for hit in self.own_collisions)
+
+
+def compare(
+    scenario: Scenario, tracks: Tracks, own_collisions: tuple[SumoCollision, ...] = (), ego_is_free: bool = False
+) -> Replay:
+    """Hold `tracks`, as a simulator reported them, against the case.
+
+    Everybody must be within 1 mm and 0.01 degrees at every step; the ego too, unless a planner
+    drove it (`ego_is_free`). The first contact must be with the same agent at the same step.
+    """
+    position = np.hypot(tracks.x - scenario.tracks.x, tracks.y - scenario.tracks.y)
+    yaw = np.abs(np.rad2deg(wrap(tracks.yaw - scenario.tracks.yaw)))
+    position, yaw = (np.where(scenario.tracks.valid, error, 0.0) for error in (position, yaw))
+    expected, found = (_contact(scenario, motion) for motion in (scenario.tracks, tracks))
+    judged = slice(1, None) if ego_is_free else slice(None)
+    reason = _difference(expected, found, _worst(scenario, position[judged], yaw[judged], judged))
+    return Replay(
+        case=scenario.id,
+        verified=not reason,
+        reason=reason,
+        expected=expected,
+        found=found,
+        position_error_m=position,
+        yaw_error_deg=yaw,
+        own_collisions=own_collisions,
+        replayed=replace(scenario, tracks=tracks),
+    )
+
+
+def failed(scenario: Scenario, reason: str) -> Replay:
+    """A replay that could not be made."""
+    return Replay(scenario.id, verified=False, reason=reason, expected=_contact(scenario, scenario.tracks))
+
+
+def _contact(scenario: Scenario, tracks: Tracks) -> Contact | None:
+    contact = first_contact(scenario.agents, tracks)
+    return contact and (scenario.agents[contact[0]].id, contact[1])
+
+
+def _worst(scenario: Scenario, position: np.ndarray, yaw: np.ndarray, judged: slice) -> str:
+    """The agent that is furthest off, where one is off by more than the bounds."""
+    if position.max(initial=0.0) <= POSITION_BOUND_M and yaw.max(initial=0.0) <= YAW_BOUND_DEG:
+        return ""
+    error = np.maximum(position / POSITION_BOUND_M, yaw / YAW_BOUND_DEG)
+    agent, step = np.unravel_index(np.argmax(error), error.shape)
+    name = scenario.agents[judged][agent].id
+    return f"{name} is off by {1e3 * position[agent, step]:.3g} mm and {yaw[agent, step]:.3g} degrees at step {step}"
+
+
+def _difference(expected: Contact | None, found: Contact | None, off: str) -> str:
+    if expected == found:
+        return off
+    if found is None:
+        return f"no collision, expected one with {expected[0]} at step {expected[1]}" if expected else off
+    said = f"collision with {found[0]} at step {found[1]}"
+    return f"{said}, expected {f'{expected[0]} at step {expected[1]}' if expected else 'none'}"

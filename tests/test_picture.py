@@ -1,0 +1,401 @@
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+from scenes import DT, scene, straight_road
+
+from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.errors import RegentsError
+from regents_cosim.report.camera import View, centred, fit_latest
+from regents_cosim.report.canvas import Canvas, dashes, shorten, text_width
+from regents_cosim.report.caption import HEADER_PX, describe, plain
+from regents_cosim.report.film import Ground, frame_steps, gif_bytes, shoot
+from regents_cosim.report.palette import (
+    ADVERSARY,
+    BURST,
+    EGO,
+    LAND,
+    OTHER,
+    PANEL,
+    ROAD,
+    SIGNAL_GREEN,
+    SIGNAL_RED,
+    gif_palette,
+)
+from regents_cosim.report.picture import STILL_SIZE, animate, animate_pair, draw_still
+from regents_cosim.report.scene import Scene, draw_ground, draw_moving
+from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.scenario import AttackRecord, Collision, Scenario, Signal
+
+SHIFT_M = 3.2  # one lane
+
+
+def recorded(**changes) -> Scenario:
+    """The ego, a car ahead in the next lane, and one behind that is of no matter."""
+    return scene((0.0, 0.0, 10.0), (6.0, SHIFT_M, 9.0), (-20.0, 2 * SHIFT_M, 8.0), **changes)
+
+
+def attacked(**changes) -> Scenario:
+    """The same, where the car in the next lane moves over into the ego from step 20 on."""
+    before = recorded(**changes)
+    x, y, yaw = (np.array(values) for values in (before.tracks.x, before.tracks.y, before.tracks.yaw))
+    time = np.arange(before.tracks.steps)
+    y[1] -= SHIFT_M * np.clip((time - 20) / 30, 0.0, 1.0)
+    tracks = replace(before.tracks, x=x, y=y, yaw=yaw)
+    agents = tuple(replace(a, role="adversary") if i == 1 else a for i, a in enumerate(before.agents))
+    contact = first_contact(agents, tracks)
+    assert contact is not None
+    assert contact[0] == 1
+    step = contact[1]
+    collision = Collision(
+        agents[1].id, step, step * DT, collision_kind(agents, tracks, *contact), relative_speed(tracks, *contact), True
+    )
+    attack = AttackRecord("regents", "idm", "collision", 120, collision)
+    return replace(before, agents=agents, tracks=tracks, attack=attack, original=before.tracks)
+
+
+def hit(scenario: Scenario) -> Collision:
+    assert scenario.attack is not None
+    assert scenario.attack.collision is not None
+    return scenario.attack.collision
+
+
+def close_to(image: Image.Image, colour: tuple[int, int, int], tolerance: int = 6) -> np.ndarray:
+    """Where `image` shows `colour`, [row, column]."""
+    return (np.abs(np.asarray(image.convert("RGB"), int) - colour) <= tolerance).all(axis=-1)
+
+
+def instant(scenario: Scenario, view: View, step: int) -> Image.Image:
+    shown = Scene.of(scenario)
+    canvas = draw_ground(shown, view, 2)
+    draw_moving(shown, canvas, view, step)
+    return canvas.finish()
+
+
+def at(image: Image.Image, view: View, x: float, y: float) -> tuple[int, int, int]:
+    column, row = view.pixels(np.array([x, y])).astype(int).tolist()
+    pixel = image.getpixel((column, row))
+    assert isinstance(pixel, tuple)
+    return pixel
+
+
+def near(a: tuple[int, int, int], b: tuple[int, int, int]) -> bool:
+    return max(abs(x - y) for x, y in zip(a, b, strict=True)) <= 3
+
+
+# --- stills -----------------------------------------------------------------------------------
+
+
+def test_still_shows_the_collision(tmp_path):
+    scenario = attacked()
+    path = tmp_path / "case.png"
+    draw_still(scenario, path)
+    image = Image.open(path)
+    assert image.format == "PNG"
+    assert image.size == STILL_SIZE
+    for colour in (EGO, ADVERSARY, OTHER, BURST, ROAD, LAND, PANEL):
+        assert close_to(image, colour).sum() > 20, colour
+    assert path.stat().st_size < 200_000
+    assert [p.name for p in tmp_path.iterdir()] == ["case.png"]
+
+
+def test_still_of_recorded_traffic_has_no_adversary_and_no_burst(tmp_path):
+    path = tmp_path / "case.png"
+    draw_still(recorded(), path)
+    image = Image.open(path)
+    assert close_to(image, EGO).sum() > 100
+    assert not close_to(image, ADVERSARY).any()
+    assert not close_to(image, BURST).any()
+
+
+def test_agents_are_where_their_tracks_say():
+    scenario = recorded()
+    view = centred(np.array([40.0, 3.0]), 8.0, (1000, 300))
+    image = instant(scenario, view, 40)
+    tracks = scenario.tracks
+    rear = [(float(x) - 1.2, float(y)) for x, y in zip(tracks.x[:, 40], tracks.y[:, 40], strict=True)]
+    assert near(at(image, view, *rear[0]), EGO)
+    assert near(at(image, view, *rear[1]), OTHER)
+    assert near(at(image, view, *rear[2]), OTHER)
+    rows, columns = np.nonzero(close_to(image, EGO, 2))
+    expected = view.pixels(np.array([[40.0 - 2.3, 0.9], [40.0 + 2.3, -0.9]]))
+    found = np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]])
+    assert np.abs(found - expected).max() < 2.0  # the outline is of another colour
+    assert near(at(image, view, 60.0, 30.0 - 8.0), LAND)
+    assert near(at(image, view, 60.0, 1.0), ROAD)
+
+
+def test_the_front_differs_from_the_rear():
+    view = centred(np.array([0.0, 0.0]), 10.0, (200, 100))
+    image = instant(recorded(), view, 0)
+    assert near(at(image, view, -0.75, 0.0), EGO)
+    assert not near(at(image, view, 0.75, 0.0), EGO)  # the windscreen
+
+
+def test_the_mark_is_at_the_contact_point_from_the_collision_on():
+    scenario = attacked()
+    collision, shown = hit(scenario), Scene.of(scenario)
+    box = shapely.box(-2.3, -0.9, 2.3, 0.9)
+    tracks, step = scenario.tracks, collision.step
+    ego, other = (shapely.affinity.translate(box, tracks.x[i, step], tracks.y[i, step]) for i in (0, 1))
+    expected = ego.intersection(other).centroid
+    assert shown.contact_point is not None
+    np.testing.assert_allclose(shown.contact_point, [expected.x, expected.y])
+    view = centred(shown.contact_point, 8.0, (300, 200))
+    assert not close_to(instant(scenario, view, step - 1), BURST).any()
+    for later in (step, step + 8):
+        rows, columns = np.nonzero(close_to(instant(scenario, view, later), BURST))
+        assert abs(rows.mean() - 99.5) < 1.0
+        assert abs(columns.mean() - 149.5) < 1.0
+
+
+def test_agents_are_not_drawn_while_they_are_absent():
+    valid = np.ones((3, 81), bool)
+    valid[2, :50] = False
+    plainly = recorded()
+    tracks = plainly.tracks
+    blank = {name: np.where(valid, getattr(tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
+    scenario = recorded(tracks=replace(tracks, valid=valid, **blank))
+    view = centred(np.array([10.0, 3.0]), 6.0, (900, 200))
+    for step, there in ((49, False), (50, True)):
+        image = instant(scenario, view, step)
+        assert near(at(image, view, -20.0 + 0.8 * step - 1.0, 2 * SHIFT_M), OTHER) == there
+    origin = instant(scenario, view, 49)
+    assert near(at(origin, view, 0.0, 0.4), ROAD)  # nothing lies where entries that are not valid point to
+
+
+def test_the_track_before_the_attack_is_dashed():
+    scenario = attacked()
+    view = centred(np.array([50.0, 2.0]), 10.0, (600, 100))
+    ground = draw_ground(Scene.of(scenario), view, 2).finish()
+    bare = draw_ground(Scene.of(scenario.before_attack()), view, 2).finish()
+    row = int(view.pixels(np.array([0.0, SHIFT_M]))[1])
+    strip = np.asarray(ground)[row - 1 : row + 1].astype(int), np.asarray(bare)[row - 1 : row + 1].astype(int)
+    changed = np.abs(strip[0] - strip[1]).max(axis=(0, 2)) > 40
+    assert 0.3 < changed.mean() < 0.8
+    assert np.diff(changed.astype(int)).clip(min=0).sum() > 20
+
+
+def signalled() -> Scenario:
+    """One lane with two ways on, red then green; a second lane without a light."""
+    lanes = (
+        Lane("in", np.array([[-100.0, 0.0], [30.0, 0.0]]), 3.2, 14.0, left="free"),
+        Lane("free", np.array([[-100.0, 3.2], [30.0, 3.2]]), 3.2, 14.0, right="in"),
+        Lane("ahead", np.array([[30.0, 0.0], [80.0, 0.0]]), 3.2, 14.0, junction=True),
+        Lane("turn", np.array([[30.0, 0.0], [60.0, -10.0]]), 3.2, 14.0, junction=True),
+    )
+    links = (
+        Connection("in", "turn", "light", 0),
+        Connection("in", "ahead", "light", 1),
+        Connection("free", "ahead"),
+        Connection("free", "turn", "unknown", 0),
+    )
+    road = RoadMap(lanes, links, shapely.box(-100.0, -12.0, 80.0, 5.0))
+    return scene((0.0, 0.0, 2.0), road=road, signals=(Signal("light", ((0, "rG"), (40, "Gr"))),))
+
+
+def test_stop_bars_show_the_lights_of_the_step_from_the_right():
+    view = centred(np.array([30.0, 0.0]), 12.0, (240, 120))
+    for step, right, left in ((39, SIGNAL_RED, SIGNAL_GREEN), (40, SIGNAL_GREEN, SIGNAL_RED)):
+        image = instant(signalled(), view, step)
+        assert near(at(image, view, 29.6, -0.7), right)
+        assert near(at(image, view, 29.6, 0.7), left)
+        assert near(at(image, view, 29.6, 3.2), ROAD)
+
+
+def test_islands_in_holes_and_several_parts_are_drawn():
+    ring = shapely.box(-50, -50, 50, 50) - shapely.box(-20, -20, 20, 20)
+    area = shapely.union_all([ring, shapely.box(-5, -5, 5, 5)])
+    road = RoadMap(straight_road().lanes, (), area)
+    view = centred(np.array([0.0, 0.0]), 4.0, (300, 300))
+    image = draw_ground(Scene.of(recorded(road=road)), view, 1).finish()
+    assert near(at(image, view, -30.0, -30.0), ROAD)
+    assert near(at(image, view, -12.0, -12.0), LAND)
+    assert near(at(image, view, -3.0, -3.5), ROAD)
+
+
+# --- animations -------------------------------------------------------------------------------
+
+
+def test_animation_stops_one_second_after_the_collision(tmp_path):
+    scenario = attacked()
+    path = tmp_path / "case.gif"
+    told: list[tuple[int, int]] = []
+    animate(scenario, path, lambda done, total: told.append((done, total)))
+    frames = hit(scenario).step + 11
+    with Image.open(path) as image:
+        assert image.format == "GIF"
+        assert image.width == 900
+        assert 300 <= image.height <= 600
+        assert image.n_frames == frames
+        assert image.info["loop"] == 0
+        durations = []
+        for index in range(frames):
+            image.seek(index)
+            durations.append(image.info["duration"])
+        assert durations == [100] * (frames - 1) + [1500]
+        assert close_to(image, BURST).sum() > 30
+        assert close_to(image, ADVERSARY, 12).sum() > 30
+        image.seek(frames - 12)  # one step before the collision: only the legend has a star
+        assert not close_to(image, BURST)[: image.height - 40].any()
+    assert told == [(k, frames) for k in range(1, frames + 1)]
+    assert path.stat().st_size < 1_500_000
+
+
+def test_animation_of_recorded_traffic_runs_to_the_end(tmp_path):
+    path = tmp_path / "case.gif"
+    scenario = recorded(steps=31)
+    animate(scenario, path)
+    view = shoot(Scene.of(scenario).main_points(), DT, (900, 600 - HEADER_PX - 38), 320)[0]
+    with Image.open(path) as image:
+        assert image.n_frames == 31
+        for step in (0, 12, 30):
+            image.seek(step)
+            column, row = view.pixels(np.array([float(scenario.tracks.x[0, step]) - 1.0, 0.0]))
+            pixel = image.convert("RGB").getpixel((int(column), int(row) + HEADER_PX))
+            assert isinstance(pixel, tuple)
+            assert max(abs(x - y) for x, y in zip(pixel, EGO, strict=True)) <= 8
+
+
+def test_what_is_read_from_the_file_is_what_was_drawn():
+    views = [centred(np.array([x, 3.0]), 6.0, (300, 120)) for x in (20.0, 20.0, 26.0)]
+    frames = [instant(attacked(), view, step) for view, step in zip(views, (10, 11, 30), strict=True)]
+    with Image.open(io.BytesIO(gif_bytes(iter(frames), DT))) as image:
+        for index, frame in enumerate(frames):
+            image.seek(index)
+            expected = frame.quantize(palette=gif_palette(), dither=Image.Dither.NONE).convert("RGB")
+            assert np.array_equal(np.asarray(image.convert("RGB")), np.asarray(expected))
+
+
+def test_a_long_way_is_followed(tmp_path):
+    fast = scene((-150.0, 0.0, 35.0), (-120.0, SHIFT_M, 35.0))
+    size = (900, 490)
+    views = shoot(Scene.of(fast).main_points(), DT, size, 320)
+    assert len({view.left for view in views}) > 40
+    for step, view in enumerate(views):
+        column, row = view.pixels(np.array([fast.tracks.x[0, step], fast.tracks.y[0, step]]))
+        assert 0.1 * size[0] < column < 0.9 * size[0]
+        assert 0.2 * size[1] < row < 0.8 * size[1]
+    ground = Ground(Scene.of(fast), views[0], 1)
+    for step in (0, 33, 80):
+        whole = draw_ground(Scene.of(fast), views[step], 1).finish()
+        tiled = ground.under(views[step]).finish()
+        differs = np.abs(np.asarray(whole, int) - np.asarray(tiled, int)).max(axis=-1) > 60
+        assert differs.mean() < 0.002
+
+
+def test_pairs_are_laid_out_by_the_shape_of_the_scene(tmp_path):
+    path = tmp_path / "pair.gif"
+    wide = attacked()
+    animate_pair(wide.before_attack(), wide, path)
+    with Image.open(path) as image:
+        frames = image.n_frames
+        assert frames == hit(wide).step + 11
+        assert image.width == 1000
+        image.seek(frames - 1)
+        burst = np.nonzero(close_to(image, BURST)[: image.height - 40])[0]
+        assert len(burst)
+        assert burst.min() > image.height / 2  # only the lower picture has a collision
+        orange = np.nonzero(close_to(image, ADVERSARY, 12)[70 : image.height - 40])[0]
+        assert orange.min() < image.height / 2 - 70 < orange.max()  # both show the adversary
+
+
+def test_pairs_beside_each_other(tmp_path):
+    path = tmp_path / "pair.gif"
+    still = scene((0.0, 0.0, 1.0), (6.0, SHIFT_M, 1.0), steps=6)
+    animate_pair(still, still, path)
+    with Image.open(path) as image:
+        assert image.size[0] == 1004
+        ego = np.nonzero(close_to(image, EGO, 12)[70 : image.height - 40])[1]
+        assert ego.min() < 500 < ego.max()
+
+
+def test_equal_scenarios_give_equal_bytes(tmp_path):
+    names = ("a.png", "b.png", "a.gif", "b.gif")
+    for name in names:
+        (draw_still if name.endswith("png") else animate)(attacked(steps=41, name="case"), tmp_path / name)
+    still, again, film, film_again = ((tmp_path / name).read_bytes() for name in names)
+    assert still == again
+    assert film == film_again
+
+
+@pytest.mark.parametrize(("dt", "last", "expected"), [(0.1, 2, [0, 1, 2]), (0.04, 5, [0, 2, 4, 5]), (0.5, 1, [0, 1])])
+def test_about_ten_frames_per_second(dt, last, expected):
+    assert frame_steps(last, dt) == expected
+
+
+def test_a_path_that_cannot_be_written_is_a_clear_error(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    for folder in (tmp_path / "missing", file):
+        with pytest.raises(RegentsError, match="cannot write to .*choose another folder"):
+            draw_still(recorded(steps=3), folder / "case.png")
+        with pytest.raises(RegentsError, match="cannot write to"):
+            animate(recorded(steps=3), folder / "case.gif")
+    with pytest.raises(RegentsError, match=r"time steps of 0\.1 s and 0\.2 s"):
+        animate_pair(recorded(), recorded(dt=0.2), tmp_path / "pair.gif")
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+# --- parts ------------------------------------------------------------------------------------
+
+
+def test_views_turn_metres_into_pixels():
+    view = centred(np.array([100.0, 50.0]), 5.0, (400, 200))
+    assert view.bounds() == (60.0, 30.0, 140.0, 70.0)
+    np.testing.assert_allclose(view.pixels(np.array([[60.0, 70.0], [140.0, 30.0]])), [[0, 0], [400, 200]])
+    np.testing.assert_allclose(view.shifted(10, 5).pixels(np.array([62.0, 69.0])), [0.0, 0.0])
+
+
+def test_too_long_ways_lose_their_beginning():
+    points = np.stack([np.linspace(0.0, 2000.0, 81), np.zeros(81)], axis=-1)[:, None]
+    points[3] = np.nan
+    view = fit_latest(points, (1200, 700), 4.5)
+    assert view.px_per_m >= 4.5
+    assert view.bounds()[0] < 1950.0 < 2000.0 < view.bounds()[2]
+    assert view.bounds()[0] > 1700.0
+
+
+def test_dashes_keep_their_length_around_corners():
+    line = np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 5.0]])
+    found = dashes(line, 3.0, 1.0)
+    assert [len(dash) for dash in found] == [2, 3, 2]
+    lengths = [np.hypot(*np.diff(dash, axis=0).T).sum() for dash in found]
+    np.testing.assert_allclose(lengths, [3.0, 3.0, 2.0])
+
+
+def test_long_titles_are_cut_in_the_middle():
+    name = "a-very-long-name-of-a-case-" * 8 + "end"
+    short = shorten(name, 18, 400)
+    assert text_width(short, 18) <= 400
+    assert short.startswith("a-very")
+    assert short.endswith("end")
+    assert shorten("short", 18, 400) == "short"
+
+
+def test_titles_say_planner_method_kind_time_and_speed():
+    scenario = attacked()
+    words = describe(Scene.of(scenario))
+    collision = hit(scenario)
+    for part in ("idm", "regents", "side-swipe", f"{collision.time_s:.1f} s", f"{collision.relative_speed:.1f} m/s"):
+        assert part in words
+    assert "recorded traffic" in describe(Scene.of(recorded()))
+    assert plain("Straße Ü 7 · 漢") == "Strasse U 7 · ?"
+    assert scenario.attack is not None
+    missed = replace(scenario, attack=replace(scenario.attack, outcome="no_collision", collision=None))
+    assert "no collision found" in describe(Scene.of(missed))
+
+
+def test_canvas_boxes_may_be_empty():
+    canvas = Canvas.blank((10, 10), 2, LAND)
+    canvas.box(3, 3, 3, 8, EGO)
+    assert not close_to(canvas.finish(), EGO).any()
+
+
+def test_the_palette_of_animations_leaves_room_for_transparency():
+    colours = gif_palette().getpalette()
+    assert colours is not None
+    assert len(colours) // 3 < 256
