@@ -5,17 +5,23 @@ goes to SUMO. Exit codes: 0 clean, 1 a failed verification, 2 wrong usage or inp
 """
 
 import dataclasses
+import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import App, Parameter
+from cyclopts import App, CycloptsError, Parameter
 
 from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
-    pass
+    import numpy as np
+
+    from regents_cosim.replay.verify import Replay
+    from regents_cosim.scenario import Scenario
+    from regents_cosim.terminal import Terminal
 
 app = App(
     name="regents",
@@ -160,26 +166,26 @@ def attack(
     from regents_cosim.attack.attack import attack as run_attack
     from regents_cosim.attack.presets import METHODS
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
-    from regents_cosim.suite import SuiteWriter
+    from regents_cosim.suite import SuiteWriter, load_cases
 
     terminal = _terminal(talk)
+    if (cases is None) == (traffic.config is None and traffic.net is None):
+        raise RegentsError("expected either a folder of cases or traffic (-c NAME.sumocfg), not both")
     if compile_cache:
         keep_compiled_programs()
     suite = SuiteWriter(output, traffic.seed)
-    scenarios = _cases_or_traffic(cases, traffic, sumo, executor, terminal)
+    scenarios = load_cases(cases) if cases else _record(traffic, sumo, executor, terminal)
     config = dataclasses.replace(METHODS[method], iterations=iterations)
     attacked = []
     for scenario in terminal.each(run_attack(scenarios, config, planner, batch), "attacking", len(scenarios)):
         suite.add(scenario)
         attacked.append(scenario)
-    verified = _verify(attacked, executor, terminal) if verify else {}
+    replays = _verify(attacked, executor, terminal) if verify else {}
     if pictures:
         _draw_stills(attacked, output, terminal)
-    rows = [_attack_row(scenario, verified.get(scenario.id)) for scenario in attacked]
-    terminal.show(
-        f"{config.method} against {planner}: {len(rows)} cases in {output}", rows, _summary(attacked, verified)
-    )
-    return _exit_code(verified.values())
+    rows = [_attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
+    terminal.show(f"{method} against {planner}: {len(rows)} cases in {output}", rows, _summary(attacked, replays))
+    return _exit_code(replays.values(), terminal)
 
 
 @app.command
@@ -216,25 +222,27 @@ def replay(
     """
     from regents_cosim.replay.replay import replay_each
     from regents_cosim.suite import load_cases
+    from regents_cosim.workers import executor_for
 
     terminal = _terminal(talk)
     scenarios = load_cases(cases)
     if (record or gui) and len(scenarios) > 1:
         raise RegentsError(f"{cases} holds {len(scenarios)} cases; --record and --gui show one, name its folder")
-    by_planner = ego == "planner" or (ego is None and planner is not None)
-    replays = replay_each(scenarios, where, _drivers(scenarios, planner) if by_planner else None, gui, executor)
-    found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
-    if record:
+    driven_by = planner
+    if ego == "planner" and planner is None:
+        driven_by = _attacked_planner(scenarios)
+    with executor_for(executor) as pool:
+        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool)
+        found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
+    if record and found[0].replayed:
         _draw(found[0].replayed, record, terminal)
-    rows = [_replay_row(scenario, result) for scenario, result in zip(scenarios, found, strict=True)]
-    terminal.show(f"replayed in {where}, the ego by {'its planner' if by_planner else 'its track'}", rows)
+    rows = [_replay_row(result) for result in found]
+    terminal.show(f"replayed in {where}, the ego driven by {driven_by or 'its track'}", rows)
     return _exit_code(found, terminal)
 
 
 @bench.command
-def reconstruction(
-    *, count: int = 20, seed: int = 0, nets: tuple[str, ...] = (), talk: Talk = Talk()  # noqa: B008
-) -> int:
+def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = (), talk: Talk = Talk()) -> int:
     """How well the mirror's controls reproduce SUMO's tracks, per network.
 
     Parameters
@@ -264,7 +272,7 @@ def success(
     nets: tuple[str, ...] = (),
     planners: tuple[str, ...] = ("log_replay", "idm"),
     compile_cache: bool = True,
-    talk: Talk = Talk(),  # noqa: B008
+    talk: Talk = Talk(),
 ) -> int:
     """How often KING and ReGentS make planners crash.
 
@@ -313,7 +321,7 @@ def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "T
     from regents_cosim.workers import executor_for
 
     if traffic.config is None and traffic.net is None:
-        raise RegentsError("no traffic named (expected -c NAME.sumocfg, or -n NAME.net.xml with -r ROUTES or --fcd LOG)")
+        raise RegentsError("no traffic named (expected -c NAME.sumocfg, or -n NET with -r ROUTES or --fcd LOG)")
     source = SumoInput(
         config=traffic.config,
         net=traffic.net,
@@ -342,9 +350,7 @@ def _files(names: str) -> tuple[Path, ...]:
     return tuple(Path(name.strip()) for name in names.split(",") if name.strip())
 
 
-def _shipped_traffic(
-    nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal"
-) -> "dict[str, list[Scenario]]":
+def _shipped_traffic(nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal") -> "dict[str, list[Scenario]]":
     from regents_cosim.shipped import NETWORKS, network_config
     from regents_cosim.sources.record import record as run_record
 
@@ -355,7 +361,25 @@ def _shipped_traffic(
     }
 
 
-def _attack_row(scenario: "Scenario", verified: "Replay | None") -> dict[str, Any]:
+def _verify(attacked: "list[Scenario]", executor: str, terminal: "Terminal") -> "dict[str, Replay]":
+    """Replays in SUMO of the crashes among `attacked` that have a SUMO network, by case."""
+    from regents_cosim.replay.replay import replay_each
+    from regents_cosim.workers import executor_for
+
+    crashes = [s for s in attacked if s.attack and s.attack.outcome == "collision" and s.road.sumo_net]
+    with executor_for(executor) as pool:
+        replays = replay_each(crashes, "sumo", executor=pool)
+        return {replay.case: replay for replay in terminal.each(replays, "verifying in SUMO", len(crashes))}
+
+
+def _attacked_planner(scenarios: "list[Scenario]") -> str:
+    planners = {scenario.attack.planner for scenario in scenarios if scenario.attack}
+    if len(planners) != 1:
+        raise RegentsError("the cases do not name one planner that was attacked; name it with --planner")
+    return planners.pop()
+
+
+def _attack_row(scenario: "Scenario", replay: "Replay | None") -> dict[str, Any]:
     record = scenario.attack
     hit = record.collision if record else None
     return {
@@ -367,24 +391,40 @@ def _attack_row(scenario: "Scenario", verified: "Replay | None") -> dict[str, An
         "kind": hit.kind if hit else None,
         "impact_m_s": round(hit.relative_speed, 2) if hit else None,
         "attributed": hit.attributed if hit else None,
-        "SUMO_verified": verified.verified if verified else None,
+        "SUMO_verified": replay.verified if replay else None,
     }
 
 
-def _replay_row(scenario: "Scenario", replay: "Replay") -> dict[str, Any]:
+def _summary(attacked: "list[Scenario]", replays: "dict[str, Replay]") -> str:
+    crashes = sum(s.attack is not None and s.attack.outcome == "collision" for s in attacked)
+    said = f"{crashes} of {len(attacked)} crash"
+    return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
+
+
+def _replay_row(replay: "Replay") -> dict[str, Any]:
+    def worst(errors: "np.ndarray | None", factor: float) -> float | None:
+        return None if errors is None else factor * float(errors.max(initial=0.0))
+
     return {
-        "case": scenario.id,
+        "case": replay.case,
         "verified": replay.verified,
         "expected": _contact(replay.expected),
         "found": _contact(replay.found),
-        "position_error_mm": replay.position_error_mm,
-        "yaw_error_deg": replay.yaw_error_deg,
-        "simulators_own_collisions": replay.own_collisions,
+        "position_error_mm": worst(replay.position_error_m, 1e3),
+        "yaw_error_deg": worst(replay.yaw_error_deg, 1.0),
+        "simulators_own_list": sorted({f"{hit.collider} - {hit.victim}" for hit in replay.own_collisions}) or None,
     }
 
 
 def _contact(contact: tuple[str, int] | None) -> str | None:
-    return f"{contact[0]} at {contact[1]}" if contact else None
+    return f"{contact[0]} at step {contact[1]}" if contact else None
+
+
+def _draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -> None:
+    from regents_cosim.report.picture import draw_still
+
+    for scenario in terminal.each(attacked, "drawing", len(attacked)):
+        draw_still(scenario, suite / scenario.id / "still.png")
 
 
 def _draw(scenario: "Scenario", path: Path, terminal: "Terminal") -> None:

@@ -71,4 +71,6 @@ def _cell(value: object) -> str:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(_cell, value))
     return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -14,6 +14,7 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.separation import Box, corners, distance
 from regents_cosim.mirror.world import World
 
+
 class Costs(eqx.Module):
     """Values of the terms; `total` is what the descent lowers."""
 

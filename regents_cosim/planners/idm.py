@@ -8,7 +8,6 @@ against every agent whose box reaches into the corridor ahead and against red li
 one counts. Steering is pure pursuit (Coulter 1992) on the route.
 """
 
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np

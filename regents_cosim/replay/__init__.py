@@ -1,1 +1,1 @@
-"""Scenarios back into simulators, and what became of the crash there."""
+"""Scenarios go back to the simulators that people work with. A replay knows nothing of attacks or sources."""

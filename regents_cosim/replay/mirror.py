@@ -18,7 +18,12 @@ def replay_in_mirror(scenario: Scenario, planner: str | None = None) -> Tracks:
     background = Motion(*(jnp.asarray(v) for v in (world.log.x, world.log.y, world.log.yaw, world.log.speed)))
     ego, controls = drive(loop, loop.init(Scene(scenario, world)), world, background)
     all_controls = type(controls)(
-        *(old.at[0].set(new) for old, new in zip((world.controls.accel, world.controls.curvature), (controls.accel, controls.curvature), strict=True))
+        *(
+            old.at[0].set(new)
+            for old, new in zip(
+                (world.controls.accel, world.controls.curvature), (controls.accel, controls.curvature), strict=True
+            )
+        )
     )
     driven = to_tracks(with_ego(background, ego), all_controls, scenario)
     own = np.arange(len(scenario.agents))[:, None] == 0

@@ -17,9 +17,7 @@ from regents_cosim.workers import run_each
 Simulator = Literal["sumo", "mirror"]
 
 
-def replay(
-    scenario: Scenario, where: Simulator = "sumo", planner: str | None = None, gui: bool = False
-) -> Replay:
+def replay(scenario: Scenario, where: Simulator = "sumo", planner: str | None = None, gui: bool = False) -> Replay:
     """Replay one case; the ego follows its track, or `planner` in closed loop.
 
     A simulator that refuses or dies gives a Replay that is not verified and says why. Raises

@@ -1,47 +1,58 @@
-"""A Scenario in SUMO: every agent placed at every step, signals forced, nothing left to SUMO.
+"""A Scenario replayed in SUMO: every agent is placed at every step, the signals show what they showed.
 
-Placing is exact (`moveToXY` with keepRoute=2, 0.0000 m over 100,000 vehicle-steps) in plain mode
-only: with `--lanechange.duration` or `--lateral-resolution` libsumo crashes when a vehicle is
-driven off its lane. SUMO's own traffic would react to none of this, so there is none: the
-network is empty but for our agents.
+`moveToXY` with keepRoute=2 reproduces poses exactly, also off the road, in SUMO's plain mode only:
+with `--lanechange.duration` or `--lateral-resolution` it crashes SUMO 1.28.0 (4 to 7 of 16 random
+drives on a grid). Runs in a worker process (`workers`).
 """
 
-import gzip
+import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.errors import SumoError
+from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, SumoError
 from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo
-from regents_cosim.scenario import Agent, Scenario, Tracks
+from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 from regents_cosim.sumo_process import running_sumo
 
-_EXACT_ANYWHERE = 2  # keepRoute: the very position, also off the road
-_ROUTE = "regents"
-_GUI_DELAY_MS = 100  # real time at 10 Hz
+_R = TypeVar("_R")
+
+_EXACT = 2  # keepRoute of moveToXY: this very position, on any edge or on none
+_FASTEST = 1000.0  # [m/s] SUMO caps speeds at the vehicle type's
+_COLOURS = {"ego": (40, 110, 220, 255), "adversary": (220, 50, 40, 255), "background": (150, 150, 150, 255)}
+_GUI_DELAY_MS = 100
+_SHAPES = {
+    "car": "passenger/sedan",
+    "truck": "truck",
+    "bus": "bus",
+    "motorcycle": "motorcycle",
+    "bicycle": "bicycle",
+    "pedestrian": "pedestrian",
+    "other": "unknown",
+}
 
 
 class EgoState(NamedTuple):
-    """Where a driver puts the ego: box centre in the map frame."""
+    """The ego at one step: box centre in the map's frame."""
 
     x: float  # [m]
     y: float  # [m]
-    yaw: float  # [rad]
-    speed: float  # [m/s]
+    yaw: float  # [rad] counter-clockwise from +x
+    speed: float  # [m/s] never negative
 
 
-@runtime_checkable
 class Driver(Protocol):
-    """Somebody at the ego's wheel in a host simulator. Picklable until `start`."""
+    """Who drives the ego in closed loop. Sent to a worker process, so picklable until `start`."""
 
     def start(self, scenario: Scenario) -> None:
-        """Called once before the first step."""
+        """Prepare to drive through `scenario`."""
         ...
 
     def advance(
@@ -53,49 +64,68 @@ class Driver(Protocol):
         speed: Float[np.ndarray, " agent"],
         valid: Bool[np.ndarray, " agent"],
     ) -> tuple[float, float, float, float]:
-        """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as the simulator reports them at `step`."""
+        """An EgoState for `step` + 1 from what SUMO reports at `step`: box centres in the map's frame, 0 if absent."""
         ...
 
 
-@dataclass(frozen=True)
-class SumoCollision:
-    """An entry of SUMO's own list of collisions, which is no ground truth: side-swipes are never in it."""
+class SumoCollision(NamedTuple):
+    """One entry of SUMO's own collision list."""
 
     step: int
-    collider: str
-    victim: str
-    type: str
+    collider: str  # agent id
+    victim: str  # agent id
+    kind: str  # SUMO's word: "collision", "junction", "frontal", ...
 
 
 @dataclass(frozen=True, eq=False)
 class SumoReplay:
-    """What SUMO reports while it replays."""
+    """What SUMO reports after each step, in the order of the scenario's agents and signals."""
 
-    tracks: Tracks  # box centres after each step, present where the scenario has them present
+    tracks: Tracks  # box centres in the map's frame
     collisions: tuple[SumoCollision, ...]
+    signals: tuple[Signal, ...]
 
 
 def replay_in_sumo(scenario: Scenario, driver: Driver | None = None, gui: bool = False) -> SumoReplay:
-    """Replay `scenario`; the ego follows its track, or `driver`. Call it in a worker process.
+    """Replay `scenario`, the ego by its track or by `driver`. Call it in a worker process.
 
-    Raises SumoError where the scenario has no SUMO network or SUMO refuses.
+    What is placed before step k is what SUMO reports after it, and that is step k of the
+    scenario; at step 0 the ego is always at its track. Raises ScenarioError where the scenario
+    has no SUMO network, SumoError with SUMO's own words where it refuses, PlannerError where
+    the driver fails.
     """
+    if driver is not None:
+        _ask(lambda: driver.start(scenario), "before the first step")
+    with _network(scenario) as net, running_sumo(_options(scenario, net, gui), gui) as sumo:
+        stage = _Stage(sumo, scenario)
+        for step in range(scenario.tracks.steps):
+            stage.play(step)
+            if driver is not None and step + 1 < scenario.tracks.steps:
+                stage.move_ego(step + 1, _decision(driver, step, stage.seen))
+        return stage.finish()
+
+
+@contextmanager
+def _network(scenario: Scenario) -> Iterator[Path]:
     if scenario.road.sumo_net is None:
-        raise SumoError(f"case {scenario.id} has no SUMO network (it was not recorded from SUMO): use --in mirror")
+        raise ScenarioError(
+            f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}); "
+            "only cases recorded in SUMO can be replayed there"
+        )
     with tempfile.TemporaryDirectory() as folder:
-        net = Path(folder) / "map.net.xml"
-        net.write_bytes(gzip.decompress(scenario.road.sumo_net))
-        with running_sumo(_options(net, scenario, gui), gui) as sumo:
-            return _run(sumo, scenario, driver)
+        net = Path(folder) / "replay.net.xml.gz"
+        net.write_bytes(scenario.road.sumo_net)
+        yield net
 
 
-def _options(net: Path, scenario: Scenario, gui: bool) -> list[str]:
+def _options(scenario: Scenario, net: Path, gui: bool) -> list[str]:
+    """The network alone, without traffic of its own; SUMO reports collisions and lets everyone go on."""
     options = {
         "net-file": str(net),
-        "step-length": str(scenario.dt),
+        "step-length": repr(scenario.dt),
         "time-to-teleport": "-1",
         "collision.action": "warn",
-        "collision.mingap-factor": "0",  # otherwise coming closer than the standstill gap is reported
+        "collision.mingap-factor": "0",
         "collision.check-junctions": "true",
         "no-step-log": "true",
         "no-warnings": "true",
@@ -105,108 +135,187 @@ def _options(net: Path, scenario: Scenario, gui: bool) -> list[str]:
     return [word for name, value in options.items() for word in (f"--{name}", value)]
 
 
-def _run(sumo: ModuleType, scenario: Scenario, driver: Driver | None) -> SumoReplay:
-    _check_signals(sumo, scenario)
-    stage = _Stage(sumo, scenario)
-    wanted = {name: np.array(getattr(scenario.tracks, name)) for name in ("x", "y", "yaw", "speed")}
-    seen = {name: np.zeros_like(values) for name, values in wanted.items()}
-    collisions: list[SumoCollision] = []
-    if driver is not None:
-        driver.start(scenario)
-    for step in range(scenario.tracks.steps):
-        stage.set(step, *(values[:, step] for values in wanted.values()))
-        sumo.simulationStep()
-        for name, values in zip(seen, stage.read(step), strict=True):
-            seen[name][:, step] = values
-        collisions += stage.collisions(step)
-        if driver is not None and step + 1 < scenario.tracks.steps:
-            now = (seen[name][:, step] for name in seen)
-            ahead = driver.advance(step, *now, scenario.tracks.valid[:, step])
-            for name, value in zip(wanted, ahead, strict=True):
-                wanted[name][0, step + 1] = value
-    return SumoReplay(Tracks(**seen, valid=scenario.tracks.valid), tuple(collisions))
+# --- the driver -------------------------------------------------------------------------------
 
 
-def _check_signals(sumo: ModuleType, scenario: Scenario) -> None:
-    unknown = {signal.id for signal in scenario.signals} - set(sumo.trafficlight.getIDList())
-    if unknown:
-        raise SumoError(f"case {scenario.id}: signals {sorted(unknown)[:3]} do not exist in its SUMO network")
+class _Seen(NamedTuple):
+    """All agents as SUMO reports them, [agent]; 0 where absent."""
+
+    x: Float[np.ndarray, " agent"]  # [m]
+    y: Float[np.ndarray, " agent"]  # [m]
+    yaw: Float[np.ndarray, " agent"]  # [rad]
+    speed: Float[np.ndarray, " agent"]  # [m/s]
+    valid: Bool[np.ndarray, " agent"]
+
+
+def _decision(driver: Driver, step: int, seen: _Seen) -> EgoState:
+    found = _ask(lambda: driver.advance(step, *(values.copy() for values in seen)), f"at step {step}")
+    try:
+        ego = EgoState(*(float(value) for value in found))
+    except (TypeError, ValueError) as error:
+        raise PlannerError(
+            f"the planner answered {found!r} at step {step}, expected four numbers: x, y, yaw, speed"
+        ) from error
+    if not np.isfinite(ego).all() or ego.speed < 0:
+        raise PlannerError(f"the planner put the ego at {ego} after step {step}, expected finite numbers and speed >= 0")
+    return ego
+
+
+def _ask(question: Callable[[], _R], when: str) -> _R:
+    try:
+        return question()
+    except RegentsError:
+        raise
+    except Exception as error:  # somebody else's code: whatever it raises is an answer
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise PlannerError(f"the planner failed {when} ({said})") from error
+
+
+# --- SUMO -------------------------------------------------------------------------------------
 
 
 class _Stage:
-    """The agents of a scenario as vehicles of a running SUMO. Ids of logs may hold any letter, SUMO's may not."""
+    """The running simulation, and what has been seen of it."""
 
     def __init__(self, sumo: ModuleType, scenario: Scenario) -> None:
         self._sumo = sumo
         self._scenario = scenario
-        self._entries = [0] * len(scenario.agents)  # an agent that comes back is a new vehicle
-        sumo.route.add(_ROUTE, [_any_edge(sumo)])
+        track = scenario.tracks
+        length = np.array([agent.length for agent in scenario.agents])[:, None]
+        self._pose = SumoPose(*(values.copy() for values in to_sumo(Pose(track.x, track.y, track.yaw), length)))
+        self._speed = track.speed.copy()
+        self._names: dict[int, str] = {}  # SUMO's name of every agent on the road
+        self._agent: dict[str, int] = {}  # and back; names are never used twice
+        self._seen: list[_Seen] = []
+        self._collisions: list[SumoCollision] = []
+        self._letters: dict[str, list[str]] = {signal.id: [] for signal in scenario.signals}
+        self._check_signals()
+        sumo.route.add("replay", [_some_edge(scenario)])
         for index, agent in enumerate(scenario.agents):
-            _add_type(sumo, f"type{index}", agent)
+            _add_type(sumo, _type_name(index), agent)
 
-    def set(self, step: int, x: np.ndarray, y: np.ndarray, yaw: np.ndarray, speed: np.ndarray) -> None:
-        """Command every vehicle and light; it takes effect in the next simulation step."""
+    @property
+    def seen(self) -> _Seen:
+        """The agents after the last step."""
+        return self._seen[-1]
+
+    def play(self, step: int) -> None:
+        """Place everything, let SUMO make one step, read everything."""
+        self._show_signals(step)
+        for index in range(len(self._scenario.agents)):
+            if self._scenario.tracks.valid[index, step]:
+                self._place(index, step)
+            elif index in self._names:
+                self._remove(index)
+        self._sumo.simulationStep()
+        self._read(step)
+
+    def move_ego(self, step: int, ego: EgoState) -> None:
+        """Let the ego be at `ego` at `step`."""
+        pose = to_sumo(Pose(*(np.array(value) for value in ego[:3])), self._scenario.ego.length)
+        for track, value in zip(self._pose, pose, strict=True):
+            track[0, step] = value
+        self._speed[0, step] = ego.speed
+
+    def finish(self) -> SumoReplay:
+        """All that was seen."""
+        columns = (np.stack(values, axis=1) for values in zip(*self._seen, strict=True))
+        signals = tuple(Signal(name, _changes(letters)) for name, letters in self._letters.items())
+        return SumoReplay(Tracks(*columns), tuple(self._collisions), signals)
+
+    def _place(self, index: int, step: int) -> None:
+        vehicle = self._sumo.vehicle
+        speed = float(self._speed[index, step])
+        if index not in self._names:
+            self._enter(index, speed)
+        name = self._names[index]
+        x, y, angle = (float(values[index, step]) for values in self._pose)
+        vehicle.moveToXY(name, "", -1, x, y, angle, _EXACT)
+        vehicle.setSpeed(name, speed)
+
+    def _enter(self, index: int, speed: float) -> None:
+        vehicle, agent = self._sumo.vehicle, self._scenario.agents[index]
+        name = _free_name(agent.id, self._agent)
+        # setSpeed acts one step late on a new vehicle, its departure speed at once
+        vehicle.add(name, "replay", _type_name(index), departSpeed=repr(speed))
+        vehicle.setSpeedMode(name, 0)
+        vehicle.setLaneChangeMode(name, 0)
+        vehicle.setColor(name, _COLOURS[agent.role])
+        self._names[index], self._agent[name] = name, index
+
+    def _remove(self, index: int) -> None:
+        name = self._names.pop(index)
+        if name in self._sumo.vehicle.getIDList():
+            self._sumo.vehicle.remove(name)
+
+    def _read(self, step: int) -> None:
+        vehicle, agents = self._sumo.vehicle, self._scenario.agents
+        seen = _Seen(*np.zeros((4, len(agents))), np.zeros(len(agents), bool))
+        there = set(vehicle.getIDList())
+        for index in [index for index, name in self._names.items() if name in there]:
+            name = self._names[index]
+            reported = SumoPose(*(np.array(v) for v in (*vehicle.getPosition(name), vehicle.getAngle(name))))
+            pose = from_sumo(reported, agents[index].length)
+            for values, value in zip(seen, (*pose, vehicle.getSpeed(name), True), strict=True):
+                values[index] = value
+        self._seen.append(seen)
+        for found in self._sumo.simulation.getCollisions():
+            collider, victim = (agents[self._agent[name]].id for name in (found.collider, found.victim))
+            self._collisions.append(SumoCollision(step, collider, victim, found.type))
+        for name, letters in self._letters.items():
+            letters.append(self._sumo.trafficlight.getRedYellowGreenState(name))
+
+    def _check_signals(self) -> None:
+        light = self._sumo.trafficlight
+        known = set(light.getIDList())
+        for signal in self._scenario.signals:
+            if signal.id not in known:
+                raise SumoError(
+                    f"case {self._scenario.id}: signal {signal.id!r} is not in its SUMO network, which has "
+                    f"{', '.join(sorted(known)) or 'no signals'}; the case and its map do not belong together"
+                )
+            links, shown = len(light.getControlledLinks(signal.id)), len(signal.letters(0))
+            if links != shown:
+                raise SumoError(
+                    f"case {self._scenario.id}: signal {signal.id!r} shows {shown} letters, SUMO's has {links} links; "
+                    "the case and its map do not belong together"
+                )
+
+    def _show_signals(self, step: int) -> None:
         for signal in self._scenario.signals:
             for since, letters in signal.changes:
                 if since == step:
                     self._sumo.trafficlight.setRedYellowGreenState(signal.id, letters)
-        valid = self._scenario.tracks.valid
-        for index, agent in enumerate(self._scenario.agents):
-            was_there = step > 0 and valid[index, step - 1]
-            if valid[index, step]:
-                if not was_there:
-                    self._enter(index)
-                front = to_sumo(Pose(float(x[index]), float(y[index]), float(yaw[index])), agent.length)
-                name = self._name(index)
-                self._sumo.vehicle.moveToXY(name, "", -1, front.x, front.y, front.angle, _EXACT_ANYWHERE)
-                self._sumo.vehicle.setSpeed(name, float(speed[index]))
-            elif was_there:
-                self._sumo.vehicle.remove(self._name(index))
-
-    def read(self, step: int) -> tuple[np.ndarray, ...]:
-        """x, y, yaw and speed [agent] as SUMO reports them, 0 for absent agents."""
-        states = np.zeros((4, len(self._scenario.agents)))
-        vehicle = self._sumo.vehicle
-        for index in np.flatnonzero(self._scenario.tracks.valid[:, step]):
-            name = self._name(index)
-            pose = from_sumo(
-                SumoPose(*vehicle.getPosition(name), vehicle.getAngle(name)), self._scenario.agents[index].length
-            )
-            states[:, index] = (*pose, max(vehicle.getSpeed(name), 0.0))
-        return tuple(states)
-
-    def collisions(self, step: int) -> Iterator[SumoCollision]:
-        """SUMO's own verdict on the last step."""
-        for found in self._sumo.simulation.getCollisions():
-            pair = (self._agent(name) for name in (found.collider, found.victim))
-            yield SumoCollision(step, *pair, found.type)
-
-    def _enter(self, index: int) -> None:
-        self._entries[index] += 1
-        name = self._name(index)
-        self._sumo.vehicle.add(name, _ROUTE, typeID=f"type{index}", depart="now")
-        self._sumo.vehicle.setSpeedMode(name, 0)
-        self._sumo.vehicle.setLaneChangeMode(name, 0)
-
-    def _name(self, index: int) -> str:
-        return f"agent{index}.{self._entries[index]}"
-
-    def _agent(self, name: str) -> str:
-        return self._scenario.agents[int(name.removeprefix("agent").partition(".")[0])].id
 
 
-def _any_edge(sumo: ModuleType) -> str:
-    """An edge for cars: a vehicle needs a route, though ours never follow it."""
-    for lane in sumo.lane.getIDList():
-        allowed = sumo.lane.getAllowed(lane)
-        if not lane.startswith(":") and (not allowed or "passenger" in allowed):
-            return sumo.lane.getEdgeID(lane)
-    raise SumoError("the SUMO network has no lane for cars")
+def _some_edge(scenario: Scenario) -> str:
+    """An edge that cars may use: SUMO wants a route for every vehicle, wherever it is placed."""
+    lane = next(lane for lane in scenario.road.lanes if not lane.junction)
+    return lane.id.rpartition("_")[0]
 
 
 def _add_type(sumo: ModuleType, name: str, agent: Agent) -> None:
-    sumo.vehicletype.copy("DEFAULT_VEHTYPE", name)
-    sumo.vehicletype.setLength(name, agent.length)
-    sumo.vehicletype.setWidth(name, agent.width)
-    colour = {"ego": (0, 114, 178, 255), "adversary": (213, 94, 0, 255)}.get(agent.role, (150, 150, 150, 255))
-    sumo.vehicletype.setColor(name, colour)
+    kinds = sumo.vehicletype
+    kinds.copy("DEFAULT_VEHTYPE", name)
+    kinds.setLength(name, agent.length)
+    kinds.setWidth(name, agent.width)
+    kinds.setMaxSpeed(name, _FASTEST)
+    kinds.setShapeClass(name, _SHAPES[agent.kind])
+
+
+def _type_name(index: int) -> str:
+    return f"agent{index}"
+
+
+def _free_name(agent_id: str, taken: dict[str, int]) -> str:
+    """A name that SUMO takes and that nobody had before: logs hold blanks, bars, any character."""
+    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", agent_id) or "_"
+    name, number = plain, 1
+    while name in taken:
+        number += 1
+        name = f"{plain}#{number}"
+    return name
+
+
+def _changes(letters: list[str]) -> tuple[tuple[int, str], ...]:
+    return tuple((k, now) for k, now in enumerate(letters) if k == 0 or now != letters[k - 1])
