@@ -5,6 +5,7 @@ goes to SUMO. Exit codes: 0 clean, 1 a failed verification, 2 wrong usage or inp
 """
 
 import dataclasses
+import os
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -461,6 +462,9 @@ def run(arguments: Sequence[str]) -> int:
         return _complain(f"{error} (see `regents {mine[0] if mine else ''} --help`)", 2)
     except RegentsError as error:
         return _complain(str(error), error.exit_code)
+    except BrokenPipeError:  # whoever read the table has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except KeyboardInterrupt:
         return _complain("interrupted; cases that were finished are saved", 130)
     return code if isinstance(code, int) else 0

@@ -7,6 +7,7 @@ reason when it refuses to go on.
 import os
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import ModuleType
@@ -16,6 +17,8 @@ from regents_cosim.errors import SumoError
 
 # Shared libraries that the wheel links but does not bring: measured with ldd, SUMO 1.28.0.
 _DEBIAN_PACKAGES = "libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1"
+
+_ONE_SIMULATION = threading.Lock()  # libsumo would replace the running one without a word
 
 
 def load_libsumo() -> ModuleType:
@@ -35,12 +38,13 @@ def load_libsumo() -> ModuleType:
 def running_sumo(options: Sequence[str], gui: bool = False) -> Iterator[ModuleType]:
     """A started simulation, closed at the end. Raises SumoError with SUMO's own words.
 
-    `options` are SUMO's command-line options. One simulation per process.
+    `options` are SUMO's command-line options. One simulation per process: a second one, in
+    another thread, waits for the first to end.
     """
-    libsumo = load_libsumo()
-    if gui and not os.environ.get("DISPLAY"):
+    if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
         raise SumoError("sumo-gui needs a display, and DISPLAY is not set (leave out --gui, or use --record)")
-    with _output_kept() as output:
+    with _ONE_SIMULATION, _output_kept() as output:
+        libsumo = load_libsumo()
         try:
             libsumo.start(["sumo-gui" if gui else "sumo", *options])
             yield libsumo

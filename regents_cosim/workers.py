@@ -7,10 +7,11 @@ script needs no `if __name__ == "__main__"` guard.
 
 import multiprocessing
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
@@ -19,6 +20,8 @@ from regents_cosim.errors import RegentsError
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 _Job = TypeVar("_Job")
+
+_MAIN = threading.Lock()  # the caller's script is hidden by one thread at a time
 
 
 def run_isolated(function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -32,32 +35,20 @@ def run_each(
 ) -> Iterator[_R | RegentsError]:
     """Results of `function` for every job, in order; a job that fails gives its error as a value.
 
-    Without an executor each job has a process of its own, so that a crash costs its job only.
+    A crash costs its job only: without an executor a process works on one job at a time, and a
+    job whose process died on an executor, perhaps by another job's fault, is tried once more in
+    a process of its own.
     """
-    jobs = list(jobs)
-    if executor is not None:
-        futures = [executor.submit(function, job) for job in jobs]
-        yield from (_result_or_error(future) for future in futures)
-        return
-    workers = min(len(jobs), os.cpu_count() or 1)
-    pools = [local_processes(1) for _ in range(workers)]
-    try:
-        running: list[Future[_R]] = []
-        for index, job in enumerate(jobs):
-            if index >= workers:
-                yield _result_or_error(running[index - workers])
-                if _is_broken(running[index - workers]):
-                    pools[index % workers] = local_processes(1)
-            running.append(submit(pools[index % workers], function, job))
-        yield from (_result_or_error(future) for future in running[max(len(jobs) - workers, 0) :])
-    finally:
-        for pool in pools:
-            pool.shutdown(wait=True, cancel_futures=True)
+    if executor is None:
+        return _each_here(function, list(jobs))
+    return _each_there(function, list(jobs), executor)
 
 
 def local_processes(workers: int) -> ProcessPoolExecutor:
     """Spawned (never forked) processes: JAX's threads and libsumo's state do not survive a fork."""
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+    return ProcessPoolExecutor(
+        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_quietly_when_interrupted
+    )
 
 
 def submit(executor: Executor, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
@@ -68,13 +59,13 @@ def submit(executor: Executor, function: Callable[_P, _R], *args: _P.args, **kwa
 
 def result_of(future: Future[_R]) -> _R:
     """The result, or a RegentsError that says that the process died."""
-    try:
-        return future.result()
-    except BrokenProcessPool as error:
+    error = _failure(future)
+    if _is_lost(error):
         raise RegentsError(
             "the worker process died without a word (SUMO crashed or memory ran out); "
             "the other results are not affected, run the command again for this one"
         ) from error
+    return future.result()
 
 
 @contextmanager
@@ -98,24 +89,86 @@ def executor_for(name: str) -> Iterator[Executor | None]:
         yield client.get_executor()
 
 
-def _result_or_error(future: "Future[_R]") -> _R | RegentsError:
+def _each_here(function: Callable[[_Job], _R], jobs: list[_Job]) -> Iterator[_R | RegentsError]:
+    workers = min(len(jobs), _cores())
+    pools = [local_processes(1) for _ in range(workers)]
+    try:
+        running = [submit(pool, function, job) for pool, job in zip(pools, jobs, strict=False)]
+        for index in range(len(jobs)):
+            outcome = _result_or_error(running[index])
+            if index + workers < len(jobs):
+                turn = index % workers
+                if _is_lost(_failure(running[index])):
+                    pools[turn].shutdown()
+                    pools[turn] = local_processes(1)
+                running.append(submit(pools[turn], function, jobs[index + workers]))
+            yield outcome
+    finally:
+        for pool in pools:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _each_there(
+    function: Callable[[_Job], _R], jobs: list[_Job], executor: Executor
+) -> Iterator[_R | RegentsError]:
+    futures = [_try_to_submit(executor, function, job) for job in jobs]
+    for job, future in zip(jobs, futures, strict=True):
+        if future is not None and not _is_lost(_failure(future)):
+            yield _result_or_error(future)
+            continue
+        with local_processes(1) as alone:
+            yield _result_or_error(submit(alone, function, job))
+
+
+def _try_to_submit(executor: Executor, function: Callable[[_Job], _R], job: _Job) -> Future[_R] | None:
+    """None where an earlier job has already brought the executor down."""
+    try:
+        return submit(executor, function, job)
+    except BrokenExecutor:
+        return None
+
+
+def _result_or_error(future: Future[_R]) -> _R | RegentsError:
     try:
         return result_of(future)
     except RegentsError as error:
         return error
 
 
-def _is_broken(future: Future[object]) -> bool:
-    return isinstance(future.exception(), BrokenProcessPool)
+def _failure(future: Future[_R]) -> BaseException | None:
+    try:
+        return future.exception()
+    except CancelledError as error:
+        return error
+
+
+def _is_lost(error: BaseException | None) -> bool:
+    """Whether the process died, rather than the job failed."""
+    # Dask's word for it; isinstance would import Dask
+    return isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker"
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _leave_quietly_when_interrupted() -> None:
+    """On Ctrl-C an idle worker would print a traceback; a busy one still cleans up behind itself."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, lambda *_: sys.exit(130))
 
 
 @contextmanager
 def _main_hidden() -> Iterator[None]:
     """Spawned processes import the parent's main script again unless it has no file and no spec."""
     main = sys.modules["__main__"]
-    hidden = {name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in main.__dict__}
-    main.__spec__ = None
-    try:
-        yield
-    finally:
-        main.__dict__.update(hidden)
+    with _MAIN:
+        hidden = {name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in main.__dict__}
+        main.__spec__ = None
+        try:
+            yield
+        finally:
+            main.__dict__.update(hidden)
