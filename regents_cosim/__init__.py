@@ -7,36 +7,36 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from regents_cosim.attack.attack import attack as attack
-    from regents_cosim.attack.presets import KING as KING
-    from regents_cosim.attack.presets import REGENTS as REGENTS
-    from regents_cosim.attack.presets import AttackConfig as AttackConfig
+    from regents_cosim.attacks.attack import attack as attack
+    from regents_cosim.attacks.presets import KING as KING
+    from regents_cosim.attacks.presets import REGENTS as REGENTS
+    from regents_cosim.attacks.presets import AttackConfig as AttackConfig
     from regents_cosim.files import load_case as load_case
     from regents_cosim.files import save_case as save_case
     from regents_cosim.mirror.bicycle import Controls as Controls
     from regents_cosim.planners.interface import JaxPlanner as JaxPlanner
-    from regents_cosim.replay.replay import replay as replay
+    from regents_cosim.replays.replay import replay as replay
     from regents_cosim.scenario import Scenario as Scenario
     from regents_cosim.shipped import network_config as network_config
     from regents_cosim.sources.record import record as record
     from regents_cosim.sources.sumo_config import SumoInput as SumoInput
 
 _HOMES = {
-    "AttackConfig": "attack.presets",
+    "AttackConfig": "attacks.presets",
     "Controls": "mirror.bicycle",
     "JaxPlanner": "planners.interface",
-    "KING": "attack.presets",
-    "REGENTS": "attack.presets",
+    "KING": "attacks.presets",
+    "REGENTS": "attacks.presets",
     "Scenario": "scenario",
     "SumoInput": "sources.sumo_config",
-    "attack": "attack.attack",
+    "attack": "attacks.attack",
     "load_case": "files",
     "network_config": "shipped",
     "record": "sources.record",
-    "replay": "replay.replay",
+    "replay": "replays.replay",
     "save_case": "files",
 }
-__all__ = list(_HOMES)
+__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

@@ -37,6 +37,15 @@ def write_atomic(path: Path, content: bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def require_writable(folder: Path) -> None:
+    """Raise RegentsError now where `folder` cannot be made or written later; makes nothing."""
+    existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        raise RegentsError(
+            f"cannot write to {folder}: {existing} is no folder we may write to (choose another with -o)"
+        )
+
+
 @contextmanager
 def explain_write(folder: Path) -> Iterator[None]:
     """Turn the system's refusal to write into an error that names the folder."""

@@ -11,16 +11,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
 from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from regents_cosim.replay.verify import Replay
+    from regents_cosim.replays.verify import Replay
     from regents_cosim.scenario import Scenario
     from regents_cosim.terminal import Terminal
 
@@ -77,7 +75,6 @@ class Talk:
 
 
 SumoOptions = Annotated[tuple[str, ...], Parameter("--sumo-option", show=False, allow_leading_hyphen=True)]
-Compiled = Annotated[bool, Parameter(negative="--no-compile-cache")]
 
 
 @app.command
@@ -98,26 +95,17 @@ def record(
     executor
         where SUMO runs: local, or dask:ADDRESS
     """
+    from regents_cosim.reports.tables import case_row
     from regents_cosim.suite import SuiteWriter
 
     terminal = _terminal(talk)
-    scenarios = _record(traffic, sumo, executor, terminal)
     suite = SuiteWriter(output, traffic.seed)
+    scenarios = _record(traffic, sumo, executor, terminal)
     for scenario in scenarios:
         suite.add(scenario)
     terminal.show(
         f"{len(scenarios)} cases in {output}",
-        [
-            {
-                "case": s.id,
-                "ego": s.ego.id,
-                "agents": len(s.agents),
-                "begin_s": s.provenance.begin_s,
-                "horizon_s": round((s.tracks.steps - 1) * s.dt, 6),
-                "overlaps": len(s.overlaps),
-            }
-            for s in scenarios
-        ],
+        [case_row(scenario) for scenario in scenarios],
     )
     return 0
 
@@ -164,9 +152,10 @@ def attack(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.attack.attack import attack as run_attack
-    from regents_cosim.attack.presets import METHODS
+    from regents_cosim.attacks.attack import attack as run_attack
+    from regents_cosim.attacks.presets import METHODS
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import attack_row, summary
     from regents_cosim.suite import SuiteWriter, load_cases
 
     terminal = _terminal(talk)
@@ -184,8 +173,8 @@ def attack(
     replays = _verify(attacked, executor, terminal) if verify else {}
     if pictures:
         _draw_stills(attacked, output, terminal)
-    rows = [_attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
-    terminal.show(f"{method} against {planner}: {len(rows)} cases in {output}", rows, _summary(attacked, replays))
+    rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
+    terminal.show(f"{method} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
     return _exit_code(replays.values(), terminal)
 
 
@@ -221,7 +210,8 @@ def replay(
     executor
         where SUMO runs: local, or dask:ADDRESS
     """
-    from regents_cosim.replay.replay import replay_each
+    from regents_cosim.replays.replay import replay_each
+    from regents_cosim.reports.tables import replay_row
     from regents_cosim.suite import load_cases
     from regents_cosim.workers import executor_for
 
@@ -237,7 +227,7 @@ def replay(
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
     if record and found[0].replayed:
         _draw(found[0].replayed, record, terminal)
-    rows = [_replay_row(result) for result in found]
+    rows = [replay_row(result) for result in found]
     terminal.show(f"replayed in {where}, the ego driven by {driven_by or 'its track'}", rows)
     return _exit_code(found, terminal)
 
@@ -253,7 +243,7 @@ def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = ()
     nets
         shipped networks; all by default
     """
-    from regents_cosim.evaluate.benchmark import reconstruction_row
+    from regents_cosim.evaluation.benchmark import reconstruction_row
 
     terminal = _terminal(talk)
     traffic = _shipped_traffic(nets, count, seed, terminal)
@@ -288,9 +278,9 @@ def success(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.attack.attack import attack as run_attack
-    from regents_cosim.attack.presets import KING, REGENTS
-    from regents_cosim.evaluate.benchmark import success_row
+    from regents_cosim.attacks.attack import attack as run_attack
+    from regents_cosim.attacks.presets import KING, REGENTS
+    from regents_cosim.evaluation.benchmark import success_row
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
     terminal = _terminal(talk)
@@ -364,7 +354,7 @@ def _shipped_traffic(nets: tuple[str, ...], count: int, seed: int, terminal: "Te
 
 def _verify(attacked: "list[Scenario]", executor: str, terminal: "Terminal") -> "dict[str, Replay]":
     """Replays in SUMO of the crashes among `attacked` that have a SUMO network, by case."""
-    from regents_cosim.replay.replay import replay_each
+    from regents_cosim.replays.replay import replay_each
     from regents_cosim.workers import executor_for
 
     crashes = [s for s in attacked if s.attack and s.attack.outcome == "collision" and s.road.sumo_net]
@@ -380,56 +370,15 @@ def _attacked_planner(scenarios: "list[Scenario]") -> str:
     return planners.pop()
 
 
-def _attack_row(scenario: "Scenario", replay: "Replay | None") -> dict[str, Any]:
-    record = scenario.attack
-    hit = record.collision if record else None
-    return {
-        "case": scenario.id,
-        "outcome": record.outcome if record else None,
-        "iterations": record.iterations if record else None,
-        "adversary": hit.agent if hit else None,
-        "collision_step": hit.step if hit else None,
-        "kind": hit.kind if hit else None,
-        "impact_m_s": round(hit.relative_speed, 2) if hit else None,
-        "attributed": hit.attributed if hit else None,
-        "SUMO_verified": replay.verified if replay else None,
-    }
-
-
-def _summary(attacked: "list[Scenario]", replays: "dict[str, Replay]") -> str:
-    crashes = sum(s.attack is not None and s.attack.outcome == "collision" for s in attacked)
-    said = f"{crashes} of {len(attacked)} crash"
-    return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
-
-
-def _replay_row(replay: "Replay") -> dict[str, Any]:
-    def worst(errors: "np.ndarray | None", factor: float) -> float | None:
-        return None if errors is None else factor * float(errors.max(initial=0.0))
-
-    return {
-        "case": replay.case,
-        "verified": replay.verified,
-        "expected": _contact(replay.expected),
-        "found": _contact(replay.found),
-        "position_error_mm": worst(replay.position_error_m, 1e3),
-        "yaw_error_deg": worst(replay.yaw_error_deg, 1.0),
-        "simulators_own_list": sorted({f"{hit.collider} - {hit.victim}" for hit in replay.own_collisions}) or None,
-    }
-
-
-def _contact(contact: tuple[str, int] | None) -> str | None:
-    return f"{contact[0]} at step {contact[1]}" if contact else None
-
-
 def _draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -> None:
-    from regents_cosim.report.picture import draw_still
+    from regents_cosim.reports.picture import draw_still
 
     for scenario in terminal.each(attacked, "drawing", len(attacked)):
         draw_still(scenario, suite / scenario.id / "still.png")
 
 
 def _draw(scenario: "Scenario", path: Path, terminal: "Terminal") -> None:
-    from regents_cosim.report.picture import animate, draw_still
+    from regents_cosim.reports.picture import animate, draw_still
 
     if path.suffix not in (".gif", ".png"):
         raise RegentsError(f"--record {path}: expected a name that ends in .gif (moves) or .png (a still)")

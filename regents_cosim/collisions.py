@@ -83,4 +83,4 @@ def find_overlaps(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[Overlap, .
 
 
 def _row(boxes: Boxes, agent: int) -> Boxes:
-    return Boxes(*(values[agent] for values in boxes))
+    return Boxes(*(np.asarray(values)[agent] for values in boxes))

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from regents_cosim.atomic import require_writable
 from regents_cosim.errors import CaseError
 from regents_cosim.files import (
     Suite,
@@ -21,7 +22,8 @@ class SuiteWriter:
     """Adds cases to a folder. What the folder holds already stays, unless a case of the same name replaces it."""
 
     def __init__(self, folder: Path, seed: int) -> None:
-        """Raises CaseError where `folder` holds a manifest that cannot be read."""
+        """Raises RegentsError where `folder` cannot be written, or its manifest cannot be read."""
+        require_writable(folder)
         self.folder = folder
         self.seed = seed
         known = load_suite(folder).cases if (folder / "suite.json").exists() else ()

@@ -59,7 +59,8 @@ class Terminal:
 
     def _progress(self) -> Progress:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        return Progress(*columns, console=_stderr(), transient=True, disable=self.quiet)
+        console = _stderr()
+        return Progress(*columns, console=console, transient=True, disable=self.quiet or not console.is_terminal)
 
 
 def _stderr() -> Console:

@@ -108,9 +108,7 @@ def _each_here(function: Callable[[_Job], _R], jobs: list[_Job]) -> Iterator[_R 
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _each_there(
-    function: Callable[[_Job], _R], jobs: list[_Job], executor: Executor
-) -> Iterator[_R | RegentsError]:
+def _each_there(function: Callable[[_Job], _R], jobs: list[_Job], executor: Executor) -> Iterator[_R | RegentsError]:
     futures = [_try_to_submit(executor, function, job) for job in jobs]
     for job, future in zip(jobs, futures, strict=True):
         if future is not None and not _is_lost(_failure(future)):

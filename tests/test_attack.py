@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scenes import platoon, scene
 
-from regents_cosim.attack.attack import attack
-from regents_cosim.attack.presets import KING, METHODS, REGENTS
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.presets import KING, METHODS, REGENTS
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.files import content_hash

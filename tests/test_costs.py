@@ -8,8 +8,8 @@ from jax.test_util import check_grads
 from scenes import platoon, scene
 
 from regents_cosim import boxes as host
-from regents_cosim.attack.costs import ego_distance, mean_ego_distances, pair_proximity, road_deviation, total_cost
-from regents_cosim.attack.presets import KING
+from regents_cosim.attacks.costs import ego_distance, mean_ego_distances, pair_proximity, road_deviation, total_cost
+from regents_cosim.attacks.presets import KING
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
 

@@ -9,11 +9,11 @@ from scenes import DT, scene, straight_road
 
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
-from regents_cosim.report.camera import View, centred, fit_latest
-from regents_cosim.report.canvas import Canvas, dashes, shorten, text_width
-from regents_cosim.report.caption import HEADER_PX, describe, plain
-from regents_cosim.report.film import Ground, frame_steps, gif_bytes, shoot
-from regents_cosim.report.palette import (
+from regents_cosim.reports.camera import View, centred, fit_latest
+from regents_cosim.reports.canvas import Canvas, dashes, shorten, text_width
+from regents_cosim.reports.caption import HEADER_PX, describe, plain
+from regents_cosim.reports.film import Ground, frame_steps, gif_bytes, shoot
+from regents_cosim.reports.palette import (
     ADVERSARY,
     BURST,
     EGO,
@@ -25,8 +25,8 @@ from regents_cosim.report.palette import (
     SIGNAL_RED,
     gif_palette,
 )
-from regents_cosim.report.picture import STILL_SIZE, animate, animate_pair, draw_still
-from regents_cosim.report.scene import Scene, draw_ground, draw_moving
+from regents_cosim.reports.picture import STILL_SIZE, animate, animate_pair, draw_still
+from regents_cosim.reports.scene import Scene, draw_ground, draw_moving
 from regents_cosim.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import AttackRecord, Collision, Scenario, Signal
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scenes import scene
 
-from regents_cosim.attack.presets import KING, REGENTS
-from regents_cosim.attack.rules import candidates, diverging_in_front, mostly_behind
+from regents_cosim.attacks.presets import KING, REGENTS
+from regents_cosim.attacks.rules import candidates, diverging_in_front, mostly_behind
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.world import to_world
 

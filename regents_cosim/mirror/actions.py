@@ -54,8 +54,7 @@ def fit_controls(
 ) -> Controls:
     """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time]."""
     first = clip(controls_between(log, dt))
-    fit = jax.vmap(lambda *agent: _fit_one(*agent, dt))
-    return fit(log, valid, start, moving, first)
+    return jax.vmap(_fit_one, (0, 0, 0, 0, 0, None))(log, valid, start, moving, first, dt)
 
 
 class _Trajectory(eqx.Module):

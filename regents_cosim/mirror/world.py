@@ -110,7 +110,7 @@ def _apart_at_first(scenario: Scenario) -> Bool[np.ndarray, "agent agent"]:
     index = np.arange(len(scenario.agents))
     mine = boxes.Boxes(*(v[index[:, None], step] for v in np.broadcast_arrays(*scenario.boxes)))
     theirs = boxes.Boxes(*(v[index[None, :], step] for v in np.broadcast_arrays(*scenario.boxes)))
-    return ~boxes.overlap(mine, theirs)
+    return np.logical_not(boxes.overlap(mine, theirs))
 
 
 def _corners_on_road(scenario: Scenario) -> Bool[np.ndarray, "4 agent"]:

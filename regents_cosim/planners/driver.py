@@ -52,8 +52,8 @@ class LoopDriver:
         ):
             known[:now, step] = value
         self._valid[:now, step] = valid
-        traffic = jax.tree.map(jnp.asarray, (self._seen, self._valid))
-        ego, self._memory = _decide(self._loop, self._memory, self._world, *traffic, jnp.int32(step))
+        seen, valid_so_far = jax.tree.map(jnp.asarray, (self._seen, self._valid))
+        ego, self._memory = _decide(self._loop, self._memory, self._world, seen, valid_so_far, jnp.int32(step))
         ahead = [float(value) for value in (ego.x, ego.y, ego.yaw, ego.speed)]
         return ahead[0] + float(east), ahead[1] + float(north), ahead[2], ahead[3]
 

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.rollout import Traffic
@@ -172,7 +172,8 @@ def _nearest_points(
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     corner = middle - 0.5 * _GRID_M * (_GRID_CELLS - 1)
     y, x = np.meshgrid(*(corner[axis] + _GRID_M * np.arange(_GRID_CELLS) for axis in (1, 0)), indexing="ij")
-    return cKDTree(points).query(np.stack([x.ravel(), y.ravel()], axis=-1))[1], corner
+    _, nearest = KDTree(points).query(np.stack([x.ravel(), y.ravel()], axis=-1))
+    return np.asarray(nearest), corner
 
 
 def _pad_line(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "kept 2"]:

@@ -42,7 +42,7 @@ def match_lanes(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[Lan
 
 def _options(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[list[tuple[Lane | None, float]]]:
     """For every point the lanes it may be on with the distance to their centre lines [m]."""
-    where = shapely.points(points)
+    where = np.asarray(shapely.points(points))
     step = np.diff(points, axis=0, append=points[-1:] + (points[-1:] - points[-2:-1]))
     heading = np.arctan2(step[:, 1], step[:, 0])
     index, lane = road.centre_lines.query(where, predicate="dwithin", distance=_REACH_M)

@@ -98,12 +98,12 @@ def _evenly(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "even 2"]
 
 def _limits(on_lane: list[Lane | None]) -> Float[np.ndarray, " point"]:
     """Speed limit at every point; where there is no lane, that of the nearest point which has one."""
-    known = [i for i, lane in enumerate(on_lane) if lane is not None]
-    if not known:
+    limits = np.array([np.nan if lane is None else lane.speed_limit for lane in on_lane])
+    known = np.flatnonzero(np.isfinite(limits))
+    if not len(known):
         return np.full(len(on_lane), np.inf)
-    return np.array(
-        [on_lane[min(known, key=lambda k, i=i: abs(k - i))].speed_limit for i in range(len(on_lane))]
-    )  # fmt: skip
+    nearest = np.abs(np.arange(len(on_lane))[:, None] - known).argmin(axis=1)
+    return limits[known[nearest]]
 
 
 def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | None]) -> tuple[StopLine, ...]:

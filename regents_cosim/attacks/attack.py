@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from regents_cosim.attack.descent import Found, descend
-from regents_cosim.attack.presets import AttackConfig
+from regents_cosim.attacks.descent import Found, descend
+from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.world import to_tracks, to_world

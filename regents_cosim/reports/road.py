@@ -8,9 +8,9 @@ import shapely
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.report.camera import View
-from regents_cosim.report.canvas import Canvas
-from regents_cosim.report.palette import (
+from regents_cosim.reports.camera import View
+from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.palette import (
     KERB,
     LAND,
     MARKING,

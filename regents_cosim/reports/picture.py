@@ -11,13 +11,13 @@ from PIL import Image
 from regents_cosim.atomic import explain_write, write_atomic
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.report.camera import View, fit, fit_latest
-from regents_cosim.report.canvas import Canvas
-from regents_cosim.report.caption import FOOTER_PX, HEADER_PX, STRIP_PX, draw_footer, draw_header, draw_strip
-from regents_cosim.report.close_up import draw_close_up
-from regents_cosim.report.film import Ground, Progress, frame_steps, gif_bytes, shoot
-from regents_cosim.report.palette import ADVERSARY, HAIRLINE, INK, PANEL
-from regents_cosim.report.scene import Scene, draw_ground, draw_moving
+from regents_cosim.reports.camera import View, fit, fit_latest
+from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.caption import FOOTER_PX, HEADER_PX, STRIP_PX, draw_footer, draw_header, draw_strip
+from regents_cosim.reports.close_up import draw_close_up
+from regents_cosim.reports.film import Ground, Progress, frame_steps, gif_bytes, shoot
+from regents_cosim.reports.palette import ADVERSARY, HAIRLINE, INK, PANEL
+from regents_cosim.reports.scene import Scene, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario
 
 STILL_SIZE = (1200, 800)  # [px]

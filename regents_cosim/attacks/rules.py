@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.attack.presets import AttackConfig
+from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.mirror.bicycle import Motion, wrap
 from regents_cosim.mirror.world import World
 

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attack.costs import Costs, total_cost
-from regents_cosim.attack.presets import AttackConfig
-from regents_cosim.attack.rules import candidates, diverging_in_front
+from regents_cosim.attacks.costs import Costs, total_cost
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.rules import candidates, diverging_in_front
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
 from regents_cosim.mirror.rollout import LoopPlanner, drive, roll_out_background, with_ego
 from regents_cosim.mirror.separation import overlaps
@@ -77,7 +77,7 @@ def descend(world: World, planner: LoopPlanner, memory: Any, config: AttackConfi
         ego = jax.tree.map(lambda values: values[0], search.motion)
         (_, costs), gradient = jax.value_and_grad(cost, has_aux=True)(search.actions, ego)
         steps, state = adam.update(gradient, search.adam)
-        steps = jnp.where(may_change(search.motion), steps, 0.0)
+        steps = jnp.where(may_change(search.motion), jnp.asarray(steps), 0.0)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
         finite = jnp.isfinite(gradient).all() & jnp.isfinite(terms).all()
         return evaluate(

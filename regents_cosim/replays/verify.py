@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.frames import wrap
-from regents_cosim.replay.sumo import SumoCollision
+from regents_cosim.replays.sumo import SumoCollision
 from regents_cosim.scenario import Scenario, Tracks
 
 POSITION_BOUND_M = 1e-3
@@ -44,15 +44,17 @@ def compare(
 ) -> Replay:
     """Hold `tracks`, as a simulator reported them, against the case.
 
-    Everybody must be within 1 mm and 0.01 degrees at every step; the ego too, unless a planner
-    drove it (`ego_is_free`). The first contact must be with the same agent at the same step.
+    Everybody must be there, within 1 mm and 0.01 degrees, at every step; the ego too, unless a
+    planner drove it (`ego_is_free`). The first contact must be with the same agent at the same step.
     """
     position = np.hypot(tracks.x - scenario.tracks.x, tracks.y - scenario.tracks.y)
     yaw = np.abs(np.rad2deg(wrap(tracks.yaw - scenario.tracks.yaw)))
-    position, yaw = (np.where(scenario.tracks.valid, error, 0.0) for error in (position, yaw))
+    there = scenario.tracks.valid & tracks.valid
+    position, yaw = (np.where(there, error, 0.0) for error in (position, yaw))
     expected, found = (_contact(scenario, motion) for motion in (scenario.tracks, tracks))
     judged = slice(1, None) if ego_is_free else slice(None)
-    reason = _difference(expected, found, _worst(scenario, position[judged], yaw[judged], judged))
+    off = _absent(scenario, tracks) or _worst(scenario, position[judged], yaw[judged], judged)
+    reason = _stale(scenario, expected) or _difference(expected, found, off)
     return Replay(
         case=scenario.id,
         verified=not reason,
@@ -74,6 +76,21 @@ def failed(scenario: Scenario, reason: str) -> Replay:
 def _contact(scenario: Scenario, tracks: Tracks) -> Contact | None:
     contact = first_contact(scenario.agents, tracks)
     return contact and (scenario.agents[contact[0]].id, contact[1])
+
+
+def _stale(scenario: Scenario, expected: Contact | None) -> str:
+    """Whether the collision that an attack has noted is not the one in the case's own tracks."""
+    noted = scenario.attack.collision if scenario.attack else None
+    if noted is None or (noted.agent, noted.step) == expected:
+        return ""
+    shown = f"one with {expected[0]} at step {expected[1]}" if expected else "none"
+    return f"the case notes a collision with {noted.agent} at step {noted.step}, its own tracks show {shown}"
+
+
+def _absent(scenario: Scenario, tracks: Tracks) -> str:
+    """The first agent that is in the case but not in the replay."""
+    missing = np.argwhere((scenario.tracks.valid & ~tracks.valid).T)
+    return f"{scenario.agents[missing[0][1]].id} is not there at step {missing[0][0]}" if len(missing) else ""
 
 
 def _worst(scenario: Scenario, position: np.ndarray, yaw: np.ndarray, judged: slice) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
-from regents_cosim.report.palette import Colour
+from regents_cosim.reports.palette import Colour
 
 Points = Float[np.ndarray, "point 2"]
 Px = int | float  # final pixels

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.attack.presets import AttackConfig
-from regents_cosim.evaluate.statistics import wilson
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.mirror.bicycle import Controls, clip, controls_between
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_world

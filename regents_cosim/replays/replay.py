@@ -8,9 +8,9 @@ from typing import Literal
 from regents_cosim.errors import RegentsError
 from regents_cosim.planners.driver import LoopDriver
 from regents_cosim.planners.interface import find_planner
-from regents_cosim.replay.mirror import replay_in_mirror
-from regents_cosim.replay.sumo import replay_in_sumo
-from regents_cosim.replay.verify import Replay, compare, failed
+from regents_cosim.replays.mirror import replay_in_mirror
+from regents_cosim.replays.sumo import replay_in_sumo
+from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.workers import run_each
 

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from regents_cosim.report.camera import View, fit, follow, trim
-from regents_cosim.report.canvas import Canvas
-from regents_cosim.report.palette import LAND, gif_palette
-from regents_cosim.report.scene import Scene, draw_ground
+from regents_cosim.reports.camera import View, fit, follow, trim
+from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.palette import LAND, gif_palette
+from regents_cosim.reports.scene import Scene, draw_ground
 
 Progress = Callable[[int, int], None]
 

@@ -4,9 +4,9 @@ import unicodedata
 
 import numpy as np
 
-from regents_cosim.report.camera import View
-from regents_cosim.report.canvas import Canvas, shorten, text_width
-from regents_cosim.report.palette import (
+from regents_cosim.reports.camera import View
+from regents_cosim.reports.canvas import Canvas, shorten, text_width
+from regents_cosim.reports.palette import (
     ADVERSARY,
     EGO,
     FAINT_INK,
@@ -18,7 +18,7 @@ from regents_cosim.report.palette import (
     mix,
     shade,
 )
-from regents_cosim.report.scene import Scene, draw_burst
+from regents_cosim.reports.scene import Scene, draw_burst
 from regents_cosim.scenario import CollisionKind, Outcome
 
 HEADER_PX = 66

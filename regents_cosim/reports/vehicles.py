@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.report.camera import View
-from regents_cosim.report.canvas import Canvas
-from regents_cosim.report.palette import INK, MARKING, PANEL, ROAD, Colour, mix, shade
+from regents_cosim.reports.camera import View
+from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.palette import INK, MARKING, PANEL, ROAD, Colour, mix, shade
 from regents_cosim.scenario import Agent
 
 Pose = tuple[float, float, float]  # centre [m], yaw [rad]

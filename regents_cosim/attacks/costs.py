@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attack.presets import AttackConfig
+from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.separation import Box, corners, distance
 from regents_cosim.mirror.world import World

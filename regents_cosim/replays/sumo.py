@@ -26,8 +26,8 @@ _R = TypeVar("_R")
 
 _EXACT = 2  # keepRoute of moveToXY: this very position, on any edge or on none
 _FASTEST = 1000.0  # [m/s] SUMO caps speeds at the vehicle type's
-_COLOURS = {"ego": (40, 110, 220, 255), "adversary": (220, 50, 40, 255), "background": (150, 150, 150, 255)}
-_GUI_DELAY_MS = 100
+_COLOURS = {"ego": (0, 114, 178, 255), "adversary": (213, 94, 0, 255), "background": (150, 150, 150, 255)}
+_GUI_DELAY_MS = 100  # real time at 10 Hz
 _SHAPES = {
     "car": "passenger/sedan",
     "truck": "truck",
@@ -74,7 +74,7 @@ class SumoCollision(NamedTuple):
     step: int
     collider: str  # agent id
     victim: str  # agent id
-    kind: str  # SUMO's word: "collision", "junction", "frontal", ...
+    kind: str  # SUMO's word: "collision", "junction", "frontal", ...; side-swipes it never reports
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def _network(scenario: Scenario) -> Iterator[Path]:
     if scenario.road.sumo_net is None:
         raise ScenarioError(
             f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}); "
-            "only cases recorded in SUMO can be replayed there"
+            "only cases recorded in SUMO can be replayed there, use --in mirror"
         )
     with tempfile.TemporaryDirectory() as folder:
         net = Path(folder) / "replay.net.xml.gz"
@@ -157,7 +157,9 @@ def _decision(driver: Driver, step: int, seen: _Seen) -> EgoState:
             f"the planner answered {found!r} at step {step}, expected four numbers: x, y, yaw, speed"
         ) from error
     if not np.isfinite(ego).all() or ego.speed < 0:
-        raise PlannerError(f"the planner put the ego at {ego} after step {step}, expected finite numbers and speed >= 0")
+        raise PlannerError(
+            f"the planner put the ego at {ego} after step {step}, expected finite numbers and speed >= 0"
+        )
     return ego
 
 

@@ -1,0 +1,66 @@
+"""What the tables on the terminal say of a case: one row each, plain values that JSON takes."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from regents_cosim.replays.verify import Replay
+from regents_cosim.scenario import Scenario
+
+
+def case_row(scenario: Scenario) -> dict[str, Any]:
+    """A recorded case."""
+    return {
+        "case": scenario.id,
+        "ego": scenario.ego.id,
+        "agents": len(scenario.agents),
+        "begin_s": scenario.provenance.begin_s,
+        "horizon_s": round((scenario.tracks.steps - 1) * scenario.dt, 6),
+        "overlaps": len(scenario.overlaps),
+    }
+
+
+def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
+    """An attacked case, with its replay in SUMO where there was one."""
+    record = scenario.attack
+    hit = record.collision if record else None
+    return {
+        "case": scenario.id,
+        "outcome": record.outcome if record else None,
+        "iterations": record.iterations if record else None,
+        "adversary": hit.agent if hit else None,
+        "collision_step": hit.step if hit else None,
+        "kind": hit.kind if hit else None,
+        "impact_m_s": round(hit.relative_speed, 2) if hit else None,
+        "attributed": hit.attributed if hit else None,
+        "SUMO_verified": replay.verified if replay else None,
+    }
+
+
+def summary(attacked: Sequence[Scenario], replays: Mapping[str, Replay]) -> str:
+    """How many crash, and how many of these SUMO confirms."""
+    crashes = sum(s.attack is not None and s.attack.outcome == "collision" for s in attacked)
+    said = f"{crashes} of {len(attacked)} crash"
+    return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
+
+
+def replay_row(replay: Replay) -> dict[str, Any]:
+    """A replayed case; errors are the largest over all agents and steps."""
+    return {
+        "case": replay.case,
+        "verified": replay.verified,
+        "expected": _contact(replay.expected),
+        "found": _contact(replay.found),
+        "position_error_mm": _worst(replay.position_error_m, 1e3),
+        "yaw_error_deg": _worst(replay.yaw_error_deg, 1.0),
+        "simulators_own_list": sorted({f"{hit.collider} - {hit.victim}" for hit in replay.own_collisions}) or None,
+    }
+
+
+def _contact(contact: tuple[str, int] | None) -> str | None:
+    return f"{contact[0]} at step {contact[1]}" if contact else None
+
+
+def _worst(errors: np.ndarray | None, factor: float) -> float | None:
+    return None if errors is None else factor * float(errors.max(initial=0.0))
