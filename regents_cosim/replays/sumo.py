@@ -184,7 +184,7 @@ class _Stage:
         self._scenario = scenario
         track = scenario.tracks
         length = np.array([agent.length for agent in scenario.agents])[:, None]
-        self._pose = SumoPose(*(values.copy() for values in to_sumo(Pose(track.x, track.y, track.yaw), length)))
+        self._pose = np.stack(to_sumo(Pose(track.x, track.y, track.yaw), length))  # [3, agent, time]
         self._speed = track.speed.copy()
         self._names: dict[int, str] = {}  # SUMO's name of every agent on the road
         self._agent: dict[str, int] = {}  # and back; names are never used twice
@@ -214,9 +214,7 @@ class _Stage:
 
     def move_ego(self, step: int, ego: EgoState) -> None:
         """Let the ego be at `ego` at `step`."""
-        pose = to_sumo(Pose(*(np.array(value) for value in ego[:3])), self._scenario.ego.length)
-        for track, value in zip(self._pose, pose, strict=True):
-            track[0, step] = value
+        self._pose[:, 0, step] = to_sumo(Pose(ego.x, ego.y, ego.yaw), self._scenario.ego.length)
         self._speed[0, step] = ego.speed
 
     def finish(self) -> SumoReplay:
@@ -231,7 +229,7 @@ class _Stage:
         if index not in self._names:
             self._enter(index, speed)
         name = self._names[index]
-        x, y, angle = (float(values[index, step]) for values in self._pose)
+        x, y, angle = self._pose[:, index, step].tolist()
         vehicle.moveToXY(name, "", -1, x, y, angle, _EXACT)
         vehicle.setSpeed(name, speed)
 
@@ -252,15 +250,15 @@ class _Stage:
 
     def _read(self, step: int) -> None:
         vehicle, agents = self._sumo.vehicle, self._scenario.agents
-        seen = _Seen(*np.zeros((4, len(agents))), np.zeros(len(agents), bool))
+        states, valid = np.zeros((4, len(agents))), np.zeros(len(agents), bool)
         there = set(vehicle.getIDList())
-        for index in [index for index, name in self._names.items() if name in there]:
-            name = self._names[index]
-            reported = SumoPose(*(np.array(v) for v in (*vehicle.getPosition(name), vehicle.getAngle(name))))
-            pose = from_sumo(reported, agents[index].length)
-            for values, value in zip(seen, (*pose, vehicle.getSpeed(name), True), strict=True):
-                values[index] = value
-        self._seen.append(seen)
+        for index, name in self._names.items():
+            if name in there:
+                pose = SumoPose(*vehicle.getPosition(name), vehicle.getAngle(name))
+                states[:, index] = *from_sumo(pose, agents[index].length), vehicle.getSpeed(name)
+                valid[index] = True
+        x, y, yaw, speed = states
+        self._seen.append(_Seen(x, y, yaw, speed, valid))
         for found in self._sumo.simulation.getCollisions():
             collider, victim = (agents[self._agent[name]].id for name in (found.collider, found.victim))
             self._collisions.append(SumoCollision(step, collider, victim, found.type))

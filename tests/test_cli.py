@@ -1,0 +1,288 @@
+"""The command line as people and CI use it: in processes of its own."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from regents_cosim.collisions import first_contact
+from regents_cosim.files import load_case, load_suite
+from regents_cosim.shipped import network_config
+
+REGENTS = Path(sys.executable).parent / "regents"
+GRID = network_config("grid")
+
+
+def regents(*words, cwd=None, **environment):
+    done = subprocess.run(
+        [str(REGENTS), *map(str, words)], capture_output=True, text=True, cwd=cwd, env=os.environ | environment
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorded") / "cases"
+    done = regents("record", "-c", GRID, "--count", 3, "--seed", 1, "-o", folder, "--json")
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def attacked(recorded, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("attacked") / "suite"
+    done = regents("attack", recorded[0], "-o", folder, "--json")
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout)
+
+
+def crash(attacked):
+    """Folder and row of a case that ended in a collision."""
+    folder, rows = attacked
+    row = next(row for row in rows if row["outcome"] == "collision")
+    return folder / row["case"], row
+
+
+def test_record_writes_the_cases_that_its_table_lists(recorded):
+    folder, rows = recorded
+    assert [entry.case for entry in load_suite(folder).cases] == sorted(row["case"] for row in rows)
+    for row in rows:
+        case = load_case(folder / row["case"])
+        assert (len(case.agents), case.tracks.steps) == (row["agents"], 81)
+        assert case.provenance.command.startswith("regents record -c")
+        assert case.provenance.seed == 1
+
+
+def test_the_same_seed_gives_the_same_cases(recorded, tmp_path):
+    again = tmp_path / "again"
+    regents("record", "-c", GRID, "--count", 3, "--seed", 1, "-o", again)
+    assert load_suite(again).cases == load_suite(recorded[0]).cases
+
+
+def test_attack_finds_crashes_that_sumo_confirms(attacked):
+    folder, rows = attacked
+    crashes = [row for row in rows if row["outcome"] == "collision"]
+    assert crashes
+    for row in crashes:
+        assert row["SUMO_verified"] is True
+        case = load_case(folder / row["case"])
+        agent, step = first_contact(case.agents, case.tracks)
+        assert (case.agents[agent].id, step) == (row["adversary"], row["collision_step"])
+
+
+def test_every_attacked_case_has_its_picture(attacked):
+    folder, rows = attacked
+    for row in rows:
+        with Image.open(folder / row["case"] / "still.png") as picture:
+            assert picture.size == (1200, 800)
+
+
+def test_a_suite_replays_elsewhere(attacked, tmp_path):
+    moved = shutil.copytree(attacked[0], tmp_path / "moved")
+    done = regents("replay", moved, "--json", cwd=tmp_path)
+    assert done.returncode == 0
+    assert all(row["verified"] and row["position_error_mm"] < 1e-3 for row in json.loads(done.stdout))
+
+
+@pytest.mark.parametrize("where", ["sumo", "mirror"])
+def test_the_planner_crashes_again_in_closed_loop(attacked, where):
+    folder, row = crash(attacked)
+    done = regents("replay", folder, "--in", where, "--ego", "planner", "--json")
+    (again,) = json.loads(done.stdout)
+    assert done.returncode == 0, done.stderr
+    assert again["found"] == f"{row['adversary']} at step {row['collision_step']}"
+
+
+def test_another_planner_may_get_away(attacked):
+    folder, _ = crash(attacked)
+    done = regents("replay", folder, "--in", "mirror", "--planner", "constant_velocity", "--json")
+    (row,) = json.loads(done.stdout)
+    assert done.returncode == (0 if row["verified"] else 1)
+    assert row["verified"] == (row["expected"] == row["found"])
+
+
+def test_recording_a_film(attacked, tmp_path):
+    folder, row = crash(attacked)
+    assert regents("replay", folder, "--in", "mirror", "--record", tmp_path / "out.gif").returncode == 0
+    with Image.open(tmp_path / "out.gif") as film:
+        assert film.n_frames >= min(row["collision_step"] + 10, 80)
+
+
+def test_attack_straight_from_traffic(tmp_path):
+    words = ("attack", "-c", GRID, "--count", 1, "--iterations", 2, "--no-verify", "--no-pictures", "--quiet")
+    done = regents(*words, "-o", tmp_path / "suite", "--method", "king", "--planner", "log_replay")
+    assert (done.returncode, done.stderr) == (0, "")
+    (entry,) = load_suite(tmp_path / "suite").cases
+    assert load_case(tmp_path / "suite" / entry.case).attack.method == "king"
+
+
+def test_what_follows_two_dashes_goes_to_sumo(tmp_path):
+    done = regents("record", "-c", GRID, "--count", 1, "-o", tmp_path / "a", "--", "--max-depart-delay", "1", "--scale", "0")
+    assert done.returncode == 2
+    assert "no vehicle was on the road" in done.stderr
+
+
+def test_the_compilation_cache(tmp_path):
+    words = ("attack", "-c", GRID, "--count", 1, "--iterations", 2, "--no-verify", "--no-pictures", "-o", tmp_path / "suite")
+    regents(*words, "--no-compile-cache", REGENTS_CACHE=str(tmp_path / "kept"))
+    assert not (tmp_path / "kept").exists()
+    regents(*words, REGENTS_CACHE=str(tmp_path / "kept"))
+    assert any((tmp_path / "kept").rglob("*descend*"))
+
+
+def test_data_goes_to_stdout_and_talk_to_stderr(recorded, tmp_path):
+    done = regents("record", "-c", GRID, "--count", 500, "--end", 40, "-o", tmp_path / "many", "--json")
+    assert len(json.loads(done.stdout)) < 500
+    assert "of the 500 windows asked for" in done.stderr
+
+
+@pytest.mark.parametrize("command", [(), ("record",), ("attack",), ("replay",), ("bench",)])
+def test_help(command):
+    done = regents(*command, "--help")
+    assert done.returncode == 0
+    assert "Usage: regents" in done.stdout
+
+
+def test_version():
+    assert regents("--version").stdout.strip() == "0.1.0"
+
+
+# --- bad input ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory):
+    """A folder of broken inputs."""
+    folder = tmp_path_factory.mktemp("broken")
+    net = GRID.with_name("grid.net.xml")
+    (folder / "broken.sumocfg").write_text("<configuration><input><net-file value='x")
+    (folder / "no_net.sumocfg").write_text("<configuration><time><end value='60'/></time></configuration>")
+    (folder / "no_traffic.sumocfg").write_text(f"<configuration><net-file value='{net}'/></configuration>")
+    (folder / "refused.sumocfg").write_text(
+        f"<configuration><net-file value='{net}'/><route-files value='ghost.rou.xml'/></configuration>"
+    )
+    (folder / "ghost.rou.xml").write_text("<routes><trip id='a' type='ghost' depart='0' from='A0B0' to='B0C0'/></routes>")
+    lane = "<lane id='e_0' index='0' speed='10' length='100' shape='0,0 100,0' allow='rail'/>"
+    (folder / "rail.net.xml").write_text(
+        "<net version='1.20'><location netOffset='0,0' convBoundary='0,0,100,0' origBoundary='0,0,100,0' "
+        f"projParameter='!'/><edge id='e' from='a' to='b'>{lane}</edge>"
+        "<junction id='a' type='dead_end' x='0' y='0' incLanes='' intLanes='' shape='0,0'/>"
+        "<junction id='b' type='dead_end' x='100' y='0' incLanes='e_0' intLanes='' shape='100,0'/></net>"
+    )
+    (folder / "file").write_text("")
+    return folder
+
+
+BAD_TRAFFIC = [
+    (("-c", "missing.sumocfg"), "SUMO configuration not found: missing.sumocfg"),
+    (("-c", "broken.sumocfg"), "broken XML"),
+    (("-c", "no_net.sumocfg"), "no network named"),
+    (("-c", "no_traffic.sumocfg"), "no vehicle was on the road"),
+    (("-c", "refused.sumocfg"), "SUMO refused: The vehicle type 'ghost' for vehicle 'a' is not known"),
+    (("-n", "rail.net.xml"), "no lane"),
+    (("-c", GRID, "--horizon", "700"), "a horizon of 700 s does not fit into the simulation"),
+    (("-c", GRID, "--begin", "700"), "SUMO refused: The end time should be after the begin time"),
+    (("-c", GRID, "--count", "0"), "--count 0, expected at least 1"),
+    (("-c", GRID, "--cout", "1"), "Unknown option: --cout"),
+    (("-c", GRID, "--step-length", "0.5"), "0.1 s only"),
+    (("-c", GRID, "--executor", "moon"), "expected `local` or `dask:ADDRESS`"),
+    ((), "no traffic named"),
+]
+
+
+@pytest.mark.parametrize(("words", "said"), BAD_TRAFFIC, ids=lambda value: str(value)[:40])
+def test_bad_traffic(broken, tmp_path, words, said):
+    done = regents("record", *words, "-o", tmp_path / "out", cwd=broken)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_output_folder_that_cannot_be_written_is_found_before_the_work(broken):
+    done = regents("attack", "-c", GRID, "-o", broken / "file")
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "cannot write to" in done.stderr
+
+
+def test_a_planner_that_does_not_exist(recorded, tmp_path):
+    done = regents("attack", recorded[0], "--planner", "nobody", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert "expected one of constant_velocity, idm, log_replay" in done.stderr
+
+
+def damaged(recorded, tmp_path, damage):
+    folder, rows = recorded
+    suite = shutil.copytree(folder, tmp_path / "suite")
+    damage(suite / rows[0]["case"])
+    return suite
+
+
+def with_nan(case):
+    with np.load(case / "tracks.npz") as packed:
+        arrays = dict(packed)
+    np.savez(case / "tracks.npz", **(arrays | {"x": arrays["x"] * np.nan}))
+
+
+def mismatched(case):
+    with np.load(case / "tracks.npz") as packed:
+        arrays = dict(packed)
+    np.savez(case / "tracks.npz", **(arrays | {"x": arrays["x"][:, :-1]}))
+
+
+def from_the_future(case):
+    header = json.loads((case / "scenario.json").read_text())
+    (case / "scenario.json").write_text(json.dumps(header | {"schema": 2}))
+
+
+def truncated(case):
+    (case / "tracks.npz").write_bytes((case / "tracks.npz").read_bytes()[:300])
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (with_nan, "x is not finite at agent 0, step 0"),
+        (mismatched, "shape"),
+        (from_the_future, "schema 2, this version reads up to 1"),
+        (truncated, "damaged or truncated"),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_damaged_cases(recorded, tmp_path, damage, said):
+    suite = damaged(recorded, tmp_path, damage)
+    for words in (("attack", suite, "-o", tmp_path / "out"), ("replay", suite)):
+        done = regents(*words)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert said in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_missing_system_libraries_are_named(tmp_path):
+    hidden = tmp_path / "libsumo"
+    hidden.mkdir()
+    (hidden / "__init__.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
+    done = regents("record", "-c", GRID, "-o", tmp_path / "out", PYTHONPATH=str(tmp_path))
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "libGL.so.1" in done.stderr
+    assert "apt-get install libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1" in done.stderr
+
+
+def test_a_killed_run_leaves_whole_cases_only(tmp_path):
+    suite = tmp_path / "suite"
+    running = subprocess.Popen([str(REGENTS), "attack", "-c", str(GRID), "--count", "40", "-o", str(suite), "--quiet"])
+    try:
+        while not (suite / "suite.json").exists() and running.poll() is None:
+            pass
+    finally:
+        running.kill()
+        running.wait()
+    for entry in load_suite(suite).cases:
+        assert load_case(suite / entry.case).attack is not None

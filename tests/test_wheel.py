@@ -1,0 +1,50 @@
+"""The package as others install it: a wheel, outside the repository."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """A folder into which the built wheel was installed."""
+    folder = tmp_path_factory.mktemp("wheel")
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    build = ["wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(ROOT)]
+    subprocess.run([*pip, *build], check=True)
+    (wheel,) = folder.glob("*.whl")
+    subprocess.run([*pip, "install", "--no-deps", "--target", str(folder / "site"), str(wheel)], check=True)
+    return folder / "site"
+
+
+def run(installed, code):
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=installed.parent,
+        env=os.environ | {"PYTHONPATH": str(installed)},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_networks_and_scenarios_come_with_it(installed):
+    code = "import regents_cosim.shipped as s; print(s.shipped('scenarios')); [print(s.network_config(n)) for n in s.NETWORKS]"
+    paths = [Path(line) for line in run(installed, code).split()]
+    assert len(paths) == 7
+    assert all(path.exists() and path.is_relative_to(installed) for path in paths)
+
+
+def test_it_records_and_replays(installed):
+    code = """
+from regents_cosim import network_config, record, replay
+case, = record(network_config("crossing"), count=1)
+print(replay(case).verified)
+"""
+    assert run(installed, code).split() == ["True"]
