@@ -17,7 +17,7 @@ TORCH := torch==2.13.0
 	touch $@
 
 demo: .venv/installed  ## from nothing to verified crashes and pictures, in ./demo
-	$(BIN)/regents attack -c sumo_nets/signals/signals.sumocfg --planner idm --count 8 --seed 0 -o demo
+	$(BIN)/regents attack -c sumo_nets/crossing/crossing.sumocfg --planner idm --count 10 --seed 0 -o demo
 	@echo "pictures: demo/*/still.png"
 
 test: .venv/installed-dev  ## everything but the slow tests

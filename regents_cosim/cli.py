@@ -187,6 +187,7 @@ def replay(
     planner: str | None = None,
     gui: bool = False,
     record: Path | None = None,
+    beside_original: bool = False,
     executor: str = "local",
     talk: Talk = Talk(),
     sumo: SumoOptions = (),
@@ -207,6 +208,8 @@ def replay(
         show it in sumo-gui
     record
         file for a picture of one case: .gif moves, .png is a still
+    beside_original
+        show the traffic before the attack beside it (.gif)
     executor
         where SUMO runs: local, or dask:ADDRESS
     """
@@ -219,6 +222,10 @@ def replay(
     scenarios = load_cases(cases)
     if (record or gui) and len(scenarios) > 1:
         raise RegentsError(f"{cases} holds {len(scenarios)} cases; --record and --gui show one, name its folder")
+    if record and record.suffix not in (".gif", ".png"):
+        raise RegentsError(f"--record {record}: expected a name that ends in .gif (moves) or .png (a still)")
+    if beside_original and (record is None or record.suffix != ".gif" or scenarios[0].attack is None):
+        raise RegentsError("--beside-original shows an attacked case in the .gif that --record names")
     driven_by = planner
     if ego == "planner" and planner is None:
         driven_by = _attacked_planner(scenarios)
@@ -226,7 +233,7 @@ def replay(
         replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
     if record and found[0].replayed:
-        _draw(found[0].replayed, record, terminal)
+        _draw(found[0].replayed, record, beside_original, terminal)
     rows = [replay_row(result) for result in found]
     terminal.show(f"replayed in {where}, the ego driven by {driven_by or 'its track'}", rows)
     return _exit_code(found, terminal)
@@ -377,13 +384,14 @@ def _draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") 
         draw_still(scenario, suite / scenario.id / "still.png")
 
 
-def _draw(scenario: "Scenario", path: Path, terminal: "Terminal") -> None:
-    from regents_cosim.reports.picture import animate, draw_still
+def _draw(scenario: "Scenario", path: Path, beside_original: bool, terminal: "Terminal") -> None:
+    from regents_cosim.reports.picture import animate, animate_pair, draw_still
 
-    if path.suffix not in (".gif", ".png"):
-        raise RegentsError(f"--record {path}: expected a name that ends in .gif (moves) or .png (a still)")
     with terminal.waiting(f"drawing {path}"):
-        (animate if path.suffix == ".gif" else draw_still)(scenario, path)
+        if beside_original:
+            animate_pair(scenario.before_attack(), scenario, path)
+        else:
+            (animate if path.suffix == ".gif" else draw_still)(scenario, path)
 
 
 def _exit_code(replays: "Iterable[Replay]", terminal: "Terminal") -> int:
