@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -49,10 +50,12 @@ class Terminal:
             return
         table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
         for heading in rows[0] if rows else ():
-            table.add_column(heading.replace("_", " "), overflow="fold")
+            table.add_column(heading.replace("_", " "), no_wrap=True)
         for row in rows:
             table.add_row(*(_cell(value) for value in row.values()))
-        console = Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 200)
+        console = Console(file=sys.stdout, highlight=False)
+        # As wide as it needs: a terminal that is narrower breaks lines, which reads better than broken cells.
+        console.width = Measurement.get(console, console.options.update(max_width=10_000), table).maximum
         console.print(table)
         if note:
             console.print(note, markup=False)

@@ -46,7 +46,11 @@ def summary(attacked: Sequence[Scenario], replays: Mapping[str, Replay]) -> str:
 
 
 def replay_row(replay: Replay) -> dict[str, Any]:
-    """A replayed case; errors are the largest over all agents and steps."""
+    """A replayed case; errors are the largest over all agents and steps.
+
+    The simulator's own list of collisions is a second opinion: whether it holds the expected
+    pair, and how many pairs it holds in all.
+    """
     return {
         "case": replay.case,
         "verified": replay.verified,
@@ -54,7 +58,8 @@ def replay_row(replay: Replay) -> dict[str, Any]:
         "found": _contact(replay.found),
         "position_error_mm": _worst(replay.position_error_m, 1e3),
         "yaw_error_deg": _worst(replay.yaw_error_deg, 1.0),
-        "simulators_own_list": sorted({f"{hit.collider} - {hit.victim}" for hit in replay.own_collisions}) or None,
+        "own_list_has_it": replay.reports_same_pair if replay.expected else None,
+        "own_list_pairs": len({frozenset((hit.collider, hit.victim)) for hit in replay.own_collisions}),
     }
 
 
