@@ -124,27 +124,14 @@ def test_attack_straight_from_traffic(tmp_path):
 
 
 def test_what_follows_two_dashes_goes_to_sumo(tmp_path):
-    done = regents(
-        "record", "-c", GRID, "--count", 1, "-o", tmp_path / "a", "--", "--max-depart-delay", "1", "--scale", "0"
-    )
+    done = regents("record", "-c", GRID, "--count", 1, "-o", tmp_path / "a", "--", "--scale", "0")
     assert done.returncode == 2
     assert "no vehicle was on the road" in done.stderr
 
 
 def test_the_compilation_cache(tmp_path):
-    words = (
-        "attack",
-        "-c",
-        GRID,
-        "--count",
-        1,
-        "--iterations",
-        2,
-        "--no-verify",
-        "--no-pictures",
-        "-o",
-        tmp_path / "suite",
-    )
+    brief = ("--count", 1, "--iterations", 2, "--no-verify", "--no-pictures")
+    words = ("attack", "-c", GRID, *brief, "-o", tmp_path / "suite")
     regents(*words, "--no-compile-cache", REGENTS_CACHE=str(tmp_path / "kept"))
     assert not (tmp_path / "kept").exists()
     regents(*words, REGENTS_CACHE=str(tmp_path / "kept"))
@@ -182,9 +169,8 @@ def broken(tmp_path_factory):
     (folder / "refused.sumocfg").write_text(
         f"<configuration><net-file value='{net}'/><route-files value='ghost.rou.xml'/></configuration>"
     )
-    (folder / "ghost.rou.xml").write_text(
-        "<routes><trip id='a' type='ghost' depart='0' from='A0B0' to='B0C0'/></routes>"
-    )
+    trip = "<trip id='a' type='ghost' depart='0' from='A0B0' to='B0C0'/>"
+    (folder / "ghost.rou.xml").write_text(f"<routes>{trip}</routes>")
     lane = "<lane id='e_0' index='0' speed='10' length='100' shape='0,0 100,0' allow='rail'/>"
     (folder / "rail.net.xml").write_text(
         "<net version='1.20'><location netOffset='0,0' convBoundary='0,0,100,0' origBoundary='0,0,100,0' "

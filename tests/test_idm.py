@@ -3,6 +3,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import shapely
 from scenes import PROVENANCE, scene, straight_road
 
 from regents_cosim.mirror.rollout import drive, roll_out_background
@@ -100,11 +101,8 @@ def test_it_takes_the_bend_and_slows_down_for_it():
     assert motion.yaw[-1] == pytest.approx(np.pi / 2, abs=0.1)
     lateral = np.asarray(controls.curvature) * np.asarray(motion.speed[:-1]) ** 2
     assert np.abs(lateral).max() < 4.5, "3 m/s^2 is aimed at, pure pursuit overshoots a little"
-    off = np.hypot(
-        np.asarray(motion.x)[:, None] - np.asarray(world.log.x[0]),
-        np.asarray(motion.y)[:, None] - np.asarray(world.log.y[0]),
-    )
-    assert off.min(axis=1)[:100].max() < 0.5
+    path = shapely.LineString(np.stack([world.log.x[0], world.log.y[0]], axis=-1))
+    assert shapely.distance(path, shapely.points(motion.x[:100], motion.y[:100])).max() < 0.5
 
 
 def test_the_light_of_its_own_movement_counts():

@@ -35,7 +35,7 @@ def run(installed, code):
 
 
 def test_networks_and_scenarios_come_with_it(installed):
-    code = "import regents_cosim.shipped as s; print(s.shipped('scenarios')); [print(s.network_config(n)) for n in s.NETWORKS]"
+    code = "from regents_cosim.shipped import *; print(shipped('scenarios'), *map(network_config, NETWORKS))"
     paths = [Path(line) for line in run(installed, code).split()]
     assert len(paths) == 7
     assert all(path.exists() and path.is_relative_to(installed) for path in paths)
