@@ -248,12 +248,12 @@ def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = ()
     count
         windows per network
     nets
-        shipped networks; all by default
+        shipped networks, or .sumocfg files; all shipped ones by default
     """
     from regents_cosim.evaluation.benchmark import reconstruction_row
 
     terminal = _terminal(talk)
-    traffic = _shipped_traffic(nets, count, seed, terminal)
+    traffic = _bench_traffic(nets, count, seed, terminal)
     rows = [
         dataclasses.asdict(reconstruction_row(net, scenarios))
         for net, scenarios in terminal.each(traffic.items(), "fitting", len(traffic))
@@ -272,14 +272,14 @@ def success(
     compile_cache: bool = True,
     talk: Talk = Talk(),
 ) -> int:
-    """How often KING and ReGentS make planners crash.
+    """How often KING and ReGentS make planners crash, each crash verified in SUMO.
 
     Parameters
     ----------
     count
         windows per network
     nets
-        shipped networks; all by default
+        shipped networks, or .sumocfg files; all shipped ones by default
     planners
         systems under test
     compile_cache
@@ -293,13 +293,14 @@ def success(
     terminal = _terminal(talk)
     if compile_cache:
         keep_compiled_programs()
-    windows = [s for found in _shipped_traffic(nets, count, seed, terminal).values() for s in found]
+    windows = [s for found in _bench_traffic(nets, count, seed, terminal).values() for s in found]
     rows = []
     for planner in planners:
         for config in (KING, REGENTS):
-            attacked = run_attack(windows, config, planner)
             what = f"{config.method} against {planner}"
-            rows.append(dataclasses.asdict(success_row(config, planner, terminal.each(attacked, what, len(windows)))))
+            attacked = list(terminal.each(run_attack(windows, config, planner), what, len(windows)))
+            replays = _verify(attacked, "local", terminal)
+            rows.append(dataclasses.asdict(success_row(config, planner, attacked, list(replays.values()))))
     terminal.show(f"attacks on {len(windows)} windows", rows)
     return 0
 
@@ -348,11 +349,11 @@ def _files(names: str) -> tuple[Path, ...]:
     return tuple(Path(name.strip()) for name in names.split(",") if name.strip())
 
 
-def _shipped_traffic(nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal") -> "dict[str, list[Scenario]]":
+def _bench_traffic(nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal") -> "dict[str, list[Scenario]]":
     from regents_cosim.shipped import NETWORKS, network_config
     from regents_cosim.sources.record import record as run_record
 
-    configs = {net: network_config(net) for net in nets or NETWORKS}
+    configs = {net: Path(net) if net.endswith(".sumocfg") else network_config(net) for net in nets or NETWORKS}
     return {
         net: run_record(config, count=count, seed=seed)
         for net, config in terminal.each(configs.items(), "recording traffic", len(configs))

@@ -11,6 +11,7 @@ from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.mirror.bicycle import Controls, clip, controls_between
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_world
+from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
 
 
@@ -42,6 +43,8 @@ class SuccessRow:
     interval_percent: tuple[float, float]  # 95 %, Wilson
     attributed_percent: float  # of n: the ego met an agent that the attack changed
     rear_end_percent: float  # of the successes: an adversary ran into the back of the ego
+    sumo_verified: int  # of the successes: the same contact at the same step in SUMO's positions
+    sumo_lists: int  # of the successes: SUMO's own list of collisions holds the pair
 
 
 def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> ReconstructionRow:
@@ -64,8 +67,11 @@ def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> Reconstru
     )
 
 
-def success_row(config: AttackConfig, ego: str, attacked: Iterable[Scenario]) -> SuccessRow:
-    """Success as the papers count it: collisions among the originally collision-free windows."""
+def success_row(config: AttackConfig, ego: str, attacked: Iterable[Scenario], replays: Sequence[Replay]) -> SuccessRow:
+    """Success as the papers count it: collisions among the originally collision-free windows.
+
+    `replays` are those of the collisions in SUMO.
+    """
     records = [scenario.attack for scenario in attacked if scenario.attack is not None]
     before = sum(record.outcome == "already_colliding" for record in records)
     hits = [record.collision for record in records if record.outcome == "collision" and record.collision]
@@ -82,6 +88,8 @@ def success_row(config: AttackConfig, ego: str, attacked: Iterable[Scenario]) ->
         interval_percent=(round(100 * low, 1), round(100 * high, 1)),
         attributed_percent=_percent(sum(hit.attributed for hit in hits), n),
         rear_end_percent=_percent(sum(hit.kind == "rear_end_by_adversary" for hit in hits), len(hits)),
+        sumo_verified=sum(replay.verified for replay in replays),
+        sumo_lists=sum(replay.reports_same_pair for replay in replays),
     )
 
 
