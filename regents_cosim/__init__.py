@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from regents_cosim.attacks.attack import attack as attack
     from regents_cosim.attacks.presets import KING as KING
     from regents_cosim.attacks.presets import REGENTS as REGENTS
+    from regents_cosim.attacks.presets import REGENTS_FOCUSED as REGENTS_FOCUSED
     from regents_cosim.attacks.presets import AttackConfig as AttackConfig
     from regents_cosim.files import load_case as load_case
     from regents_cosim.files import save_case as save_case
@@ -27,6 +28,7 @@ _HOMES = {
     "JaxPlanner": "planners.interface",
     "KING": "attacks.presets",
     "REGENTS": "attacks.presets",
+    "REGENTS_FOCUSED": "attacks.presets",
     "Scenario": "scenario",
     "SumoInput": "sources.sumo_config",
     "attack": "attacks.attack",

@@ -116,8 +116,10 @@ def attack(
     traffic: Traffic = Traffic(),
     *,
     planner: str = "idm",
-    method: Literal["regents", "king"] = "regents",
+    method: Literal["regents", "king", "focused"] = "regents",
     output: Annotated[Path, Parameter(["--output", "-o"])],
+    search: Literal["joint", "per-candidate"] | None = None,
+    background: Literal["log", "reactive"] | None = None,
     iterations: int = 500,
     batch: int = 32,
     executor: str = "local",
@@ -136,7 +138,11 @@ def attack(
     planner
         system under test: idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
     method
-        preset of the attack
+        preset: king and regents as published; focused, our own, finds more crashes that mean something
+    search
+        one search over all candidates, or one for each of the nearest (every adversary found is a case)
+    background
+        do other agents replay their log, or brake for what stands in their way; default: the preset's
     output
         folder for the attacked cases
     iterations
@@ -152,7 +158,7 @@ def attack(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.attacks.attack import attack as run_attack
+    from regents_cosim.attacks.attack import attack_each as run_attack_each
     from regents_cosim.attacks.presets import METHODS
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import attack_row, summary
@@ -165,11 +171,18 @@ def attack(
         keep_compiled_programs()
     suite = SuiteWriter(output, traffic.seed)
     scenarios = load_cases(cases) if cases else _record(traffic, sumo, executor, terminal)
-    config = dataclasses.replace(METHODS[method], iterations=iterations)
+    preset = METHODS[method]
+    config = dataclasses.replace(
+        preset,
+        search=search or preset.search,
+        background=background or preset.background,
+        iterations=iterations,
+    )
     attacked = []
-    for scenario in terminal.each(run_attack(scenarios, config, planner, batch), "attacking", len(scenarios)):
-        suite.add(scenario)
-        attacked.append(scenario)
+    for results in terminal.each(run_attack_each(scenarios, config, planner, batch), "attacking", len(scenarios)):
+        for scenario in results:
+            suite.add(scenario)
+        attacked += results
     replays = _verify(attacked, executor, terminal) if verify else {}
     if pictures:
         _draw_stills(attacked, output, terminal)
@@ -269,10 +282,11 @@ def success(
     seed: int = 0,
     nets: tuple[str, ...] = (),
     planners: tuple[str, ...] = ("log_replay", "idm"),
+    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents", "focused"),
     compile_cache: bool = True,
     talk: Talk = Talk(),
 ) -> int:
-    """How often KING and ReGentS make planners crash, each crash verified in SUMO.
+    """How often attacks make planners crash, each crash verified in SUMO.
 
     Parameters
     ----------
@@ -282,11 +296,13 @@ def success(
         shipped networks, or .sumocfg files; all shipped ones by default
     planners
         systems under test
+    methods
+        presets
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.attacks.attack import attack as run_attack
-    from regents_cosim.attacks.presets import KING, REGENTS
+    from regents_cosim.attacks.attack import attack_each
+    from regents_cosim.attacks.presets import METHODS
     from regents_cosim.evaluation.benchmark import success_row
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
@@ -296,11 +312,11 @@ def success(
     windows = [s for found in _bench_traffic(nets, count, seed, terminal).values() for s in found]
     rows = []
     for planner in planners:
-        for config in (KING, REGENTS):
-            what = f"{config.method} against {planner}"
-            attacked = list(terminal.each(run_attack(windows, config, planner), what, len(windows)))
-            replays = _verify(attacked, "local", terminal)
-            rows.append(dataclasses.asdict(success_row(config, planner, attacked, list(replays.values()))))
+        for method in methods:
+            results = attack_each(windows, METHODS[method], planner)
+            attacked = list(terminal.each(results, f"{method} against {planner}", len(windows)))
+            replays = _verify([case for found in attacked for case in found], "local", terminal)
+            rows.append(dataclasses.asdict(success_row(METHODS[method], planner, attacked, list(replays.values()))))
     terminal.show(f"attacks on {len(windows)} windows", rows)
     return 0
 

@@ -159,11 +159,13 @@ class Collision:
 class AttackRecord:
     """How an attack went."""
 
+    case: str  # id of the scenario before the attack
     method: str
     planner: str
     outcome: Outcome
     iterations: int
     collision: Collision | None = None
+    candidates: tuple[str, ...] = ()  # agents whose controls the attack was allowed to change
     settings: dict[str, float | int | str | bool] = field(default_factory=dict)
     cost_history: dict[str, tuple[float, ...]] = field(default_factory=dict)  # per term and iteration
 

@@ -5,7 +5,7 @@ import pytest
 from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import KING, METHODS, REGENTS
+from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.files import content_hash
@@ -128,6 +128,41 @@ def test_an_attacked_case_is_not_attacked_again():
 def test_an_unknown_planner():
     with pytest.raises(PlannerError, match="expected one of constant_velocity, idm, log_replay"):
         attack_one(platoon(), planner="nobody")
+
+
+def test_a_search_per_candidate_finds_every_adversary_once():
+    recorded = platoon()
+    results = list(attack([recorded], REGENTS_FOCUSED, "log_replay"))
+    adversaries = [s.attack.collision.agent for s in results]
+    assert len(adversaries) > 1
+    assert len(set(adversaries)) == len(adversaries)
+    assert len({s.id for s in results}) == len(results)
+    for found in results:
+        assert found.attack.case == recorded.id
+        assert len(found.attack.candidates) == 1
+        changed = np.hypot(found.tracks.x - recorded.tracks.x, found.tracks.y - recorded.tracks.y).max(axis=1) > 0.3
+        assert changed.sum() <= 3, "the adversary, and who had to brake for it"
+
+
+def test_a_search_per_candidate_without_success_gives_one_result():
+    far = scene((0, 0, 10), (90, 6.4, 10), (95, 3.2, 10))
+    (result,) = attack([far], replace(REGENTS_FOCUSED, iterations=2), "log_replay")
+    assert result.attack.outcome == "no_collision"
+    (result,) = attack([scene((0, 0, 10))], REGENTS_FOCUSED, "log_replay")
+    assert result.attack.outcome == "no_candidate"
+    (result,) = attack([scene((0, 0, 10), (20, 0, 4), (30, 3.2, 10))], REGENTS_FOCUSED, "log_replay")
+    assert result.attack.outcome == "already_colliding"
+
+
+def test_a_blind_follower_counts_as_not_attributed_and_a_reacting_one_brakes():
+    """The ego brakes for the car ahead, which the attack slows down; somebody is close behind."""
+    made = scene((0, 0, 12), (30, 0, 12), (-9, 0, 12), (-22, 0, 12))
+    slow = replace(REGENTS, method="slow", pair_weight=0.0)
+    blind = next(attack([made], slow, "idm")).attack
+    reactive = next(attack([made], replace(slow, background="reactive"), "idm")).attack
+    assert blind.collision is not None
+    assert not blind.collision.attributed
+    assert reactive.collision is None or reactive.collision.attributed
 
 
 def test_king_is_regents_without_its_rules():

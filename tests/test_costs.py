@@ -8,7 +8,7 @@ from jax.test_util import check_grads
 from scenes import platoon, scene
 
 from regents_cosim import boxes as host
-from regents_cosim.attacks.costs import ego_distance, mean_ego_distances, pair_proximity, road_deviation, total_cost
+from regents_cosim.attacks.costs import ego_distance, pair_proximity, pooled_ego_distances, road_deviation, total_cost
 from regents_cosim.attacks.presets import KING
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
@@ -43,11 +43,30 @@ def test_the_mean_is_over_time_and_over_valid_steps_only():
     assert ego_distance(world, boxes, candidate) == pytest.approx(20 - 4.6 + 0.5 * 2 * 4, abs=1e-2)
 
 
+def test_the_soft_minimum_pulls_the_closest_moments_together():
+    made = scene((0, 0, 10), (20, 0, 12), (30, 3.2, 8))
+    world, boxes, _ = prepared(made)
+    soft = pooled_ego_distances(world, boxes, replace(KING, softmin_m=2.0))
+    exact = host.distance(host.Boxes(*(v[:1] for v in made.boxes)), made.boxes)
+    expected = -2.0 * np.log(np.mean(np.exp(-exact / 2.0), axis=1))
+    assert soft[1:3] == pytest.approx(expected[1:3], abs=1e-2)
+    assert exact[2].min() < soft[2] < exact[2].mean()
+
+
+def test_who_is_behind_does_not_pull():
+    world, boxes, _ = prepared(scene((0, 0, 10), (-20, 0, 10), (-20, 0, 15)))
+    distances = pooled_ego_distances(world, boxes, replace(KING, pull_from_behind=False))
+    assert distances[1] > 1e3
+    assert distances[2] < 20
+
+
 def test_mean_distances_are_those_of_the_exact_boxes():
     made = platoon()
     world, boxes, _ = prepared(made)
     ego = host.Boxes(*(v[:1] for v in made.boxes))
-    assert mean_ego_distances(world, boxes)[:9] == pytest.approx(host.distance(ego, made.boxes).mean(axis=1), abs=1e-3)
+    assert pooled_ego_distances(world, boxes)[:9] == pytest.approx(
+        host.distance(ego, made.boxes).mean(axis=1), abs=1e-3
+    )
 
 
 def test_the_pair_cost_is_the_least_gap_of_two_background_agents():

@@ -24,11 +24,13 @@ def attacked():
         curvature=np.full((9, 80), -0.01),
     )
     record = AttackRecord(
+        "platoon0",
         "regents",
         "idm",
         "collision",
         17,
         Collision("car03", 42, 4.2, "side_swipe", 3.25, attributed=True),
+        ("car03", "car05"),
         {"learning_rate": 1e-3, "exclude_rear": True},
         {"ego": (3.0, 2.0), "pair": (-1.25, -1.0), "road": (0.0, 0.1)},
     )

@@ -80,7 +80,7 @@ def test_dt_is_positive(dt):
 
 def test_an_attacked_scenario_keeps_its_original():
     with pytest.raises(ScenarioError, match="original"):
-        scene(*CARS, attack=AttackRecord("king", "idm", "no_collision", 3))
+        scene(*CARS, attack=AttackRecord("scene", "king", "idm", "no_collision", 3))
 
 
 def test_before_attack_gives_the_recording_back():
@@ -90,7 +90,7 @@ def test_before_attack_gives_the_recording_back():
         recorded,
         agents=agents,
         tracks=tracks_with(y=recorded.tracks.y + 1.0),
-        attack=AttackRecord("king", "idm", "no_collision", 3),
+        attack=AttackRecord("scene", "king", "idm", "no_collision", 3),
         original=recorded.tracks,
     )
     back = bent.before_attack()

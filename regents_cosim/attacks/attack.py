@@ -8,13 +8,17 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Int
 
+from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.descent import Found, descend
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.rules import candidates
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.world import to_tracks, to_world
+from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner
 from regents_cosim.scenario import AttackRecord, Collision, Outcome, Scenario, Tracks
 
@@ -24,16 +28,26 @@ _COST_TERMS = ("ego", "pair", "road")
 def attack(
     scenarios: Iterable[Scenario], config: AttackConfig, planner: str = "idm", batch: int = 32
 ) -> Iterator[Scenario]:
-    """Attack every scenario, in order; yields each with its AttackRecord as soon as it is done.
+    """All results of `attack_each`, one after the other."""
+    for results in attack_each(scenarios, config, planner, batch):
+        yield from results
 
-    The search never fails: how it ended is `attack.outcome`. At most `batch` scenarios are held
-    on the device at once. Raises PlannerError where the planner cannot be found, RegentsError
-    for a scenario that was attacked before.
+
+def attack_each(
+    scenarios: Iterable[Scenario], config: AttackConfig, planner: str = "idm", batch: int = 32
+) -> Iterator[list[Scenario]]:
+    """Attack every scenario, in order; yields the results of each as soon as it is done.
+
+    A joint search gives one result, a search per candidate one for every distinct adversary that
+    succeeds, or one without a collision. The search never fails: how it ended is
+    `attack.outcome`. At most `batch` scenarios are held on the device at once. Raises
+    PlannerError where the planner cannot be found, RegentsError for a scenario that was attacked
+    before.
     """
     under_test = find_planner(planner)
     threads = os.cpu_count() or 1
     with ThreadPoolExecutor(threads) as pool:
-        waiting: deque[Future[Scenario]] = deque()
+        waiting: deque[Future[list[Scenario]]] = deque()
         for scenario in scenarios:
             waiting.append(pool.submit(attack_one, scenario, config, under_test, planner))
             if len(waiting) >= max(batch, 1):
@@ -42,35 +56,59 @@ def attack(
             yield waiting.popleft().result()
 
 
-def attack_one(scenario: Scenario, config: AttackConfig, planner: JaxPlanner, planner_name: str) -> Scenario:
-    """Attack one scenario."""
+def attack_one(scenario: Scenario, config: AttackConfig, planner: JaxPlanner, planner_name: str) -> list[Scenario]:
+    """Attack one scenario: one result, or one for every distinct adversary."""
     if scenario.attack is not None:
         raise RegentsError(
             f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
         )
     world = to_world(scenario)
     memory = planner.init(Scene(scenario, world))
-    found = descend(world, planner, memory, config)
-    return _attacked(scenario, config, planner_name, found)
+    allowed = np.asarray(candidates(world, config))
+    if config.search == "joint" or not allowed.any():
+        found = descend(world, planner, memory, config, jnp.asarray(allowed))
+        return [_attacked(scenario, config, planner_name, found, np.flatnonzero(allowed))]
+    results: dict[str, Scenario] = {}
+    for agent in _nearest(world, allowed, config):
+        found = descend(world, planner, memory, config, jnp.arange(len(allowed)) == agent)
+        attacked = _attacked(scenario, config, planner_name, found, np.array([agent]))
+        record = attacked.attack
+        if record is None or record.outcome == "already_colliding":
+            return [attacked]
+        results.setdefault(record.collision.agent if record.collision else "", attacked)
+    missed = results.pop("", None)
+    return [_named_after_adversary(hit) for hit in results.values()] or [missed or scenario]
 
 
-def _attacked(scenario: Scenario, config: AttackConfig, planner_name: str, found: Found) -> Scenario:
+def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:
+    """The candidates that come nearest to the ego in the log, the nearest first."""
+    distances = np.asarray(pooled_ego_distances(world, world.boxes(world.log), config))
+    order = np.argsort(np.where(allowed, distances, np.inf), kind="stable")
+    return [int(agent) for agent in order[: config.nearest] if allowed[agent]]
+
+
+def _named_after_adversary(attacked: Scenario) -> Scenario:
+    adversary = next(agent.id for agent in attacked.agents if agent.role == "adversary")
+    return replace(attacked, id=f"{attacked.id}-{_label(adversary)}")
+
+
+def _attacked(
+    scenario: Scenario, config: AttackConfig, planner_name: str, found: Found, candidate: Int[np.ndarray, " candidate"]
+) -> Scenario:
     outcome = _outcome(found)
     tracks = scenario.tracks if outcome == "diverged" else to_tracks(found.motion, found.controls, scenario)
     collision = _collision(scenario, tracks, found) if found.hit else None
-    agents = tuple(
-        replace(agent, role="adversary")
-        if collision and outcome == "collision" and agent.id == collision.agent
-        else agent
-        for agent in scenario.agents
-    )
+    struck = collision.agent if collision and outcome == "collision" else None
+    agents = tuple(replace(a, role="adversary") if a.id == struck else a for a in scenario.agents)
     iterations = int(found.iterations)
     record = AttackRecord(
+        case=scenario.id,
         method=config.method,
         planner=planner_name,
         outcome=outcome,
         iterations=iterations,
         collision=collision,
+        candidates=tuple(scenario.agents[index].id for index in candidate),
         settings={k: v for k, v in dataclasses.asdict(config).items() if k != "method"},
         cost_history=dict(zip(_COST_TERMS, _history(found, iterations), strict=True)),
     )

@@ -9,10 +9,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.presets import KING, AttackConfig
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.separation import Box, corners, distance
 from regents_cosim.mirror.world import World
+
+_NEVER_M = 1e4  # the distance of an agent that is never drawn to the ego
 
 
 class Costs(eqx.Module):
@@ -27,26 +29,30 @@ class Costs(eqx.Module):
 def total_cost(world: World, motion: Motion, candidate: Bool[Array, " agent"], config: AttackConfig) -> Costs:
     """C = C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev (section 3.2) along `motion`, ego in row 0."""
     boxes = world.boxes(motion)
-    ego = ego_distance(world, boxes, candidate)
+    ego = ego_distance(world, boxes, candidate, config)
     pair = pair_proximity(world, boxes, candidate, config.pair_reach_m)
     road = road_deviation(world, boxes)
     return Costs(ego, pair, road, ego + config.pair_weight * pair + config.road_weight * road)
 
 
-def ego_distance(world: World, boxes: Box, candidate: Bool[Array, " agent"]) -> Float[Array, ""]:
+def ego_distance(
+    world: World, boxes: Box, candidate: Bool[Array, " agent"], config: AttackConfig = KING
+) -> Float[Array, ""]:
     """C_ego_col = min over candidates i of (1/T) sum_k d_BB(0, i, k) [m] (eq. 4).
 
-    The mean is over the steps at which i is valid. Without candidates the value is meaningless.
+    The mean is over the steps at which i is valid. With `softmin_m` it is a soft minimum over
+    time instead, and without `pull_from_behind` steps at which i is behind the ego are left out.
+    Without candidates the value is meaningless.
     """
-    nearest = jax.lax.stop_gradient(mean_ego_distances(world, boxes))
+    nearest = jax.lax.stop_gradient(pooled_ego_distances(world, boxes, config))
     chosen = jnp.argmin(jnp.where(candidate, nearest, jnp.inf))
-    return _mean_where(distance(take(boxes, 0), take(boxes, chosen)), world.valid[chosen])
+    pulls = _pulls(world, jax.tree.map(jax.lax.stop_gradient, boxes), config)[chosen]
+    return _pool(distance(take(boxes, 0), take(boxes, chosen)), pulls, config.softmin_m)
 
 
-def mean_ego_distances(world: World, boxes: Box) -> Float[Array, " agent"]:
-    """(1/T) sum_k d_BB(0, i, k) for every agent i [m]."""
-    ego = jax.tree.map(lambda values: values[:1], boxes)
-    return _mean_where(distance(ego, boxes), world.valid)
+def pooled_ego_distances(world: World, boxes: Box, config: AttackConfig = KING) -> Float[Array, " agent"]:
+    """Distance to the ego pooled over time, for every agent [m]."""
+    return _pool(distance(_ego(boxes), boxes), _pulls(world, boxes, config), config.softmin_m)
 
 
 def pair_proximity(world: World, boxes: Box, candidate: Bool[Array, " agent"], reach_m: float) -> Float[Array, ""]:
@@ -107,6 +113,28 @@ def _closest_pair(
     return jnp.where(found, i[pair], 0), jnp.where(found, j[pair], 0), step
 
 
-def _mean_where(values: Float[Array, "*axes time"], valid: Bool[Array, "*axes time"]) -> Float[Array, "*axes"]:
-    total = jnp.where(valid, values, 0.0).sum(axis=-1)
-    return total / jnp.maximum(valid.sum(axis=-1), 1)
+def _pulls(world: World, boxes: Box, config: AttackConfig) -> Bool[Array, "agent time"]:
+    """Steps at which an agent is drawn to the ego."""
+    if config.pull_from_behind:
+        return world.valid
+    ego = _ego(boxes)
+    dx, dy = boxes.x - ego.x, boxes.y - ego.y
+    ahead, left = dx * ego.cos + dy * ego.sin, dy * ego.cos - dx * ego.sin
+    return world.valid & (jnp.abs(jnp.arctan2(left, ahead)) <= config.behind_rad)
+
+
+def _pool(
+    values: Float[Array, "*axes time"], counts: Bool[Array, "*axes time"], softmin_m: float
+) -> Float[Array, "*axes"]:
+    """Mean of `values` over the time steps that count, or their soft minimum; far away where none counts."""
+    number = counts.sum(axis=-1)
+    if softmin_m == 0.0:
+        pooled = jnp.where(counts, values, 0.0).sum(axis=-1) / jnp.maximum(number, 1)
+    else:
+        weighed = jnp.where(counts, -values / softmin_m, -_NEVER_M)
+        pooled = -softmin_m * (jax.nn.logsumexp(weighed, axis=-1) - jnp.log(jnp.maximum(number, 1)))
+    return jnp.where(number > 0, pooled, _NEVER_M)
+
+
+def _ego(boxes: Box) -> Box:
+    return jax.tree.map(lambda values: values[:1], boxes)

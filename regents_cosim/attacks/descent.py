@@ -14,9 +14,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.costs import Costs, total_cost
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.rules import candidates, diverging_in_front
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
-from regents_cosim.mirror.rollout import LoopPlanner, drive, roll_out_background, with_ego
+from regents_cosim.attacks.rules import diverging_in_front
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, controls_between
+from regents_cosim.mirror.rollout import (
+    LoopPlanner,
+    drive,
+    drive_among_reacting,
+    roll_out_background,
+    with_ego,
+)
 from regents_cosim.mirror.separation import overlaps
 from regents_cosim.mirror.world import World
 
@@ -49,19 +55,24 @@ class _Search(eqx.Module):
 
 
 @eqx.filter_jit
-def descend(world: World, planner: LoopPlanner, memory: Any, config: AttackConfig) -> Found:
-    """Attack `planner` (with its `memory` of the scene) in `world`."""
-    candidate = candidates(world, config)
+def descend(
+    world: World, planner: LoopPlanner, memory: Any, config: AttackConfig, candidate: Bool[Array, " agent"]
+) -> Found:
+    """Attack `planner` (with its `memory` of the scene) in `world` with the controls of `candidate` agents."""
+    reacting = world.vehicle & ~candidate
     logged = to_actions(world.controls)
     adam = optax.adam(config.learning_rate, config.beta1, config.beta2)
 
     def roll_out(actions: Array) -> tuple[Motion, Controls]:
         background = roll_out_background(world, to_controls(actions))
+        if config.background == "reactive":
+            return drive_among_reacting(planner, memory, world, background, reacting)
         ego, ego_controls = drive(planner, memory, world, background)
         return with_ego(background, ego), ego_controls
 
-    def cost(actions: Array, ego: Motion) -> tuple[Float[Array, ""], Costs]:
-        motion = with_ego(roll_out_background(world, to_controls(actions)), ego)
+    def cost(actions: Array, seen: Motion) -> tuple[Float[Array, ""], Costs]:
+        background = roll_out_background(world, to_controls(actions))
+        motion = jax.tree.map(lambda own, fixed: jnp.where(candidate[:, None], own, fixed), background, seen)
         costs = total_cost(world, motion, candidate, config)
         return costs.total, costs
 
@@ -74,8 +85,7 @@ def descend(world: World, planner: LoopPlanner, memory: Any, config: AttackConfi
         )
 
     def update(search: _Search) -> _Search:
-        ego = jax.tree.map(lambda values: values[0], search.motion)
-        (_, costs), gradient = jax.value_and_grad(cost, has_aux=True)(search.actions, ego)
+        (_, costs), gradient = jax.value_and_grad(cost, has_aux=True)(search.actions, search.motion)
         steps, state = adam.update(gradient, search.adam)
         steps = jnp.where(may_change(search.motion), jnp.asarray(steps), 0.0)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
@@ -113,7 +123,11 @@ def descend(world: World, planner: LoopPlanner, memory: Any, config: AttackConfi
         history=jnp.zeros((config.iterations, 3), jnp.float32),
     )
     end = jax.lax.while_loop(goes_on, update, evaluate(begin))
-    controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), to_controls(end.actions), end.ego_controls)
+    controls = to_controls(end.actions)
+    if config.background == "reactive":
+        moved = controls_between(end.motion, world.dt)
+        controls = jax.tree.map(lambda own, seen: jnp.where(reacting[:, None], seen, own), controls, moved)
+    controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), controls, end.ego_controls)
     finite = end.finite & jnp.isfinite(end.motion.x).all() & jnp.isfinite(end.motion.y).all()
     changed = (jnp.abs(end.actions - logged) > 1e-6).any(axis=(1, 2))
     return Found(end.motion, controls, changed, end.hit, finite, candidate.any(), end.iterations, end.history)

@@ -1,6 +1,7 @@
-"""KING and ReGentS: two values of one configuration."""
+"""KING, ReGentS and our own preset: values of one configuration."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -29,9 +30,23 @@ class AttackConfig:
     rear_sector_rad: float = np.pi / 4  # its full width
     exclude_static: bool = False  # ReGentS rule 3
     static_m: float = 0.2  # moves less over the horizon
+    softmin_m: float = 0.0  # T of a soft minimum over time in place of the mean of eq. 4; 0: the mean
+    pull_from_behind: bool = True  # steps at which the adversary is behind the ego pull as well
+    behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which somebody is behind
+    search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
+    nearest: int = 5  # candidates that get a descent of their own
+    background: Literal["log", "reactive"] = "log"  # do agents that are no candidates brake for what is in their way?
 
 
 KING = AttackConfig("king")
 REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True, exclude_static=True)
 
-METHODS = {preset.method: preset for preset in (REGENTS, KING)}
+# A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the
+# ReGentS paper), and a minimum over candidates commits to one ("minimum trap"). The soft minimum pulls
+# the closest moments together, each candidate is searched alone, nobody is pulled from behind, and
+# followers brake for the ego instead of hitting it by themselves.
+REGENTS_FOCUSED = replace(
+    REGENTS, method="focused", softmin_m=2.0, pull_from_behind=False, search="per-candidate", background="reactive"
+)
+
+METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED)}

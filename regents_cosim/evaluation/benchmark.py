@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.evaluation.clean import cleanness
 from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.mirror.bicycle import Controls, clip, controls_between
 from regents_cosim.mirror.rollout import roll_out_background
@@ -38,13 +39,20 @@ class SuccessRow:
     n: int  # windows without a collision before the attack
     colliding_before: int
     no_candidate: int
-    successes: int
+    successes: int  # windows with a collision after it, as the papers count
     success_percent: float
     interval_percent: tuple[float, float]  # 95 %, Wilson
-    attributed_percent: float  # of n: the ego met an agent that the attack changed
-    rear_end_percent: float  # of the successes: an adversary ran into the back of the ego
-    sumo_verified: int  # of the successes: the same contact at the same step in SUMO's positions
-    sumo_lists: int  # of the successes: SUMO's own list of collisions holds the pair
+    clean: int  # windows with at least one clean collision (`clean.Cleanness`)
+    clean_percent: float
+    clean_interval_percent: tuple[float, float]
+    collisions: int  # all that were found: a search per candidate finds several in a window
+    unattributed_percent: float  # of the collisions: the ego met an agent that the attack had not changed
+    rear_end_percent: float  # of the collisions: somebody ran into the back of the ego
+    off_road_percent: float  # of the collisions: the adversary left the road before
+    hits_others_percent: float  # of the collisions: the adversary touched somebody else before
+    deviation_m: float  # mean distance of the adversary to its log, up to the collision
+    sumo_verified: int  # of the collisions: the same contact at the same step in SUMO's positions
+    sumo_lists: int  # of the collisions: SUMO's own list of collisions holds the pair
 
 
 def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> ReconstructionRow:
@@ -67,30 +75,50 @@ def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> Reconstru
     )
 
 
-def success_row(config: AttackConfig, ego: str, attacked: Iterable[Scenario], replays: Sequence[Replay]) -> SuccessRow:
-    """Success as the papers count it: collisions among the originally collision-free windows.
-
-    `replays` are those of the collisions in SUMO.
-    """
-    records = [scenario.attack for scenario in attacked if scenario.attack is not None]
-    before = sum(record.outcome == "already_colliding" for record in records)
-    hits = [record.collision for record in records if record.outcome == "collision" and record.collision]
-    n = len(records) - before
-    low, high = wilson(len(hits), n)
+def success_row(
+    config: AttackConfig, ego: str, attacked: Sequence[Sequence[Scenario]], replays: Sequence[Replay]
+) -> SuccessRow:
+    """Scores of an attack: `attacked` holds the results of each window, `replays` those of the collisions in SUMO."""
+    outcomes = [{case.attack.outcome for case in results if case.attack} for results in attacked]
+    n = sum("already_colliding" not in found for found in outcomes)
+    successes = sum("collision" in found for found in outcomes)
+    flaws = [[flaw for flaw in map(cleanness, results) if flaw] for results in attacked]
+    clean = sum(any(flaw.clean for flaw in found) for found in flaws)
+    every = [flaw for found in flaws for flaw in found]
     return SuccessRow(
         method=config.method,
         ego=ego,
         n=n,
-        colliding_before=before,
-        no_candidate=sum(record.outcome == "no_candidate" for record in records),
-        successes=len(hits),
-        success_percent=_percent(len(hits), n),
-        interval_percent=(round(100 * low, 1), round(100 * high, 1)),
-        attributed_percent=_percent(sum(hit.attributed for hit in hits), n),
-        rear_end_percent=_percent(sum(hit.kind == "rear_end_by_adversary" for hit in hits), len(hits)),
+        colliding_before=len(outcomes) - n,
+        no_candidate=sum("no_candidate" in found for found in outcomes),
+        successes=successes,
+        success_percent=_percent(successes, n),
+        interval_percent=_interval(successes, n),
+        clean=clean,
+        clean_percent=_percent(clean, n),
+        clean_interval_percent=_interval(clean, n),
+        collisions=len(every),
+        unattributed_percent=_percent(sum(not flaw.attributed for flaw in every), len(every)),
+        rear_end_percent=_percent(sum(flaw.rear_ends_ego for flaw in every), len(every)),
+        off_road_percent=_percent(sum(flaw.off_road for flaw in every), len(every)),
+        hits_others_percent=_percent(sum(flaw.hits_others for flaw in every), len(every)),
+        deviation_m=_mean_deviation([case for results in attacked for case in results]),
         sumo_verified=sum(replay.verified for replay in replays),
         sumo_lists=sum(replay.reports_same_pair for replay in replays),
     )
+
+
+def _mean_deviation(attacked: Iterable[Scenario]) -> float:
+    """Mean distance [m] of the adversaries to their logs, over the steps up to their collisions."""
+    found = []
+    for case in attacked:
+        hit = case.attack.collision if case.attack and case.attack.outcome == "collision" else None
+        if hit is not None and case.original is not None:
+            agent = next(i for i, a in enumerate(case.agents) if a.id == hit.agent)
+            until = np.s_[agent, : hit.step + 1]
+            apart = np.hypot(case.tracks.x - case.original.x, case.tracks.y - case.original.y)
+            found.append(apart[until][case.tracks.valid[until]].mean())
+    return round(float(np.mean(found)), 2) if found else 0.0
 
 
 def _errors(world: World, controls: Controls) -> Float[np.ndarray, " sample"]:
@@ -98,6 +126,11 @@ def _errors(world: World, controls: Controls) -> Float[np.ndarray, " sample"]:
     motion = roll_out_background(world, controls)
     miss = np.hypot(np.asarray(motion.x - world.log.x, float), np.asarray(motion.y - world.log.y, float))
     return miss[np.asarray(world.valid)]
+
+
+def _interval(successes: int, n: int) -> tuple[float, float]:
+    low, high = wilson(successes, n)
+    return round(100.0 * low, 1), round(100.0 * high, 1)
 
 
 def _percent(part: int, whole: int) -> float:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import Controls, Motion, clip, roll_out, step
+from regents_cosim.mirror.reactions import Progress, begin, place, react
 from regents_cosim.mirror.world import World
 
 
@@ -31,7 +32,7 @@ class LoopPlanner(Protocol):
     """A planner that runs inside the compiled loop. Memory and sight are pytrees of its own."""
 
     def look(self, memory: Any, traffic: Traffic) -> Any:
-        """What it makes of the others: leaves [time, ...], row k only from step k of `traffic`."""
+        """What it makes of the others: leaves [time, ...], row k from step k of `traffic` alone."""
         ...
 
     def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
@@ -46,7 +47,7 @@ def roll_out_background(world: World, controls: Controls) -> Motion:
 
 def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -> tuple[Motion, Controls]:
     """The ego's motion [time] and controls [step] when `planner` drives among `background` [agent, time]."""
-    sight = planner.look(memory, others(world, background))
+    sight = planner.look(memory, others(world, background, world.valid))
 
     def advance(carry: tuple[Motion, Any], sight_now: Any) -> tuple[tuple[Motion, Any], tuple[Motion, Controls]]:
         ego, recalled = carry
@@ -54,19 +55,69 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
         control = clip(control)
         return (step(ego, control, world.dt), recalled), (ego, control)
 
-    begin = jax.tree.map(lambda values: values[0], world.start)
     decisions = jax.tree.map(lambda values: values[:-1], sight)
-    (last, _), (motion, controls) = jax.lax.scan(advance, (begin, memory), decisions)
-    joined = jax.tree.map(lambda values, end: jnp.append(values, end), motion, last)
-    return joined, controls
+    (last, _), (motion, controls) = jax.lax.scan(advance, (_ego_start(world), memory), decisions)
+    return _joined(motion, last), controls
 
 
-def others(world: World, background: Motion) -> Traffic:
+def drive_among_reacting(
+    planner: LoopPlanner, memory: Any, world: World, background: Motion, reacting: Bool[Array, " agent"]
+) -> tuple[Motion, Controls]:
+    """The motion [agent, time] of all agents when `reacting` ones brake for what stands in their way.
+
+    The others follow `background` [agent, time]. Returns the ego's controls [step] as well. The
+    price against `drive`: everybody is moved step by step, and the planner looks step by step.
+    """
+
+    def advance(carry: tuple[Motion, Any, Progress], inputs: Any) -> tuple[Any, tuple[Motion, Controls]]:
+        ego, recalled, progress = carry
+        log_now, present, moving = inputs
+        placed = place(background, progress)
+        now = jax.tree.map(lambda a, b: jnp.where(reacting, a, b), placed, log_now)
+        now = jax.tree.map(lambda values, mine: values.at[0].set(mine), now, ego)
+        seen = jax.tree.map(lambda values: values[:, None], now)
+        control, recalled = decide(planner, recalled, others(world, seen, present[:, None]), ego)
+        further = react(
+            progress, now, background, world.controls.curvature, log_now, present,
+            world.half_length, world.half_width, world.dt,
+        )  # fmt: skip
+        # Whoever has not entered yet is as far as time is.
+        further = Progress(
+            jnp.where(moving, further.step, progress.step + 1.0), jnp.where(moving, further.speed, progress.speed)
+        )
+        return (step(ego, control, world.dt), recalled, further), (now, control)
+
+    in_time = jax.tree.map(lambda values: values.T, (background, world.valid))
+    steps = jax.tree.map(lambda values: values[:-1], in_time)
+    start = (_ego_start(world), memory, begin(background))
+    (ego, _, progress), (motion, controls) = jax.lax.scan(advance, start, (*steps, world.moving.T))
+    placed = place(background, progress)
+    last = jax.tree.map(lambda a, b: jnp.where(reacting, a, b[:, -1]), placed, background)
+    last = jax.tree.map(lambda values, mine: values.at[0].set(mine), last, ego)
+    return jax.tree.map(lambda values, end: jnp.concatenate([values.T, end[:, None]], axis=1), motion, last), controls
+
+
+def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> tuple[Controls, Any]:
+    """The planner's control and next memory from one instant of `traffic` [agent, 1], within the limits."""
+    sight = jax.tree.map(lambda values: values[0], planner.look(memory, traffic))
+    control, memory = planner.step(memory, sight, ego)
+    return clip(control), memory
+
+
+def others(world: World, motion: Motion, valid: Bool[Array, "agent time"]) -> Traffic:
     """All agents but the ego as a planner sees them."""
-    motion = jax.tree.map(lambda values: values[1:], background)
-    return Traffic(motion, world.valid[1:], world.half_length[1:], world.half_width[1:])
+    motion = jax.tree.map(lambda values: values[1:], motion)
+    return Traffic(motion, valid[1:], world.half_length[1:], world.half_width[1:])
 
 
 def with_ego(background: Motion, ego: Motion) -> Motion:
     """Motion of all agents, row 0 being the ego's."""
     return jax.tree.map(lambda values, mine: values.at[0].set(mine), background, ego)
+
+
+def _ego_start(world: World) -> Motion:
+    return jax.tree.map(lambda values: values[0], world.start)
+
+
+def _joined(motion: Motion, last: Motion) -> Motion:
+    return jax.tree.map(lambda values, end: jnp.append(values, end), motion, last)

@@ -6,10 +6,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import Motion, clip, step
-from regents_cosim.mirror.rollout import others
+from regents_cosim.mirror.bicycle import Motion, step
+from regents_cosim.mirror.rollout import decide, others
 from regents_cosim.mirror.world import World, to_world
 from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner
 from regents_cosim.scenario import Scenario
@@ -31,8 +31,6 @@ class LoopDriver:
         self._world = to_world(scenario)
         self._scene = Scene(scenario, self._world)
         self._memory = self._loop.init(self._scene)
-        self._seen = jax.tree.map(np.array, self._world.log)
-        self._valid = np.zeros(self._world.valid.shape, bool)
 
     def advance(
         self,
@@ -44,27 +42,21 @@ class LoopDriver:
         valid: Bool[np.ndarray, " agent"],
     ) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame)."""
-        now, (east, north) = len(x), self._scene.origin
-        for known, value in zip(
-            (self._seen.x, self._seen.y, self._seen.yaw, self._seen.speed),
-            (x - east, y - north, yaw, speed),
-            strict=True,
-        ):
-            known[:now, step] = value
-        self._valid[:now, step] = valid
-        seen, valid_so_far = jax.tree.map(jnp.asarray, (self._seen, self._valid))
-        ego, self._memory = _decide(self._loop, self._memory, self._world, seen, valid_so_far, jnp.int32(step))
+        east, north = self._scene.origin
+        missing = self._world.valid.shape[0] - len(x)
+        states = (np.pad(values, (0, missing)) for values in (x - east, y - north, yaw, speed))
+        seen = Motion(*(jnp.asarray(values, jnp.float32)[:, None] for values in states))
+        present = jnp.asarray(np.pad(valid, (0, missing)))[:, None]
+        ego, self._memory = _move(self._loop, self._memory, self._world, seen, present)
         ahead = [float(value) for value in (ego.x, ego.y, ego.yaw, ego.speed)]
         return ahead[0] + float(east), ahead[1] + float(north), ahead[2], ahead[3]
 
 
 @eqx.filter_jit
-def _decide(
-    planner: JaxPlanner, memory: Any, world: World, seen: Motion, valid: Bool[Array, "agent time"], now: Int[Array, ""]
+def _move(
+    planner: JaxPlanner, memory: Any, world: World, seen: Motion, valid: Bool[Array, "agent 1"]
 ) -> tuple[Motion, Any]:
-    """The ego's next state and the planner's next memory."""
-    world = eqx.tree_at(lambda w: w.valid, world, valid)
-    sight = planner.look(memory, others(world, seen))
-    ego = jax.tree.map(lambda values: values[0, now], seen)
-    control, memory = planner.step(memory, jax.tree.map(lambda values: values[now], sight), ego)
-    return step(ego, clip(control), world.dt), memory
+    """The ego's next state and the planner's next memory, from one instant of all agents."""
+    ego = jax.tree.map(lambda values: values[0, 0], seen)
+    control, memory = decide(planner, memory, others(world, seen, valid), ego)
+    return step(ego, control, world.dt), memory

@@ -40,18 +40,18 @@ class Memory(eqx.Module):
     corner: Float[Array, " 2"]  # [m] of that grid
     line: Float[Array, " stop_line"]  # [m] along the route
     closed: Bool[Array, "time stop_line"]  # the light is red or yellow
+    now: Int[Array, ""]  # step to come
     half_length: Float[Array, ""]  # [m]
     half_width: Float[Array, ""]  # [m]
 
 
 class Sight(eqx.Module):
-    """Obstacles along the route at each step; row k depends on step k alone."""
+    """Obstacles along the route."""
 
     rear: Float[Array, "*time agent"]  # [m] where along the route the agent's box begins
     front: Float[Array, "*time agent"]  # [m] and ends
     speed: Float[Array, "*time agent"]  # [m/s] along the route
     blocks: Bool[Array, "*time agent"]  # reaches into the corridor
-    closed: Bool[Array, "*time stop_line"]
 
 
 class IDM(JaxPlanner):
@@ -86,6 +86,7 @@ class IDM(JaxPlanner):
             corner=scene.on_device(corner[None])[0],
             line=line,
             closed=closed,
+            now=jnp.int32(0),
             half_length=scene.world.half_length[0],
             half_width=scene.world.half_width[0],
         )
@@ -101,7 +102,7 @@ class IDM(JaxPlanner):
         breadth = sin * half_length + jnp.abs(cos) * half_width
         inside = jnp.abs(across) - breadth < memory.half_width + self.corridor_margin
         sight = (along - reach, along + reach, motion.speed * cos, traffic.valid & inside)
-        return Sight(*(values.T for values in sight), closed=memory.closed)
+        return Sight(*(values.T for values in sight))
 
     def step(self, memory: Memory, sight: Sight, ego: Motion) -> tuple[Controls, Memory]:
         """IDM acceleration for the tightest obstacle, pure-pursuit curvature."""
@@ -111,10 +112,11 @@ class IDM(JaxPlanner):
         gaps = jnp.where(ahead, sight.rear - nose, _FAR_M)
         to_line = memory.line - nose
         can_stop = ego.speed**2 < 2.0 * self.stopping_brake * jnp.maximum(to_line, 0.0)
-        held = sight.closed & (to_line > -_ALREADY_PASSED_M) & (can_stop | (ego.speed < 0.5))
+        held = memory.closed[memory.now] & (to_line > -_ALREADY_PASSED_M) & (can_stop | (ego.speed < 0.5))
         gaps = jnp.concatenate([gaps, jnp.where(held, to_line + self.standstill_gap - 0.5, _FAR_M)])
         speeds = jnp.concatenate([jnp.where(ahead, sight.speed, ego.speed), jnp.where(held, 0.0, ego.speed)])
         accel = self._accel(ego.speed, memory.speed[index], gaps, speeds)
+        memory = eqx.tree_at(lambda m: m.now, memory, memory.now + 1)
         return Controls(accel, self._curvature(memory, along, ego)), memory
 
     def _accel(self, speed: Array, desired: Array, gaps: Array, speeds: Array) -> Float[Array, ""]:

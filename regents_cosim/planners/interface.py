@@ -65,8 +65,8 @@ class JaxPlanner(eqx.Module):
     def look(self, memory: Any, traffic: Traffic) -> Any:
         """What is seen of the others, time first; by default the `Traffic` of each step.
 
-        Runs for all steps at once, because the others do not depend on the ego. Row k may use
-        `traffic` up to step k only.
+        Each row comes from its own step of `traffic` alone: it is called for all steps at once
+        where the others do not depend on the ego, and step by step where they do.
         """
         steps = traffic.valid.shape[-1]
         in_time = jax.tree.map(lambda v: jnp.moveaxis(v, -1, 0), (traffic.motion, traffic.valid))

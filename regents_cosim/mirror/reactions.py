@@ -1,0 +1,124 @@
+"""Background agents that keep their path but brake for what stands in it.
+
+An agent that merely replays its log runs into an ego that brakes where the log did not, and the
+crash is nobody's doing. A reacting agent follows its logged path at its logged speed, or slower:
+its state is how far it has got in its own log. It brakes by the interaction term of the
+Intelligent Driver Model (Treiber, Hennecke and Helbing 2000),
+
+    a (1 - (s* / s)^2) where s < s*,   s* = s0 + max(0, v T + v dv / (2 sqrt(a b))),
+
+for agents that are not where the log had them, and for them only: so traffic that nobody disturbs
+stays exactly as it was recorded. No gradient passes through reactions.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Motion, wrap
+
+_HEADWAY_S = 0.5
+_STANDSTILL_M = 1.0
+_ACCEL = 2.0  # [m/s^2]
+_BRAKE = 4.0  # [m/s^2] comfortable
+_SIDE_MARGIN_M = 0.2
+_OFF_LOG_M = 0.3  # further from its logged position an agent counts as disturbed
+_FAR_M = 1e3
+_STRAIGHT = 1e-4  # [1/m] curvatures below are straight
+_STANDING_M_S = 0.05
+_CONTACT_M = 0.1  # gaps below count as this
+
+
+class Progress(eqx.Module):
+    """How far agents have got in their own log."""
+
+    step: Float[Array, " agent"]  # of the log, at most the present one
+    speed: Float[Array, " agent"]  # [m/s]
+
+
+def begin(log: Motion) -> Progress:
+    """Everybody where its log begins."""
+    return Progress(jnp.zeros_like(log.speed[:, 0]), log.speed[:, 0])
+
+
+def place(log: Motion, progress: Progress) -> Motion:
+    """Poses [agent] of agents that have got as far as `progress` in `log` [agent, time]."""
+    x, y, yaw = (_at(values, log, progress.step) for values in (log.x, log.y, log.yaw))
+    return Motion(x, y, yaw, progress.speed)
+
+
+def react(
+    progress: Progress,
+    now: Motion,
+    log: Motion,
+    curvature: Float[Array, "agent step"],
+    log_now: Motion,
+    present: Bool[Array, " agent"],
+    half_length: Float[Array, " agent"],
+    half_width: Float[Array, " agent"],
+    dt: Float[Array, ""],
+) -> Progress:
+    """One step of `dt`: all agents are at `now` [agent], and the log had them at `log_now` [agent]."""
+    disturbed = present & (jnp.hypot(now.x - log_now.x, now.y - log_now.y) > _OFF_LOG_M)
+    before, _, _ = _neighbours(log, progress.step)
+    bend = jnp.take_along_axis(curvature, jnp.minimum(before, curvature.shape[1] - 1)[:, None], axis=1)[:, 0]
+    gap, closing = _gaps(now, bend, disturbed, half_length, half_width)
+    pressure = _pressure(progress.speed[:, None], gap, closing)
+    accel = jnp.clip(_ACCEL * (1.0 - pressure), -ACCEL_LIMIT, _ACCEL)
+    logged = _at(log.speed, log, progress.step)
+    following = (pressure == 0.0) & (progress.speed >= logged - _ACCEL * dt)
+    speed = jnp.clip(progress.speed + accel * dt, 0.0, logged)
+    pace = jnp.where(
+        logged > _STANDING_M_S,
+        0.5 * (progress.speed + speed) / jnp.maximum(logged, _STANDING_M_S),
+        pressure == 0.0,  # where the log stands, time passes unless somebody is in the way
+    )
+    step = progress.step + jnp.where(following, 1.0, jnp.clip(pace, 0.0, 1.0))
+    ahead = _at(log.speed, log, step)
+    return Progress(step, jnp.where(following, ahead, jnp.minimum(speed, ahead)))
+
+
+def _pressure(
+    speed: Float[Array, "agent 1"], gap: Float[Array, "agent agent"], closing: Float[Array, "agent agent"]
+) -> Float[Array, " agent"]:
+    """(s* / s)^2 of the tightest agent in the way, 0 where nobody is closer than s*."""
+    wanted = _STANDSTILL_M + jnp.maximum(speed * _HEADWAY_S + speed * closing / (2.0 * (_ACCEL * _BRAKE) ** 0.5), 0.0)
+    return jnp.where(gap < wanted, (wanted / jnp.maximum(gap, _CONTACT_M)) ** 2, 0.0).max(axis=1)
+
+
+def _at(values: Float[Array, "agent time"], log: Motion, step: Float[Array, " agent"]) -> Float[Array, " agent"]:
+    """`values` of the log between two of its steps."""
+    before, after, part = _neighbours(log, step)
+    index = jnp.arange(values.shape[0])
+    return values[index, before] * (1.0 - part) + values[index, after] * part
+
+
+def _neighbours(log: Motion, step: Float[Array, " agent"]) -> tuple[Array, Array, Array]:
+    last = log.x.shape[1] - 1
+    before = jnp.clip(jnp.floor(step).astype(jnp.int32), 0, last)
+    return before, jnp.minimum(before + 1, last), jnp.clip(step - before, 0.0, 1.0)
+
+
+def _gaps(
+    now: Motion, bend: Array, disturbed: Array, half_length: Array, half_width: Array
+) -> tuple[Float[Array, "agent agent"], Float[Array, "agent agent"]]:
+    """For every agent (row) the gap [m] to each disturbed one in its way, and how fast it closes [m/s].
+
+    The way is the arc that the agent is on: distance along it and off it are exact for a circle.
+    """
+    dx, dy = now.x[None] - now.x[:, None], now.y[None] - now.y[:, None]
+    cos, sin = jnp.cos(now.yaw)[:, None], jnp.sin(now.yaw)[:, None]
+    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+    k = jnp.where(jnp.abs(bend) < _STRAIGHT, _STRAIGHT, bend)[:, None]
+    along = jnp.arctan2(k * ahead, 1.0 - k * left) / k
+    off = (1.0 - jnp.hypot(k * ahead, 1.0 - k * left)) / k
+    turn = wrap(now.yaw[None] - now.yaw[:, None] - k * along)
+    across = jnp.abs(jnp.sin(turn))
+    same = jnp.cos(turn)
+    reach = jnp.abs(same) * half_length[None] + across * half_width[None]
+    breadth = across * half_length[None] + jnp.abs(same) * half_width[None]
+    inside = jnp.abs(off) - breadth < half_width[:, None] + _SIDE_MARGIN_M
+    others = ~jnp.eye(now.x.shape[0], dtype=bool)
+    in_way = others & disturbed[None] & inside & (along > 0.0)
+    gap = jnp.where(in_way, along - reach - half_length[:, None], _FAR_M)
+    return gap, now.speed[:, None] - now.speed[None] * same
