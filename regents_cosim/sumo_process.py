@@ -51,7 +51,8 @@ def running_sumo(options: Sequence[str], gui: bool = False) -> Iterator[ModuleTy
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:  # the second while it runs
             raise SumoError(f"SUMO refused: {' '.join((_reason(output) or str(error)).split())}") from error
         finally:
-            libsumo.close()
+            if not gui:  # sumo-gui may never return from it (1.28.0, once shown for a second); it ends with the process
+                libsumo.close()
 
 
 @contextmanager

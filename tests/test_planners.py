@@ -21,6 +21,25 @@ class Cautious(JaxPlanner):
         near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
         return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
 
+class Raises(JaxPlanner):
+    def step(self, memory, sight, ego):
+        raise KeyError("lost")
+
+class Vectors(JaxPlanner):
+    def step(self, memory, sight, ego):
+        return Controls(accel=jnp.zeros(3), curvature=jnp.float32(0.0)), memory
+
+class Forgets(JaxPlanner):
+    def init(self, scene):
+        return jnp.zeros(3)
+
+    def step(self, memory, sight, ego):
+        return Controls(accel=jnp.float32(0.0), curvature=jnp.float32(0.0)), jnp.zeros(2)
+
+class Absurd(JaxPlanner):
+    def step(self, memory, sight, ego):
+        return Controls(accel=jnp.float32(jnp.nan), curvature=jnp.float32(0.0)), memory
+
 NOT_ONE = 7
 """
 
@@ -95,3 +114,21 @@ def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
     origin = Scene(made, to_world(made)).origin
     assert np.array(seen)[:, 0] - origin[0] == pytest.approx(np.asarray(mirror.x), abs=0.02)
     assert np.array(seen)[:, 1] - origin[1] == pytest.approx(np.asarray(mirror.y), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("attribute", "said"),
+    [
+        ("Raises", "failed on case scene: KeyError: 'lost'"),
+        ("Vectors", r"controls of shapes \[\[3\], \[\]\], expected two scalars"),
+        ("Forgets", "returns another kind of memory"),
+    ],
+)
+def test_a_planner_that_fails_says_how(mine, attribute, said):
+    with pytest.raises(PlannerError, match=said):
+        list(attack([scene((0, 0, 10), (20, 0, 8))], REGENTS, f"{mine}:{attribute}"))
+
+
+def test_a_planner_that_answers_nonsense_costs_its_case(mine):
+    (attacked,) = attack([scene((0, 0, 10), (20, 0, 8), (30, 3.2, 9))], REGENTS, f"{mine}:Absurd")
+    assert attacked.attack.outcome == "diverged"

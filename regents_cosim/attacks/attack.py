@@ -19,7 +19,7 @@ from regents_cosim.attacks.rules import candidates
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.world import World, to_tracks, to_world
-from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner
+from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner, start
 from regents_cosim.scenario import AttackRecord, Collision, Outcome, Scenario, Tracks
 
 _COST_TERMS = ("ego", "pair", "road")
@@ -63,7 +63,7 @@ def attack_one(scenario: Scenario, config: AttackConfig, planner: JaxPlanner, pl
             f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
         )
     world = to_world(scenario)
-    memory = planner.init(Scene(scenario, world))
+    memory = start(planner, Scene(scenario, world), planner_name)
     allowed = np.asarray(candidates(world, config))
     if config.search == "joint" or not allowed.any():
         found = descend(world, planner, memory, config, jnp.asarray(allowed))

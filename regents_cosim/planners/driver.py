@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from regents_cosim.mirror.bicycle import Motion, step
 from regents_cosim.mirror.rollout import decide, others
 from regents_cosim.mirror.world import World, to_world
-from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner
+from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner, start
 from regents_cosim.scenario import Scenario
 
 
@@ -30,7 +30,7 @@ class LoopDriver:
         self._loop = find_planner(self.planner)
         self._world = to_world(scenario)
         self._scene = Scene(scenario, self._world)
-        self._memory = self._loop.init(self._scene)
+        self._memory = start(self._loop, self._scene, self.planner)
 
     def advance(
         self,

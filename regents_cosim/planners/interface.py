@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.errors import PlannerError
 from regents_cosim.mirror.bicycle import Controls, Motion
-from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.mirror.rollout import Traffic, decide, others
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
 
@@ -98,6 +98,35 @@ def find_planner(name: str) -> JaxPlanner:
     if not isinstance(planner, JaxPlanner):
         raise PlannerError(f"planner {name!r} is a {type(planner).__name__}, expected a JaxPlanner")
     return planner
+
+
+def start(planner: JaxPlanner, scene: Scene, name: str) -> Any:
+    """The planner's memory of `scene`, once it has shown that it can take a step there.
+
+    Raises PlannerError with what the planner itself said where it fails, and with what was
+    expected where its answer has the wrong form. Values that are not finite show later.
+    """
+    world = scene.world
+    now = jax.tree.map(lambda values: values[:, :1], world.log)
+    traffic, ego = others(world, now, world.valid[:, :1]), jax.tree.map(lambda values: values[0, 0], now)
+    try:
+        memory = planner.init(scene)
+        control, after = jax.eval_shape(lambda *given: decide(planner, *given), memory, traffic, ego)
+    except Exception as error:  # somebody else's code: whatever it raises is an answer
+        said = str(error).strip().partition("\n")[0]
+        raise PlannerError(
+            f"planner {name!r} failed on case {scene.scenario.id}: {type(error).__name__}: {said}"
+        ) from error
+    if any(value.shape != () for value in jax.tree.leaves(control)):
+        shapes = [list(value.shape) for value in jax.tree.leaves(control)]
+        raise PlannerError(f"planner {name!r}: controls of shapes {shapes}, expected two scalars (accel, curvature)")
+    if jax.tree.map(_form, memory) != jax.tree.map(_form, after):
+        raise PlannerError(f"planner {name!r}: `step` returns another kind of memory than it was given")
+    return memory
+
+
+def _form(value: Any) -> tuple[tuple[int, ...], str]:
+    return jnp.shape(value), str(jnp.result_type(value))
 
 
 def _import(module_name: str, name: str) -> ModuleType:

@@ -6,7 +6,7 @@ import numpy as np
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.rollout import drive, with_ego
 from regents_cosim.mirror.world import to_tracks, to_world
-from regents_cosim.planners.interface import Scene, find_planner
+from regents_cosim.planners.interface import Scene, find_planner, start
 from regents_cosim.scenario import Scenario, Tracks
 
 
@@ -16,7 +16,7 @@ def replay_in_mirror(scenario: Scenario, planner: str | None = None) -> Tracks:
         return scenario.tracks
     loop, world = find_planner(planner), to_world(scenario)
     background = Motion(*(jnp.asarray(v) for v in (world.log.x, world.log.y, world.log.yaw, world.log.speed)))
-    ego, controls = drive(loop, loop.init(Scene(scenario, world)), world, background)
+    ego, controls = drive(loop, start(loop, Scene(scenario, world), planner), world, background)
     all_controls = type(controls)(
         *(
             old.at[0].set(new)

@@ -1,0 +1,229 @@
+"""Jobs in processes of their own: what comes back when they end, fail, or die."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import BrokenExecutor
+
+import pytest
+
+from regents_cosim.errors import NoWindowError, RegentsError, SumoError
+from regents_cosim.workers import executor_for, local_processes, result_of, run_each, run_isolated, submit
+
+DIED = "the worker process died without a word"
+
+
+def fail(kind):
+    raise kind("SUMO refused: no such edge")
+
+
+def die(how):
+    {
+        "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
+        "abort": os.abort,
+        "killed": lambda: os.kill(os.getpid(), signal.SIGKILL),
+        "exit": lambda: os._exit(1),
+    }[how]()
+
+
+def work(job):
+    """Jobs are (name, what to do): every kind of job in one function."""
+    name, deed = job
+    if deed in ("segfault", "abort", "killed", "exit"):
+        die(deed)
+    if deed == "fail":
+        fail(SumoError)
+    if deed == "slow":
+        time.sleep(0.3)
+    return name, os.getpid(), threading.get_ident()
+
+
+def names(outcomes):
+    return [outcome if isinstance(outcome, RegentsError) else outcome[0] for outcome in outcomes]
+
+
+# --- one job ----------------------------------------------------------------------------------
+
+
+def test_a_job_runs_in_another_process_that_is_gone_afterwards():
+    pid = run_isolated(os.getpid)
+    assert pid != os.getpid()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+@pytest.mark.parametrize("kind", [RegentsError, SumoError, NoWindowError])
+def test_errors_arrive_as_they_were_raised(kind):
+    with pytest.raises(kind) as error:
+        run_isolated(fail, kind)
+    assert type(error.value) is kind
+    assert str(error.value) == "SUMO refused: no such edge"
+
+
+def test_a_bug_is_not_taken_for_an_error_of_the_user():
+    with pytest.raises(ZeroDivisionError):
+        run_isolated(fail, ZeroDivisionError)
+    with pytest.raises(ZeroDivisionError):
+        list(run_each(fail, [ZeroDivisionError]))
+
+
+@pytest.mark.parametrize("how", ["segfault", "abort", "killed", "exit"])
+def test_a_death_is_said(how):
+    with pytest.raises(RegentsError, match=DIED) as error:
+        run_isolated(die, how)
+    assert "\n" not in str(error.value)
+
+
+# --- many jobs --------------------------------------------------------------------------------
+
+JOBS = [("a", "slow"), ("b", "quick"), ("c", "segfault"), ("d", "fail"), ("e", "slow"), ("f", "quick"), ("g", "quick")]
+
+
+def check_outcomes(outcomes):
+    found = names(outcomes)
+    assert [found[i] for i in (0, 1, 4, 5, 6)] == ["a", "b", "e", "f", "g"]
+    assert DIED in str(found[2])
+    assert type(found[3]) is SumoError
+    assert str(found[3]) == "SUMO refused: no such edge"
+
+
+def test_a_death_costs_its_job_only():
+    check_outcomes(run_each(work, JOBS))
+
+
+def test_the_last_jobs_may_die_as_well():
+    found = names(run_each(work, [(i, "exit" if i % 2 else "quick") for i in range(7)]))
+    assert found[::2] == [0, 2, 4, 6]
+    assert all(DIED in str(error) for error in found[1::2])
+
+
+def test_processes_serve_many_jobs():
+    pids = {pid for _, pid, _ in run_each(work, [(i, "quick") for i in range(8)])}
+    assert len(pids) <= len(os.sched_getaffinity(0))
+    assert os.getpid() not in pids
+
+
+def test_no_jobs_no_processes():
+    assert list(run_each(work, [])) == []
+
+
+def test_one_who_stops_listening_leaves_no_process_behind():
+    outcomes = run_each(work, [(i, "quick") for i in range(6)])
+    _, pid, _ = next(outcomes)
+    outcomes.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_a_shared_pool_that_breaks_costs_no_other_result():
+    with local_processes(2) as pool:
+        check_outcomes(run_each(work, JOBS, pool))
+        with pytest.raises(BrokenExecutor):
+            pool.submit(os.getpid)
+        check_outcomes(run_each(work, JOBS, pool))  # broken from the start
+
+
+# --- the caller's script ----------------------------------------------------------------------
+
+SCRIPT = """
+import sys, threading
+from regents_cosim.workers import run_isolated, run_each
+from regents_cosim.errors import RegentsError
+from regents_cosim.provenance import versions
+print("begin")
+assert run_isolated(versions) == versions()
+assert list(run_each(abs, [-1, -2, -3])) == [1, 2, 3]
+found = []
+threads = [threading.Thread(target=lambda: found.append(run_isolated(abs, -1))) for _ in range(3)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+assert found == [1, 1, 1], found
+print("end", globals().get("__file__", "").rpartition("/")[2], getattr(__spec__, "name", None))
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "end"),
+    [(["script.py"], "end script.py None"), (["-m", "script"], "end script.py script"), (["-c", SCRIPT], "end  None")],
+)
+def test_a_script_needs_no_guard(tmp_path, command, end):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    done = subprocess.run([sys.executable, *command], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.stderr == ""
+    assert done.stdout.splitlines() == ["begin", end]
+
+
+INTERRUPTED = """
+import time
+from regents_cosim.workers import run_each
+print("begin", flush=True)
+outcomes = run_each(time.sleep, [0.0, 60.0])
+next(outcomes)
+print("waiting", flush=True)
+next(outcomes)
+"""
+
+
+def test_an_interrupt_ends_workers_at_once_and_quietly(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED)
+    started = subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert started.stdout is not None
+    assert [started.stdout.readline() for _ in range(2)] == ["begin\n", "waiting\n"]
+    time.sleep(0.5)
+    os.killpg(started.pid, signal.SIGINT)
+    _, said = started.communicate(timeout=10)
+    assert "SpawnProcess" not in said
+    assert said.strip().endswith("KeyboardInterrupt")
+    assert said.count("Traceback") == 1  # the script's own
+
+
+# --- executors by name ------------------------------------------------------------------------
+
+
+def test_local_means_processes_of_our_own():
+    with executor_for("local") as executor:
+        assert executor is None
+
+
+@pytest.mark.parametrize("name", ["", "remote", "dask", "dask:", "local:2"])
+def test_unknown_executors(name):
+    with pytest.raises(RegentsError, match="expected `local` or `dask:ADDRESS`"), executor_for(name):
+        pass
+
+
+def test_dask_that_is_not_installed(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(RegentsError, match=r"pip install 'regents_cosim\[dask\]'"), executor_for("dask:tcp://h:1"):
+        pass
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere://x"])
+def test_a_scheduler_that_does_not_answer(address):
+    pytest.importorskip("distributed")
+    with (
+        pytest.raises(RegentsError, match=f"no Dask scheduler answers at {address}") as error,
+        executor_for(f"dask:{address}"),
+    ):
+        pass
+    assert "\n" not in str(error.value)
+
+
+def test_a_dask_cluster_does_the_same():
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None, silence_logs=50) as cluster,
+        executor_for(f"dask:{cluster.scheduler_address}") as executor,
+    ):
+        assert executor is not None
+        with pytest.raises(SumoError, match="no such edge"):
+            result_of(submit(executor, fail, SumoError))
+        found = list(run_each(work, [(i, "quick") for i in range(6)], executor))
+        assert names(found) == [0, 1, 2, 3, 4, 5]
+        assert os.getpid() not in {pid for _, pid, _ in found}
+        check_outcomes(run_each(work, JOBS, executor))
