@@ -10,6 +10,7 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.files import content_hash
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.mirror.world import to_world
 
 
 def attack_one(scenario, config=REGENTS, planner="log_replay"):
@@ -163,6 +164,46 @@ def test_a_blind_follower_counts_as_not_attributed_and_a_reacting_one_brakes():
     assert blind.collision is not None
     assert not blind.collision.attributed
     assert reactive.collision is None or reactive.collision.attributed
+
+
+def test_a_trust_region_keeps_actions_near_the_log():
+    recorded = platoon()
+    bound = replace(REGENTS, learning_rate=0.02, max_deviation=0.01, iterations=60)
+    near = attack_one(recorded, bound)
+    free = attack_one(recorded, replace(bound, max_deviation=0.0))
+    logged = to_world(recorded).controls
+    for attacked, most in ((near, 0.01), (free, 1.0)):
+        accel = np.abs(attacked.tracks.accel[1:] - np.asarray(logged.accel)[1:9]).max() / ACCEL_LIMIT
+        curvature = np.abs(attacked.tracks.curvature[1:] - np.asarray(logged.curvature)[1:9]).max() / CURVATURE_LIMIT
+        assert max(accel, curvature) <= most + 1e-5
+    assert max(accel, curvature) > 0.01
+
+
+def test_lateral_acceleration_is_bounded():
+    recorded = scene((0, 0, 10), (60, 6.4, 10), (90, 3.2, 10))
+    wild = replace(REGENTS, learning_rate=0.02, iterations=4)
+    for config, bounded in ((wild, False), (replace(wild, max_lateral_accel=0.5), True)):
+        tracks = attack_one(recorded, config).tracks
+        lateral = np.abs(tracks.curvature[1:]) * tracks.speed[1:, :-1] ** 2
+        # the bound uses the speeds of the iteration before
+        assert (lateral.max() < 0.5 * 1.25) == bounded
+
+
+def test_an_extra_cost_is_heard():
+    def hurry(world, motion, controls):
+        return -1000.0 * motion.speed[1:].mean()
+
+    recorded = scene((0, 0, 10), (60, 6.4, 10), (90, 3.2, 10))
+    few = replace(REGENTS, iterations=30)
+    plain, hurried = (next(attack([recorded], few, "log_replay", extra_cost=e)) for e in (None, hurry))
+    assert plain.tracks.speed[1, -1] < 10 < hurried.tracks.speed[1, -1]
+
+
+def test_the_gradient_may_pass_through_the_planner():
+    config = replace(REGENTS, gradient="through-planner")
+    assert attack_one(platoon(seed=1), config, "idm").attack.outcome == "collision"
+    with pytest.raises(RegentsError, match="reactions are not differentiated"):
+        replace(config, background="reactive")
 
 
 def test_king_is_regents_without_its_rules():

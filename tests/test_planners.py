@@ -27,7 +27,7 @@ class Raises(JaxPlanner):
 
 class Vectors(JaxPlanner):
     def step(self, memory, sight, ego):
-        return Controls(accel=jnp.zeros(3), curvature=jnp.float32(0.0)), memory
+        return Controls(accel=jnp.zeros(3), curvature=jnp.zeros(3)), memory
 
 class Forgets(JaxPlanner):
     def init(self, scene):
@@ -120,7 +120,7 @@ def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
     ("attribute", "said"),
     [
         ("Raises", "failed on case scene: KeyError: 'lost'"),
-        ("Vectors", r"controls of shapes \[\[3\], \[\]\], expected two scalars"),
+        ("Vectors", r"controls of shapes \[\[3\], \[3\]\], expected two scalars"),
         ("Forgets", "returns another kind of memory"),
     ],
 )

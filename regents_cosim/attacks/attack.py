@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from regents_cosim.attacks.costs import pooled_ego_distances
-from regents_cosim.attacks.descent import Found, descend
+from regents_cosim.attacks.descent import ExtraCost, Found, descend
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import candidates
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
@@ -26,15 +26,23 @@ _COST_TERMS = ("ego", "pair", "road")
 
 
 def attack(
-    scenarios: Iterable[Scenario], config: AttackConfig, planner: str = "idm", batch: int = 32
+    scenarios: Iterable[Scenario],
+    config: AttackConfig,
+    planner: str = "idm",
+    batch: int = 32,
+    extra_cost: ExtraCost | None = None,
 ) -> Iterator[Scenario]:
     """All results of `attack_each`, one after the other."""
-    for results in attack_each(scenarios, config, planner, batch):
+    for results in attack_each(scenarios, config, planner, batch, extra_cost):
         yield from results
 
 
 def attack_each(
-    scenarios: Iterable[Scenario], config: AttackConfig, planner: str = "idm", batch: int = 32
+    scenarios: Iterable[Scenario],
+    config: AttackConfig,
+    planner: str = "idm",
+    batch: int = 32,
+    extra_cost: ExtraCost | None = None,
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
 
@@ -43,20 +51,29 @@ def attack_each(
     `attack.outcome`. At most `batch` scenarios are held on the device at once. Raises
     PlannerError where the planner cannot be found, RegentsError for a scenario that was attacked
     before.
+
+    `extra_cost` of (World, Motion [agent, time] with the ego in row 0, Controls [agent, step]) is
+    added to the cost, to ask for more than a collision; it must be differentiable by JAX.
     """
     under_test = find_planner(planner)
     threads = os.cpu_count() or 1
     with ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[list[Scenario]]] = deque()
         for scenario in scenarios:
-            waiting.append(pool.submit(attack_one, scenario, config, under_test, planner))
+            waiting.append(pool.submit(attack_one, scenario, config, under_test, planner, extra_cost))
             if len(waiting) >= max(batch, 1):
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
 
 
-def attack_one(scenario: Scenario, config: AttackConfig, planner: JaxPlanner, planner_name: str) -> list[Scenario]:
+def attack_one(
+    scenario: Scenario,
+    config: AttackConfig,
+    planner: JaxPlanner,
+    planner_name: str,
+    extra_cost: ExtraCost | None = None,
+) -> list[Scenario]:
     """Attack one scenario: one result, or one for every distinct adversary."""
     if scenario.attack is not None:
         raise RegentsError(
@@ -66,11 +83,11 @@ def attack_one(scenario: Scenario, config: AttackConfig, planner: JaxPlanner, pl
     memory = start(planner, Scene(scenario, world), planner_name)
     allowed = np.asarray(candidates(world, config))
     if config.search == "joint" or not allowed.any():
-        found = descend(world, planner, memory, config, jnp.asarray(allowed))
+        found = descend(world, planner, memory, config, jnp.asarray(allowed), extra_cost)
         return [_attacked(scenario, config, planner_name, found, np.flatnonzero(allowed))]
     results: dict[str, Scenario] = {}
     for agent in _nearest(world, allowed, config):
-        found = descend(world, planner, memory, config, jnp.arange(len(allowed)) == agent)
+        found = descend(world, planner, memory, config, jnp.arange(len(allowed)) == agent, extra_cost)
         attacked = _attacked(scenario, config, planner_name, found, np.array([agent]))
         record = attacked.attack
         if record is None or record.outcome == "already_colliding":

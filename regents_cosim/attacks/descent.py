@@ -4,6 +4,7 @@ One compiled loop per scenario. It stops at the first collision of the ego with 
 agent, or when the iterations are spent. Source: ReGentS section 3.2 (and KING section 3).
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -25,6 +26,9 @@ from regents_cosim.mirror.rollout import (
 )
 from regents_cosim.mirror.separation import overlaps
 from regents_cosim.mirror.world import World
+
+# Whatever else a user wants of the scenario, as a cost to be lowered: smooth, in the cost's units.
+ExtraCost = Callable[[World, Motion, Controls], Float[Array, ""]]
 
 # A hit in float32 must be one for the exact judge on the host as well.
 _HIT_DEPTH_M = 1e-3
@@ -56,7 +60,12 @@ class _Search(eqx.Module):
 
 @eqx.filter_jit
 def descend(
-    world: World, planner: LoopPlanner, memory: Any, config: AttackConfig, candidate: Bool[Array, " agent"]
+    world: World,
+    planner: LoopPlanner,
+    memory: Any,
+    config: AttackConfig,
+    candidate: Bool[Array, " agent"],
+    extra_cost: ExtraCost | None = None,
 ) -> Found:
     """Attack `planner` (with its `memory` of the scene) in `world` with the controls of `candidate` agents."""
     reacting = world.vehicle & ~candidate
@@ -71,10 +80,14 @@ def descend(
         return with_ego(background, ego), ego_controls
 
     def cost(actions: Array, seen: Motion) -> tuple[Float[Array, ""], Costs]:
-        background = roll_out_background(world, to_controls(actions))
-        motion = jax.tree.map(lambda own, fixed: jnp.where(candidate[:, None], own, fixed), background, seen)
+        if config.gradient == "through-planner":
+            motion, _ = roll_out(actions)
+        else:
+            background = roll_out_background(world, to_controls(actions))
+            motion = jax.tree.map(lambda own, fixed: jnp.where(candidate[:, None], own, fixed), background, seen)
         costs = total_cost(world, motion, candidate, config)
-        return costs.total, costs
+        extra = extra_cost(world, motion, to_controls(actions)) if extra_cost else 0.0
+        return costs.total + extra, costs
 
     def evaluate(search: _Search) -> _Search:
         motion, ego_controls = roll_out(search.actions)
@@ -92,7 +105,7 @@ def descend(
         finite = jnp.isfinite(gradient).all() & jnp.isfinite(terms).all()
         return evaluate(
             _Search(
-                actions=jnp.clip(search.actions + steps, -1.0, 1.0),
+                actions=within_bounds(search.actions + steps, logged, search.motion.speed, config),
                 adam=state,
                 motion=search.motion,
                 ego_controls=search.ego_controls,
@@ -131,6 +144,24 @@ def descend(
     finite = end.finite & jnp.isfinite(end.motion.x).all() & jnp.isfinite(end.motion.y).all()
     changed = (jnp.abs(end.actions - logged) > 1e-6).any(axis=(1, 2))
     return Found(end.motion, controls, changed, end.hit, finite, candidate.any(), end.iterations, end.history)
+
+
+def within_bounds(
+    actions: Float[Array, "agent step 2"],
+    logged: Float[Array, "agent step 2"],
+    speed: Float[Array, "agent time"],
+    config: AttackConfig,
+) -> Float[Array, "agent step 2"]:
+    """The nearest actions that the configuration allows; logged ones always are."""
+    low, high = jnp.full_like(actions, -1.0), jnp.full_like(actions, 1.0)
+    if config.max_deviation > 0.0:
+        low, high = logged - config.max_deviation, logged + config.max_deviation
+    if config.max_lateral_accel > 0.0:
+        tightest = config.max_lateral_accel / (CURVATURE_LIMIT * jnp.maximum(speed[:, :-1], 1.0) ** 2)
+        tightest = jnp.maximum(tightest, jnp.abs(logged[..., 1]))
+        low = low.at[..., 1].max(-tightest)
+        high = high.at[..., 1].min(tightest)
+    return jnp.clip(jnp.clip(actions, low, high), -1.0, 1.0)
 
 
 def ego_is_hit(world: World, motion: Motion) -> Bool[Array, ""]:

@@ -5,6 +5,8 @@ from typing import Literal
 
 import numpy as np
 
+from regents_cosim.errors import RegentsError, require
+
 
 @dataclass(frozen=True)
 class AttackConfig:
@@ -22,6 +24,9 @@ class AttackConfig:
     pair_weight: float = 5.0  # lambda_col
     road_weight: float = 20.0  # lambda_dev
     pair_reach_m: float = 1.25  # tau: background agents further apart do not repel each other
+    max_deviation: float = 0.0  # of an action from the logged one, as a share of its limit; 0: no bound
+    max_lateral_accel: float = 0.0  # [m/s^2] |curvature| speed^2, unless the log has more; 0: no bound
+    gradient: Literal["adversary", "through-planner"] = "adversary"  # is the ego's reaction differentiated too?
     cancel_front_steering: bool = False  # ReGentS rule 1
     front_share: float = 0.5  # tau_front: share of steps in the red zone that cancels steering
     front_window_rad: float = np.pi / 8
@@ -36,6 +41,13 @@ class AttackConfig:
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
     nearest: int = 5  # candidates that get a descent of their own
     background: Literal["log", "reactive"] = "log"  # do agents that are no candidates brake for what is in their way?
+
+    def __post_init__(self) -> None:
+        require(
+            self.gradient == "adversary" or self.background == "log",
+            "a gradient through the planner needs background `log`: reactions are not differentiated",
+            RegentsError,
+        )
 
 
 KING = AttackConfig("king")

@@ -96,7 +96,7 @@ class IDM(JaxPlanner):
         motion = traffic.motion
         along, across, index = _project(memory, motion.x, motion.y)
         cos = jnp.cos(motion.yaw) * memory.cos[index] + jnp.sin(motion.yaw) * memory.sin[index]
-        sin = jnp.sqrt(jnp.maximum(1.0 - cos**2, 0.0))
+        sin = jnp.abs(jnp.sin(motion.yaw) * memory.cos[index] - jnp.cos(motion.yaw) * memory.sin[index])
         half_length, half_width = traffic.half_length[:, None], traffic.half_width[:, None]
         reach = jnp.abs(cos) * half_length + sin * half_width
         breadth = sin * half_length + jnp.abs(cos) * half_width
