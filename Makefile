@@ -2,7 +2,6 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
-TORCH := torch==2.13.0
 
 .PHONY: demo test test-all lint bench clean
 
