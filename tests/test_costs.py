@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,10 +9,17 @@ from jax.test_util import check_grads
 from scenes import platoon, scene
 
 from regents_cosim import boxes as host
-from regents_cosim.attacks.costs import ego_distance, pair_proximity, pooled_ego_distances, road_deviation, total_cost
+from regents_cosim.attacks import costs
 from regents_cosim.attacks.presets import KING
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
+
+# Compiled as a whole: op by op, every test would compile each of them alone.
+ego_distance = eqx.filter_jit(costs.ego_distance)
+pair_proximity = eqx.filter_jit(costs.pair_proximity)
+pooled_ego_distances = eqx.filter_jit(costs.pooled_ego_distances)
+road_deviation = eqx.filter_jit(costs.road_deviation)
+total_cost = eqx.filter_jit(costs.total_cost)
 
 
 def prepared(scenario, candidates=None):
@@ -141,6 +149,7 @@ def test_the_gradient_of_the_whole_cost_is_that_of_finite_differences(x64, seed)
         lambda v, s=seed: jnp.asarray(np.random.default_rng(s).normal(size=v.shape)), world.controls
     )
 
+    @eqx.filter_jit
     def cost(amount):
         controls = jax.tree.map(lambda v, d: v + jnp.asarray(amount) * 1e-3 * d, world.controls, direction)
         return total_cost(world, roll_out_background(world, controls), candidate, KING).total
@@ -158,6 +167,6 @@ def test_masked_agents_send_no_gradient():
     def cost(controls):
         return total_cost(world, roll_out_background(world, controls), candidate, KING).total
 
-    gradient = jax.grad(cost)(world.controls)
+    gradient = eqx.filter_jit(jax.grad(cost))(world.controls)
     assert np.abs(gradient.accel[4, 3:]).max() == 0
     assert all(np.isfinite(g).all() for g in jax.tree.leaves(gradient))

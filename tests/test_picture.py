@@ -53,7 +53,7 @@ def attacked(**changes) -> Scenario:
     collision = Collision(
         agents[1].id, step, step * DT, collision_kind(agents, tracks, *contact), relative_speed(tracks, *contact), True
     )
-    attack = AttackRecord("regents", "idm", "collision", 120, collision)
+    attack = AttackRecord("scene", "regents", "idm", "collision", 120, collision)
     return replace(before, agents=agents, tracks=tracks, attack=attack, original=before.tracks)
 
 

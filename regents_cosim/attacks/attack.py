@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.descent import ExtraCost, Found, descend
@@ -81,7 +82,7 @@ def attack_one(
         )
     world = to_world(scenario)
     memory = start(planner, Scene(scenario, world), planner_name)
-    allowed = np.asarray(candidates(world, config))
+    allowed = np.asarray(_candidates(world, config))
     if config.search == "joint" or not allowed.any():
         found = descend(world, planner, memory, config, jnp.asarray(allowed), extra_cost)
         return [_attacked(scenario, config, planner_name, found, np.flatnonzero(allowed))]
@@ -99,9 +100,18 @@ def attack_one(
 
 def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:
     """The candidates that come nearest to the ego in the log, the nearest first."""
-    distances = np.asarray(pooled_ego_distances(world, world.boxes(world.log), config))
+    distances = np.asarray(_logged_distances(world, config))
     order = np.argsort(np.where(allowed, distances, np.inf), kind="stable")
     return [int(agent) for agent in order[: config.nearest] if allowed[agent]]
+
+
+# Compiled as a whole: op by op, the first call of a process would compile each of them alone.
+_candidates = eqx.filter_jit(candidates)
+
+
+@eqx.filter_jit
+def _logged_distances(world: World, config: AttackConfig) -> Float[Array, " agent"]:
+    return pooled_ego_distances(world, world.boxes(world.log), config)
 
 
 def _named_after_adversary(attacked: Scenario) -> Scenario:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -121,9 +122,12 @@ def _mean_deviation(attacked: Iterable[Scenario]) -> float:
     return round(float(np.mean(found)), 2) if found else 0.0
 
 
+_roll_out = eqx.filter_jit(roll_out_background)
+
+
 def _errors(world: World, controls: Controls) -> Float[np.ndarray, " sample"]:
     """Distance [m] of the roll-out to the log at every valid step."""
-    motion = roll_out_background(world, controls)
+    motion = _roll_out(world, controls)
     miss = np.hypot(np.asarray(motion.x - world.log.x, float), np.asarray(motion.y - world.log.y, float))
     return miss[np.asarray(world.valid)]
 
