@@ -57,7 +57,7 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
 
     decisions = jax.tree.map(lambda values: values[:-1], sight)
     (last, _), (motion, controls) = jax.lax.scan(advance, (_ego_start(world), memory), decisions)
-    return _joined(motion, last), controls
+    return jax.tree.map(lambda values, end: jnp.append(values, end), motion, last), controls
 
 
 def drive_among_reacting(
@@ -73,8 +73,7 @@ def drive_among_reacting(
         ego, recalled, progress = carry
         log_now, present, moving = inputs
         placed = place(background, progress)
-        now = jax.tree.map(lambda a, b: jnp.where(reacting, a, b), placed, log_now)
-        now = jax.tree.map(lambda values, mine: values.at[0].set(mine), now, ego)
+        now = with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b), placed, log_now), ego)
         seen = jax.tree.map(lambda values: values[:, None], now)
         control, recalled = decide(planner, recalled, others(world, seen, present[:, None]), ego)
         further = react(
@@ -92,8 +91,7 @@ def drive_among_reacting(
     start = (_ego_start(world), memory, begin(background))
     (ego, _, progress), (motion, controls) = jax.lax.scan(advance, start, (*steps, world.moving.T))
     placed = place(background, progress)
-    last = jax.tree.map(lambda a, b: jnp.where(reacting, a, b[:, -1]), placed, background)
-    last = jax.tree.map(lambda values, mine: values.at[0].set(mine), last, ego)
+    last = with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b[:, -1]), placed, background), ego)
     return jax.tree.map(lambda values, end: jnp.concatenate([values.T, end[:, None]], axis=1), motion, last), controls
 
 
@@ -111,13 +109,9 @@ def others(world: World, motion: Motion, valid: Bool[Array, "agent time"]) -> Tr
 
 
 def with_ego(background: Motion, ego: Motion) -> Motion:
-    """Motion of all agents, row 0 being the ego's."""
+    """Motion of all agents, over time or at one instant, row 0 being the ego's."""
     return jax.tree.map(lambda values, mine: values.at[0].set(mine), background, ego)
 
 
 def _ego_start(world: World) -> Motion:
     return jax.tree.map(lambda values: values[0], world.start)
-
-
-def _joined(motion: Motion, last: Motion) -> Motion:
-    return jax.tree.map(lambda values, end: jnp.append(values, end), motion, last)
