@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.descent import ExtraCost, Found, descend
+from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import candidates
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
@@ -84,11 +85,11 @@ def attack_one(
     memory = start(planner, Scene(scenario, world), planner_name)
     allowed = np.asarray(_candidates(world, config))
     if config.search == "joint" or not allowed.any():
-        found = descend(world, planner, memory, config, jnp.asarray(allowed), extra_cost)
+        found = descend(world, planner, memory, config, Movers.among(jnp.asarray(allowed)), extra_cost)
         return [_attacked(scenario, config, planner_name, found, np.flatnonzero(allowed))]
     results: dict[str, Scenario] = {}
     for agent in _nearest(world, allowed, config):
-        found = descend(world, planner, memory, config, jnp.arange(len(allowed)) == agent, extra_cost)
+        found = descend(world, planner, memory, config, Movers.only(agent, len(allowed)), extra_cost)
         attacked = _attacked(scenario, config, planner_name, found, np.array([agent]))
         record = attacked.attack
         if record is None or record.outcome == "already_colliding":
