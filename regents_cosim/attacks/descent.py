@@ -67,12 +67,8 @@ def descend(
     extra_cost: ExtraCost | None = None,
 ) -> Found:
     """Attack `planner` (with its `memory` of the scene) in `world` with the controls of `movers`."""
-    descent = _Descent(world, planner, memory, movers, roll_out_background(world, world.controls), config, extra_cost)
-    # Lambdas, because JAX hashes the functions of a loop, and a bound method hashes its object.
-    end = jax.lax.while_loop(
-        lambda search: descent.goes_on(search), lambda search: descent.update(search), descent.begin()
-    )
-    return descent.result(end)
+    descent = Descent.of(world, planner, memory, movers, config, extra_cost)
+    return descent.result(descent.advance(descent.begin(), config.iterations))
 
 
 class _Seen(eqx.Module):
@@ -83,7 +79,7 @@ class _Seen(eqx.Module):
     ego_controls: Controls  # [step]
 
 
-class _Search(eqx.Module):
+class Search(eqx.Module):
     """What one pass of the loop hands to the next."""
 
     actions: Controls  # [mover step] as shares of their limits
@@ -94,7 +90,7 @@ class _Search(eqx.Module):
     history: Float[Array, "iteration term"]
 
 
-class _Descent(eqx.Module):
+class Descent(eqx.Module):
     """What stays the same over all passes of the loop, and what one pass does."""
 
     world: World
@@ -105,9 +101,22 @@ class _Descent(eqx.Module):
     config: AttackConfig = eqx.field(static=True)
     extra_cost: ExtraCost | None = eqx.field(static=True)
 
-    def begin(self) -> _Search:
+    @staticmethod
+    def of(
+        world: World,
+        planner: LoopPlanner,
+        memory: Any,
+        movers: Movers,
+        config: AttackConfig,
+        extra_cost: ExtraCost | None = None,
+    ) -> "Descent":
+        """Set a descent up."""
+        undisturbed = roll_out_background(world, world.controls)
+        return Descent(world, planner, memory, movers, undisturbed, config, extra_cost)
+
+    def begin(self) -> Search:
         """The logged actions."""
-        return _Search(
+        return Search(
             actions=self.logged(),
             adam=self.optimiser().init(self.logged()),
             seen=self.look(self.logged()),
@@ -116,12 +125,20 @@ class _Descent(eqx.Module):
             history=jnp.zeros((self.config.iterations, 3), jnp.float32),
         )
 
-    def goes_on(self, search: _Search) -> Bool[Array, ""]:
+    def advance(self, search: Search, passes: int) -> Search:
+        """At most so many updates more."""
+        last = search.iterations + passes
+        # Lambdas, because JAX hashes the functions of a loop, and a bound method hashes its object.
+        return jax.lax.while_loop(
+            lambda now: self.goes_on(now) & (now.iterations < last), lambda now: self.update(now), search
+        )
+
+    def goes_on(self, search: Search) -> Bool[Array, ""]:
         """Neither hit, nor blown up, nor at the end of the iterations."""
         hit = ego_is_hit(self.world, search.seen.boxes)
         return ~hit & search.finite & (search.iterations < self.config.iterations) & self.movers.candidate.any()
 
-    def update(self, search: _Search) -> _Search:
+    def update(self, search: Search) -> Search:
         """One step of Adam, and the roll-out after it."""
         total, costs, gradient = self.gradient(search.actions, search.seen)
         steps, state = self.optimiser().update(gradient, search.adam)
@@ -132,7 +149,7 @@ class _Descent(eqx.Module):
             search.actions.curvature + jnp.where(steers[:, None], steps.curvature, 0.0),
         )
         actions = within_bounds(moved, self.logged(), self.movers.rows(search.seen.motion.speed), self.config)
-        return _Search(
+        return Search(
             actions=actions,
             adam=state,
             seen=self.look(actions),
@@ -198,7 +215,7 @@ class _Descent(eqx.Module):
         around = self.movers.rows(motion)
         return ~diverging_in_front(ego, around, valid, self.config.front_share, self.config.front_window_rad)
 
-    def result(self, end: _Search) -> Found:
+    def result(self, end: Search) -> Found:
         """Where the loop ended, in terms of all agents."""
         motion, movers = end.seen.motion, self.movers
         controls = movers.put(self.world.controls, to_controls(end.actions))
