@@ -120,6 +120,7 @@ def attack(
     output: Annotated[Path, Parameter(["--output", "-o"])],
     search: Literal["joint", "per-candidate"] | None = None,
     background: Literal["log", "reactive"] | None = None,
+    as_published: bool = False,
     iterations: int = 500,
     batch: int = 32,
     executor: str = "local",
@@ -138,11 +139,13 @@ def attack(
     planner
         system under test: idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
     method
-        preset: king and regents as published; focused, our own, finds more crashes that mean something
+        preset: king and regents of the papers; focused, our own, finds more crashes that mean something
     search
         one search over all candidates, or one for each of the nearest (every adversary found is a case)
     background
         do other agents replay their log, or brake for what stands in their way; default: the preset's
+    as_published
+        do as the public ReGentS code where it departs from its paper (king and regents only)
     output
         folder for the attacked cases
     iterations
@@ -169,15 +172,16 @@ def attack(
         raise RegentsError("expected either a folder of cases or traffic (-c NAME.sumocfg), not both")
     if compile_cache:
         keep_compiled_programs()
-    suite = SuiteWriter(output, traffic.seed)
-    scenarios = load_cases(cases) if cases else _record(traffic, sumo, executor, terminal)
     preset = METHODS[method]
     config = dataclasses.replace(
         preset,
         search=search or preset.search,
         background=background or preset.background,
+        as_published=as_published,
         iterations=iterations,
     )
+    suite = SuiteWriter(output, traffic.seed)
+    scenarios = load_cases(cases) if cases else _record(traffic, sumo, executor, terminal)
     attacked = []
     for results in terminal.each(run_attack_each(scenarios, config, planner, batch), "attacking", len(scenarios)):
         for scenario in results:
@@ -187,7 +191,7 @@ def attack(
     if pictures:
         _draw_stills(attacked, output, terminal)
     rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
-    terminal.show(f"{method} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
+    terminal.show(f"{config.label} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
     return _exit_code(replays.values(), terminal)
 
 
@@ -282,7 +286,11 @@ def success(
     seed: int = 0,
     nets: tuple[str, ...] = (),
     planners: tuple[str, ...] = ("log_replay", "idm"),
-    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents", "focused"),
+    methods: tuple[Literal["king", "regents", "focused", "king-published", "regents-published"], ...] = (
+        "king",
+        "regents",
+        "focused",
+    ),
     compile_cache: bool = True,
     talk: Talk = Talk(),
 ) -> int:
@@ -297,7 +305,7 @@ def success(
     planners
         systems under test
     methods
-        presets
+        presets; king-published and regents-published do as the public ReGentS code
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.attacks import published
 from regents_cosim.attacks.costs import Costs, total_cost
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
@@ -68,39 +69,45 @@ def descend(
     extra_cost: ExtraCost | None = None,
 ) -> Found:
     """Attack `planner` (with its `memory` of the scene) in `world` with the controls of `candidate` agents."""
+    stage = published.stage(world) if config.as_published else world  # who moves, the costs see it or not
+    roll_out_others = published.roll_out_background if config.as_published else roll_out_background
+    costs_along = published.total_cost if config.as_published else total_cost
     reacting = world.vehicle & ~candidate
-    logged = to_actions(world.controls)
+    logged = to_actions(stage.controls)
     adam = optax.adam(config.learning_rate, config.beta1, config.beta2)
 
     def roll_out(actions: Array) -> tuple[Motion, Controls]:
-        background = roll_out_background(world, to_controls(actions))
+        background = roll_out_others(stage, to_controls(actions))
         if config.background == "reactive":
             return drive_among_reacting(planner, memory, world, background, reacting)
-        ego, ego_controls = drive(planner, memory, world, background)
+        ego, ego_controls = drive(planner, memory, stage, background)
         return with_ego(background, ego), ego_controls
 
     def cost(actions: Array, seen: Motion) -> tuple[Float[Array, ""], Costs]:
         if config.gradient == "through-planner":
             motion, _ = roll_out(actions)
         else:
-            background = roll_out_background(world, to_controls(actions))
+            background = roll_out_others(stage, to_controls(actions))
             motion = jax.tree.map(lambda own, fixed: jnp.where(candidate[:, None], own, fixed), background, seen)
-        costs = total_cost(world, motion, candidate, config)
+        costs = costs_along(world, motion, candidate, config)
         extra = extra_cost(world, motion, to_controls(actions)) if extra_cost else 0.0
         return costs.total + extra, costs
 
     def evaluate(search: _Search) -> _Search:
         motion, ego_controls = roll_out(search.actions)
+        judged = published.optimised_only(stage, motion, candidate) if config.as_published else stage
         return eqx.tree_at(
             lambda s: (s.motion, s.ego_controls, s.hit),
             search,
-            (motion, ego_controls, ego_is_hit(world, motion)),
+            (motion, ego_controls, ego_is_hit(judged, motion)),
         )
 
     def update(search: _Search) -> _Search:
         (_, costs), gradient = jax.value_and_grad(cost, has_aux=True)(search.actions, search.motion)
         steps, state = adam.update(gradient, search.adam)
         steps = jnp.where(may_change(search.motion), jnp.asarray(steps), 0.0)
+        if config.as_published:
+            steps *= published.step_factors(config)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
         finite = jnp.isfinite(gradient).all() & jnp.isfinite(terms).all()
         return evaluate(
@@ -118,7 +125,9 @@ def descend(
 
     def may_change(motion: Motion) -> Bool[Array, "agent #step 2"]:
         steers = candidate
-        if config.cancel_front_steering:
+        if config.cancel_front_steering and config.as_published:
+            steers &= ~published.diverging_in_front(motion, config)
+        elif config.cancel_front_steering:
             steers &= ~diverging_in_front(motion, world.valid, config.front_share, config.front_window_rad)
         return jnp.stack([candidate, steers], axis=-1)[:, None]
 

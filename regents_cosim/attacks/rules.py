@@ -41,18 +41,23 @@ def travelled(world: World) -> Float[Array, " agent"]:
 
 
 def diverging_in_front(
-    motion: Motion, valid: Bool[Array, "agent time"], share: float, window_rad: float
+    motion: Motion,
+    valid: Bool[Array, "agent time"],
+    share: float,
+    window_rad: float,
+    yaw_window_rad: float | None = None,
 ) -> Bool[Array, " agent"]:
     """Rule 1: in the red zone for more than `share` of the valid steps of the current roll-out.
 
     With alpha the bearing of agent i from the ego, dyaw = wrap(yaw_i - yaw_0) and
     dalpha = wrap(alpha - yaw_0), the red zone is |dyaw| < pi/8, |dalpha| < pi/8 and
     0 < dalpha / dyaw < 1: ahead, to one side, and turned away to the same side, so that any
-    pull towards the ego's future path turns it further away.
+    pull towards the ego's future path turns it further away. The window of dyaw is the same
+    as that of dalpha unless given.
     """
     dyaw = wrap(motion.yaw - motion.yaw[0])
     dalpha = wrap(jnp.arctan2(motion.y - motion.y[0], motion.x - motion.x[0]) - motion.yaw[0])
-    narrow = (jnp.abs(dyaw) < window_rad) & (jnp.abs(dalpha) < window_rad)
+    narrow = (jnp.abs(dyaw) < (yaw_window_rad or window_rad)) & (jnp.abs(dalpha) < window_rad)
     same_side = (dalpha * dyaw > 0.0) & (jnp.abs(dalpha) < jnp.abs(dyaw))
     red = valid & narrow & same_side
     return red.sum(axis=1) > share * valid.sum(axis=1)
