@@ -12,8 +12,8 @@ the attack, and where it is:
 - braking goes on past standstill (`roll_out_background`)
 - agents that come late start from the filler and never join their log; when a log ends its agent
   drives on, which the costs do not see and the overlap test does (`stage`)
-- hits by agents that may not attack do not stop the search (`optimised_only`); the record names the
-  first contact all the same, whoever it is with
+- hits by agents that may not attack do not stop the search (`optimised_only`), so tracks without a
+  success can hold one; the record of a success names the first contact, whoever it is with
 
 Needs no code: that the search ignores an adversary that leaves the road or hits others first holds for
 ours as well (clean success does not), and so does a gradient that leaves the ego alone. Left out: with
