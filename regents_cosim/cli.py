@@ -71,13 +71,15 @@ class Search:
     """How the attack searches; what is not given is the preset's."""
 
     method: Literal["regents", "king", "focused"] = "regents"
-    """preset: king and regents as published; focused, our own, finds more crashes that mean something"""
+    """preset: king and regents of the papers; focused, our own, finds more crashes that mean something"""
     search: Literal["joint", "per-candidate"] | None = None
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
     background: Literal["log", "reactive"] | None = None
     """do other agents replay their log, or brake for what stands in their way"""
     gradient: Literal["adversary", "through-planner"] | None = None
     """is the planner's track constant to the gradient, or is the planner (in JAX) differentiated as well"""
+    as_published: bool | None = None
+    """do as the public ReGentS code where it departs from its paper (king and regents only)"""
     iterations: int | None = None
     """updates at most"""
     max_deviation: float | None = None
@@ -190,10 +192,11 @@ def attack(
         raise RegentsError("expected either a folder of cases or traffic (-c NAME.sumocfg), not both")
     if compile_cache:
         keep_compiled_programs()
+    config = search.config()
     suite = SuiteWriter(output, traffic.seed)
     scenarios = load_cases(cases) if cases else _record(traffic, sumo, executor, terminal)
     attacked = []
-    runs = run_attack_each(scenarios, search.config(), planner, batch, engine=engine)
+    runs = run_attack_each(scenarios, config, planner, batch, engine=engine)
     for results in terminal.each(runs, "attacking", len(scenarios)):
         for scenario in results:
             suite.add(scenario)
@@ -202,7 +205,7 @@ def attack(
     if pictures:
         _draw_stills(attacked, output, terminal)
     rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
-    terminal.show(f"{search.method} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
+    terminal.show(f"{config.label} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
     return _exit_code(replays.values(), terminal)
 
 
@@ -298,6 +301,7 @@ def success(
     nets: tuple[str, ...] = (),
     planners: tuple[str, ...] = ("log_replay", "idm"),
     methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents", "focused"),
+    as_published: bool = False,
     searches: tuple[Literal["joint", "per-candidate"], ...] = (),
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
     compile_cache: bool = True,
@@ -315,6 +319,8 @@ def success(
         systems under test
     methods
         presets
+    as_published
+        do as the public ReGentS code where it departs from its paper (king and regents only)
     searches
         one search over all candidates, one for each of the nearest, or both; the preset's by default
     backgrounds
@@ -332,7 +338,7 @@ def success(
     windows = [s for found in _bench_traffic(nets, count, seed, terminal).values() for s in found]
     rows = []
     for planner, method, search, background in product(planners, methods, searches or (None,), backgrounds or (None,)):
-        config = Search(method, search, background).config()
+        config = Search(method, search, background, as_published=as_published).config()
         results = attack_each(windows, config, planner)
         attacked = list(terminal.each(results, f"{method} against {planner}", len(windows)))
         replays = _verify([case for found in attacked for case in found], "local", terminal)

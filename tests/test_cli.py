@@ -117,10 +117,20 @@ def test_recording_a_film(attacked, tmp_path):
 
 def test_attack_straight_from_traffic(tmp_path):
     words = ("attack", "-c", GRID, "--count", 1, "--iterations", 2, "--no-verify", "--no-pictures", "--quiet")
-    done = regents(*words, "-o", tmp_path / "suite", "--method", "king", "--planner", "log_replay")
+    done = regents(*words, "-o", tmp_path / "suite", "--method", "king", "--as-published", "--planner", "log_replay")
     assert (done.returncode, done.stderr) == (0, "")
     (entry,) = load_suite(tmp_path / "suite").cases
-    assert load_case(tmp_path / "suite" / entry.case).attack.method == "king"
+    attack = load_case(tmp_path / "suite" / entry.case).attack
+    assert (attack.method, attack.settings["as_published"]) == ("king", True)
+    assert entry.case == f"{attack.case}-king-published-log_replay"
+    assert "king-published against log_replay" in done.stdout
+
+
+def test_our_own_method_was_never_published(tmp_path):
+    done = regents("attack", "-c", GRID, "-o", tmp_path / "suite", "--method", "focused", "--as-published")
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "as published, take method `regents` or `king`" in done.stderr
+    assert not (tmp_path / "suite").exists()
 
 
 def test_what_follows_two_dashes_goes_to_sumo(tmp_path):

@@ -16,12 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.attacks import published
 from regents_cosim.attacks.costs import pooled_ego_distances
-from regents_cosim.attacks.descent import ExtraCost, Found, descend
+from regents_cosim.attacks.descent import ExtraCost, Found
 from regents_cosim.attacks.lanes import Job, search_in_lanes
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import candidates
+from regents_cosim.attacks.search import descend
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.world import World, to_tracks, to_world
@@ -150,7 +152,9 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
 
 
 # Compiled as a whole: op by op, the first call of a process would compile each of them alone.
-_candidates = eqx.filter_jit(candidates)
+@eqx.filter_jit
+def _candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
+    return published.candidates(world, config) if config.as_published else candidates(world, config)
 
 
 @eqx.filter_jit
@@ -167,7 +171,8 @@ def _attacked(
     scenario: Scenario, config: AttackConfig, planner_name: str, found: Found, candidate: Int[np.ndarray, " candidate"]
 ) -> Scenario:
     outcome = _outcome(found)
-    tracks = scenario.tracks if outcome == "diverged" else to_tracks(found.motion, found.controls, scenario)
+    present = published.stay(scenario) if config.as_published else scenario
+    tracks = scenario.tracks if outcome == "diverged" else to_tracks(found.motion, found.controls, present)
     collision = _collision(scenario, tracks, found) if found.hit else None
     struck = collision.agent if collision and outcome == "collision" else None
     agents = tuple(replace(a, role="adversary") if a.id == struck else a for a in scenario.agents)
@@ -183,7 +188,7 @@ def _attacked(
         settings={k: v for k, v in dataclasses.asdict(config).items() if k != "method"},
         cost_history=dict(zip(_COST_TERMS, _history(found, iterations), strict=True)),
     )
-    name = f"{scenario.id}-{config.method}-{_label(planner_name)}"
+    name = f"{scenario.id}-{config.label}-{_label(planner_name)}"
     return replace(scenario, id=name, agents=agents, tracks=tracks, attack=record, original=scenario.tracks)
 
 
@@ -217,5 +222,7 @@ def _collision(scenario: Scenario, tracks: Tracks, found: Found) -> Collision:
 
 
 def _history(found: Found, iterations: int) -> list[tuple[float, ...]]:
+    """Costs before each update; those that blew up, which JSON cannot hold, are left out."""
     rounded = np.asarray(found.history, float)[:iterations].round(6)
+    rounded = rounded[np.isfinite(rounded).all(axis=1)]
     return [tuple(term.tolist()) for term in rounded.T]

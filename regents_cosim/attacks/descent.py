@@ -57,21 +57,7 @@ class Found(eqx.Module):
     history: Float[Array, "iteration term"]  # ego, pair and road cost before each update
 
 
-@eqx.filter_jit
-def descend(
-    world: World,
-    planner: LoopPlanner,
-    memory: Any,
-    config: AttackConfig,
-    movers: Movers,
-    extra_cost: ExtraCost | None = None,
-) -> Found:
-    """Attack `planner` (with its `memory` of the scene) in `world` with the controls of `movers`."""
-    descent = Descent.of(world, planner, memory, movers, config, extra_cost)
-    return descent.result(descent.advance(descent.begin(), config.iterations))
-
-
-class _Seen(eqx.Module):
+class Seen(eqx.Module):
     """What a roll-out shows."""
 
     motion: Motion  # [agent time]
@@ -84,7 +70,7 @@ class Search(eqx.Module):
 
     actions: Controls  # [mover step] as shares of their limits
     adam: optax.OptState
-    seen: _Seen
+    seen: Seen
     finite: Bool[Array, ""]
     iterations: Int[Array, ""]
     history: Float[Array, "iteration term"]
@@ -101,8 +87,9 @@ class Descent(eqx.Module):
     config: AttackConfig = eqx.field(static=True)
     extra_cost: ExtraCost | None = eqx.field(static=True)
 
-    @staticmethod
+    @classmethod
     def of(
+        cls,
         world: World,
         planner: LoopPlanner,
         memory: Any,
@@ -112,7 +99,7 @@ class Descent(eqx.Module):
     ) -> "Descent":
         """Set a descent up."""
         undisturbed = roll_out_background(world, world.controls)
-        return Descent(world, planner, memory, movers, undisturbed, config, extra_cost)
+        return cls(world, planner, memory, movers, undisturbed, config, extra_cost)
 
     def begin(self) -> Search:
         """The logged actions."""
@@ -135,13 +122,18 @@ class Descent(eqx.Module):
 
     def goes_on(self, search: Search) -> Bool[Array, ""]:
         """Neither hit, nor blown up, nor at the end of the iterations."""
-        hit = ego_is_hit(self.world, search.seen.boxes)
-        return ~hit & search.finite & (search.iterations < self.config.iterations) & self.movers.candidate.any()
+        return (
+            ~self.hit(search.seen)
+            & search.finite
+            & (search.iterations < self.config.iterations)
+            & self.movers.candidate.any()
+        )
 
     def update(self, search: Search) -> Search:
         """One step of Adam, and the roll-out after it."""
         total, costs, gradient = self.gradient(search.actions, search.seen)
         steps, state = self.optimiser().update(gradient, search.adam)
+        steps = self.steps(steps)
         accelerates = self.movers.rows(self.movers.candidate)
         steers = accelerates & self.may_steer(search.seen.motion)
         moved = Controls(
@@ -158,10 +150,14 @@ class Descent(eqx.Module):
             history=search.history.at[search.iterations].set(jnp.stack([costs.ego, costs.pair, costs.road])),
         )
 
-    def look(self, actions: Controls) -> _Seen:
+    def steps(self, steps: Controls) -> Controls:
+        """Adam's steps as shares of the limits: they are, because the actions are."""
+        return steps
+
+    def look(self, actions: Controls) -> Seen:
         """Roll out."""
         motion, ego_controls = self.drive(actions)
-        return _Seen(motion, self.world.boxes(motion), ego_controls)
+        return Seen(motion, self.world.boxes(motion), ego_controls)
 
     def drive(self, actions: Controls) -> tuple[Motion, Controls]:
         """Everybody's motion [agent time] and the ego's controls [step] under the movers' actions."""
@@ -174,7 +170,7 @@ class Descent(eqx.Module):
         motion, controls = drive_among_reacting(self.planner, self.memory, world, background, self.reacting())
         return movers.put(motion, own), controls
 
-    def gradient(self, actions: Controls, seen: _Seen) -> tuple[Float[Array, ""], Costs, Controls]:
+    def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
         """The cost, its terms, and its gradient with respect to the actions [mover step].
 
         Where an agent went is differentiated without rolling out again, and without the planner.
@@ -195,16 +191,24 @@ class Descent(eqx.Module):
 
     def cost(self, boxes: Box, motion: Motion, actions: Controls) -> tuple[Float[Array, ""], Costs]:
         """The cost of a roll-out, and its terms."""
-        costs = total_cost(self.world, boxes, self.movers, self.config)
+        costs = self.terms(boxes, motion)
         if self.extra_cost is None:
             return costs.total, costs
         controls = self.movers.put(self.world.controls, to_controls(actions))
         return costs.total + self.extra_cost(self.world, motion, controls), costs
 
+    def terms(self, boxes: Box, motion: Motion) -> Costs:
+        """The terms of the cost."""
+        return total_cost(self.world, boxes, self.movers, self.config)
+
     def cost_through_planner(self, actions: Controls) -> tuple[Float[Array, ""], Costs]:
         """The cost as a function of the actions alone."""
         motion, _ = self.drive(actions)
         return self.cost(self.world.boxes(motion), motion, actions)
+
+    def hit(self, seen: Seen) -> Bool[Array, ""]:
+        """Whether the search has found its collision."""
+        return ego_is_hit(self.world, seen.boxes)
 
     def may_steer(self, motion: Motion) -> Bool[Array, " mover"]:
         """Movers whose steering is updated (rule 1)."""
@@ -228,7 +232,7 @@ class Descent(eqx.Module):
             motion=motion,
             controls=jax.tree.map(lambda all_, own: all_.at[0].set(own), controls, end.seen.ego_controls),
             changed=movers.put(jnp.zeros_like(movers.candidate), changed),
-            hit=ego_is_hit(self.world, end.seen.boxes),
+            hit=self.hit(end.seen),
             finite=end.finite & jnp.isfinite(motion.x).all() & jnp.isfinite(motion.y).all(),
             any_candidate=movers.candidate.any(),
             iterations=end.iterations,

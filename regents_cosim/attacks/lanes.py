@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Int
 from regents_cosim.attacks.descent import Descent, ExtraCost, Found, Search
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.search import set_up
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.mirror.world import World
 
@@ -99,4 +100,4 @@ def _put(new: tuple[Int[Array, ""], Job, Search], all_: tuple[Job, Search]) -> t
 
 
 def _descent(job: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None) -> Descent:
-    return Descent.of(job.world, planner, job.memory, job.movers, config, extra_cost)
+    return set_up(job.world, planner, job.memory, config, job.movers, extra_cost)

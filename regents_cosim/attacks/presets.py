@@ -41,6 +41,7 @@ class AttackConfig:
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
     nearest: int = 5  # candidates that get a descent of their own
     background: Literal["log", "reactive"] = "log"  # do agents that are no candidates brake for what is in their way?
+    as_published: bool = False  # where the public ReGentS code departs from the paper, do as the code does
 
     def __post_init__(self) -> None:
         require(
@@ -48,6 +49,18 @@ class AttackConfig:
             "a gradient through the planner needs background `log`: reactions are not differentiated",
             RegentsError,
         )
+        ours = self.softmin_m > 0.0 or not self.pull_from_behind or (self.search, self.background) != ("joint", "log")
+        require(
+            not (self.as_published and ours),
+            "the public code has no soft minimum, no search per candidate and no reactive background, which are "
+            "ours: as published, take method `regents` or `king` with search `joint` and background `log`",
+            RegentsError,
+        )
+
+    @property
+    def label(self) -> str:
+        """The method, and whether it runs as published: what tables and ids say."""
+        return f"{self.method}-published" if self.as_published else self.method
 
 
 KING = AttackConfig("king")

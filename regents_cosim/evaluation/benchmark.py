@@ -89,7 +89,7 @@ def success_row(
     clean = sum(any(flaw.clean for flaw in found) for found in flaws)
     every = [flaw for found in flaws for flaw in found]
     return SuccessRow(
-        method=config.method,
+        method=config.label,
         search=config.search,
         background=config.background,
         ego=ego,
@@ -122,7 +122,8 @@ def _mean_deviation(attacked: Iterable[Scenario]) -> float:
             agent = next(i for i, a in enumerate(case.agents) if a.id == hit.agent)
             until = np.s_[agent, : hit.step + 1]
             apart = np.hypot(case.tracks.x - case.original.x, case.tracks.y - case.original.y)
-            found.append(apart[until][case.tracks.valid[until]].mean())
+            both = case.tracks.valid[until] & case.original.valid[until]
+            found.append(apart[until][both].mean())
     return round(float(np.mean(found)), 2) if found else 0.0
 
 

@@ -79,7 +79,8 @@ def describe(scene: Scene) -> str:
     if attack is None:
         source = scene.scenario.provenance
         return f"recorded traffic, before any attack · {source.source} {source.file} at {source.begin_s:g} s"
-    words = [f"planner {attack.planner}", f"attack {attack.method}"]
+    how = " as published" if attack.settings.get("as_published") else ""
+    words = [f"planner {attack.planner}", f"attack {attack.method}{how}"]
     hit = attack.collision
     if attack.outcome != "collision" or hit is None:
         words.append(_OUTCOMES[attack.outcome])

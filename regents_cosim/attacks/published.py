@@ -1,0 +1,208 @@
+"""The attack as the public ReGentS code runs it where that departs from its paper, to compare the two.
+
+`AttackConfig.as_published` puts these functions in the place of ours. Every departure that concerns
+the attack, and where it is:
+
+- distances are squared and between centres, of the ego (`ego_distance`) and of pairs, whose cost is
+  NaN where only one agent may attack (`pair_proximity`)
+- the road cost is read in one square, transposed, and summed over time (`road_deviation`)
+- rule 1 has a wider yaw window and counts invalid steps (`diverging_in_front`), rules 2 and 3 count
+  invalid steps with a filler of -1 (`candidates`)
+- actions are in m/s^2 and 1/m, and ReGentS halves the steps of steering (`in_physical_units`)
+- braking goes on past standstill (`roll_out_background`)
+- agents that come late start from the filler and never join their log; when a log ends its agent
+  drives on, which the costs do not see and the overlap test does (`stage`)
+- hits by agents that may not attack do not stop the search (`optimised_only`), so tracks without a
+  success can hold one; the record of a success names the first contact, whoever it is with
+
+Needs no code: that the search ignores an adversary that leaves the road or hits others first holds for
+ours as well (clean success does not), and so does a gradient that leaves the ego alone. Left out: with
+no agent to attack the public code dies, here the outcome stays `no_candidate`. Not of the attack: how the
+neural planner brakes, steers and sees, the state of its controller between scenarios, and an
+interpreted loop. What is not listed, such as limits of the actions or which overlaps of the log are
+masked, is as in the paper's version.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.attacks import rules
+from regents_cosim.attacks.costs import Costs
+from regents_cosim.attacks.descent import Descent, Seen, ego_is_hit, to_actions, to_controls
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
+from regents_cosim.mirror.rollout import drive, with_ego
+from regents_cosim.mirror.separation import Box, corners, overlaps
+from regents_cosim.mirror.world import World
+from regents_cosim.scenario import Scenario
+
+_FILLER = -1.0  # every field of an invalid state
+_CROP_M = 16.0
+_YAW_WINDOW_RAD = np.pi / 2
+
+
+def total_cost(world: World, motion: Motion, candidate: Bool[Array, " agent"], config: AttackConfig) -> Costs:
+    """The weighted sum of the three terms along `motion`, ego in row 0; the weights are the paper's."""
+    ego = ego_distance(world, motion, candidate)
+    pair = pair_proximity(world, motion, candidate, config.pair_reach_m)
+    road = road_deviation(world, motion)
+    return Costs(ego, pair, road, ego + config.pair_weight * pair + config.road_weight * road)
+
+
+def ego_distance(world: World, motion: Motion, candidate: Bool[Array, " agent"]) -> Float[Array, ""]:
+    """Ego distance: min over candidates of the mean *squared* distance of *centres* [m^2], over logged steps."""
+    squares = (motion.x - motion.x[0]) ** 2 + (motion.y - motion.y[0]) ** 2
+    means = jnp.where(world.valid, squares, 0.0).sum(axis=1) / jnp.maximum(world.valid.sum(axis=1), 1)
+    return jnp.where(candidate, means, jnp.inf).min()
+
+
+def pair_proximity(world: World, motion: Motion, candidate: Bool[Array, " agent"], reach_m: float) -> Float[Array, ""]:
+    """C_adv_col: squared distances of centres clipped at tau^2 [m^2]; NaN where there is only one candidate.
+
+    The gradient is exactly 0 unless two centres are within tau = 1.25 m: then boxes overlap already.
+    """
+    background = jnp.arange(candidate.shape[0]) > 0
+    pairs = jnp.triu(world.apart & (candidate[:, None] | candidate[None]) & background[:, None], k=1)
+    counts = pairs[..., None] & world.valid[:, None] & world.valid[None]
+    squares = (motion.x[:, None] - motion.x[None]) ** 2 + (motion.y[:, None] - motion.y[None]) ** 2
+    closest = -jnp.minimum(jnp.where(counts, squares, jnp.inf).min(), reach_m**2)
+    return jnp.where(candidate.sum() == 1, jnp.nan, closest)
+
+
+def road_deviation(world: World, motion: Motion) -> Float[Array, ""]:
+    """C_adv_dev: the map is cropped at its own corner instead of at the box's, [y, x] is read as [x, y], no 1/T.
+
+    So it is 0 but in one square of 16 x 16 m, here the one at the least x and y of the road field.
+    """
+    boxes = jax.tree.map(lambda values: values[1:], world.boxes(motion))
+    left, bottom = world.road.corner
+    total = jnp.float32(0.0)
+    for corner, (x, y) in enumerate(corners(boxes)):
+        along, up = x - left, y - bottom
+        inside = (along >= 0.0) & (along < _CROP_M) & (up >= 0.0) & (up < _CROP_M)
+        counted = inside & world.valid[1:] & world.on_road[corner, 1:, None]
+        total += jnp.where(counted, world.road(left + up, bottom + along), 0.0).sum()
+    return total
+
+
+def diverging_in_front(motion: Motion, config: AttackConfig) -> Bool[Array, " agent"]:
+    """Rule 1: yaws up to pi/2 off count, bearings up to pi/8 as in the paper, and so do invalid steps."""
+    ego, every = jax.tree.map(lambda values: values[0], motion), jnp.ones(motion.x.shape, bool)
+    return rules.diverging_in_front(ego, motion, every, config.front_share, config.front_window_rad, _YAW_WINDOW_RAD)
+
+
+def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
+    """Rules 2 and 3: invalid steps are counted, the filler as a place like any other.
+
+    So whoever comes late or leaves early is never static, and can leave the sector behind the ego.
+    """
+    anybody = dataclasses.replace(config, exclude_rear=False, exclude_static=False)
+    filled = dataclasses.replace(stage(world), valid=jnp.ones_like(world.valid))
+    return rules.candidates(world, anybody) & rules.candidates(filled, config)
+
+
+def in_physical_units(steps: Controls, config: AttackConfig) -> Controls:
+    """Action units: Adam's steps taken as m/s^2 and 1/m, as shares of the limits.
+
+    Adam does not care about the scale of an action, so this is the same as searching in these
+    units. ReGentS, known by its rule 1, halves those of steering.
+    """
+    halved = 0.5 if config.cancel_front_steering else 1.0
+    return Controls(steps.accel / ACCEL_LIMIT, halved * steps.curvature / CURVATURE_LIMIT)
+
+
+def roll_out_background(world: World, controls: Controls) -> Motion:
+    """Braking past standstill: speeds become negative, and agents creep backwards. Nobody waits for its log.
+
+    Saved tracks, whose speeds are never negative, say 0 then.
+    """
+    speed = _accumulate(world.start.speed, controls.accel * world.dt)
+    travelled = 0.5 * (speed[:, :-1] + speed[:, 1:]) * world.dt
+    yaw = _accumulate(world.start.yaw, controls.curvature * travelled)
+    mid = 0.5 * (yaw[:, :-1] + yaw[:, 1:])
+    x = _accumulate(world.start.x, travelled * jnp.cos(mid))
+    y = _accumulate(world.start.y, travelled * jnp.sin(mid))
+    return Motion(x, y, yaw, speed)
+
+
+def stage(world: World) -> World:
+    """Late agents and ended logs: who moves, from where, and until when.
+
+    Where a log is invalid it holds the filler, also as the start of agents that come late, and
+    nobody acts outside its log. From its first logged step on an agent is there to the end, for
+    the planner and the overlap test; costs take `valid` of `world` itself.
+
+    The position of the filler is counted from the corner of the road field: the origin of a SUMO
+    network may lie in the middle of its junction, where a filler would be run over.
+    """
+    x, y = world.road.corner + _FILLER
+    filler = Motion(x, y, jnp.full_like(x, _FILLER), jnp.full_like(x, _FILLER))
+    last = world.valid.shape[1] - 1 - jnp.argmax(world.valid[:, ::-1], axis=1)
+    driven = world.moving & (jnp.arange(world.moving.shape[1]) < last[:, None])
+    return dataclasses.replace(
+        world,
+        log=jax.tree.map(lambda own, fill: jnp.where(world.valid, own, fill), world.log, filler),
+        start=jax.tree.map(lambda own, fill: jnp.where(world.valid[:, 0], own, fill), world.start, filler),
+        controls=jax.tree.map(lambda own: jnp.where(driven, own, 0.0), world.controls),
+        valid=jnp.cumsum(world.valid, axis=1) > 0,
+    )
+
+
+def stay(scenario: Scenario) -> Scenario:
+    """The host's side of `stage`: agents of `scenario` are there to the end, whatever their log."""
+    there = np.logical_or.accumulate(scenario.tracks.valid, axis=1)
+    return dataclasses.replace(scenario, tracks=dataclasses.replace(scenario.tracks, valid=there))
+
+
+def optimised_only(world: World, motion: Motion, candidate: Bool[Array, " agent"]) -> World:
+    """Which hits stop the search: `world` of which only candidates are there, less those that appear on the ego."""
+    boxes = world.boxes(motion)
+    met = overlaps(jax.tree.map(lambda values: values[:1], boxes), boxes)
+    at_entry = met[jnp.arange(candidate.shape[0]), jnp.argmax(world.valid, axis=1)]
+    return dataclasses.replace(world, valid=world.valid & (candidate & ~at_entry)[:, None])
+
+
+def _accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
+    return jnp.cumsum(jnp.concatenate([start[:, None], increments], axis=1), axis=1)
+
+
+class PublishedDescent(Descent):
+    """The descent with these functions in the place of the paper's; all candidates are searched together."""
+
+    def logged(self) -> Controls:
+        """The actions that reproduce the log where there is one."""
+        return to_actions(stage(self.world).controls)
+
+    def drive(self, actions: Controls) -> tuple[Motion, Controls]:
+        """Everybody's motion [agent time] and the ego's controls [step]."""
+        others = roll_out_background(stage(self.world), to_controls(actions))
+        seen = others if self.config.gradient == "through-planner" else jax.lax.stop_gradient(others)
+        ego, controls = drive(self.planner, self.memory, stage(self.world), seen)
+        return with_ego(others, ego), controls
+
+    def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
+        """By differentiating the roll-out as a whole."""
+        (total, costs), gradient = jax.value_and_grad(self.cost_through_planner, has_aux=True)(actions)
+        return total, costs, gradient
+
+    def terms(self, boxes: Box, motion: Motion) -> Costs:
+        """The terms of the cost."""
+        return total_cost(self.world, motion, self.movers.candidate, self.config)
+
+    def steps(self, steps: Controls) -> Controls:
+        """Adam's steps as shares of the limits."""
+        return in_physical_units(steps, self.config)
+
+    def may_steer(self, motion: Motion) -> Bool[Array, " mover"]:
+        """Rule 1."""
+        if not self.config.cancel_front_steering:
+            return jnp.ones_like(self.movers.candidate)
+        return ~diverging_in_front(motion, self.config)
+
+    def hit(self, seen: Seen) -> Bool[Array, ""]:
+        """Whether an optimised agent meets the ego."""
+        return ego_is_hit(optimised_only(stage(self.world), seen.motion, self.movers.candidate), seen.boxes)

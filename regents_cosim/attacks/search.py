@@ -1,0 +1,39 @@
+"""One search, compiled as a whole: of the method as its papers have it, or as its public code does."""
+
+from typing import Any
+
+import equinox as eqx
+
+from regents_cosim.attacks.descent import Descent, ExtraCost, Found
+from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.published import PublishedDescent
+from regents_cosim.mirror.rollout import LoopPlanner
+from regents_cosim.mirror.world import World
+
+
+def set_up(
+    world: World,
+    planner: LoopPlanner,
+    memory: Any,
+    config: AttackConfig,
+    movers: Movers,
+    extra_cost: ExtraCost | None = None,
+) -> Descent:
+    """The descent that `config` asks for, on `planner` (with its `memory` of the scene) in `world`."""
+    kind = PublishedDescent if config.as_published else Descent
+    return kind.of(world, planner, memory, movers, config, extra_cost)
+
+
+@eqx.filter_jit
+def descend(
+    world: World,
+    planner: LoopPlanner,
+    memory: Any,
+    config: AttackConfig,
+    movers: Movers,
+    extra_cost: ExtraCost | None = None,
+) -> Found:
+    """Attack `planner` in `world` with the controls of `movers`, up to a collision or the last iteration."""
+    descent = set_up(world, planner, memory, config, movers, extra_cost)
+    return descent.result(descent.advance(descent.begin(), config.iterations))
