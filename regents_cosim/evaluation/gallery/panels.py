@@ -1,6 +1,6 @@
 """One picture per exhibit: the scene before the attack and after each, the distances, the costs."""
 
-import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -63,7 +63,7 @@ def draw_exhibit(run: Run) -> Canvas:
 # --- the scene, once per method ---------------------------------------------------------------
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Panel:
     """One scene with its title; the motion is shown from step `first` to step `last`."""
 

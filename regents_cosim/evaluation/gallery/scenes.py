@@ -8,7 +8,7 @@ import numpy as np
 from regents_cosim.evaluation.gallery.roads import LANE_M, crossing, road_with_neighbour, straight_road
 from regents_cosim.provenance import command, sha256_of, versions
 from regents_cosim.roadmap import RoadMap
-from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
+from regents_cosim.scenario import Agent, Provenance, Role, Scenario, Tracks
 
 DT_S = 0.1
 HORIZON_S = 8.0
@@ -82,8 +82,8 @@ def rear_end() -> Scenario:
     return traffic("rear_end", straight_road(4), ego, {"ahead": ahead, "follower": follower})
 
 
-def _agent(name: str, role: str) -> Agent:
-    return Agent(name, "car", _LENGTH_M, _WIDTH_M, "ego" if role == "ego" else "background")
+def _agent(name: str, role: Role) -> Agent:
+    return Agent(name, "car", _LENGTH_M, _WIDTH_M, role)
 
 
 def _provenance() -> Provenance:
