@@ -270,6 +270,36 @@ def replay(
     return _exit_code(found, terminal)
 
 
+@app.command
+def gallery(
+    *,
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """Make the figures of the ReGentS paper anew: gradients around the ego, and how KING fails.
+
+    Parameters
+    ----------
+    output
+        folder for the pictures, their page README.md, and the cases behind them
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.gallery.make import make_gallery
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import attack_row
+
+    terminal = _terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    with terminal.waiting("making the gallery"):
+        attacked = make_gallery(output)
+    rows = [attack_row(scenario, None) for scenario in attacked]
+    terminal.show(f"{len(rows)} attacked scenes", rows, f"pictures and what they show: {output / 'README.md'}")
+    return 0
+
+
 @bench.command
 def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = (), talk: Talk = Talk()) -> int:
     """How well the mirror's controls reproduce SUMO's tracks, per network.

@@ -19,7 +19,7 @@ from regents_cosim.reports.palette import (
     shade,
 )
 from regents_cosim.reports.scene import Scene, draw_burst
-from regents_cosim.scenario import CollisionKind, Outcome
+from regents_cosim.scenario import Collision, CollisionKind, Outcome
 
 HEADER_PX = 66
 FOOTER_PX = 38
@@ -82,12 +82,16 @@ def describe(scene: Scene) -> str:
     how = " as published" if attack.settings.get("as_published") else ""
     words = [f"planner {attack.planner}", f"attack {attack.method}{how}"]
     hit = attack.collision
-    if attack.outcome != "collision" or hit is None:
-        words.append(_OUTCOMES[attack.outcome])
+    return " · ".join([*words, *ending(attack.outcome, hit)])
+
+
+def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
+    """How an attack ended, in parts of one line."""
+    words = [] if outcome == "collision" and hit else [_OUTCOMES[outcome]]
     if hit is not None:
         speed = f"impact {hit.relative_speed:.1f} m/s ({3.6 * hit.relative_speed:.0f} km/h)"
         words += [f"{_KINDS[hit.kind]} at {hit.time_s:.1f} s", speed]
-    return " · ".join(words)
+    return words
 
 
 def plain(words: str) -> str:
