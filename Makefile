@@ -20,7 +20,7 @@ demo: .venv/installed  ## from nothing to verified crashes and pictures, in ./de
 	@echo "pictures: demo/*/still.png"
 
 test: .venv/installed-dev  ## everything but the slow tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2
 
 test-all: .venv/installed-dev  ## everything
 	$(BIN)/python -m pytest -m ''
@@ -32,7 +32,7 @@ lint: .venv/installed-dev
 	$(BIN)/lint-imports
 
 bench: .venv/installed-dev  ## speed, as ratios in one run
-	$(BIN)/python -m pytest tests/benchmarks -m '' --benchmark-only -s
+	$(BIN)/python -m pytest tests/benchmarks -o addopts='' --benchmark-only -s  # without the checks of shapes
 
 clean:
 	rm -rf .venv demo build dist

@@ -1,0 +1,58 @@
+"""What the benchmarks of the attack share: scenes of a given size, and how they are timed."""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+from scenes import scene
+
+from regents_cosim.attacks.lanes import Job
+from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.presets import KING, AttackConfig
+from regents_cosim.attacks.search import descend
+from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.interface import Scene, find_planner, start
+from regents_cosim.scenario import Scenario
+
+# Steps so small that nothing is ever hit: every iteration is run.
+STILL = replace(KING, learning_rate=1e-9, iterations=100)
+
+
+def dense_traffic(agents: int, steps: int = 80, seed: int = 0) -> Scenario:
+    """Three full lanes, 14 m between neighbours: about as many pairs within reach as there are agents."""
+    rng = np.random.default_rng(seed)
+    cars = [(14.0 * (i // 3) + rng.uniform(0, 3), 3.2 * (i % 3), 8.0 + (i // 3) * 0.02) for i in range(agents)]
+    return scene(*cars, steps=steps + 1, name=f"dense{agents}-{steps}-{seed}")
+
+
+def job(scenario: Scenario, planner: str) -> tuple[Any, Job]:
+    """A planner and a joint search on it in which everybody but the ego is a candidate."""
+    under_test, world = find_planner(planner), to_world(scenario)
+    memory = start(under_test, Scene(scenario, world), planner)
+    return under_test, Job(world, memory, Movers.among(world.vehicle & (np.arange(len(world.vehicle)) > 0)))
+
+
+def attack(planner: Any, wanted: Job, config: AttackConfig = STILL) -> Any:
+    """One search to its end."""
+    return jax.block_until_ready(descend(wanted.world, planner, wanted.memory, config, wanted.movers))
+
+
+def seconds(work: Callable[[], Any], rounds: int = 7) -> float:
+    """Least wall time of several runs, the first left out."""
+    work()
+    best = float("inf")
+    for _ in range(rounds):
+        begin = time.perf_counter()
+        work()
+        best = min(best, time.perf_counter() - begin)
+    return best
+
+
+def in_threads(threads: int, work: Callable[[Any], Any], items: list[Any]) -> None:
+    """Do all of it, on so many threads."""
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, items))
