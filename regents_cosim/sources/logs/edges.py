@@ -1,0 +1,126 @@
+"""Oriented kerbs become an area: everything on the left of the nearest kerb of the same height.
+
+The points of the kerbs are triangulated. A triangle whose sides are parts of kerbs, or run from
+kerb to kerb across the road, lies on one side; its middle decides. So the outline of the area is
+made of the kerbs themselves, not of a raster.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import Delaunay, KDTree, QhullError
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.sources.logs.scene import LoggedLane, RoadEdge
+
+_SPACING_M = 1.0  # of points along kerbs; finer than any road is wide
+_REACH_M = 30.0  # a place on the road is never further from the nearest kerb
+_BESIDE_LANE_M = 15.0  # nor from the nearest lane, where lanes are known
+_LEVEL_M = 2.5  # of height between which two roads cross without meeting
+_HEIGHT_STRETCH = 2.0  # height counts more than way: a kerb above is not a kerb nearby
+_LANE_NEAR_M = 12.0  # within which lanes tell the heights at a place
+_MOST_POINTS = 400_000
+
+
+class _Kerbs(NamedTuple):
+    """Points along all kerbs."""
+
+    points: Float[np.ndarray, "point 2"]  # [m]
+    left: Float[np.ndarray, "point 2"]  # where the road is
+    z: Float[np.ndarray, " point"]  # [m]
+
+
+def area_inside(edges: Sequence[RoadEdge], lanes: Sequence[LoggedLane]) -> BaseGeometry:
+    """The drivable area that `edges` enclose; empty where they enclose none.
+
+    Where roads cross at different heights both count, each by its own kerbs.
+    """
+    kerbs = _along(edges)
+    if len(kerbs.points) < 3:
+        return shapely.Polygon()
+    try:
+        triangles = Delaunay(kerbs.points - kerbs.points.mean(axis=0)).simplices
+    except QhullError:  # all on one line
+        return shapely.Polygon()
+    middle = kerbs.points[triangles].mean(axis=1)
+    inside = _drivable(middle, kerbs, lanes)
+    corners = kerbs.points[triangles[inside]]
+    corners = corners[_twice_area(corners) > 1e-6]
+    rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
+    return shapely.union_all(rings, grid_size=1e-3)
+
+
+def _twice_area(corners: Float[np.ndarray, "triangle 3 2"]) -> Float[np.ndarray, " triangle"]:
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _along(edges: Sequence[RoadEdge]) -> _Kerbs:
+    parts = [_dense(edge) for edge in edges]
+    parts = [part for part in parts if part is not None]
+    if not parts:
+        return _Kerbs(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+    points, left, z = (np.concatenate(values) for values in zip(*parts, strict=True))
+    thin = -(-len(points) // _MOST_POINTS)
+    return _Kerbs(points[::thin], left[::thin], z[::thin])
+
+
+def _dense(edge: RoadEdge) -> _Kerbs | None:
+    """Points at most `_SPACING_M` apart, with the mean of the directions to the left at each."""
+    moved = np.concatenate([[True], np.hypot(*np.diff(edge.points, axis=0).T) > 1e-6])
+    points = edge.points[moved]
+    z = np.zeros(len(points)) if edge.z is None else edge.z[moved]
+    if len(points) < 2:
+        return None
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    parts = min(max(int(np.ceil(way[-1] / _SPACING_M)), 1), _MOST_POINTS)
+    at = np.union1d(way, np.linspace(0.0, way[-1], parts + 1)) if parts < _MOST_POINTS else way
+    dense = np.stack([np.interp(at, way, points[:, i]) for i in (0, 1)], axis=-1)
+    along = np.diff(points, axis=0) / np.diff(way)[:, None]
+    here = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(along) - 1)
+    behind = np.clip(np.searchsorted(way, at, side="left") - 1, 0, len(along) - 1)
+    mean = along[here] + along[behind]
+    return _Kerbs(dense, np.stack([-mean[:, 1], mean[:, 0]], axis=-1), np.interp(at, way, z))
+
+
+def _drivable(
+    places: Float[np.ndarray, "place 2"], kerbs: _Kerbs, lanes: Sequence[LoggedLane]
+) -> Bool[np.ndarray, " place"]:
+    lane_points = np.concatenate([lane.centre for lane in lanes]) if lanes else np.zeros((0, 2))
+    near = np.ones(len(places), bool)
+    if len(lane_points):
+        near = KDTree(lane_points).query(places)[0] <= _BESIDE_LANE_M
+    tree = KDTree(np.column_stack([kerbs.points, _HEIGHT_STRETCH * kerbs.z]))
+    found = np.zeros(len(places), bool)
+    for level in _levels(places, kerbs, lanes):
+        away, index = tree.query(np.column_stack([places, _HEIGHT_STRETCH * level]))
+        found |= _on_the_left(places, kerbs, index) & (away <= _REACH_M)
+    return found & near
+
+
+def _on_the_left(places: np.ndarray, kerbs: _Kerbs, index: Int[np.ndarray, " place"]) -> Bool[np.ndarray, " place"]:
+    return ((places - kerbs.points[index]) * kerbs.left[index]).sum(axis=1) > 0.0
+
+
+def _levels(
+    places: Float[np.ndarray, "place 2"], kerbs: _Kerbs, lanes: Sequence[LoggedLane]
+) -> list[Float[np.ndarray, " place"]]:
+    """The height of the road at every place; two where one road crosses above another."""
+    nearest = kerbs.z[KDTree(kerbs.points).query(places)[1]]
+    known = [lane for lane in lanes if lane.z is not None]
+    if not known:
+        return [nearest]
+    points = np.concatenate([lane.centre for lane in known])
+    z = np.concatenate([lane.z for lane in known if lane.z is not None])
+    count = min(16, len(points))
+    away, index = KDTree(points).query(places, k=range(1, count + 1), distance_upper_bound=_LANE_NEAR_M)
+    heights = np.where(np.isfinite(away), np.append(z, 0.0)[index], np.nan)
+    there = np.isfinite(away[:, 0])
+    lowest = np.where(there, np.nanmin(np.where(there[:, None], heights, 0.0), axis=1), nearest)
+    highest = np.where(there, np.nanmax(np.where(there[:, None], heights, 0.0), axis=1), nearest)
+    if (highest - lowest).max(initial=0.0) < _LEVEL_M:
+        return [0.5 * (lowest + highest)]
+    return [lowest, highest]
