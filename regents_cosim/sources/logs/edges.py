@@ -48,14 +48,8 @@ def area_inside(edges: Sequence[RoadEdge], lanes: Sequence[LoggedLane]) -> BaseG
     middle = kerbs.points[triangles].mean(axis=1)
     inside = _drivable(middle, kerbs, lanes)
     corners = kerbs.points[triangles[inside]]
-    corners = corners[_twice_area(corners) > 1e-6]
     rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
-    return shapely.union_all(rings, grid_size=1e-3)
-
-
-def _twice_area(corners: Float[np.ndarray, "triangle 3 2"]) -> Float[np.ndarray, " triangle"]:
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    return shapely.make_valid(shapely.coverage_union_all(rings))
 
 
 def _along(edges: Sequence[RoadEdge]) -> _Kerbs:
@@ -65,7 +59,15 @@ def _along(edges: Sequence[RoadEdge]) -> _Kerbs:
         return _Kerbs(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
     points, left, z = (np.concatenate(values) for values in zip(*parts, strict=True))
     thin = -(-len(points) // _MOST_POINTS)
-    return _Kerbs(points[::thin], left[::thin], z[::thin])
+    return _once(_Kerbs(points[::thin], left[::thin], z[::thin]))
+
+
+def _once(kerbs: _Kerbs) -> _Kerbs:
+    """Every place once, with the sum of its directions: triangles of doubled points leave cracks."""
+    _, first, number = np.unique(np.round(kerbs.points, 2), axis=0, return_index=True, return_inverse=True)
+    left = np.zeros((len(first), 2))
+    np.add.at(left, number.ravel(), kerbs.left)
+    return _Kerbs(kerbs.points[first], left, kerbs.z[first])
 
 
 def _dense(edge: RoadEdge) -> _Kerbs | None:

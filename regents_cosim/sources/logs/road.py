@@ -47,7 +47,7 @@ def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
     if road.edges:
         area = area_inside(road.edges, road.lanes)
     elif road.areas:
-        joined = shapely.union_all([area for area in road.areas if area.is_valid], grid_size=1e-3)
+        joined = shapely.union_all([area for area in road.areas if area.is_valid])
         area = joined.buffer(_CLOSE_M, join_style="mitre").buffer(-_CLOSE_M, join_style="mitre")
     else:
         return _swept(tracks)
