@@ -44,9 +44,18 @@ class LogWindows:
             RegentsError,
         )
 
+    def ego_of(self, scene: LoggedScene) -> str | None:
+        """Who is to be the ego, None where the log leaves it open."""
+        return scene.ego if self.ego == "auto" else self.ego
+
     def instants(self, scene: LoggedScene) -> int:
-        """Length of a window of `scene`: the horizon, or all of it where it is shorter."""
-        return min(self.windows.steps(STEP_S), int(scene.duration_s / STEP_S + 1e-6) + 1)
+        """Length of a window of `scene`: the horizon, or as long as the ego (or the scene) lasts."""
+        ego = self.ego_of(scene)
+        steps = scene.last_step - scene.first_step
+        if ego is not None:
+            mine = next((track for track in scene.tracks if track.agent.id == ego), None)
+            steps = max((last - first for first, last in _pieces(mine)), default=0) if mine else 0
+        return min(self.windows.steps(STEP_S), int(steps * scene.dt / STEP_S + 1e-6) + 1)
 
 
 def cut(scene: LoggedScene, asked: LogWindows, origin: Origin, refused: Counter[str]) -> Iterator[Scenario]:
@@ -55,13 +64,12 @@ def cut(scene: LoggedScene, asked: LogWindows, origin: Origin, refused: Counter[
     A scene shorter than the horizon gives one window as long as it is. Raises LogError where
     there is no road to be found.
     """
-    instants = asked.instants(scene)
-    if (instants - 1) * STEP_S < _SHORTEST_S:
-        refused[f"were in recordings shorter than {_SHORTEST_S} s"] += len(scene.tracks)
-        return
-    ego = scene.ego if asked.ego == "auto" else asked.ego
+    ego, instants = asked.ego_of(scene), asked.instants(scene)
     if ego is not None and all(track.agent.id != ego for track in scene.tracks):
         refused[f"were not named {ego!r}"] += len(scene.tracks)
+        return
+    if (instants - 1) * STEP_S < _SHORTEST_S:
+        refused[f"were in recordings shorter than {_SHORTEST_S} s"] += len(scene.tracks)
         return
     traffic = _Traffic(scene, instants)
     stride = (asked.stride_s or (instants - 1) * STEP_S) / scene.dt
