@@ -57,6 +57,8 @@ def from_image_corner(x: Values, y: Values, along_x: Values, along_y: Values) ->
     return x + 0.5 * along_x, -(y + 0.5 * along_y)
 
 
+FOOT_M = 0.3048
+
 # WGS 84 and its third flattening; UTM scales by 0.9996 and puts its central meridian at 500 km.
 _EQUATOR_M = 6378137.0
 _FLATTENING = 1.0 / 298.257223563

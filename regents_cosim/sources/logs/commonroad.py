@@ -134,9 +134,7 @@ def along(line: Float[np.ndarray, "point 2"], part: Float[np.ndarray, " place"])
     return np.stack([np.interp(part * way[-1], way, line[:, axis]) for axis in (0, 1)], axis=-1)
 
 
-def _lane(
-    element: ET.Element, left: np.ndarray, right: np.ndarray, limits: dict[str, float | None]
-) -> LoggedLane:
+def _lane(element: ET.Element, left: np.ndarray, right: np.ndarray, limits: dict[str, float | None]) -> LoggedLane:
     centre, width = centre_line(left, right)
     signs = [limits.get(ref.get("ref", "")) for ref in element.iter("trafficSignRef")]
     known = [limit for limit in signs if limit]

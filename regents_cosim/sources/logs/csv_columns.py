@@ -4,10 +4,11 @@ import csv
 import gzip
 import io
 import itertools
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -82,7 +83,7 @@ def _pieces(rows: Iterator[list[str]], path: Path) -> Iterator[list[list[str]]]:
         while piece := list(itertools.islice(rows, _ROWS)):
             if filled := [row for row in piece if row]:
                 yield filled
-    except (csv.Error, UnicodeDecodeError, EOFError, OSError) as error:
+    except (csv.Error, UnicodeDecodeError, EOFError, OSError, zlib.error) as error:
         raise LogError(f"{path}: truncated or damaged CSV ({error})") from error
 
 
@@ -107,25 +108,29 @@ def _opened(path: Path) -> Iterator[io.TextIOWrapper]:
         is_gzip = file.read(2) == b"\x1f\x8b"
         file.seek(0)
         limit = _MOST_UNPACKED * path.stat().st_size + (1 << 26)
-        stream = _Limited(gzip.open(file), limit, path) if is_gzip else file
-        yield io.TextIOWrapper(io.BufferedReader(stream) if is_gzip else stream, "utf-8-sig", newline="")
+        if is_gzip:
+            with gzip.GzipFile(fileobj=file) as packed:
+                yield io.TextIOWrapper(io.BufferedReader(_Limited(packed, limit, path)), "utf-8-sig", newline="")
+        else:
+            yield io.TextIOWrapper(file, "utf-8-sig", newline="")
 
 
 class _Limited(io.RawIOBase):
     """What a gzip file holds, up to a limit: no log packs a hundred to one."""
 
-    def __init__(self, stream: gzip.GzipFile | io.BufferedReader, limit: int, path: Path) -> None:
+    def __init__(self, stream: gzip.GzipFile, limit: int, path: Path) -> None:
         self._stream, self._left, self._path = stream, limit, path
 
     def readable(self) -> bool:
         """It is."""
         return True
 
-    def readinto(self, buffer: bytearray | memoryview) -> int:
+    def readinto(self, buffer: Any) -> int:
         """As `io.RawIOBase` has it."""
-        content = self._stream.read(len(buffer))
+        view = memoryview(buffer).cast("B")
+        content = self._stream.read(len(view))
         self._left -= len(content)
         if self._left < 0:
             raise LogError(f"{self._path}: unpacks to more than 100 times its size, expected a log")
-        buffer[: len(content)] = content
+        view[: len(content)] = content
         return len(content)

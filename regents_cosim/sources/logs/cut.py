@@ -166,8 +166,9 @@ class _Traffic:
         if kept.all():
             return slot
         r = slot.recording
-        names, kinds = (tuple(v for v, keep in zip(vs, kept, strict=True) if keep) for vs in (r.ids, r.types))
-        rest = Recording(r.begin_s, r.dt, names, kinds, r.x[kept], r.y[kept], r.yaw[kept], r.valid[kept], r.signals)
+        here = np.flatnonzero(kept)
+        ids, types = tuple(r.ids[i] for i in here), tuple(r.types[i] for i in here)
+        rest = Recording(r.begin_s, r.dt, ids, types, r.x[kept], r.y[kept], r.yaw[kept], r.valid[kept], r.signals)
         return Scene.where(rest, rest.valid)
 
 

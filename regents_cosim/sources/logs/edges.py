@@ -48,8 +48,16 @@ def area_inside(edges: Sequence[RoadEdge], lanes: Sequence[LoggedLane]) -> BaseG
     middle = kerbs.points[triangles].mean(axis=1)
     inside = _drivable(middle, kerbs, lanes)
     corners = kerbs.points[triangles[inside]]
-    rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
-    return shapely.make_valid(shapely.coverage_union_all(rings))
+    rings = np.asarray(shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1)))
+    return shapely.make_valid(_joined(rings))
+
+
+def _joined(triangles: np.ndarray) -> BaseGeometry:
+    """Triangles that share sides as one area."""
+    try:
+        return shapely.coverage_union_all(triangles)  # 10 times as fast as `union_all`
+    except shapely.errors.GEOSException:  # it wants exact sides, and slivers have none
+        return shapely.union_all(triangles)
 
 
 def _along(edges: Sequence[RoadEdge]) -> _Kerbs:
@@ -99,7 +107,7 @@ def _drivable(
     found = np.zeros(len(places), bool)
     for level in _levels(places, kerbs, lanes):
         away, index = tree.query(np.column_stack([places, _HEIGHT_STRETCH * level]))
-        found |= _on_the_left(places, kerbs, index) & (away <= _REACH_M)
+        found |= _on_the_left(places, kerbs, np.asarray(index)) & (away <= _REACH_M)
     return found & near
 
 
@@ -118,8 +126,9 @@ def _levels(
     points = np.concatenate([lane.centre for lane in known])
     z = np.concatenate([lane.z for lane in known if lane.z is not None])
     count = min(16, len(points))
-    away, index = KDTree(points).query(places, k=range(1, count + 1), distance_upper_bound=_LANE_NEAR_M)
+    away, index = KDTree(points).query(places, k=count, distance_upper_bound=_LANE_NEAR_M)
     heights = np.where(np.isfinite(away), np.append(z, 0.0)[index], np.nan)
+    away, heights = (values.reshape(len(places), count) for values in (away, heights))
     there = np.isfinite(away[:, 0])
     lowest = np.where(there, np.nanmin(np.where(there[:, None], heights, 0.0), axis=1), nearest)
     highest = np.where(there, np.nanmax(np.where(there[:, None], heights, 0.0), axis=1), nearest)

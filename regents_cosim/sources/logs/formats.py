@@ -32,6 +32,9 @@ class Beside:
     columns: Path | None = None  # mapping of a table's columns (.toml)
 
 
+ALONE = Beside()
+
+
 @dataclass(frozen=True)
 class LogFormat:
     """A kind of log: a name, words for it, how to tell it, how to read it.
@@ -156,7 +159,7 @@ def _within(path: Path, name: str) -> Iterator[tuple[Path, LogFormat]]:
         yield path, one
     elif path.is_dir():
         for entry in sorted(path.iterdir()):
-            if entry.is_dir() or name == "auto" or one is not None and one.recognises(entry, head_of(entry)):
+            if entry.is_dir() or name == "auto" or (one is not None and one.recognises(entry, head_of(entry))):
                 yield from _within(entry, name)
 
 

@@ -17,8 +17,17 @@ from jaxtyping import Bool, Float
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.formats import Beside, LogFormat, unpacked
-from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track
-from regents_cosim.sources.logs.scene import dense_track, joined, sized
+from regents_cosim.sources.logs.scene import (
+    LoggedLane,
+    LoggedMap,
+    LoggedScene,
+    LoggedSignal,
+    RoadEdge,
+    Track,
+    dense_track,
+    joined,
+    sized,
+)
 from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, lights
 
 _KINDS: dict[str, Kind] = {"vehicle": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}

@@ -62,9 +62,7 @@ def _tracks(table: Columns, case: float, begin_ms: float) -> Iterator[Track]:
     if not mine.any():
         return
     empty = np.full(len(table), np.nan)
-    x, y, yaw, length, width = (
-        table.numbers.get(key, empty)[mine] for key in ("x", "y", "psi_rad", "length", "width")
-    )
+    x, y, yaw, length, width = (table.numbers.get(key, empty)[mine] for key in ("x", "y", "psi_rad", "length", "width"))
     place = (table.numbers["timestamp_ms"][mine] - begin_ms) / (1e3 * _DT)
     steps_of(table.numbers["timestamp_ms"] * 1e-3)  # complains of times that make no sense
     names, kinds = table.texts["track_id"], table.texts["agent_type"]
@@ -97,7 +95,7 @@ def _map(path: Path, beside: Beside) -> LoggedMap:
     for place in (folder, *(above / "maps" for above in [folder, *folder.absolute().parents][:4])):
         found = sorted([*place.glob("*.osm"), *place.glob("*.osm_xy")])
         named = [file for file in found if file.stem in (folder.name, path.stem.removesuffix("_train"))]
-        if place == folder and found or named:
+        if (place == folder and found) or named:
             return read_lanelet2((named or found)[0])
     raise LogError(f"{path}: no lanelet2 map (.osm) beside the tracks (name it with --map)")
 

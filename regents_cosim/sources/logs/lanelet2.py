@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import shapely
 from jaxtyping import Float
 
 from regents_cosim.errors import LogError
@@ -19,8 +18,8 @@ from regents_cosim.frames import from_lat_lon
 from regents_cosim.sources.logs.commonroad import centre_line
 from regents_cosim.sources.logs.road import lanelet
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
-from regents_cosim.sources.logs.xml_files import read_xml
 from regents_cosim.sources.logs.waymo_codes import MPH
+from regents_cosim.sources.logs.xml_files import read_xml
 
 _NOT_FOR_CARS = {"crosswalk", "walkway", "stairs", "shared_walkway", "bicycle_lane", "sidewalk", "exit"}
 _ZONE_OF_ORIGIN = 31  # (0, 0) lies in it
@@ -74,7 +73,8 @@ def _nodes(root: ET.Element, origin: UtmOrigin | None) -> dict[str, tuple[float,
     x, y = from_lat_lon(degrees[:, 0], degrees[:, 1], at.zone)
     if origin is None and len(degrees) and np.abs(degrees).max() > 1.0:
         raise ValueError("the map is of a real place, not around (0, 0); its UTM origin is not known")
-    return dict(zip(names, zip((x - at.x).tolist(), (y - at.y).tolist(), strict=True), strict=True))
+    metres = np.column_stack([x - at.x, y - at.y]).tolist()
+    return {name: (east, north) for name, (east, north) in zip(names, metres, strict=True)}
 
 
 _Read = Callable[[ET.Element], tuple[float, float] | None]

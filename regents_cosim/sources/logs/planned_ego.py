@@ -3,8 +3,8 @@
 It follows the centre lines of the lanes that lead from the start to the goal, from where it
 stands over to them within 20 m; without such lanes it follows a cubic from start to goal. It keeps
 its speed if that arrives within the time asked for, and otherwise the constant acceleration that
-does; past the goal it drives on, at its speed, until 8 s have gone by. It is a guess at what a driver might do, enough to say
-where the ego wants to go; a planner under test drives its own way.
+does; past the goal it drives on, at its speed, until 8 s have gone by. It is a guess at what a
+driver might do, enough to say where the ego wants to go; a planner under test drives its own way.
 """
 
 from collections import deque

@@ -31,7 +31,10 @@ NO_MAP = "the log has no road: the drivable area is where its motor vehicles dro
 def build_road(scene: LoggedScene) -> RoadMap:
     """The map of `scene`. Raises LogError where neither map nor traffic shows a road."""
     lanes = tuple(lane for lane in scene.road.lanes if _has_direction(lane))
-    area = drivable_area(scene.road, scene.tracks)
+    try:
+        area = drivable_area(scene.road, scene.tracks)
+    except shapely.errors.ShapelyError as error:
+        raise LogError(f"{scene.name}: the road cannot be put together ({error})") from error
     if area.is_empty:
         raise LogError(f"{scene.name}: neither a road nor a moving vehicle (expected at least one of them)")
     known = {lane.id for lane in lanes}
@@ -138,9 +141,7 @@ def _lane(lane: LoggedLane, known: set[str]) -> Lane:
     )
 
 
-def _connections(
-    lanes: Sequence[LoggedLane], known: set[str], signals: Sequence[LoggedSignal]
-) -> Iterator[Connection]:
+def _connections(lanes: Sequence[LoggedLane], known: set[str], signals: Sequence[LoggedSignal]) -> Iterator[Connection]:
     """Ways on, each with the light in front of it."""
     before = {name: light.id for light in signals if light.at_start for name in light.lanes}
     behind = {name: light.id for light in signals if not light.at_start for name in light.lanes}

@@ -64,7 +64,9 @@ def steps_of(times: Float[np.ndarray, " row"]) -> tuple[Int[np.ndarray, " row"],
     return step, dt, float(known[0])
 
 
-def heading_from_motion(x: Float[np.ndarray, " sample"], y: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
+def heading_from_motion(
+    x: Float[np.ndarray, " sample"], y: Float[np.ndarray, " sample"]
+) -> Float[np.ndarray, " sample"]:
     """The direction of the way around each sample, over at least 0.5 m; where one stands, the last one known [rad]."""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     last = len(x) - 1

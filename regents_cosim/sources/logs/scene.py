@@ -42,12 +42,12 @@ class Track:
     def __post_init__(self) -> None:
         name = f"track {self.agent.id[:40]!r}"
         require(len(self.step) > 0, f"{name}: no samples", LogError)
-        for values in filter(lambda v: v is not None, (self.x, self.y, self.yaw, self.z)):
+        for values in (self.x, self.y, self.yaw, *(() if self.z is None else (self.z,))):
             require(values.shape == self.step.shape, f"{name}: arrays of different lengths", LogError)
             require(bool(np.isfinite(values).all()), f"{name}: NaN or infinite numbers at valid samples", LogError)
             require(np.abs(values).max() < _FARTHEST_M, f"{name}: a number beyond {_FARTHEST_M:g}", LogError)
         require(bool((np.diff(self.step) > 0).all()), f"{name}: time does not increase", LogError)
-        require(0 <= self.step[0] and self.step[-1] < _LONGEST_STEPS, f"{name}: time is out of range", LogError)
+        require(self.step[0] >= 0 and self.step[-1] < _LONGEST_STEPS, f"{name}: time is out of range", LogError)
         least, most = _SIZES_M
         for size in (self.agent.length, self.agent.width):
             require(least <= size <= most, f"{name}: {size:g} m long or wide, expected {least} to {most} m", LogError)
@@ -159,7 +159,8 @@ def dense_track(
     step = np.flatnonzero(valid)
     if not len(step):
         return None
-    return Track(agent, step, *(v[step].astype(float) for v in (x, y, yaw)), None if z is None else z[step].astype(float))
+    x, y, yaw = (values[step].astype(float) for values in (x, y, yaw))
+    return Track(agent, step, x, y, yaw, None if z is None else z[step].astype(float))
 
 
 def with_openings(lanes: tuple[LoggedLane, ...]) -> tuple[LoggedLane, ...]:
