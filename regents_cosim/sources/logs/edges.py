@@ -19,6 +19,7 @@ from regents_cosim.sources.logs.scene import LoggedLane, RoadEdge
 _SPACING_M = 1.0  # of points along kerbs; finer than any road is wide
 _REACH_M = 30.0  # a place on the road is never further from the nearest kerb
 _BESIDE_LANE_M = 15.0  # nor from the nearest lane, where lanes are known
+_LANE_SPACING_M = 2.0
 _LEVEL_M = 2.5  # of height between which two roads cross without meeting
 _HEIGHT_STRETCH = 2.0  # height counts more than way: a kerb above is not a kerb nearby
 _LANE_NEAR_M = 12.0  # within which lanes tell the heights at a place
@@ -99,16 +100,23 @@ def _dense(edge: RoadEdge) -> _Kerbs | None:
 def _drivable(
     places: Float[np.ndarray, "place 2"], kerbs: _Kerbs, lanes: Sequence[LoggedLane]
 ) -> Bool[np.ndarray, " place"]:
-    lane_points = np.concatenate([lane.centre for lane in lanes]) if lanes else np.zeros((0, 2))
     near = np.ones(len(places), bool)
-    if len(lane_points):
-        near = KDTree(lane_points).query(places)[0] <= _BESIDE_LANE_M
+    if lanes:
+        near = KDTree(np.concatenate([_spaced(lane)[:, :2] for lane in lanes])).query(places)[0] <= _BESIDE_LANE_M
     tree = KDTree(np.column_stack([kerbs.points, _HEIGHT_STRETCH * kerbs.z]))
     found = np.zeros(len(places), bool)
     for level in _levels(places, kerbs, lanes):
         away, index = tree.query(np.column_stack([places, _HEIGHT_STRETCH * level]))
         found |= _on_the_left(places, kerbs, np.asarray(index)) & (away <= _REACH_M)
     return found & near
+
+
+def _spaced(lane: LoggedLane) -> Float[np.ndarray, "point 3"]:
+    """Points x, y, z along a lane, of which the log may have but the ends."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))])
+    at = np.linspace(0.0, way[-1], min(int(way[-1] / _LANE_SPACING_M), _MOST_POINTS) + 2)
+    z = np.zeros(len(way)) if lane.z is None else lane.z
+    return np.stack([np.interp(at, way, values) for values in (*lane.centre.T, z)], axis=-1)
 
 
 def _on_the_left(places: np.ndarray, kerbs: _Kerbs, index: Int[np.ndarray, " place"]) -> Bool[np.ndarray, " place"]:
@@ -120,13 +128,13 @@ def _levels(
 ) -> list[Float[np.ndarray, " place"]]:
     """The height of the road at every place; two where one road crosses above another."""
     nearest = kerbs.z[KDTree(kerbs.points).query(places)[1]]
-    known = [lane for lane in lanes if lane.z is not None]
+    known = [_spaced(lane) for lane in lanes if lane.z is not None]
     if not known:
         return [nearest]
-    points = np.concatenate([lane.centre for lane in known])
-    z = np.concatenate([lane.z for lane in known if lane.z is not None])
+    points = np.concatenate(known)
+    z = points[:, 2]
     count = min(16, len(points))
-    away, index = KDTree(points).query(places, k=count, distance_upper_bound=_LANE_NEAR_M)
+    away, index = KDTree(points[:, :2]).query(places, k=count, distance_upper_bound=_LANE_NEAR_M)
     heights = np.where(np.isfinite(away), np.append(z, 0.0)[index], np.nan)
     away, heights = (values.reshape(len(places), count) for values in (away, heights))
     there = np.isfinite(away[:, 0])

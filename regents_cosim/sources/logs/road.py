@@ -134,7 +134,7 @@ def _lane(lane: LoggedLane, known: set[str]) -> Lane:
         id=lane.id,
         centre=lane.centre,
         width=_width(lane),
-        speed_limit=lane.speed_limit,
+        speed_limit=float(lane.speed_limit),
         junction=lane.junction,
         left=lane.left if lane.left in known else None,
         right=lane.right if lane.right in known else None,

@@ -127,7 +127,7 @@ def _map(features: _Features) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, .
     return joined(lanes), tuple(edges)
 
 
-def _unbroken(line: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "point 3"]]:
+def _unbroken(line: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "_ 3"]]:
     if len(line) < 2:
         return []
     apart = np.hypot(*np.diff(line[:, :2], axis=0).T)
