@@ -78,7 +78,10 @@ def _at(poses: Columns, times: Float[np.ndarray, " time"], path: Path) -> Float[
 
 def _matrices(q: Float[np.ndarray, "row 4"]) -> Float[np.ndarray, "row 3 3"]:
     """Rotations of quaternions w, x, y, z."""
-    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    size = np.linalg.norm(q, axis=1, keepdims=True)
+    if not (np.isfinite(size) & (size > 0.5)).all():
+        raise ValueError("a quaternion is no rotation")
+    w, x, y, z = (q / size).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

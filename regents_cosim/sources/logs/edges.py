@@ -23,7 +23,8 @@ _LANE_SPACING_M = 2.0
 _LEVEL_M = 2.5  # of height between which two roads cross without meeting
 _HEIGHT_STRETCH = 2.0  # height counts more than way: a kerb above is not a kerb nearby
 _LANE_NEAR_M = 12.0  # within which lanes tell the heights at a place
-_MOST_POINTS = 400_000
+_SHORTEST_M = 1e-3
+_MOST_POINTS = 50_000  # a map that is larger is looked at more coarsely
 
 
 class _Kerbs(NamedTuple):
@@ -62,12 +63,13 @@ def _joined(triangles: np.ndarray) -> BaseGeometry:
 
 
 def _along(edges: Sequence[RoadEdge]) -> _Kerbs:
-    parts = [_dense(edge) for edge in edges]
-    parts = [part for part in parts if part is not None]
+    lengths = [float(np.hypot(*np.diff(edge.points, axis=0).T).sum()) for edge in edges]
+    spacing = max(_SPACING_M, sum(lengths) / _MOST_POINTS)
+    parts = [_dense(edge, spacing) for edge, length in zip(edges, lengths, strict=True) if length > _SHORTEST_M]
     if not parts:
         return _Kerbs(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
     points, left, z = (np.concatenate(values) for values in zip(*parts, strict=True))
-    thin = -(-len(points) // _MOST_POINTS)
+    thin = -(-len(points) // (2 * _MOST_POINTS))
     return _once(_Kerbs(points[::thin], left[::thin], z[::thin]))
 
 
@@ -79,22 +81,20 @@ def _once(kerbs: _Kerbs) -> _Kerbs:
     return _Kerbs(kerbs.points[first], left, kerbs.z[first])
 
 
-def _dense(edge: RoadEdge) -> _Kerbs | None:
-    """Points at most `_SPACING_M` apart, with the mean of the directions to the left at each."""
-    moved = np.concatenate([[True], np.hypot(*np.diff(edge.points, axis=0).T) > 1e-6])
+def _dense(edge: RoadEdge, spacing: float) -> _Kerbs:
+    """Points at most `spacing` [m] apart, with the sum of the directions to the left of both sides at each."""
+    moved = np.concatenate([[True], np.hypot(*np.diff(edge.points, axis=0).T) > _SHORTEST_M])
+    moved[np.argmax(np.hypot(*(edge.points - edge.points[0]).T))] = True
     points = edge.points[moved]
     z = np.zeros(len(points)) if edge.z is None else edge.z[moved]
-    if len(points) < 2:
-        return None
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    parts = min(max(int(np.ceil(way[-1] / _SPACING_M)), 1), _MOST_POINTS)
-    at = np.union1d(way, np.linspace(0.0, way[-1], parts + 1)) if parts < _MOST_POINTS else way
+    at = np.union1d(way, np.linspace(0.0, way[-1], int(way[-1] / spacing) + 2))
     dense = np.stack([np.interp(at, way, points[:, i]) for i in (0, 1)], axis=-1)
-    along = np.diff(points, axis=0) / np.diff(way)[:, None]
+    along = np.diff(points, axis=0) / np.maximum(np.diff(way), _SHORTEST_M)[:, None]
     here = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(along) - 1)
     behind = np.clip(np.searchsorted(way, at, side="left") - 1, 0, len(along) - 1)
-    mean = along[here] + along[behind]
-    return _Kerbs(dense, np.stack([-mean[:, 1], mean[:, 0]], axis=-1), np.interp(at, way, z))
+    both = along[here] + along[behind]
+    return _Kerbs(dense, np.stack([-both[:, 1], both[:, 0]], axis=-1), np.interp(at, way, z))
 
 
 def _drivable(
@@ -102,7 +102,7 @@ def _drivable(
 ) -> Bool[np.ndarray, " place"]:
     near = np.ones(len(places), bool)
     if lanes:
-        near = KDTree(np.concatenate([_spaced(lane)[:, :2] for lane in lanes])).query(places)[0] <= _BESIDE_LANE_M
+        near = KDTree(_spaced(lanes)[:, :2]).query(places)[0] <= _BESIDE_LANE_M
     tree = KDTree(np.column_stack([kerbs.points, _HEIGHT_STRETCH * kerbs.z]))
     found = np.zeros(len(places), bool)
     for level in _levels(places, kerbs, lanes):
@@ -111,12 +111,16 @@ def _drivable(
     return found & near
 
 
-def _spaced(lane: LoggedLane) -> Float[np.ndarray, "point 3"]:
-    """Points x, y, z along a lane, of which the log may have but the ends."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))])
-    at = np.linspace(0.0, way[-1], min(int(way[-1] / _LANE_SPACING_M), _MOST_POINTS) + 2)
-    z = np.zeros(len(way)) if lane.z is None else lane.z
-    return np.stack([np.interp(at, way, values) for values in (*lane.centre.T, z)], axis=-1)
+def _spaced(lanes: Sequence[LoggedLane]) -> Float[np.ndarray, "point 3"]:
+    """Points x, y, z along lanes, of which the log may have but the ends."""
+    ways = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))]) for lane in lanes]
+    spacing = max(_LANE_SPACING_M, sum(float(way[-1]) for way in ways) / _MOST_POINTS)
+    found = []
+    for lane, way in zip(lanes, ways, strict=True):
+        at = np.linspace(0.0, way[-1], int(way[-1] / spacing) + 2)
+        z = np.zeros(len(way)) if lane.z is None else lane.z
+        found.append(np.stack([np.interp(at, way, values) for values in (*lane.centre.T, z)], axis=-1))
+    return np.concatenate(found)
 
 
 def _on_the_left(places: np.ndarray, kerbs: _Kerbs, index: Int[np.ndarray, " place"]) -> Bool[np.ndarray, " place"]:
@@ -128,10 +132,10 @@ def _levels(
 ) -> list[Float[np.ndarray, " place"]]:
     """The height of the road at every place; two where one road crosses above another."""
     nearest = kerbs.z[KDTree(kerbs.points).query(places)[1]]
-    known = [_spaced(lane) for lane in lanes if lane.z is not None]
+    known = [lane for lane in lanes if lane.z is not None]
     if not known:
         return [nearest]
-    points = np.concatenate(known)
+    points = _spaced(known)
     z = points[:, 2]
     count = min(16, len(points))
     away, index = KDTree(points[:, :2]).query(places, k=count, distance_upper_bound=_LANE_NEAR_M)

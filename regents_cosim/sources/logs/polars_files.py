@@ -1,12 +1,11 @@
 """Parquet and Feather through polars, which the extra `logs` installs (pyarrow clashes with libsumo).
 
-polars parses in Rust: it allocates what a damaged file asks for, and dies if it does not get it.
-So a process of its own reads the file, with at most `_MEMORY` bytes more than it starts with, and
-hands over plain arrays.
+polars parses in Rust: given a damaged file it may allocate whatever the file asks for, die, or never
+come back. So a process of its own reads the file, with at most `_MEMORY` bytes more than it starts
+with and a limited time, and hands over plain arrays.
 """
 
 import importlib.util
-import resource
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 _MEMORY = 4 << 30
+_SECONDS, _BYTES_PER_S = 30, 5_000_000  # 30 s, and one more per 5 MB
 _MOST_TIMES = 200  # a log is never packed tighter
 
 
@@ -41,7 +41,7 @@ def read_polars(path: Path, numbers: Sequence[str], texts: Sequence[str] = (), o
     except LogError:
         raise
     except RegentsError as error:
-        raise LogError(f"{path}: damaged Parquet or Feather file (polars died reading it)") from error
+        raise LogError(f"{path}: damaged Parquet or Feather file (polars died over it)") from error
 
 
 def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional: tuple[str, ...]) -> Columns:
@@ -49,9 +49,7 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
     import polars as pl
 
     content = path.read_bytes()
-    if sys.platform == "linux":
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (used + _MEMORY, used + _MEMORY))
+    _limit(len(content))
     try:
         frame = (pl.read_parquet if content[:4] == b"PAR1" else pl.read_ipc)(content)
         missing = [name for name in (*numbers, *texts) if name not in frame.columns and name not in optional]
@@ -69,6 +67,22 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
         said = (str(error).splitlines() or [""])[0][:200]
         raise LogError(f"{path}: damaged Parquet or Feather file ({said})") from None
     return Columns(found, {k: v[0] for k, v in coded.items()}, {k: v[1] for k, v in coded.items()})
+
+
+def _limit(size: int) -> None:
+    """Bounds on time and memory of this process, which the system enforces whatever it is stuck in."""
+    if sys.platform == "win32":
+        return  # which knows no such bounds
+    import resource
+    import signal
+
+    seconds = _SECONDS + size // _BYTES_PER_S
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(10 * seconds)  # of the clock: the machine may be busy with something else
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    if sys.platform == "linux":
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (used + _MEMORY, used + _MEMORY))
 
 
 def _numbers(frame: "pl.DataFrame", name: str) -> Float[np.ndarray, " row"]:

@@ -53,6 +53,14 @@ class Track:
             require(least <= size <= most, f"{name}: {size:g} m long or wide, expected {least} to {most} m", LogError)
 
 
+def _check_line(name: str, points: np.ndarray, z: np.ndarray | None) -> None:
+    require(points.ndim == 2 and points.shape[1:] == (2,) and len(points) >= 2, f"{name}: no line", LogError)
+    require(z is None or z.shape == points.shape[:1], f"{name}: heights of another length", LogError)
+    for values in (points, *(() if z is None else (z,))):
+        require(bool(np.isfinite(values).all()), f"{name}: NaN or infinite numbers", LogError)
+        require(np.abs(values).max() < _FARTHEST_M, f"{name}: a number beyond {_FARTHEST_M:g}", LogError)
+
+
 @dataclass(frozen=True, eq=False)
 class LoggedLane:
     """A lane as the log has it; neighbours run the same way."""
@@ -69,6 +77,11 @@ class LoggedLane:
     open_start: bool = True  # nothing leads here: where the map ends, traffic comes from beyond it
     open_end: bool = True
 
+    def __post_init__(self) -> None:
+        _check_line(f"lane {self.id[:40]!r}", self.centre, self.z)
+        for value in (self.width, self.speed_limit):
+            require(bool(np.isfinite(value)) and value > 0, f"lane {self.id[:40]!r}: {value} wide or fast", LogError)
+
 
 @dataclass(frozen=True, eq=False)
 class RoadEdge:
@@ -76,6 +89,9 @@ class RoadEdge:
 
     points: Float[np.ndarray, "point 2"]  # [m]
     z: Float[np.ndarray, " point"] | None = None  # [m]
+
+    def __post_init__(self) -> None:
+        _check_line("kerb", self.points, self.z)
 
 
 @dataclass(frozen=True, eq=False)
