@@ -17,6 +17,7 @@ from regents_cosim.errors import LogError, require
 from regents_cosim.scenario import Agent, Kind
 
 _FARTHEST_M = 1e8
+_LONGEST_M = 5000.0  # of a straight piece of kerb
 _COARSEST_S = 1.0  # between samples further apart the way of a vehicle is a guess
 _FINEST_S = 1e-3
 _LONGEST_STEPS = 10**9
@@ -92,6 +93,8 @@ class RoadEdge:
 
     def __post_init__(self) -> None:
         _check_line("kerb", self.points, self.z)
+        jump = float(np.hypot(*np.diff(self.points, axis=0).T).max())
+        require(jump < _LONGEST_M, f"a kerb jumps by {jump:.0f} m, expected less than {_LONGEST_M:.0f} m", LogError)
 
 
 @dataclass(frozen=True, eq=False)
