@@ -12,7 +12,7 @@ from regents_cosim.errors import LogError
 from regents_cosim.frames import from_front, from_image_corner, from_lat_lon
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.crc32c import crc32c
-from regents_cosim.sources.logs.cut import LogWindows, cut
+from regents_cosim.sources.logs.cut import LogWindows, cut, without_jumps
 from regents_cosim.sources.logs.edges import area_inside
 from regents_cosim.sources.logs.planned_ego import Goal, Start, planned_track
 from regents_cosim.sources.logs.resample import sample
@@ -100,6 +100,17 @@ def test_nothing_is_invented_in_gaps_and_beyond_the_ends():
     found = sample(one, 0.2, 0.0, 32)  # steps of 0.2 s: instant k is at step k / 2
     assert np.flatnonzero(found.valid).tolist() == [*range(4, 11), *range(18, 29)]
     assert not found.x[~found.valid].any()
+
+
+def test_a_jump_becomes_a_gap_and_what_lies_between_jumps_goes():
+    x = np.arange(30.0)
+    x[0] = 0.9  # a box that is cut off where the vehicle enters
+    x[15] += 5.0  # a detection that leaps
+    found = without_jumps(track(x), 0.1)
+    assert not {0, 15} & set(found.step.tolist())
+    assert {*range(2, 15), *range(17, 30)} <= set(found.step.tolist())
+    straight = track(np.arange(30.0))
+    assert without_jumps(straight, 0.1) is straight
 
 
 def test_a_stop_does_not_ring():

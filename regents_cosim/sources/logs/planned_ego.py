@@ -1,7 +1,7 @@
 """A track for an ego that has only a start and a goal.
 
 It follows the centre lines of the lanes that lead from the start to the goal, from where it
-stands over to them within 20 m; without such lanes it follows a cubic from start to goal. It keeps
+stands over to them within 20 m or 3 s; without such lanes it follows a cubic from start to goal. It keeps
 its speed if that arrives within the time asked for, and otherwise the constant acceleration that
 does; past the goal it drives on, at its speed, until 8 s have gone by. It is a guess at what a
 driver might do, enough to say where the ego wants to go; a planner under test drives its own way.
@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 from regents_cosim.frames import wrap
 from regents_cosim.sources.logs.scene import LoggedLane
 
-_BLEND_M = 20.0  # within which the ego is on the centre line
+_BLEND_M, _BLEND_S = 20.0, 3.0  # within which, or in which time, the ego is on the centre line
 _ON_LANE_M = 4.0  # the start and the goal lie at most that far from their lanes
 _SAME_WAY_RAD = np.deg2rad(60.0)
 _STEP_M = 0.5
@@ -104,7 +104,7 @@ def _path(start: Start, goal: Goal, lanes: Sequence[LoggedLane]) -> tuple[_Path,
     places = np.linspace(begin, last, min(int((last - begin) / _STEP_M), 40_000) + 2)
     points = shapely.get_coordinates(shapely.line_interpolate_point(line, places))
     points = gaussian_filter1d(points, _SMOOTH_M / _STEP_M, axis=0, mode="nearest")
-    fade = np.clip((places - begin) / min(_BLEND_M, end - begin), 0.0, 1.0)
+    fade = np.clip((places - begin) / max(_BLEND_M, _BLEND_S * start.speed), 0.0, 1.0)
     return points + (1.0 - fade**2 * (3.0 - 2.0 * fade))[:, None] * (here - points[0]), end - begin
 
 
