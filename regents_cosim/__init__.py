@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from regents_cosim.replays.replay import replay as replay
     from regents_cosim.scenario import Scenario as Scenario
     from regents_cosim.shipped import network_config as network_config
+    from regents_cosim.sources.logs.formats import LogFormat as LogFormat
+    from regents_cosim.sources.logs.record import record_log as record_log
+    from regents_cosim.sources.logs.scene import LoggedScene as LoggedScene
     from regents_cosim.sources.record import record as record
     from regents_cosim.sources.sumo_config import SumoInput as SumoInput
 
@@ -27,6 +30,8 @@ _HOMES = {
     "Controls": "mirror.bicycle",
     "JaxPlanner": "planners.interface",
     "KING": "attacks.presets",
+    "LogFormat": "sources.logs.formats",
+    "LoggedScene": "sources.logs.scene",
     "REGENTS": "attacks.presets",
     "REGENTS_FOCUSED": "attacks.presets",
     "Scenario": "scenario",
@@ -35,6 +40,7 @@ _HOMES = {
     "load_case": "files",
     "network_config": "shipped",
     "record": "sources.record",
+    "record_log": "sources.logs.record",
     "replay": "replays.replay",
     "save_case": "files",
 }

@@ -55,12 +55,24 @@ class Traffic:
     """step of the simulation [s]; recordings are made at 0.1 s only"""
     fcd: Path | None = None
     """an fcd-output of SUMO (xml, xml.gz, csv) to read instead of running SUMO; needs -n"""
+    log: Path | None = None
+    """logged traffic to read instead: a file, or a folder of files"""
+    format: str = "auto"
+    """of the log; auto tells it by the content, a wrong name lists all"""
+    ego: str = "auto"
+    """id of a logged road user; auto: the recorder's vehicle or the planning problem's, else one drawn by seed"""
+    stride: float | None = None
+    """from one window of a log to the next [s]; the horizon by default"""
+    map: Path | None = None
+    """lanelet2 map (.osm) of a log that does not lie beside it"""
+    columns: Path | None = None
+    """TOML file that names the columns of a table (csv, parquet)"""
     count: int = 8
     """windows wanted"""
     seed: int = 0
     """of SUMO and of the choice of windows"""
     horizon: float = 8.0
-    """length of a window [s]"""
+    """length of a window [s]; of a log that is shorter, all of it"""
     radius: float = 100.0
     """agents that never come closer to the ego are left out [m]"""
 
@@ -143,6 +155,48 @@ def record(
 
 
 @app.command
+def inspect(
+    log: Path,
+    *,
+    format: str = "auto",
+    map: Path | None = None,
+    columns: Path | None = None,
+    output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
+    talk: Talk = Talk(),
+) -> int:
+    """Say what logged traffic holds, and draw it.
+
+    Parameters
+    ----------
+    log
+        a file of logged traffic, or a folder of files
+    format
+        of the log; auto tells it by the content
+    map
+        lanelet2 map (.osm) that does not lie beside the log
+    columns
+        TOML file that names the columns of a table (csv, parquet)
+    output
+        folder for one picture per scenario
+    """
+    from regents_cosim.reports.log_picture import draw_scene
+    from regents_cosim.reports.tables import inspection_notes, inspection_row
+    from regents_cosim.sources.logs.formats import Beside
+    from regents_cosim.sources.logs.inspection import inspect_scene
+    from regents_cosim.sources.logs.record import scenes_of
+
+    terminal = _terminal(talk)
+    found = []
+    for _, name, scene in scenes_of(log, format, Beside(map, columns)):
+        found.append(inspect_scene(scene, name))
+        if output is not None:
+            draw_scene(scene, output)
+    rows = [dataclasses.asdict(one) if talk.json else inspection_row(one) for one in found]
+    terminal.show(f"{len(rows)} scenarios in {log}", rows, inspection_notes(found))
+    return 0
+
+
+@app.command
 def attack(
     cases: Annotated[Path | None, Parameter(show_default=False)] = None,
     traffic: Traffic = Traffic(),
@@ -188,8 +242,8 @@ def attack(
     from regents_cosim.suite import SuiteWriter, load_cases
 
     terminal = _terminal(talk)
-    if (cases is None) == (traffic.config is None and traffic.net is None):
-        raise RegentsError("expected either a folder of cases or traffic (-c NAME.sumocfg), not both")
+    if (cases is None) == (traffic.config is None and traffic.net is None and traffic.log is None):
+        raise RegentsError("expected either a folder of cases or traffic (-c NAME.sumocfg, --log PATH), not both")
     if compile_cache:
         keep_compiled_programs()
     config = search.config()
@@ -377,6 +431,26 @@ def success(
     return 0
 
 
+@bench.command
+def logs(paths: tuple[Path, ...], *, count: int = 8, talk: Talk = Talk()) -> int:
+    """How well logs are read: vehicles on the road, error of the smooth fit, time.
+
+    Parameters
+    ----------
+    paths
+        logs, or folders of them
+    count
+        windows per scene at most
+    """
+    from regents_cosim.evaluation.log_benchmark import log_rows
+
+    terminal = _terminal(talk)
+    with terminal.waiting("reading and fitting"):
+        rows = [dataclasses.asdict(row) for row in log_rows(list(paths), count)]
+    terminal.show("logged traffic, per format", rows)
+    return 0
+
+
 # --- pieces shared by the commands ------------------------------------------------------------
 
 
@@ -391,8 +465,12 @@ def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "T
     from regents_cosim.sources.sumo_config import SumoInput
     from regents_cosim.workers import executor_for
 
+    if traffic.log is not None:
+        return _record_log(traffic, terminal)
     if traffic.config is None and traffic.net is None:
-        raise RegentsError("no traffic named (expected -c NAME.sumocfg, or -n NET with -r ROUTES or --fcd LOG)")
+        raise RegentsError(
+            "no traffic named (expected -c NAME.sumocfg, -n NET with -r ROUTES or --fcd LOG, or --log PATH)"
+        )
     source = SumoInput(
         config=traffic.config,
         net=traffic.net,
@@ -415,6 +493,28 @@ def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "T
     if len(found) < traffic.count:
         terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
     return found
+
+
+def _record_log(traffic: Traffic, terminal: "Terminal") -> "list[Scenario]":
+    from regents_cosim.sources.logs.formats import Beside
+    from regents_cosim.sources.logs.record import record_log
+
+    if traffic.config or traffic.net or traffic.fcd:
+        raise RegentsError("--log stands alone; SUMO's own fcd-output is read with --fcd LOG -n NET")
+    assert traffic.log is not None
+    with terminal.waiting("reading the log"):
+        return record_log(
+            traffic.log,
+            format=traffic.format,
+            ego=traffic.ego,
+            count=traffic.count,
+            seed=traffic.seed,
+            horizon_s=traffic.horizon,
+            stride_s=traffic.stride,
+            radius_m=traffic.radius,
+            beside=Beside(traffic.map, traffic.columns),
+            tell=terminal.say,
+        )
 
 
 def _files(names: str) -> tuple[Path, ...]:

@@ -24,6 +24,10 @@ class SumoError(RegentsError):
     """SUMO could not be started, refused its input, or died."""
 
 
+class LogError(RegentsError):
+    """A log of traffic that cannot be read."""
+
+
 class NoWindowError(RegentsError):
     """The traffic holds no window that can be attacked."""
 

@@ -1,7 +1,8 @@
 """The only place where coordinates change convention.
 
 Inside: metres, x east, y north, box centre, yaw in radians counter-clockwise from +x.
-SUMO: the same plane, but the front bumper's centre and degrees clockwise from north.
+SUMO: the same plane, but the front bumper's centre and degrees clockwise from north. Logs: front
+bumpers, corners of boxes in images, latitude and longitude.
 """
 
 from typing import NamedTuple
@@ -30,9 +31,7 @@ class SumoPose(NamedTuple):
 
 def from_sumo(pose: SumoPose, length: Values) -> Pose:
     """Centre pose of a vehicle of `length` [m] that SUMO reports at `pose`; yaw in (-pi, pi]."""
-    yaw = wrap(np.deg2rad(90.0 - pose.angle))
-    half = 0.5 * length
-    return Pose(pose.x - half * np.cos(yaw), pose.y - half * np.sin(yaw), yaw)
+    return from_front(pose.x, pose.y, wrap(np.deg2rad(90.0 - pose.angle)), length)
 
 
 def to_sumo(pose: Pose, length: Values) -> SumoPose:
@@ -45,3 +44,49 @@ def to_sumo(pose: Pose, length: Values) -> SumoPose:
 def wrap(angle: Values) -> Values:
     """The same direction in (-pi, pi] [rad]."""
     return np.pi - np.mod(np.pi - angle, 2.0 * np.pi)
+
+
+def from_front(x: Values, y: Values, yaw: Values, length: Values) -> Pose:
+    """Centre pose of a vehicle of `length` [m] whose front bumper's centre is at x, y [m]."""
+    half = 0.5 * length
+    return Pose(x - half * np.cos(yaw), y - half * np.sin(yaw), yaw)
+
+
+def from_image_corner(x: Values, y: Values, along_x: Values, along_y: Values) -> tuple[Values, Values]:
+    """Centre of an upright box given by its upper left corner [m] in an image, whose y runs down."""
+    return x + 0.5 * along_x, -(y + 0.5 * along_y)
+
+
+FOOT_M = 0.3048
+
+# WGS 84 and its third flattening; UTM scales by 0.9996 and puts its central meridian at 500 km.
+_EQUATOR_M = 6378137.0
+_FLATTENING = 1.0 / 298.257223563
+_UTM_SCALE = 0.9996
+_UTM_EAST_M = 500_000.0
+
+
+def from_lat_lon(latitude: Values, longitude: Values, zone: int) -> tuple[Values, Values]:
+    """UTM easting and northing [m] (north of the equator, negative south of it) of WGS 84 degrees.
+
+    Source: Krueger's series in the third flattening to the sixth order, as in Karney 2011,
+    "Transverse Mercator with an accuracy of a few nanometers", eqs. 7 to 35.
+    """
+    n = _FLATTENING / (2.0 - _FLATTENING)
+    radius = _EQUATOR_M / (1.0 + n) * (1.0 + n**2 / 4.0 + n**4 / 64.0 + n**6 / 256.0)
+    series = (
+        n / 2 - 2 * n**2 / 3 + 5 * n**3 / 16 + 41 * n**4 / 180 - 127 * n**5 / 288 + 7891 * n**6 / 37800,
+        13 * n**2 / 48 - 3 * n**3 / 5 + 557 * n**4 / 1440 + 281 * n**5 / 630 - 1983433 * n**6 / 1935360,
+        61 * n**3 / 240 - 103 * n**4 / 140 + 15061 * n**5 / 26880 + 167603 * n**6 / 181440,
+        49561 * n**4 / 161280 - 179 * n**5 / 168 + 6601661 * n**6 / 7257600,
+        34729 * n**5 / 80640 - 3418889 * n**6 / 1995840,
+        212378941 * n**6 / 319334400,
+    )
+    phi = np.deg2rad(latitude)
+    away = np.deg2rad(longitude - (6.0 * zone - 183.0))
+    eccentricity = 2.0 * np.sqrt(n) / (1.0 + n)
+    tau = np.sinh(np.arctanh(np.sin(phi)) - eccentricity * np.arctanh(eccentricity * np.sin(phi)))
+    xi, eta = np.arctan2(tau, np.cos(away)), np.arcsinh(np.sin(away) / np.hypot(tau, np.cos(away)))
+    north = xi + sum(a * np.sin(2 * j * xi) * np.cosh(2 * j * eta) for j, a in enumerate(series, 1))
+    east = eta + sum(a * np.cos(2 * j * xi) * np.sinh(2 * j * eta) for j, a in enumerate(series, 1))
+    return _UTM_EAST_M + _UTM_SCALE * radius * east, _UTM_SCALE * radius * north

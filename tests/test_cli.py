@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import log_files
 import numpy as np
 import pytest
 from PIL import Image
@@ -298,3 +299,31 @@ def test_a_killed_run_leaves_whole_cases_only(tmp_path):
         running.wait()
     for entry in load_suite(suite).cases:
         assert load_case(suite / entry.case).attack is not None
+
+
+# --- logged traffic -------------------------------------------------------------------------------
+
+
+def test_logs_are_recorded_inspected_and_attacked(tmp_path):
+    log = log_files.write_gpudrive(tmp_path)
+    done = regents("record", "--log", log, "--horizon", 4, "-o", tmp_path / "cases", "--json")
+    assert done.returncode == 0, done.stderr
+    assert [row["ego"] for row in json.loads(done.stdout)] == ["11", "11"]
+    assert "headings in radians" in done.stderr
+    done = regents("inspect", log, "-o", tmp_path / "pictures", "--json")
+    (row,) = json.loads(done.stdout)
+    assert (row["format"], row["agents"], row["ego"]) == ("gpudrive", 4, "11")
+    with Image.open(tmp_path / "pictures" / "abc.png") as picture:
+        assert picture.size == (1200, 900)
+    done = regents("attack", tmp_path / "cases", "--iterations", 2, "--no-pictures", "-o", tmp_path / "suite", "--json")
+    assert done.returncode == 0, done.stderr
+    assert {row["SUMO_verified"] for row in json.loads(done.stdout)} == {None}
+
+
+def test_a_log_that_cannot_be_read_is_one_line(tmp_path):
+    (tmp_path / "a.bin").write_bytes(b"nothing")
+    for words in (("record", "--log", tmp_path / "a.bin", "-o", tmp_path / "out"), ("inspect", tmp_path / "a.bin")):
+        done = regents(*words)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert "not a log that is known" in done.stderr
+    assert not (tmp_path / "out").exists()

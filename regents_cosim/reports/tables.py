@@ -7,6 +7,7 @@ import numpy as np
 
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
+from regents_cosim.sources.logs.inspection import Inspection
 
 
 def case_row(scenario: Scenario) -> dict[str, Any]:
@@ -19,6 +20,33 @@ def case_row(scenario: Scenario) -> dict[str, Any]:
         "horizon_s": round((scenario.tracks.steps - 1) * scenario.dt, 6),
         "overlaps": len(scenario.overlaps),
     }
+
+
+def inspection_row(found: Inspection) -> dict[str, Any]:
+    """A scene of a log, in the columns that fit a terminal."""
+    return {
+        "scenario": found.scenario,
+        "format": found.format,
+        "agents": found.kinds,
+        "duration_s": found.duration_s,
+        "dt_s": found.dt_s,
+        "ego": found.ego,
+        "map": f"{found.lanes} lanes, {found.edges} kerbs, {found.areas} areas, {found.signals} lights",
+        "mean_m_s": found.mean_m_s,
+        "max_m_s": found.max_m_s,
+        "overlaps": found.overlaps,
+        "off_road_percent": found.off_road_percent,
+        "off_road_on_map_percent": found.off_road_on_map_percent,
+    }
+
+
+def inspection_notes(found: Sequence[Inspection]) -> str:
+    """What had to be assumed, and of how many scenes, or of which one."""
+    about: dict[str, list[str]] = {}
+    for one in found:
+        for note in one.notes:
+            about.setdefault(note, []).append(one.scenario)
+    return "\n".join(f"{s[0] if len(s) == 1 else f'{len(s)} scenarios'}: {note}" for note, s in about.items())
 
 
 def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from regents_cosim.errors import NoWindowError, RegentsError, require_file
+from regents_cosim.errors import LogError, NoWindowError, require_file
 from regents_cosim.frames import wrap
 from regents_cosim.provenance import sha256_of
 from regents_cosim.roadmap import RoadMap
@@ -34,10 +34,6 @@ from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_
 
 STEP_S = 0.1
 _COARSEST_S = 1.0  # between samples further apart a vehicle's way is a guess
-
-
-class LogError(RegentsError):
-    """A log that cannot be read."""
 
 
 def record_fcd(

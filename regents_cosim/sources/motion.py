@@ -26,7 +26,7 @@ def smooth_pieces(
     in junctions, and logs may hold none.
     """
     links = valid[:, :-1] & valid[:, 1:]
-    links &= ~_jumps(x, y, links, _JUMP_M + _HARDEST * dt**2)
+    links &= ~jumps(x, y, links, dt)
     run = np.zeros(len(x), int)
     longest, end = run.copy(), run.copy()
     for step in range(links.shape[1]):
@@ -38,17 +38,18 @@ def smooth_pieces(
     return inside & (longest > 0)[:, None]
 
 
-def _jumps(
+def jumps(
     x: Float[np.ndarray, "agent time"],
     y: Float[np.ndarray, "agent time"],
     links: Bool[np.ndarray, "agent time-1"],
-    limit_m: float,
+    dt: float,
 ) -> Bool[np.ndarray, "agent time-1"]:
+    """Steps between samples that follow each other (`links`) in which somebody was moved, as `smooth_pieces` has it."""
     change = np.abs(np.diff(np.diff(x + 1j * y)))
     change = np.where(links[:, :-1] & links[:, 1:], change, np.inf)
     border = np.full((len(x), 1), np.inf)
     least = np.minimum(np.hstack([border, change]), np.hstack([change, border]))
-    return np.isfinite(least) & (least > limit_m)
+    return np.isfinite(least) & (least > _JUMP_M + _HARDEST * dt**2)
 
 
 def speeds(

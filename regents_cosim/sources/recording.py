@@ -3,6 +3,7 @@
 Simulators and logs are turned into Recordings; `windows` makes Scenarios of them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -55,12 +56,13 @@ class Slot:
             arrays[name][at] = values
         valid = np.zeros((len(ids), self.steps), bool)
         valid[at] = True
-        signals = tuple(Signal(name, _changes(letters)) for name, letters in sorted(self.letters.items()))
+        signals = tuple(Signal(name, changes(letters)) for name, letters in sorted(self.letters.items()))
         return Recording(
             self.begin_s, self.dt, ids, tuple(types[name] for name in ids), **arrays, valid=valid, signals=signals
         )
 
 
-def _changes(letters: list[str]) -> tuple[tuple[int, str], ...]:
+def changes(letters: Sequence[str]) -> tuple[tuple[int, str], ...]:
+    """The steps at which a light shows something new, and what."""
     before = [None, *letters]
     return tuple((step, now) for step, now in enumerate(letters) if now != before[step])

@@ -55,10 +55,13 @@ class Origin:
     source: str  # "sumo", "fcd"
     file: str  # name only
     sha256: str
+    scene: str = ""  # name of the recording, where a file holds several
 
     @property
     def name(self) -> str:
         """The file's name without its endings, as part of a folder name."""
+        if self.scene:
+            return _folder_name(self.scene) or self.source
         return _folder_name(re.sub(r"(\.(gz|xml|csv|sumocfg|rou|net|fcd))+$", "", self.file)) or self.source
 
 
@@ -90,7 +93,7 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
     number of vehicles that fail each rule where there is no window at all.
     """
     rng = np.random.default_rng(windows.seed)
-    scenes = [_Scene.of(recording) for recording in recordings]
+    scenes = [Scene.of(recording) for recording in recordings]
     refused: Counter[str] = Counter()
     queues = {
         slot: _egos(scenes[slot], road, rng.permutation(len(scenes[slot].recording.ids)), refused)
@@ -100,7 +103,7 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
     if not found:
         raise NoWindowError(_why_none(recordings, refused, windows))
     taken: Counter[str] = Counter()
-    return [_scenario(scenes[slot], ego, road, origin, windows, taken) for slot, ego in found]
+    return [make_scenario(scenes[slot], ego, road, origin, windows, taken) for slot, ego in found]
 
 
 def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:
@@ -117,8 +120,8 @@ def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Scene:
-    """A Recording with its jumps cut out."""
+class Scene:
+    """A Recording and what follows from it; `valid` may be less than what was recorded."""
 
     recording: Recording
     valid: Bool[np.ndarray, "vehicle time"]
@@ -126,8 +129,14 @@ class _Scene:
     motor: Bool[np.ndarray, " vehicle"]
 
     @classmethod
-    def of(cls, recording: Recording) -> "_Scene":
+    def of(cls, recording: Recording) -> "Scene":
+        """With its jumps cut out."""
         valid = smooth_pieces(recording.x, recording.y, recording.valid, recording.dt)
+        return cls.where(recording, valid)
+
+    @classmethod
+    def where(cls, recording: Recording, valid: Bool[np.ndarray, "vehicle time"]) -> "Scene":
+        """The vehicles at those instants only."""
         speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
         motor = np.array([kind.kind in VEHICLE_KINDS for kind in recording.types], bool)
         return cls(recording, valid, speed, motor)
@@ -146,17 +155,18 @@ class _Scene:
         return Boxes(r.x[of], r.y[of], r.yaw[of], types[:, :1], types[:, 1:])
 
 
-def _egos(scene: _Scene, road: RoadMap, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
+def _egos(scene: Scene, road: RoadMap, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
     """The vehicles that may be the ego, in the given order; the others are counted by reason."""
     for ego in order.tolist():
-        reason = _refusal(scene, ego, road)
+        reason = refusal(scene, ego, road)
         if reason is None:
             yield ego
         else:
             refused[reason] += 1
 
 
-def _refusal(scene: _Scene, ego: int, road: RoadMap) -> str | None:
+def refusal(scene: Scene, ego: int, road: RoadMap, company: int = _COMPANY) -> str | None:
+    """Why a vehicle may not be the ego, None where it may; `company` is how many others must move near it."""
     if not scene.motor[ego]:
         return "were no motor vehicles"
     if not scene.recording.valid[ego].all():
@@ -169,8 +179,8 @@ def _refusal(scene: _Scene, ego: int, road: RoadMap) -> str | None:
         return "stood or crept"
     apart = scene.distances(ego)
     moving = (scene.speed > _MOVING_MPS) & scene.motor[:, None]
-    if ((apart <= _NEAR_M) & moving).sum(axis=0).max() < _COMPANY:
-        return f"had fewer than {_COMPANY} moving vehicles within {_NEAR_M:.0f} m"
+    if ((apart <= _NEAR_M) & moving).sum(axis=0).max() < company:
+        return f"had fewer than {company} moving vehicle{'s' * (company != 1)} within {_NEAR_M:.0f} m"
     if _overlaps_any(scene, ego, apart):
         return "overlapped another vehicle in the recorded traffic"
     if not road.contains(np.stack([scene.recording.x[ego], scene.recording.y[ego]], axis=-1)).all():
@@ -178,7 +188,7 @@ def _refusal(scene: _Scene, ego: int, road: RoadMap) -> str | None:
     return None
 
 
-def _overlaps_any(scene: _Scene, ego: int, apart: Float[np.ndarray, "vehicle time"]) -> bool:
+def _overlaps_any(scene: Scene, ego: int, apart: Float[np.ndarray, "vehicle time"]) -> bool:
     lengths = np.array([kind.length + kind.width for kind in scene.recording.types])
     close = apart.min(axis=1) <= lengths + lengths[ego]  # never less than both half diagonals
     hits = overlap(scene.boxes(slice(ego, ego + 1)), scene.boxes(close))
@@ -200,9 +210,10 @@ def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: W
 # --- Scenarios ----------------------------------------------------------------------------------
 
 
-def _scenario(
-    scene: _Scene, ego: int, road: RoadMap, origin: Origin, windows: Windows, taken: Counter[str]
+def make_scenario(
+    scene: Scene, ego: int, road: RoadMap, origin: Origin, windows: Windows, taken: Counter[str]
 ) -> Scenario:
+    """The Scenario of that ego among those who come near it; `taken` counts the names in use."""
     recording = scene.recording
     members = [ego, *_nearest(scene, ego, windows.radius_m)]
     agents = tuple(
@@ -226,14 +237,14 @@ def _scenario(
     )
 
 
-def _nearest(scene: _Scene, ego: int, radius_m: float) -> list[int]:
+def _nearest(scene: Scene, ego: int, radius_m: float) -> list[int]:
     """The other vehicles within the radius at some instant, the nearest up to the limit, by increasing id."""
     least = scene.distances(ego).min(axis=1)
     near = [int(i) for i in np.argsort(least, kind="stable") if least[i] <= radius_m]
     return sorted(near[: MAX_AGENTS - 1])
 
 
-def _tracks(scene: _Scene, members: list[int]) -> Tracks:
+def _tracks(scene: Scene, members: list[int]) -> Tracks:
     recording, valid = scene.recording, scene.valid[members]
     x, y, yaw, speed = (
         np.where(valid, values[members], 0.0) for values in (recording.x, recording.y, recording.yaw, scene.speed)

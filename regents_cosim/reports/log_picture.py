@@ -1,0 +1,77 @@
+"""A scene of a log as one picture: its road, everybody's way, and where everybody is halfway through."""
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.atomic import explain_write, write_atomic
+from regents_cosim.errors import LogError
+from regents_cosim.reports.camera import View, fit
+from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.palette import ADVERSARY, EGO, INK, LAND, OTHER, Colour, mix
+from regents_cosim.reports.road import draw_road
+from regents_cosim.reports.vehicles import draw_vehicle
+from regents_cosim.sources.logs.inspection import moving_centres
+from regents_cosim.sources.logs.road import build_road
+from regents_cosim.sources.logs.scene import LoggedScene, Track
+
+_SIZE = (1200, 900)
+_ZOOM = 2
+_KEPT_PERCENT = (1.0, 99.0)  # of all places that the view shows, so that one stray track does not shrink it
+_MOST_DOTS = 5000
+
+
+def draw_scene(scene: LoggedScene, folder: Path) -> Path:
+    """Write a PNG named like the scene; moving vehicles that are off the road have red dots.
+
+    Raises RegentsError where it cannot be written.
+    """
+    view = fit(_shown(scene), _SIZE)
+    canvas = Canvas.blank(_SIZE, _ZOOM, LAND)
+    off = np.zeros((0, 2))
+    try:
+        road = build_road(scene)
+        draw_road(canvas, view, road)
+        centres, _ = moving_centres(scene)
+        off = centres[~road.contains(centres)]
+    except LogError:
+        pass  # a log without a road is drawn without one
+    ordered = sorted(scene.tracks, key=lambda track: track.agent.id == scene.ego)
+    for track in ordered:
+        _draw_way(canvas, view, track, EGO if track.agent.id == scene.ego else OTHER)
+    for place in view.pixels(off[:: -(-len(off) // _MOST_DOTS) or 1]):
+        canvas.ring(place, 1.5, ADVERSARY, 1.5)
+    middle = (scene.first_step + scene.last_step) // 2
+    for track in ordered:
+        _draw_box(canvas, view, track, middle, track.agent.id == scene.ego)
+    canvas.text((12, 24), f"{scene.name}: {len(scene.tracks)} road users, {scene.duration_s:g} s", 16, INK)
+    path = folder / f"{re.sub(r'[^A-Za-z0-9._-]+', '_', scene.name)[:80]}.png"
+    buffer = io.BytesIO()
+    canvas.finish().save(buffer, "PNG")
+    with explain_write(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, buffer.getvalue())
+    return path
+
+
+def _shown(scene: LoggedScene) -> Float[np.ndarray, "point 2"]:
+    every = np.concatenate([np.stack([track.x, track.y], axis=-1) for track in scene.tracks])
+    least, greatest = np.percentile(every, _KEPT_PERCENT, axis=0)
+    return np.stack([least, greatest])
+
+
+def _draw_way(canvas: Canvas, view: View, track: Track, colour: Colour) -> None:
+    points = view.pixels(np.stack([track.x, track.y], axis=-1))
+    for piece in np.split(points, np.flatnonzero(np.diff(track.step) != 1) + 1):
+        if len(piece) > 1:
+            canvas.line(piece, mix(LAND, colour, 0.7), 1.5)
+
+
+def _draw_box(canvas: Canvas, view: View, track: Track, step: int, is_ego: bool) -> None:
+    at = int(np.searchsorted(track.step, step))
+    if at < len(track.step) and abs(int(track.step[at]) - step) <= 1:
+        pose = float(track.x[at]), float(track.y[at]), float(track.yaw[at])
+        draw_vehicle(canvas, view, track.agent, pose, EGO if is_ego else OTHER, is_ego)

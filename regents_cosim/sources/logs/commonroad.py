@@ -1,0 +1,298 @@
+"""CommonRoad XML, versions 2018b and 2020a: lanelets, recorded or predicted traffic, a planning problem.
+
+The ego is that of the first planning problem. It has no track of its own, so it gets one that
+leads along the lanelets to its goal (`planned_ego`). Positions and times given as shapes or
+intervals are taken at their middle; obstacles known by sets alone are left out, and said so.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.errors import LogError
+from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.planned_ego import Goal, Start, planned_track
+from regents_cosim.sources.logs.road import lanelet
+from regents_cosim.sources.logs.scene import (
+    DEFAULT_SIZES,
+    LoggedLane,
+    LoggedMap,
+    LoggedScene,
+    LoggedSignal,
+    Track,
+    sized,
+    with_openings,
+)
+from regents_cosim.sources.logs.xml_files import read_xml
+
+_KINDS: dict[str, Kind] = {
+    "car": "car", "parkedVehicle": "car", "taxi": "car", "priorityVehicle": "car", "truck": "truck", "bus": "bus",
+    "bicycle": "bicycle", "motorcycle": "motorcycle", "pedestrian": "pedestrian",
+}  # fmt: skip
+_LETTERS = {"red": "r", "redYellow": "u", "yellow": "y", "green": "g", "inactive": "O"}
+_OFF_ROAD_TYPES = {"sidewalk", "crosswalk", "bicycleLane", "border"}
+_LEAST_WIDTH_M = 2.0
+_MOST_STEPS = 100_000
+
+
+def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+    """The one scenario of a file."""
+    root = read_xml(path, "commonRoad")
+    version = root.get("commonRoadVersion", "")
+    if not version.startswith("20"):
+        raise LogError(f"{path}: CommonRoad version {version[:20]!r}, expected 2018b or 2020a")
+    dt = _real(root.get("timeStepSize"))
+    lanes, areas = _lanelets(root)
+    tracks, notes = _obstacles(root)
+    last = max((int(track.step[-1]) for track in tracks), default=0)
+    ego, target = _ego(root, lanes, dt, last)
+    if ego is not None:
+        tracks.append(ego)
+        notes.append("the ego's track follows lanelets from its start to its goal; nobody drove it")
+    yield LoggedScene(
+        name=root.get("benchmarkID", path.stem),
+        dt=dt,
+        tracks=tuple(tracks),
+        road=LoggedMap(lanes, (), areas),
+        ego=ego.agent.id if ego else None,
+        target=target,
+        signals=_signals(root, dt, last + 1),
+        notes=tuple(notes),
+    )
+
+
+def _real(text: str | None) -> float:
+    value = float(text or "nan")
+    if not np.isfinite(value):
+        raise ValueError(f"{text!r} is no number")
+    return value
+
+
+def _value(element: ET.Element | None) -> float | None:
+    """An exact value, or the middle of an interval; None where absent."""
+    if element is None:
+        return None
+    exact = element.find("exact")
+    if exact is not None:
+        return _real(exact.text)
+    if element.find("intervalStart") is None:
+        return None
+    return 0.5 * (_real(element.findtext("intervalStart")) + _real(element.findtext("intervalEnd")))
+
+
+def _interval(element: ET.Element | None) -> tuple[float, float] | None:
+    """Both ends of an interval, equal ones of an exact value; None where absent."""
+    if element is None or (middle := _value(element)) is None:
+        return None
+    if element.find("exact") is not None:
+        return middle, middle
+    return _real(element.findtext("intervalStart")), _real(element.findtext("intervalEnd"))
+
+
+def _point(element: ET.Element) -> tuple[float, float]:
+    return _real(element.findtext("x")), _real(element.findtext("y"))
+
+
+# --- map --------------------------------------------------------------------------------------
+
+
+def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
+    limits = {sign.get("id", ""): _limit(sign) for sign in root.iter("trafficSign")}
+    lanes, areas = [], []
+    for element in root.findall("lanelet"):
+        left, right = (_bound(element, side) for side in ("leftBound", "rightBound"))
+        if len(left) < 2 or len(right) < 2 or element.findtext("laneletType") in _OFF_ROAD_TYPES:
+            continue
+        area = lanelet(left, right)
+        if area is not None:
+            areas.append(area)
+            lanes.append(_lane(element, left, right, limits))
+    return with_openings(tuple(lanes)), tuple(areas)
+
+
+def _bound(element: ET.Element, side: str) -> Float[np.ndarray, "point 2"]:
+    return np.array([_point(point) for point in element.findall(f"{side}/point")], float).reshape(-1, 2)
+
+
+def centre_line(
+    left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]
+) -> tuple[Float[np.ndarray, "point 2"], float]:
+    """The line midway between two bounds, and their median distance [m]."""
+    count = max(len(left), len(right))
+    sides = [along(side, np.linspace(0.0, 1.0, count)) for side in (left, right)]
+    width = float(np.median(np.hypot(*(sides[0] - sides[1]).T)))
+    return 0.5 * (sides[0] + sides[1]), width
+
+
+def along(line: Float[np.ndarray, "point 2"], part: Float[np.ndarray, " place"]) -> Float[np.ndarray, "place 2"]:
+    """Points at parts (0 to 1) of the length of a line."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    return np.stack([np.interp(part * way[-1], way, line[:, axis]) for axis in (0, 1)], axis=-1)
+
+
+def _lane(element: ET.Element, left: np.ndarray, right: np.ndarray, limits: dict[str, float | None]) -> LoggedLane:
+    centre, width = centre_line(left, right)
+    signs = [limits.get(ref.get("ref", "")) for ref in element.iter("trafficSignRef")]
+    known = [limit for limit in signs if limit]
+    old = element.findtext("speedLimit")
+    beside = {
+        side: ref.get("ref")
+        for side in ("adjacentLeft", "adjacentRight")
+        for ref in element.findall(side)
+        if ref.get("drivingDir") == "same"
+    }
+    return LoggedLane(
+        id=element.get("id", ""),
+        centre=centre,
+        width=max(width, _LEAST_WIDTH_M),
+        speed_limit=known[0] if known else (_real(old) if old else 13.9),
+        exits=tuple(ref.get("ref", "") for ref in element.findall("successor")),
+        left=beside.get("adjacentLeft"),
+        right=beside.get("adjacentRight"),
+        junction=element.findtext("laneletType") == "intersection",
+    )
+
+
+def _limit(sign: ET.Element) -> float | None:
+    """The speed that a sign 274 (Germany) or R2-1 (USA) allows [m/s]; CommonRoad has it in m/s."""
+    for part in sign.iter("trafficSignElement"):
+        if part.findtext("trafficSignID") in ("274", "R2-1") and part.findtext("additionalValue"):
+            value = _real(part.findtext("additionalValue"))
+            return value if 0 < value < 100 else None
+    return None
+
+
+def _signals(root: ET.Element, dt: float, steps: int) -> tuple[LoggedSignal, ...]:
+    stands_at: dict[str, list[str]] = {}
+    for element in root.findall("lanelet"):
+        for ref in element.findall("trafficLightRef"):
+            stands_at.setdefault(ref.get("ref", ""), []).append(element.get("id", ""))
+    found = []
+    for light in root.iter("trafficLight"):
+        name, letters = light.get("id", ""), _cycle(light, min(steps, _MOST_STEPS))
+        if letters and name in stands_at:
+            found.append(LoggedSignal(name, letters, tuple(stands_at[name])))
+    return tuple(found)
+
+
+def _cycle(light: ET.Element, steps: int) -> str:
+    """The letter of each step of a light that repeats itself."""
+    parts = [(int(_real(e.findtext("duration"))), e.findtext("color", "")) for e in light.iter("cycleElement")]
+    if not parts or min(duration for duration, _ in parts) < 1 or light.findtext("active") == "false":
+        return ""
+    ends = np.cumsum([duration for duration, _ in parts])
+    offset = int(_real(light.findtext("cycle/timeOffset") or "0"))
+    place = (np.arange(steps) - offset) % ends[-1]
+    return "".join(_LETTERS.get(parts[i][1], "O") for i in np.searchsorted(ends, place, side="right"))
+
+
+# --- traffic ----------------------------------------------------------------------------------
+
+
+def _obstacles(root: ET.Element) -> tuple[list[Track], list[str]]:
+    found, without = [], 0
+    for element in root:
+        if element.tag in ("dynamicObstacle", "obstacle", "staticObstacle"):
+            track = _track(element)
+            found += [track] if track is not None else []
+            without += track is None
+    moving = [track for track in found if len(track.step) > 1]
+    last = max((int(track.step[-1]) for track in moving), default=0)
+    standing = {id(e) for e in found} - {id(e) for e in moving}
+    tracks = [_standing(track, last) if id(track) in standing else track for track in found]
+    return tracks, [f"{without} obstacles have no positions, only sets, and are left out"] * (without > 0)
+
+
+def _standing(track: Track, last: int) -> Track:
+    """A static obstacle is there all the time."""
+    step = np.arange(min(last, _MOST_STEPS) + 1)
+    x, y, yaw = (np.full(len(step), float(values[0])) for values in (track.x, track.y, track.yaw))
+    return Track(track.agent, step, x, y, yaw)
+
+
+def _track(element: ET.Element) -> Track | None:
+    states = [_state(state) for state in [*element.findall("initialState"), *element.findall("trajectory/state")]]
+    rows = {round(state[0]): state[1:] for state in states if state is not None}
+    if not rows:
+        return None
+    step = np.array(sorted(rows))
+    x, y, yaw = np.array([rows[one] for one in step.tolist()], float).T
+    return Track(_agent(element), step, x, y, yaw)
+
+
+def _state(state: ET.Element) -> tuple[float, float, float, float] | None:
+    time, place = _value(state.find("time")), _place(state.find("position"))
+    if time is None or place is None:
+        return None
+    return time, *place, _value(state.find("orientation")) or 0.0
+
+
+def _place(position: ET.Element | None) -> tuple[float, float] | None:
+    """The middle of a point, rectangle, circle or polygon; None for a set of lanelets."""
+    if position is None:
+        return None
+    if (point := position.find("point")) is not None:
+        return _point(point)
+    for shape in ("rectangle", "circle"):
+        if (centre := position.find(f"{shape}/center")) is not None:
+            return _point(centre)
+    corners = [_point(point) for point in position.findall("polygon/point")]
+    return (float(np.mean([x for x, _ in corners])), float(np.mean([y for _, y in corners]))) if corners else None
+
+
+def _agent(element: ET.Element) -> Agent:
+    kind = _KINDS.get(element.findtext("type", ""), "other")
+    shape = element.find("shape")
+    length, width = 0.0, 0.0
+    if shape is not None and (rectangle := shape.find("rectangle")) is not None:
+        length, width = _real(rectangle.findtext("length")), _real(rectangle.findtext("width"))
+    elif shape is not None and (circle := shape.find("circle")) is not None:
+        length = width = 2.0 * _real(circle.findtext("radius"))
+    elif shape is not None and (corners := shape.findall("polygon/point")):
+        xy = np.array([_point(corner) for corner in corners])
+        length, width = np.ptp(xy, axis=0).tolist()
+    return sized(element.get("id", ""), kind, length, width)
+
+
+# --- ego --------------------------------------------------------------------------------------
+
+
+def _ego(
+    root: ET.Element, lanes: tuple[LoggedLane, ...], dt: float, last: int
+) -> tuple[Track | None, tuple[float, float] | None]:
+    problem = root.find("planningProblem")
+    if problem is None:
+        return None, None
+    begin, goal = problem.find("initialState"), problem.find("goalState")
+    state = None if begin is None else _state(begin)
+    if begin is None or goal is None or state is None:
+        raise ValueError("a planning problem without start or goal")
+    start = Start(state[1], state[2], state[3], _value(begin.find("velocity")) or 0.0)
+    first = round(state[0])
+    place = _goal_place(goal, lanes)
+    when = [dt * (time - first) for time in _interval(goal.find("time")) or (last, last)]
+    aim = Goal(place, _value(goal.find("orientation")), *(max(time, dt) for time in when))
+    x, y, yaw = planned_track(start, aim, lanes, dt)
+    step = first + np.arange(len(x))
+    name = f"ego_{problem.get('id', '')}"
+    return Track(Agent(name, "car", *DEFAULT_SIZES["car"]), step, x, y, yaw), place or (float(x[-1]), float(y[-1]))
+
+
+def _goal_place(goal: ET.Element, lanes: tuple[LoggedLane, ...]) -> tuple[float, float] | None:
+    position = goal.find("position")
+    place = _place(position)
+    if place is not None or position is None:
+        return place
+    by_name = {lane.id: lane for lane in lanes}
+    for ref in position.findall("lanelet"):
+        if (lane := by_name.get(ref.get("ref", ""))) is not None:
+            x, y = along(lane.centre, np.array([0.5]))[0]
+            return float(x), float(y)
+    return None
+
+
+FORMAT = LogFormat("commonroad", "CommonRoad XML", lambda path, head: b"<commonRoad" in head, read)

@@ -1,0 +1,237 @@
+"""A LoggedScene becomes Scenarios: which windows, and who is the ego of each.
+
+The ego is the recorder's own vehicle or the one a planning problem is about. Where the log names
+none it is drawn by seed, one per window, from the vehicles that follow the rules of
+`windows.choose_windows`; one other moving vehicle within 50 m is company enough.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Signal
+from regents_cosim.sources.logs.resample import STEP_S, Samples, sample
+from regents_cosim.sources.logs.road import build_road
+from regents_cosim.sources.logs.scene import LoggedScene, Track
+from regents_cosim.sources.motion import jumps
+from regents_cosim.sources.recording import Recording, changes
+from regents_cosim.sources.sumo_types import VehicleType
+from regents_cosim.sources.windows import Origin, Scene, Windows, make_scenario, refusal
+
+_COMPANY = 1
+_LEAST_SAMPLES = 3
+_SHORTEST_S = 0.5
+_NEAR_M = 10.0  # within which a difference in height means a bridge
+_BRIDGE_M = 3.0  # heights of boxes differ by less where two vehicles can meet
+
+
+@dataclass(frozen=True)
+class LogWindows:
+    """What is asked of a log: `windows.horizon_s` at most, one window every `stride_s` (None: back to back)."""
+
+    windows: Windows = field(default_factory=Windows)
+    stride_s: float | None = None
+    ego: str = "auto"  # or an id of the log
+
+    def __post_init__(self) -> None:
+        require(
+            self.stride_s is None or 0.1 <= self.stride_s < 1e6,
+            f"--stride {self.stride_s} s, expected 0.1 s or more",
+            RegentsError,
+        )
+
+    def ego_of(self, scene: LoggedScene) -> str | None:
+        """Who is to be the ego, None where the log leaves it open."""
+        return scene.ego if self.ego == "auto" else self.ego
+
+    def instants(self, scene: LoggedScene) -> int:
+        """Length of a window of `scene`: the horizon, or as long as the ego (or the scene) lasts."""
+        ego = self.ego_of(scene)
+        steps = scene.last_step - scene.first_step
+        if ego is not None:
+            mine = next((track for track in scene.tracks if track.agent.id == ego), None)
+            steps = max((last - first for first, last in _pieces(mine)), default=0) if mine else 0
+        return min(self.windows.steps(STEP_S), int(steps * scene.dt / STEP_S + 1e-6) + 1)
+
+
+def cut(scene: LoggedScene, asked: LogWindows, origin: Origin, refused: Counter[str]) -> Iterator[Scenario]:
+    """The windows of `scene` in the order of time, one Scenario each; `refused` grows by what was not good enough.
+
+    A scene shorter than the horizon gives one window as long as it is. Raises LogError where
+    there is no road to be found.
+    """
+    ego, instants = asked.ego_of(scene), asked.instants(scene)
+    if ego is not None and all(track.agent.id != ego for track in scene.tracks):
+        refused[f"were not named {ego!r}"] += len(scene.tracks)
+        return
+    if (instants - 1) * STEP_S < _SHORTEST_S:
+        refused[f"were in recordings shorter than {_SHORTEST_S} s"] += len(scene.tracks)
+        return
+    traffic = _Traffic(scene, instants)
+    stride = (asked.stride_s or (instants - 1) * STEP_S) / scene.dt
+    road: RoadMap | None = None
+    taken: Counter[str] = Counter()
+    for first_step in traffic.windows(ego, stride):
+        slot = traffic.slot(first_step)
+        road = road or build_road(scene)
+        chosen = _ego(slot, ego, road, np.random.default_rng([asked.windows.seed, int(first_step)]), refused)
+        if chosen is not None:
+            slot = traffic.without_bridges(slot, chosen)
+            chosen = slot.recording.ids.index(chosen)
+            yield _aimed(make_scenario(slot, chosen, road, origin, asked.windows, taken), scene)
+
+
+def _ego(slot: Scene, wanted: str | None, road: RoadMap, rng: np.random.Generator, refused: Counter[str]) -> str | None:
+    ids = slot.recording.ids
+    if wanted is not None:
+        if wanted in ids and slot.recording.valid[ids.index(wanted)].all():
+            return wanted
+        refused["were not there throughout"] += 1
+        return None
+    for index in rng.permutation(len(ids)).tolist():
+        reason = refusal(slot, index, road, _COMPANY)
+        if reason is None:
+            return ids[index]
+        refused[reason] += 1
+    return None
+
+
+def _aimed(scenario: Scenario, scene: LoggedScene) -> Scenario:
+    """The Scenario with the target that the log gives its ego."""
+    if scene.target is None or scenario.ego.id != scene.ego:
+        return scenario
+    return replace(scenario, target=scene.target)
+
+
+# --- windows ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Traffic:
+    """A scene and the length of its windows."""
+
+    scene: LoggedScene
+    instants: int
+
+    @cached_property
+    def _span(self) -> float:
+        """Length of a window in steps of the log."""
+        return (self.instants - 1) * STEP_S / self.scene.dt
+
+    @cached_property
+    def _tracks(self) -> tuple[Track, ...]:
+        """Everybody by id, without jumps."""
+        smooth = (without_jumps(track, self.scene.dt) for track in self.scene.tracks)
+        return tuple(sorted(smooth, key=lambda track: track.agent.id))
+
+    def windows(self, ego: str | None, stride: float) -> list[float]:
+        """First steps of the windows that somebody who may be the ego spans without a gap.
+
+        They lie on one grid that begins with the ego's track, or with the first one where no ego
+        is named.
+        """
+        may = [t for t in self._tracks if (t.agent.id == ego if ego else t.agent.kind in VEHICLE_KINDS)]
+        origin = min((int(t.step[0]) for t in may), default=0)
+        found: set[int] = set()
+        for track in may:
+            for first, last in _pieces(track):
+                low, high = (first - origin) / stride, (last - self._span - origin) / stride
+                found.update(range(int(np.ceil(low - 1e-6)), int(np.floor(high + 1e-6)) + 1))
+        return [origin + k * stride for k in sorted(found)]
+
+    def slot(self, first_step: float) -> Scene:
+        """Everybody who is there in the window from `first_step` on."""
+        here = [t for t in self._tracks if t.step[0] <= first_step + self._span and t.step[-1] >= first_step]
+        samples = [sample(track, self.scene.dt, first_step, self.instants) for track in here]
+        kept = [(track, found) for track, found in zip(here, samples, strict=True) if found.valid.any()]
+        begin_s = round(self.scene.begin_s + first_step * self.scene.dt, 6)
+        recording = _recording(begin_s, kept, self._signals(first_step))
+        return Scene.where(recording, recording.valid)
+
+    def _signals(self, first_step: float) -> tuple[Signal, ...]:
+        step = np.floor(first_step + np.arange(self.instants) * STEP_S / self.scene.dt + 1e-6).astype(int)
+        return tuple(
+            Signal(light.id, changes([light.letters[i] for i in np.clip(step, 0, len(light.letters) - 1)]))
+            for light in self.scene.signals
+            if light.letters
+        )
+
+    def without_bridges(self, slot: Scene, ego: str) -> Scene:
+        """The slot without those who pass above or below the ego."""
+        tracks = {track.agent.id: track for track in self._tracks}
+        mine = tracks[ego]
+        kept = np.array([not _on_another_level(mine, tracks[name]) for name in slot.recording.ids])
+        if kept.all():
+            return slot
+        r = slot.recording
+        here = np.flatnonzero(kept)
+        ids, types = tuple(r.ids[i] for i in here), tuple(r.types[i] for i in here)
+        rest = Recording(r.begin_s, r.dt, ids, types, r.x[kept], r.y[kept], r.yaw[kept], r.valid[kept], r.signals)
+        return Scene.where(rest, rest.valid)
+
+
+def without_jumps(track: Track, dt: float) -> Track:
+    """The track with a gap where it jumps; pieces of fewer than 3 samples between jumps go.
+
+    Boxes are cut off where a vehicle enters the picture of a drone, and detections leap. A bicycle
+    can follow neither, and would be wrong for the rest of the window: without this the fit of highD's
+    vehicles is off by up to 116 m.
+    """
+    links = np.diff(track.step) == 1
+    leaps = np.flatnonzero(jumps(track.x[None], track.y[None], links[None], dt)[0]) + 1
+    if not len(leaps):
+        return track
+    kept = np.ones(len(track.step), bool)
+    kept[leaps] = False  # the gap
+    for first, end in pairwise([0, *leaps.tolist(), len(kept)]):
+        if end - first < _LEAST_SAMPLES:
+            kept[first:end] = False
+    if not kept.any():
+        return track
+    z = None if track.z is None else track.z[kept]
+    return Track(track.agent, track.step[kept], track.x[kept], track.y[kept], track.yaw[kept], z)
+
+
+def _pieces(track: Track) -> Iterator[tuple[int, int]]:
+    """First and last step of every piece without a gap."""
+    breaks = np.flatnonzero(np.diff(track.step) != 1)
+    starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks, [len(track.step) - 1]])
+    yield from zip(track.step[starts].tolist(), track.step[ends].tolist(), strict=True)
+
+
+def _on_another_level(ego: Track, other: Track) -> bool:
+    """Whether two tracks come near each other at heights that cannot be one road's."""
+    if ego.z is None or other.z is None or ego is other:
+        return False
+    common, mine, theirs = np.intersect1d(ego.step, other.step, assume_unique=True, return_indices=True)
+    if not len(common):
+        return False
+    near = np.hypot(ego.x[mine] - other.x[theirs], ego.y[mine] - other.y[theirs]) < _NEAR_M
+    apart: Bool[np.ndarray, " step"] = np.abs(ego.z[mine] - other.z[theirs]) > _BRIDGE_M
+    return bool((near & apart).any())
+
+
+def _recording(begin_s: float, kept: Iterable[tuple[Track, Samples]], signals: tuple[Signal, ...]) -> Recording:
+    tracks, samples = zip(*kept, strict=True)
+
+    def stacked(name: str) -> Float[np.ndarray, "vehicle time"]:
+        return np.stack([getattr(found, name) for found in samples])
+
+    return Recording(
+        begin_s,
+        STEP_S,
+        tuple(track.agent.id for track in tracks),
+        tuple(VehicleType(t.agent.kind, t.agent.length, t.agent.width) for t in tracks),
+        stacked("x"),
+        stacked("y"),
+        stacked("yaw"),
+        np.stack([found.valid for found in samples]),
+        signals,
+    )

@@ -1,0 +1,175 @@
+"""Which formats of logs there are, and which one a file is of.
+
+Other packages add theirs through the entry point group `regents_cosim.sources`: each entry is a
+`LogFormat`.
+"""
+
+import gzip
+import importlib
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from regents_cosim.errors import LogError, RegentsError
+from regents_cosim.sources.logs.scene import LoggedScene
+
+_HEAD_BYTES = 1 << 16
+_READERS = (
+    "waymo", "gpudrive", "scenarionet", "commonroad", "argoverse2_sensor", "argoverse2_motion",
+    "interaction", "levelx", "highd", "ngsim", "table",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Files that belong to a log but do not lie where its format expects them."""
+
+    road: Path | None = None  # lanelet2 map (.osm)
+    columns: Path | None = None  # mapping of a table's columns (.toml)
+
+
+ALONE = Beside()
+
+
+@dataclass(frozen=True)
+class LogFormat:
+    """A kind of log: a name, words for it, how to tell it, how to read it.
+
+    `recognises` gets the path and the first 64 KiB (unpacked; empty for a folder). `read` yields
+    one LoggedScene after the other and raises LogError or ValueError for what it cannot read.
+    """
+
+    name: str
+    what: str
+    recognises: Callable[[Path, bytes], bool]
+    read: Callable[[Path, Beside], Iterator[LoggedScene]]
+
+
+@lru_cache(maxsize=1)
+def formats() -> dict[str, LogFormat]:
+    """All formats by name, ours first. Raises LogError where an entry point is broken."""
+    found = {}
+    for module in _READERS:
+        one = importlib.import_module(f"{__package__}.{module}").FORMAT
+        found[one.name] = one
+    for point in entry_points(group="regents_cosim.sources"):
+        try:
+            one = point.load()
+        except Exception as error:
+            raise LogError(f"the log format {point.name!r} ({point.value}) cannot be loaded: {error}") from error
+        if not isinstance(one, LogFormat):
+            raise LogError(f"the log format {point.name!r} ({point.value}) is no LogFormat")
+        found[point.name] = one
+    return found
+
+
+def find_logs(path: Path, name: str = "auto") -> list[tuple[Path, LogFormat]]:
+    """The logs at `path`, a file or a folder of them, in the order of their names.
+
+    Raises LogError where there is none, RegentsError for a format that does not exist.
+    """
+    if name != "auto" and name not in formats():
+        raise RegentsError(f"--format {name}, expected auto or one of {', '.join(formats())}")
+    if not path.exists():
+        raise LogError(f"log not found: {path} (expected an existing file or folder; check the path)")
+    found = list(_within(path, name))
+    if found:
+        return found
+    if path.is_dir():
+        raise LogError(f"{path}: no log in this folder (expected {_known()})")
+    raise LogError(f"{path}: {_what_it_is(path)}; expected {_known()}")
+
+
+def format_of(path: Path) -> LogFormat | None:
+    """The format that recognises a file or folder, None where none does."""
+    head = b"" if path.is_dir() else head_of(path)
+    return next((one for one in formats().values() if one.recognises(path, head)), None)
+
+
+def head_of(path: Path) -> bytes:
+    """The first 64 KiB of a file, unpacked where it is gzip; empty where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read ({error.strerror})") from error
+    if head[:2] == b"\x1f\x8b":
+        try:
+            return zlib.decompressobj(31).decompress(head, _HEAD_BYTES)
+        except zlib.error:
+            return b""
+    return head
+
+
+def unpacked(path: Path, most_times: int = 100) -> bytes:
+    """Content of a file, unpacked where it is gzip.
+
+    Raises LogError where that is damaged, or more than `most_times` as large (and more than 64
+    MiB): no log is, a file made to fill the memory may be.
+    """
+    content = path.read_bytes()
+    if content[:2] != b"\x1f\x8b":
+        return content
+    limit = max(most_times * len(content), 1 << 26)
+    unpacker = zlib.decompressobj(31)
+    try:
+        text = unpacker.decompress(content, limit)
+    except zlib.error as error:
+        raise LogError(f"{path}: truncated or damaged gzip file ({error})") from error
+    if unpacker.unconsumed_tail:
+        raise LogError(f"{path}: unpacks to more than {limit} bytes, expected a log")
+    if not unpacker.eof:
+        raise LogError(f"{path}: truncated gzip file")
+    return text
+
+
+def read_log(path: Path, one: LogFormat, beside: Beside) -> Iterator[LoggedScene]:
+    """The scenes of a log, one at a time. Raises LogError with the file's name where one is damaged."""
+    with explained(path, one.what):
+        yield from one.read(path, beside)
+
+
+@contextmanager
+def explained(path: Path, what: str) -> Iterator[None]:
+    """Turn what a damaged file makes of a reader into one clear error."""
+    try:
+        yield
+    except LogError as error:
+        if str(path) in str(error):
+            raise
+        raise LogError(f"{path}: {error}") from error
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, ArithmeticError) as error:
+        said = f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__
+        raise LogError(f"{path}: damaged, or no {what} ({said[:300]})") from error
+    except (OSError, EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise LogError(f"{path}: cannot be read ({error}); expected {what}") from error
+    except (MemoryError, RecursionError) as error:
+        raise LogError(f"{path}: too large or too deeply nested for {what}") from error
+
+
+def _within(path: Path, name: str) -> Iterator[tuple[Path, LogFormat]]:
+    one = format_of(path) if name == "auto" else formats()[name]
+    if name != "auto" and not path.is_dir():
+        yield path, formats()[name]
+    elif one is not None and (name == "auto" or one.recognises(path, b"")):
+        yield path, one
+    elif path.is_dir():
+        for entry in sorted(path.iterdir()):
+            if entry.is_dir() or name == "auto" or (one is not None and one.recognises(entry, head_of(entry))):
+                yield from _within(entry, name)
+
+
+def _known() -> str:
+    return ", ".join(one.what for one in formats().values())
+
+
+def _what_it_is(path: Path) -> str:
+    if path.stat().st_size == 0:
+        return "the file is empty"
+    if b"<fcd-export" in head_of(path):
+        return "this is SUMO's fcd-output (give it with --fcd, and its network with -n)"
+    return "not a log that is known"

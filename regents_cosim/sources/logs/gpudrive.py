@@ -1,0 +1,207 @@
+"""GPUDrive / Nocturne / PufferDrive JSON, all three generations, plain or gzip.
+
+The unit of headings is decided per file: with `metadata` they are radians, otherwise degrees if
+any valid one is beyond 2 pi, and in doubt whichever agrees better with the way vehicles move.
+Positions of invalid steps are sentinels; only `valid` counts. The ego is `sdc_track_index`
+where there is one. The files hold no time: 0.1 s is Waymo's.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.frames import wrap
+from regents_cosim.scenario import Kind
+from regents_cosim.sources.logs.formats import Beside, LogFormat, unpacked
+from regents_cosim.sources.logs.scene import (
+    LoggedLane,
+    LoggedMap,
+    LoggedScene,
+    LoggedSignal,
+    RoadEdge,
+    Track,
+    dense_track,
+    joined,
+    sized,
+)
+from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, lights
+
+_KINDS: dict[str, Kind] = {"vehicle": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
+_MOVING_M = 0.3  # per step; slower vehicles say nothing about headings
+
+
+@dataclass(frozen=True)
+class _Point:
+    x: float
+    y: float
+    z: float | None = None
+
+
+@dataclass(frozen=True)
+class _Object:
+    position: list[_Point]
+    heading: list[float]
+    valid: list[bool | int]
+    length: float | list[float]
+    width: float | list[float]
+    type: str | int = "other"
+    id: int | str | None = None
+
+
+@dataclass(frozen=True)
+class _Road:
+    type: str | int
+    geometry: list[_Point] | _Point
+    id: int | str | None = None
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    sdc_track_index: int = -1
+
+
+@dataclass(frozen=True)
+class _File:
+    objects: list[_Object]
+    roads: list[_Road]
+    name: str = ""
+    scenario_id: str | None = None
+    tl_states: dict[str, "_Light"] | None = None
+    metadata: _Metadata | None = None
+
+
+@dataclass(frozen=True)
+class _Light:
+    state: list[str | int] = field(default_factory=list)
+    time_index: list[int] = field(default_factory=list)
+    x: list[float] = field(default_factory=list)
+    y: list[float] = field(default_factory=list)
+
+
+def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+    """The one scenario of a file."""
+    content = msgspec.json.decode(unpacked(path), type=_File)
+    steps = max((len(one.valid) for one in content.objects), default=0)
+    factor, note = _heading_unit(content)
+    tracks = [_track(one, index, steps, factor) for index, one in enumerate(content.objects)]
+    ego = content.metadata.sdc_track_index if content.metadata else -1
+    mine = tracks[ego] if 0 <= ego < len(tracks) else None
+    lanes, edges = _map(content.roads)
+    yield LoggedScene(
+        name=content.scenario_id or Path(content.name or path.name).name.partition(".")[0],
+        dt=0.1,
+        tracks=tuple(track for track in tracks if track is not None),
+        road=LoggedMap(lanes, edges),
+        ego=mine.agent.id if mine else None,
+        signals=_signals(content.tl_states or {}, lanes, steps),
+        notes=("the log holds no time: 0.1 s between its instants", note, "one size per agent for all steps"),
+    )
+
+
+# --- tracks -----------------------------------------------------------------------------------
+
+
+def _track(one: _Object, index: int, steps: int, factor: float) -> Track | None:
+    if not len(one.position) == len(one.heading) == len(one.valid) == steps:
+        raise ValueError(f"object {index} has {len(one.position)} positions, {len(one.heading)} headings, "
+                         f"{len(one.valid)} flags, expected {steps} of each")  # fmt: skip
+    valid = np.array(one.valid, bool)
+    if not valid.any():
+        return None
+    points = _points(one.position)
+    kind = _KINDS.get(str(one.type), "other")
+    length, width = (_size(value, valid) for value in (one.length, one.width))
+    agent = sized(str(index if one.id is None else one.id), kind, length, width)
+    heading = factor * np.array(one.heading, float)
+    z = points[:, 2] if np.isfinite(points[valid, 2]).all() else None
+    return dense_track(agent, valid, points[:, 0], points[:, 1], np.where(valid, heading, 0.0), z)
+
+
+def _size(value: float | list[float], valid: Bool[np.ndarray, " time"]) -> float:
+    if isinstance(value, float | int):
+        return float(value)
+    if len(value) != len(valid):
+        raise ValueError(f"{len(value)} sizes of an object, expected {len(valid)}")
+    return float(np.median(np.array(value, float)[valid]))
+
+
+def _points(points: Sequence[_Point]) -> Float[np.ndarray, "point 3"]:
+    rows = [(p.x, p.y, np.nan if p.z is None else p.z) for p in points]
+    return np.array(rows, float).reshape(-1, 3)
+
+
+def _heading_unit(content: _File) -> tuple[float, str]:
+    """What headings are multiplied with to become radians, and a note on how that was found."""
+    if content.metadata is not None:
+        return 1.0, "headings in radians (the file has metadata)"
+    found = [(np.array(o.heading, float), _points(o.position), np.array(o.valid, bool)) for o in content.objects]
+    found = [f for f in found if len(f[0]) == len(f[1]) == len(f[2])]
+    most = max((float(np.abs(heading[valid]).max(initial=0.0)) for heading, _, valid in found), default=0.0)
+    if most > 2.0 * np.pi + 1e-3:
+        return np.pi / 180.0, f"headings in degrees (the largest is {most:.0f})"
+    errors = {factor: _disagreement(found, factor) for factor in (1.0, np.pi / 180.0)}
+    factor = min(errors, key=errors.__getitem__)
+    return factor, f"headings in {'radians' if factor == 1.0 else 'degrees'} (they agree better with the motion)"
+
+
+def _disagreement(found: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], factor: float) -> float:
+    """Mean angle between headings and motion [rad]."""
+    apart = [np.zeros(0)]
+    for heading, points, valid in found:
+        step = np.diff(points[:, :2], axis=0)
+        moved = valid[1:] & valid[:-1] & (np.hypot(*step.T) > _MOVING_M)
+        apart.append(np.abs(wrap(factor * heading[1:][moved] - np.arctan2(*step[moved].T[::-1]))))
+    every = np.concatenate(apart)
+    return float(every.mean()) if len(every) else 0.0
+
+
+# --- map --------------------------------------------------------------------------------------
+
+
+def _map(roads: Sequence[_Road]) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...]]:
+    lanes, edges = [], []
+    for index, road in enumerate(roads):
+        points = _points(road.geometry if isinstance(road.geometry, list) else [road.geometry])
+        if len(points) < 2:
+            continue
+        z = points[:, 2] if np.isfinite(points[:, 2]).all() else None
+        if road.type == "road_edge":
+            edges.append(RoadEdge(points[:, :2], z))
+        elif road.type == "lane":
+            lanes.append(LoggedLane(f"{index if road.id is None else road.id}", points[:, :2], z=z))
+    return joined(lanes), tuple(edges)
+
+
+def _signals(states: dict[str, _Light], lanes: Sequence[LoggedLane], steps: int) -> tuple[LoggedSignal, ...]:
+    letters, stops = {}, {}
+    for name, light in states.items():
+        shown = [UNKNOWN] * steps
+        times = light.time_index or range(len(light.state))
+        for step, state in zip(times, light.state, strict=False):
+            if 0 <= step < steps:
+                shown[step] = _letter(state)
+        letters[name] = shown
+        if light.x and light.y:
+            stops[name] = np.array([light.x[0], light.y[0]])
+    return lights(letters, stops, lanes)
+
+
+def _letter(state: str | int) -> str:
+    if isinstance(state, int):
+        return LETTERS.get(state, UNKNOWN)
+    return next((letter for word, letter in _WORDS.items() if word in state.lower()), UNKNOWN)
+
+
+_WORDS = {"flashing_stop": "s", "flashing_caution": "o", "stop": "r", "caution": "y", "go": "G"}
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    start = head.lstrip()
+    return start[:1] == b"{" and any(word in start for word in (b'"objects"', b'"roads"', b'"tl_states"'))
+
+
+FORMAT = LogFormat("gpudrive", "GPUDrive / Nocturne JSON", _recognises, read)

@@ -1,0 +1,102 @@
+"""highD: motorways from above (25 Hz), three CSV files per recording.
+
+x and y are the upper left corner of a box in the image, whose y runs down; `width` is the length
+and `height` the width. Headings follow from the velocities. The lane markings of the recording are
+its map: one carriageway to the left (direction 1), one to the right (direction 2). There is no ego.
+"""
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from regents_cosim.errors import LogError
+from regents_cosim.frames import from_image_corner
+from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.csv_columns import header_of, read_columns
+from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.levelx import companion, whole
+from regents_cosim.sources.logs.rows import Rows, tracks_of
+from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, sized
+
+_KINDS: dict[str, Kind] = {"car": "car", "truck": "truck"}
+_NUMBERS = ("id", "frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
+_MOTORWAY_MPS = 36.1  # recommended speed, where there is no limit
+_CRAWL_MPS = 0.5  # below which velocities say nothing about headings
+
+
+def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+    """The recording of one `NN_tracks.csv`."""
+    numbers = read_columns(path, _NUMBERS).numbers
+    about = read_columns(
+        companion(path, "recordingMeta"), ("frameRate", "speedLimit"), ("upperLaneMarkings", "lowerLaneMarkings"),
+        ("speedLimit",),
+    )  # fmt: skip
+    rate = float(about.numbers["frameRate"][0])
+    if not 1.0 <= rate <= 1000.0:
+        raise LogError(f"{path}: a frame rate of {rate:g} Hz, expected 1 to 1000")
+    who, step = whole(numbers["id"], path), whole(numbers["frame"], path)
+    length, width = numbers["width"], numbers["height"]
+    x, y = from_image_corner(numbers["x"], numbers["y"], length, width)
+    kinds, to_the_left = _about_tracks(companion(path, "tracksMeta"))
+    along = np.where(np.isin(who, list(to_the_left)), np.pi, 0.0)
+    speed = np.hypot(numbers["xVelocity"], numbers["yVelocity"])
+    yaw = np.where(speed > _CRAWL_MPS, np.arctan2(-numbers["yVelocity"], numbers["xVelocity"]), along)
+
+    def agent(name: int, of: np.ndarray) -> Agent:
+        return sized(str(name), kinds.get(name, "car"), float(np.median(length[of])), float(np.median(width[of])))
+
+    limit = float(about.numbers["speedLimit"][0]) if "speedLimit" in about.numbers else -1.0
+    marks = [_marks(about.texts[f"{side}LaneMarkings"][0]) for side in ("upper", "lower")]
+    yield LoggedScene(
+        name=path.stem.removesuffix("_tracks"),
+        dt=1.0 / rate,
+        tracks=tuple(tracks_of(Rows(who, step - step.min(), np.asarray(x), np.asarray(y), yaw), agent)),
+        road=_road(marks, float(np.min(x)), float(np.max(x)), limit if limit > 0 else _MOTORWAY_MPS),
+        begin_s=float(step.min()) / rate,
+    )
+
+
+def _about_tracks(path: Path) -> tuple[dict[int, Kind], set[int]]:
+    """Kinds by id, and the ids of those who drive to the left."""
+    table = read_columns(path, ("id", "drivingDirection"), ("class",))
+    ids = whole(table.numbers["id"], path).tolist()
+    names = table.texts["class"]
+    kinds: list[Kind] = [_KINDS.get(names[code].strip().lower(), "car") for code in table.codes["class"]]
+    left = {name for name, way in zip(ids, table.numbers["drivingDirection"], strict=True) if way == 1}
+    return dict(zip(ids, kinds, strict=True)), left
+
+
+def _marks(text: str) -> list[float]:
+    """Y of the markings of a carriageway [m], upwards positive, from the top down."""
+    found = sorted(-float(part) for part in text.split(";") if part.strip())[::-1]
+    if not np.isfinite(found).all():
+        raise ValueError("a lane marking is no number")
+    return found
+
+
+def _road(marks: list[list[float]], west: float, east: float, limit: float) -> LoggedMap:
+    lanes, areas = [], []
+    for side, ys in zip(("upper", "lower"), marks, strict=True):
+        pairs = [(top, bottom) for top, bottom in itertools.pairwise(ys) if top - bottom > 1.0]
+        names = [f"{side}-{i}" for i in range(len(pairs))]
+        for i, (top, bottom) in enumerate(pairs):
+            middle = 0.5 * (top + bottom)
+            ends = [(east, middle), (west, middle)] if side == "upper" else [(west, middle), (east, middle)]
+            inner, outer = (i + 1, i - 1) if side == "upper" else (i - 1, i + 1)
+            beside = [names[j] if 0 <= j < len(names) else None for j in (inner, outer)]
+            lanes.append(LoggedLane(names[i], np.array(ends), top - bottom, limit, left=beside[0], right=beside[1]))
+        if pairs:
+            areas.append(shapely.box(west, ys[-1], east, ys[0]))
+    if not lanes:
+        raise LogError("no lane markings in the recording")
+    return LoggedMap(tuple(lanes), (), tuple(areas))
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    return not path.is_dir() and {"frame", "id", "x", "y", "width", "height", "xVelocity"} <= set(header_of(head))
+
+
+FORMAT = LogFormat("highd", "highD CSV", _recognises, read)

@@ -1,0 +1,129 @@
+"""What a log holds, in numbers: `regents inspect`."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.errors import LogError
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.sources.logs.road import build_road
+from regents_cosim.sources.logs.scene import LoggedScene, Track
+
+_MOVING_MPS = 1.0
+_ON_MAP_M = 10.0  # from the nearest lane: there the map has something to say
+_FAST_MPS = 60.0
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """One scene of a log."""
+
+    scenario: str
+    format: str
+    agents: int
+    kinds: str  # how many of each
+    duration_s: float
+    dt_s: float
+    ego: str | None
+    lanes: int
+    edges: int
+    areas: int
+    signals: int
+    mean_m_s: float  # of moving vehicles
+    max_m_s: float
+    overlaps: int  # pairs of agents whose boxes overlap at some instant
+    off_road_percent: float | None  # of the centres of moving vehicles
+    off_road_on_map_percent: float | None  # of those that are within 10 m of a mapped lane
+    notes: tuple[str, ...]
+
+
+def inspect_scene(scene: LoggedScene, format: str) -> Inspection:
+    """The numbers of `scene`; without a road the shares are None, and the notes say why."""
+    notes = list(scene.notes)
+    centres, speeds = moving_centres(scene)
+    off = off_on_map = None
+    try:
+        road = build_road(scene)
+        off, off_on_map = (
+            None if share is None else round(100.0 * (1.0 - share), 2) for share in on_road(road, centres)
+        )
+    except LogError as error:
+        notes.append(str(error))
+    kinds = Counter(track.agent.kind for track in scene.tracks)
+    if len(speeds) and speeds.max() > _FAST_MPS:
+        notes.append(f"a vehicle moves at {speeds.max():.0f} m/s: the log has jumps")
+    return Inspection(
+        scenario=scene.name,
+        format=format,
+        agents=len(scene.tracks),
+        kinds=", ".join(f"{number} {kind}" for kind, number in kinds.most_common()),
+        duration_s=round(scene.duration_s, 3),
+        dt_s=round(scene.dt, 6),
+        ego=scene.ego,
+        lanes=len(scene.road.lanes),
+        edges=len(scene.road.edges),
+        areas=len(scene.road.areas),
+        signals=len(scene.signals),
+        mean_m_s=round(float(speeds.mean()), 2) if len(speeds) else 0.0,
+        max_m_s=round(float(speeds.max()), 2) if len(speeds) else 0.0,
+        overlaps=sum(1 for _ in overlapping(scene.tracks)),
+        off_road_percent=off,
+        off_road_on_map_percent=off_on_map,
+        notes=tuple(notes),
+    )
+
+
+def moving_centres(scene: LoggedScene) -> tuple[Float[np.ndarray, "sample 2"], Float[np.ndarray, " sample"]]:
+    """Centres [m] and speeds [m/s] of motor vehicles faster than 1 m/s, between samples that follow each other."""
+    centres, found = [np.zeros((0, 2))], [np.zeros(0)]
+    for track in scene.tracks:
+        if track.agent.kind in VEHICLE_KINDS and track.agent.id != (scene.ego if scene.target else None):
+            speed = np.hypot(np.diff(track.x), np.diff(track.y)) / (np.diff(track.step) * scene.dt)
+            moving = (np.diff(track.step) == 1) & (speed > _MOVING_MPS)
+            centres.append(np.stack([track.x, track.y], axis=-1)[:-1][moving])
+            found.append(speed[moving])
+    return np.concatenate(centres), np.concatenate(found)
+
+
+def on_road(road: RoadMap, centres: Float[np.ndarray, "sample 2"]) -> tuple[float | None, float | None]:
+    """Share of `centres` on the drivable area: of all, and of those within 10 m of a lane."""
+    if not len(centres):
+        return None, None
+    inside = road.contains(centres)
+    if not road.lanes:
+        return float(inside.mean()), None
+    near = np.unique(road.centre_lines.query(shapely.points(centres), predicate="dwithin", distance=_ON_MAP_M)[0])
+    return float(inside.mean()), float(inside[near].mean()) if len(near) else None
+
+
+def overlapping(tracks: Sequence[Track]) -> Iterator[tuple[str, str]]:
+    """Pairs whose boxes overlap at some common instant."""
+    reach = np.array([0.5 * np.hypot(t.agent.length, t.agent.width) for t in tracks])
+    spans = np.array([(t.step[0], t.step[-1]) for t in tracks])
+    low = np.array([(t.x.min(), t.y.min()) for t in tracks]) - reach[:, None]
+    high = np.array([(t.x.max(), t.y.max()) for t in tracks]) + reach[:, None]
+    for i, one in enumerate(tracks):
+        meet = (spans[i, 0] <= spans[i + 1 :, 1]) & (spans[i + 1 :, 0] <= spans[i, 1])
+        meet &= ((low[i] <= high[i + 1 :]) & (low[i + 1 :] <= high[i])).all(axis=1)
+        for j in (i + 1 + np.flatnonzero(meet)).tolist():
+            if _overlap(one, tracks[j], reach[i] + reach[j]):
+                yield one.agent.id, tracks[j].agent.id
+
+
+def _overlap(a: Track, b: Track, reach_m: float) -> bool:
+    _, mine, theirs = np.intersect1d(a.step, b.step, assume_unique=True, return_indices=True)
+    near = np.hypot(a.x[mine] - b.x[theirs], a.y[mine] - b.y[theirs]) <= reach_m
+    if not near.any():
+        return False
+    first, second = _boxes(a, mine[near]), _boxes(b, theirs[near])
+    return bool(np.any(overlap(first, second)))
+
+
+def _boxes(track: Track, at: np.ndarray) -> Boxes:
+    return Boxes(track.x[at], track.y[at], track.yaw[at], track.agent.length, track.agent.width)

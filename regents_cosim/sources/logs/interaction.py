@@ -1,0 +1,109 @@
+"""INTERACTION: tracks as CSV (10 Hz), a lanelet2 map, several recordings or cases per place.
+
+`vehicle_tracks_NNN.csv` and `pedestrian_tracks_NNN.csv` are one recording; files with a leading
+`case_id` hold many short ones. The map is the `.osm` beside the tracks, in a folder `maps` above
+them, or the one that is named. There is no ego; pedestrians have neither size nor heading.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from regents_cosim.errors import LogError
+from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
+from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.rows import Rows, steps_of, tracks_of
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
+
+_KINDS: dict[str, Kind] = {
+    "car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle", "bicycle": "bicycle",
+    "pedestrian": "pedestrian", "pedestrian/bicycle": "pedestrian",
+}  # fmt: skip
+_NUMBERS = ("case_id", "timestamp_ms", "x", "y", "psi_rad", "length", "width")
+_OPTIONAL = ("case_id", "psi_rad", "length", "width")
+_DT = 0.1
+
+
+def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+    """The recordings of a file of vehicles with its pedestrians, or of a folder of them."""
+    files = [path] if path.is_file() else sorted(path.glob("*tracks*.csv"))
+    walkers = {file.name: file for file in path.parent.glob("pedestrian_tracks*.csv")} if path.is_file() else {}
+    walkers |= {file.name: file for file in files if file.name.startswith("pedestrian_tracks")}
+    vehicles = [file for file in files if file.name not in walkers] or files
+    road = _map(path, beside)
+    for file in vehicles:
+        partner = walkers.get(file.name.replace("vehicle_tracks", "pedestrian_tracks"))
+        tables = [_table(file)] + ([_table(partner)] if partner and partner != file else [])
+        yield from _scenes(file, tables, road)
+
+
+def _table(path: Path) -> Columns:
+    return read_columns(path, _NUMBERS, ("track_id", "agent_type"), _OPTIONAL)
+
+
+def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[LoggedScene]:
+    """One scene per case, or one of all rows."""
+    cases = np.unique(np.concatenate([t.numbers.get("case_id", np.zeros(len(t))) for t in tables]))
+    times = np.concatenate([t.numbers["timestamp_ms"] for t in tables])
+    begin_s = 1e-3 * float(times.min())
+    for case in cases.tolist():
+        tracks = [track for table in tables for track in _tracks(table, case, 1e3 * begin_s)]
+        name = f"{path.parent.name}-{path.stem}" + (f"-case{case:.0f}" if len(cases) > 1 else "")
+        notes = ("pedestrians and cyclists have neither size nor heading in the log",) * (len(tables) > 1)
+        yield LoggedScene(name=name, dt=_DT, tracks=_unique(tracks), road=road, begin_s=begin_s, notes=notes)
+
+
+def _tracks(table: Columns, case: float, begin_ms: float) -> Iterator[Track]:
+    mine = table.numbers.get("case_id", np.full(len(table), case)) == case
+    if not mine.any():
+        return
+    empty = np.full(len(table), np.nan)
+    x, y, yaw, length, width = (table.numbers.get(key, empty)[mine] for key in ("x", "y", "psi_rad", "length", "width"))
+    place = (table.numbers["timestamp_ms"][mine] - begin_ms) / (1e3 * _DT)
+    steps_of(table.numbers["timestamp_ms"] * 1e-3)  # complains of times that make no sense
+    names, kinds = table.texts["track_id"], table.texts["agent_type"]
+    kind = table.codes["agent_type"][mine]
+    rows = Rows(table.codes["track_id"][mine], np.round(place).astype(int), x, y, yaw)
+
+    def agent(who: int, of: np.ndarray) -> Agent:
+        what = _KINDS.get(kinds[kind[of[0]]].strip().lower(), "other")
+        return sized(names[who].removesuffix(".0"), what, float(np.median(length[of])), float(np.median(width[of])))
+
+    yield from tracks_of(rows, agent)
+
+
+def _unique(tracks: list[Track]) -> tuple[Track, ...]:
+    """Walkers whose numbers are those of vehicles get a P in front."""
+    seen: set[str] = set()
+    found = []
+    for track in tracks:
+        if track.agent.id in seen:
+            track = replace(track, agent=replace(track.agent, id=f"P{track.agent.id}"))
+        seen.add(track.agent.id)
+        found.append(track)
+    return tuple(found)
+
+
+def _map(path: Path, beside: Beside) -> LoggedMap:
+    if beside.road is not None:
+        return read_lanelet2(beside.road)
+    folder = path if path.is_dir() else path.parent
+    for place in (folder, *(above / "maps" for above in [folder, *folder.absolute().parents][:4])):
+        found = sorted([*place.glob("*.osm"), *place.glob("*.osm_xy")])
+        named = [file for file in found if file.stem in (folder.name, path.stem.removesuffix("_train"))]
+        if (place == folder and found) or named:
+            return read_lanelet2((named or found)[0])
+    raise LogError(f"{path}: no lanelet2 map (.osm) beside the tracks (name it with --map)")
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    if path.is_dir():
+        return any(path.glob("vehicle_tracks_*.csv"))
+    return {"track_id", "frame_id", "timestamp_ms", "agent_type"} <= set(header_of(head))
+
+
+FORMAT = LogFormat("interaction", "INTERACTION CSV with a lanelet2 map", _recognises, read)

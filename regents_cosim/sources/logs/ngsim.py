@@ -1,0 +1,90 @@
+"""NGSIM trajectories as CSV: feet, positions of front bumpers along and across the road, no headings, no map.
+
+The merged file uses the same vehicle numbers at every location and in every period: a vehicle is
+the same only at one location and without a gap of more than 5 s. Every location is a scene.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from regents_cosim.errors import LogError
+from regents_cosim.frames import FOOT_M, from_front
+from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
+from regents_cosim.sources.logs.formats import Beside, LogFormat, head_of
+from regents_cosim.sources.logs.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.road import NO_MAP
+from regents_cosim.sources.logs.rows import Rows, steps_of, tracks_of
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
+
+_KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
+_NUMBERS = ("vehicle_id", "global_time", "local_x", "local_y", "v_length", "v_width", "v_class")
+_GONE_S = 5.0
+
+
+def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+    """One scene per location."""
+    names = {name.lower(): name for name in header_of(head_of(path))}
+    table = read_columns(path, [names.get(name, name) for name in _NUMBERS], [names.get("location", "location")],
+                         ["location"])  # fmt: skip
+    numbers = {key.lower(): values for key, values in table.numbers.items()}
+    place = next(iter(table.codes.values()), np.zeros(len(table), int))
+    road = LoggedMap() if beside.road is None else read_lanelet2(beside.road)
+    for number in np.unique(place).tolist():
+        mine = place == number
+        location = _location(table, number)
+        yield _scene(f"{path.stem}{location}", {key: values[mine] for key, values in numbers.items()}, road)
+
+
+def _location(table: Columns, number: int) -> str:
+    names = next(iter(table.texts.values()), [])
+    return f"-{names[number]}" if len(names) > 1 else ""
+
+
+def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> LoggedScene:
+    if not all(np.isfinite(values).all() for values in numbers.values()):
+        raise LogError(f"{name}: a field is empty or no number")
+    step, dt, begin_s = steps_of(1e-3 * numbers["global_time"])
+    vehicle = numbers["vehicle_id"]
+    who, names = _persons(vehicle, step, dt)
+    x, y = FOOT_M * numbers["local_x"], FOOT_M * numbers["local_y"]
+    length, width, kinds = FOOT_M * numbers["v_length"], FOOT_M * numbers["v_width"], numbers["v_class"]
+
+    def agent(number: int, of: np.ndarray) -> Agent:
+        kind = _KINDS.get(int(kinds[of[0]]), "car")
+        return sized(names[number], kind, float(np.median(length[of])), float(np.median(width[of])))
+
+    tracks = tuple(_centred(t) for t in tracks_of(Rows(who, step, x, y, np.full(len(x), np.nan)), agent))
+    notes = ("headings follow from the motion",) + (() if road.areas else (NO_MAP,))
+    return LoggedScene(name=name, dt=dt, tracks=tracks, road=road, begin_s=begin_s, notes=notes)
+
+
+def _persons(vehicle: np.ndarray, step: np.ndarray, dt: float) -> tuple[np.ndarray, list[str]]:
+    """Vehicle numbers told apart where they come back after a while."""
+    order = np.lexsort((step, vehicle))
+    other = np.diff(vehicle[order], prepend=np.nan) != 0
+    later = np.diff(step[order], prepend=step[order[0]]) * dt > _GONE_S
+    who = np.empty(len(order), int)
+    who[order] = np.cumsum(other | later) - 1
+    first = order[np.flatnonzero(other | later)]
+    seen: dict[float, int] = {}
+    names = []
+    for number in vehicle[first].tolist():
+        seen[number] = seen.get(number, 0) + 1
+        names.append(f"{number:.0f}" if seen[number] == 1 else f"{number:.0f}-{seen[number]}")
+    return who, names
+
+
+def _centred(track: Track) -> Track:
+    pose = from_front(track.x, track.y, track.yaw, track.agent.length)
+    return Track(track.agent, track.step, np.asarray(pose.x), np.asarray(pose.y), track.yaw)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    found = {name.lower() for name in header_of(head)}
+    return not path.is_dir() and {"vehicle_id", "frame_id", "local_x", "local_y", "v_length"} <= found
+
+
+FORMAT = LogFormat("ngsim", "NGSIM CSV", _recognises, read)

@@ -1,0 +1,201 @@
+"""A track for an ego that has only a start and a goal.
+
+It follows the centre lines of the lanes that lead from the start to the goal, from where it
+stands over to them within 20 m or 3 s; without such lanes it follows a cubic from start to goal. It keeps
+its speed if that arrives within the time asked for, and otherwise the constant acceleration that
+does; past the goal it drives on, at its speed, until 8 s have gone by. It is a guess at what a
+driver might do, enough to say where the ego wants to go; a planner under test drives its own way.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+
+from regents_cosim.frames import wrap
+from regents_cosim.sources.logs.scene import LoggedLane
+
+_BLEND_M, _BLEND_S = 20.0, 3.0  # within which, or in which time, the ego is on the centre line
+_ON_LANE_M = 4.0  # the start and the goal lie at most that far from their lanes
+_SAME_WAY_RAD = np.deg2rad(60.0)
+_STEP_M = 0.5
+_SMOOTH_M = 2.0  # corners of centre lines are rounded by about that
+_MOST_ACCEL = 6.0  # [m/s^2] where the time asked for is unreasonable
+_LONGEST_M = 20_000.0
+_MOST_STEPS = 100_000
+_LEAST_S = 8.0  # of a track, where the goal's time allows
+_ONWARD = 20  # lanes past the goal
+
+_Path = Float[np.ndarray, "point 2"]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the ego begins."""
+
+    x: float  # [m]
+    y: float  # [m]
+    yaw: float  # [rad]
+    speed: float  # [m/s]
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where it should arrive; None where that is free."""
+
+    place: tuple[float, float] | None  # [m]
+    yaw: float | None  # [rad]
+    earliest_s: float  # after the start
+    latest_s: float
+
+
+def planned_track(
+    start: Start, goal: Goal, lanes: Sequence[LoggedLane], dt: float
+) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
+    """x, y [m] and yaw [rad] every `dt` [s] from the start to the goal."""
+    path, goal_m = _path(start, goal, lanes)
+    arrival_s = goal.latest_s
+    if goal.place is not None:
+        arrival_s = float(np.clip(goal_m / max(start.speed, 0.1), goal.earliest_s, goal.latest_s))
+    end_s = max(arrival_s, min(goal.latest_s, _LEAST_S))
+    time = dt * np.arange(min(max(round(end_s / dt), 1), _MOST_STEPS) + 1)
+    gone = _gone(start.speed, goal_m if goal.place else None, arrival_s, time)
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    ahead = path[-1] - path[-2]
+    beyond = np.maximum(gone - way[-1], 0.0)[:, None] * ahead / np.hypot(*ahead)
+    xy = np.stack([np.interp(gone, way, path[:, axis]) for axis in (0, 1)], axis=-1) + beyond
+    direction = np.unwrap(np.arctan2(*np.diff(path, axis=0).T[::-1]))
+    yaw = np.interp(gone, 0.5 * (way[1:] + way[:-1]), direction)
+    yaw += (start.yaw - yaw[0] if abs(wrap(start.yaw - yaw[0])) < _SAME_WAY_RAD else 0.0) * np.exp(-gone / 3.0)
+    return xy[:, 0], xy[:, 1], np.asarray(wrap(yaw))
+
+
+def _gone(
+    speed: float, distance: float | None, arrival_s: float, time: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, " time"]:
+    """Distance [m] gone: at constant acceleration to the arrival, then at constant speed; never backwards."""
+    speed = float(np.clip(speed, 0.0, 100.0))
+    accel = 0.0
+    if distance is not None:
+        accel = float(np.clip(2.0 * (distance - speed * arrival_s) / arrival_s**2, -_MOST_ACCEL, _MOST_ACCEL))
+    stop = speed / -accel if accel < 0.0 else np.inf
+    changing = np.minimum(time, min(arrival_s, stop))
+    after = np.maximum(time - min(arrival_s, stop), 0.0)
+    last_speed = max(speed + accel * min(arrival_s, stop), 0.0)
+    return np.minimum(speed * changing + 0.5 * accel * changing**2 + last_speed * after, _LONGEST_M)
+
+
+def _path(start: Start, goal: Goal, lanes: Sequence[LoggedLane]) -> tuple[_Path, float]:
+    """A line from the start to the goal and beyond it, and how far the goal is along it [m]."""
+    here = np.array([start.x, start.y])
+    route = _route(start, goal, lanes)
+    if route is None:
+        return _cubic(start, goal)
+    line = shapely.LineString(route)
+    begin = line.project(shapely.Point(here))
+    end = line.project(shapely.Point(goal.place)) if goal.place else line.length
+    if end - begin < 1.0:
+        return _cubic(start, goal)
+    last = min(max(line.length, end), begin + _LONGEST_M)
+    places = np.linspace(begin, last, min(int((last - begin) / _STEP_M), 40_000) + 2)
+    points = shapely.get_coordinates(shapely.line_interpolate_point(line, places))
+    points = gaussian_filter1d(points, _SMOOTH_M / _STEP_M, axis=0, mode="nearest")
+    fade = np.clip((places - begin) / max(_BLEND_M, _BLEND_S * start.speed), 0.0, 1.0)
+    return points + (1.0 - fade**2 * (3.0 - 2.0 * fade))[:, None] * (here - points[0]), end - begin
+
+
+def _cubic(start: Start, goal: Goal) -> tuple[_Path, float]:
+    """The Hermite cubic between both poses; straight on where there is no goal."""
+    here, ahead = np.array([start.x, start.y]), np.array([np.cos(start.yaw), np.sin(start.yaw)])
+    there = here + 50.0 * ahead if goal.place is None else np.array(goal.place)
+    reach = float(np.hypot(*(there - here)))
+    if reach < 1.0:
+        return np.stack([here, here + ahead]), reach
+    last = ahead if goal.yaw is None else np.array([np.cos(goal.yaw), np.sin(goal.yaw)])
+    t = np.linspace(0.0, 1.0, 200)[:, None]
+    points = (
+        (2 * t**3 - 3 * t**2 + 1) * here
+        + (t**3 - 2 * t**2 + t) * reach * ahead
+        + (3 * t**2 - 2 * t**3) * there
+        + (t**3 - t**2) * reach * last
+    )
+    return points, float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+# --- which lanes ------------------------------------------------------------------------------
+
+
+def _route(start: Start, goal: Goal, lanes: Sequence[LoggedLane]) -> _Path | None:
+    """The centre lines from the start to the goal, fewest lanes first; None where none lead there."""
+    by_name = {lane.id: lane for lane in lanes}
+    first = _lane_at(np.array([start.x, start.y]), start.yaw, lanes)
+    if first is None:
+        return None
+    wanted = {lane.id for lane in lanes if goal.place and _off(lane, np.array(goal.place)) < _ON_LANE_M}
+    came_from: dict[str, str | None] = {first.id: None}
+    queue = deque([first.id])
+    last = first.id
+    while queue:
+        last = queue.popleft()
+        if last in wanted:
+            break
+        lane = by_name[last]
+        for after in (*lane.exits, lane.left, lane.right):
+            if after in by_name and after not in came_from:
+                came_from[after] = last
+                queue.append(after)
+    if goal.place and last not in wanted:
+        return None
+    return _joined([*_back(came_from, last), *_onward(by_name[last], by_name)], by_name)
+
+
+def _onward(lane: LoggedLane, by_name: dict[str, LoggedLane]) -> list[str]:
+    """The lanes that follow, the first way at every fork."""
+    names: list[str] = []
+    while lane.exits and lane.exits[0] in by_name and lane.exits[0] not in names and len(names) < _ONWARD:
+        names.append(lane.exits[0])
+        lane = by_name[lane.exits[0]]
+    return names
+
+
+def _back(came_from: dict[str, str | None], last: str) -> list[str]:
+    names: list[str] = []
+    name: str | None = last
+    while name is not None:
+        names.append(name)
+        name = came_from[name]
+    return names[::-1]
+
+
+def _joined(names: list[str], by_name: dict[str, LoggedLane]) -> _Path:
+    """Centre lines one after the other; of lanes beside each other only the last counts."""
+    kept = [
+        name
+        for name, after in zip(names, [*names[1:], None], strict=True)
+        if after is None or after in by_name[name].exits
+    ]
+    points = np.concatenate([by_name[name].centre for name in kept])
+    moved = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-6])
+    return points[moved]
+
+
+def _lane_at(place: np.ndarray, yaw: float, lanes: Sequence[LoggedLane]) -> LoggedLane | None:
+    """The nearest lane that runs the ego's way."""
+    best, least = None, _ON_LANE_M
+    for lane in lanes:
+        line, point = shapely.LineString(lane.centre), shapely.Point(place)
+        at = line.project(point)
+        ends = [np.array(line.interpolate(min(at + ahead, line.length) - 1.0 + ahead).coords[0]) for ahead in (0, 1)]
+        along = np.arctan2(*(ends[1] - ends[0])[::-1])
+        away = line.distance(point)
+        if away < least and abs(wrap(along - yaw)) < _SAME_WAY_RAD:
+            best, least = lane, away
+    return best
+
+
+def _off(lane: LoggedLane, place: np.ndarray) -> float:
+    return shapely.LineString(lane.centre).distance(shapely.Point(place))

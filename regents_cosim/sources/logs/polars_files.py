@@ -1,0 +1,102 @@
+"""Parquet and Feather through polars, which the extra `logs` installs (pyarrow clashes with libsumo).
+
+polars parses in Rust: given a damaged file it may allocate whatever the file asks for, die, or never
+come back. So a process of its own reads the file, with at most `_MEMORY` bytes more than it starts
+with and a limited time, and hands over plain arrays.
+"""
+
+import importlib.util
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from regents_cosim.errors import LogError, RegentsError
+from regents_cosim.sources.logs.csv_columns import Columns
+from regents_cosim.workers import run_isolated
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_MEMORY = 4 << 30
+_SECONDS, _BYTES_PER_S = 30, 5_000_000  # 30 s, and one more per 5 MB
+_MOST_TIMES = 200  # a log is never packed tighter
+
+
+def read_polars(path: Path, numbers: Sequence[str], texts: Sequence[str] = (), optional: Sequence[str] = ()) -> Columns:
+    """Columns of a Parquet or Feather file, as `csv_columns.read_columns` has them.
+
+    Raises RegentsError where polars is not installed, LogError where the file is damaged.
+    """
+    if importlib.util.find_spec("polars") is None:
+        raise RegentsError(
+            f"{path.name}: Parquet and Feather files need polars; install it with the extra `logs` "
+            "(pip install 'regents_cosim[logs]')"
+        )
+    try:
+        return run_isolated(_read, path, tuple(numbers), tuple(texts), tuple(optional))
+    except LogError:
+        raise
+    except RegentsError as error:
+        raise LogError(f"{path}: damaged Parquet or Feather file (polars died over it)") from error
+
+
+def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional: tuple[str, ...]) -> Columns:
+    """Run in a worker process."""
+    import polars as pl
+
+    content = path.read_bytes()
+    _limit(len(content))
+    try:
+        frame = (pl.read_parquet if content[:4] == b"PAR1" else pl.read_ipc)(content)
+        missing = [name for name in (*numbers, *texts) if name not in frame.columns and name not in optional]
+        if missing:
+            raise LogError(f"{path}: no column {', '.join(missing)}; there are {', '.join(frame.columns)[:200]}")
+        if frame.height == 0:
+            raise LogError(f"{path}: no rows")
+        if frame.height > _MOST_TIMES * len(content):
+            raise LogError(f"{path}: {frame.height} rows in {len(content)} bytes, expected a log")
+        found = {name: _numbers(frame, name) for name in numbers if name in frame.columns}
+        coded = {name: _texts(frame, name) for name in texts if name in frame.columns}
+    except LogError:
+        raise
+    except BaseException as error:  # polars panics with exceptions that are no Exception
+        said = (str(error).splitlines() or [""])[0][:200]
+        raise LogError(f"{path}: damaged Parquet or Feather file ({said})") from None
+    return Columns(found, {k: v[0] for k, v in coded.items()}, {k: v[1] for k, v in coded.items()})
+
+
+def _limit(size: int) -> None:
+    """Bounds on time and memory of this process, which the system enforces whatever it is stuck in."""
+    if sys.platform == "win32":
+        return  # which knows no such bounds
+    import resource
+    import signal
+
+    seconds = _SECONDS + size // _BYTES_PER_S
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(10 * seconds)  # of the clock: the machine may be busy with something else
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    if sys.platform == "linux":
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (used + _MEMORY, used + _MEMORY))
+
+
+def _numbers(frame: "pl.DataFrame", name: str) -> Float[np.ndarray, " row"]:
+    import polars as pl
+
+    column = frame[name]
+    if column.dtype in (pl.Int64, pl.UInt64):  # nanoseconds do not fit into a float: count from the least
+        return column.to_numpy().astype(np.float64)
+    return column.cast(pl.Float64).to_numpy().astype(np.float64)
+
+
+def _texts(frame: "pl.DataFrame", name: str) -> tuple[Int[np.ndarray, " row"], list[str]]:
+    import polars as pl
+
+    values = frame[name].cast(pl.String).fill_null("").to_numpy()
+    known, codes = np.unique(values.astype(str), return_inverse=True)
+    return codes.ravel().astype(int), known.tolist()

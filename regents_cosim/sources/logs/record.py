@@ -1,0 +1,99 @@
+"""`regents record --log`: logged traffic in, Scenarios out."""
+
+import hashlib
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+
+from regents_cosim.errors import NoWindowError
+from regents_cosim.provenance import sha256_of
+from regents_cosim.scenario import Scenario
+from regents_cosim.sources.logs.cut import LogWindows, cut
+from regents_cosim.sources.logs.formats import ALONE, Beside, LogFormat, find_logs, read_log
+from regents_cosim.sources.logs.scene import LoggedScene
+from regents_cosim.sources.windows import Origin, Windows
+
+_MANY = 5
+
+
+def record_log(
+    path: Path,
+    *,
+    format: str = "auto",
+    ego: str = "auto",
+    count: int = 8,
+    seed: int = 0,
+    horizon_s: float = 8.0,
+    stride_s: float | None = None,
+    radius_m: float = 100.0,
+    beside: Beside = ALONE,
+    tell: Callable[[str], None] = warnings.warn,
+) -> list[Scenario]:
+    """Up to `count` Scenarios from a log or a folder of logs; the same seed gives the same.
+
+    Windows follow each other every `stride_s` (None: back to back), scene by scene in the order of
+    files. `ego` names one road user, or leaves the choice to `cut`. Assumptions that a reader had
+    to make are told once. Raises LogError for what cannot be read, NoWindowError where there is no
+    window.
+    """
+    asked = LogWindows(Windows(count, seed, horizon_s, radius_m), stride_s, ego)
+    refused: Counter[str] = Counter()
+    told: set[str] = set()
+    found = list(islice(_each(find_logs(path, format), asked, beside, refused, told, tell), count))
+    if not found:
+        raise NoWindowError(_why_none(path, refused, ego))
+    return found
+
+
+def scenes_of(path: Path, format: str = "auto", beside: Beside = ALONE) -> Iterator[tuple[Path, str, LoggedScene]]:
+    """File, format and scene of everything that a log or a folder of logs holds, one at a time."""
+    for file, one in find_logs(path, format):
+        for scene in read_log(file, one, beside):
+            yield file, one.name, scene
+
+
+def origin_of(file: Path, format: str, scene: LoggedScene) -> Origin:
+    """Where the Scenarios of `scene` come from."""
+    return Origin(format, file.name, _digest(file), scene.name)
+
+
+def _each(
+    logs: list[tuple[Path, LogFormat]],
+    asked: LogWindows,
+    beside: Beside,
+    refused: Counter[str],
+    told: set[str],
+    tell: Callable[[str], None],
+) -> Iterator[Scenario]:
+    names: Counter[str] = Counter()
+    for file, one in logs:
+        digest = _digest(file)
+        for scene in read_log(file, one, beside):
+            names[scene.name] += 1
+            name = scene.name if names[scene.name] == 1 else f"{scene.name}-{names[scene.name]}"
+            for note in scene.notes:
+                if note not in told:
+                    told.add(note)
+                    tell(f"{file.name}: {note}")
+            yield from cut(scene, asked, Origin(one.name, file.name, digest, name), refused)
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file; of a folder, of the names and contents of the files in it."""
+    if path.is_file():
+        return sha256_of(path)
+    digest = hashlib.sha256()
+    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+        digest.update(f"{file.relative_to(path)}\0{sha256_of(file)}\n".encode())
+    return digest.hexdigest()
+
+
+def _why_none(path: Path, refused: Counter[str], ego: str) -> str:
+    reasons = ", ".join(f"{number} {reason}" for reason, number in refused.most_common(_MANY))
+    wanted = "" if ego == "auto" else f" with the ego {ego!r}"
+    return (
+        f"no window found in {path.name}{wanted}: of {refused.total()} candidate egos, {reasons or 'none was there'} "
+        "(try a shorter --horizon or --stride, or name an --ego; `regents inspect` shows what the log holds)"
+    )

@@ -1,0 +1,151 @@
+"""What a log says about the road becomes a RoadMap.
+
+The drivable area is, in this order: what oriented kerbs enclose; the union of areas and lanelets;
+or, where a log has no map at all, where its motor vehicles drove, widened. Maps of logs are
+cropped, and the outline of a cropped area runs across the road where it ends. That is no kerb:
+where a lane begins or ends at the map's end and nothing stands in its way, the area goes on
+straight for 30 m.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.errors import LogError
+from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.sources.logs.edges import area_inside
+from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track
+
+_CLOSE_M = 0.2  # slivers between areas up to twice as wide belong to the road
+_BEYOND_M = 30.0  # how far the road goes on where the map ends
+_LOOK_M = 6.0  # within which a kerb says that a lane really ends
+_WIDEN_M = 2.0  # to either side of where vehicles drove
+_LANE_WIDTHS_M = (2.0, 8.0)
+NO_MAP = "the log has no road: the drivable area is where its motor vehicles drove, 2 m to either side"
+
+
+def build_road(scene: LoggedScene) -> RoadMap:
+    """The map of `scene`. Raises LogError where neither map nor traffic shows a road."""
+    lanes = tuple(lane for lane in scene.road.lanes if _has_direction(lane))
+    try:
+        area = drivable_area(scene.road, scene.tracks)
+    except shapely.errors.ShapelyError as error:
+        raise LogError(f"{scene.name}: the road cannot be put together ({error})") from error
+    if area.is_empty:
+        raise LogError(f"{scene.name}: neither a road nor a moving vehicle (expected at least one of them)")
+    known = {lane.id for lane in lanes}
+    return RoadMap(
+        lanes=tuple(_lane(lane, known) for lane in lanes),
+        connections=tuple(_connections(lanes, known, scene.signals)),
+        drivable=area,
+    )
+
+
+def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
+    """Where one may drive; empty if the log shows nothing of it."""
+    if road.edges:
+        area = area_inside(road.edges, road.lanes)
+    elif road.areas:
+        joined = shapely.union_all([area for area in road.areas if area.is_valid])
+        area = joined.buffer(_CLOSE_M, join_style="mitre").buffer(-_CLOSE_M, join_style="mitre")
+    else:
+        return _swept(tracks)
+    return _polygons_of(shapely.union_all([area, *_beyond(road, area)]))
+
+
+def lanelet(left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]) -> shapely.Polygon | None:
+    """The area between two bounds, of which either may run backwards; None where it has no area."""
+    straight = np.hypot(*(left[0] - right[0])) + np.hypot(*(left[-1] - right[-1]))
+    crossed = np.hypot(*(left[0] - right[-1])) + np.hypot(*(left[-1] - right[0]))
+    ring = np.concatenate([left, right if crossed < straight else right[::-1]])
+    return largest(ring)
+
+
+def largest(ring: Float[np.ndarray, "point 2"]) -> shapely.Polygon | None:
+    """A ring as a valid polygon, the largest one where it crosses itself; None where it has no area."""
+    if len(ring) < 3:
+        return None
+    parts = [p for p in shapely.get_parts(shapely.make_valid(shapely.Polygon(ring))) if p.geom_type == "Polygon"]
+    best = max(parts, key=lambda part: part.area, default=None)
+    return best if best is not None and best.area > 1e-3 else None
+
+
+def _swept(tracks: Iterable[Track]) -> BaseGeometry:
+    ways = []
+    for track in tracks:
+        if track.agent.kind in VEHICLE_KINDS:
+            pieces = np.split(np.column_stack([track.x, track.y]), np.flatnonzero(np.diff(track.step) != 1) + 1)
+            ways += [shapely.LineString(piece) for piece in pieces if len(piece) > 1]
+    return shapely.union_all(shapely.buffer(shapely.simplify(ways, 0.2), _WIDEN_M, quad_segs=3))
+
+
+def _polygons_of(area: BaseGeometry) -> BaseGeometry:
+    return shapely.multipolygons([part for part in shapely.get_parts(area) if part.geom_type == "Polygon"])
+
+
+# --- where the map ends -----------------------------------------------------------------------
+
+
+def _beyond(road: LoggedMap, area: BaseGeometry) -> Iterator[shapely.Polygon]:
+    """Strips that carry the road on where lanes begin or end at the end of the map."""
+    kerbs = shapely.STRtree([_line(edge) for edge in road.edges if len(edge.points) > 1])
+    shapely.prepare(area)
+    for lane in filter(_has_direction, road.lanes):
+        ends = [(lane.centre, lane.open_end), (lane.centre[::-1], lane.open_start)]
+        for points in (points for points, is_open in ends if is_open):
+            end, ahead = points[-1], _direction(points)
+            look = shapely.LineString([end, end + _LOOK_M * ahead])
+            outside = not shapely.contains_xy(area, *(end + _LOOK_M * ahead))
+            if outside and not len(kerbs.query(look, predicate="intersects")):
+                strip = shapely.LineString([end - ahead, end + _BEYOND_M * ahead])
+                yield strip.buffer(0.5 * _width(lane), cap_style="flat")
+
+
+def _line(edge: RoadEdge) -> shapely.LineString:
+    return shapely.LineString(edge.points)
+
+
+def _direction(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " 2"]:
+    """Which way a line points at its end: along its last 3 m, so that a kink of a few centimetres is no turn."""
+    away = np.hypot(*(points - points[-1]).T)
+    far = np.flatnonzero(away > 3.0)
+    start = points[far[-1]] if len(far) else points[int(away.argmax())]
+    way = points[-1] - start
+    return way / np.hypot(*way)
+
+
+# --- lanes ------------------------------------------------------------------------------------
+
+
+def _has_direction(lane: LoggedLane) -> bool:
+    return len(lane.centre) >= 2 and float(np.hypot(*(lane.centre - lane.centre[0]).T).max()) > 1e-3
+
+
+def _width(lane: LoggedLane) -> float:
+    return float(np.clip(lane.width, *_LANE_WIDTHS_M))
+
+
+def _lane(lane: LoggedLane, known: set[str]) -> Lane:
+    return Lane(
+        id=lane.id,
+        centre=lane.centre,
+        width=_width(lane),
+        speed_limit=float(lane.speed_limit),
+        junction=lane.junction,
+        left=lane.left if lane.left in known else None,
+        right=lane.right if lane.right in known else None,
+    )
+
+
+def _connections(lanes: Sequence[LoggedLane], known: set[str], signals: Sequence[LoggedSignal]) -> Iterator[Connection]:
+    """Ways on, each with the light in front of it."""
+    before = {name: light.id for light in signals if light.at_start for name in light.lanes}
+    behind = {name: light.id for light in signals if not light.at_start for name in light.lanes}
+    for lane in lanes:
+        for name in dict.fromkeys(lane.exits):
+            if name in known:
+                yield Connection(lane.id, name, behind.get(lane.id) or before.get(name))

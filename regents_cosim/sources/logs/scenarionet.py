@@ -1,0 +1,201 @@
+"""ScenarioNet / MetaDrive pickles, read by `unpickle`, so that a hostile file is refused and nothing runs.
+
+Waymo's scenes have oriented kerbs. nuScenes and nuPlan have lanes, some of which have an area:
+the drivable area is that of the lanes, and 2 m to either side of every centre line. The ego of
+nuScenes has length and width swapped; a vehicle wider than long is turned round.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from regents_cosim.errors import LogError
+from regents_cosim.scenario import VEHICLE_KINDS, Kind
+from regents_cosim.sources.logs.formats import Beside, LogFormat, explained
+from regents_cosim.sources.logs.road import largest
+from regents_cosim.sources.logs.scene import (
+    LoggedLane,
+    LoggedMap,
+    LoggedScene,
+    LoggedSignal,
+    RoadEdge,
+    Track,
+    dense_track,
+    joined,
+    sized,
+    with_openings,
+)
+from regents_cosim.sources.logs.unpickle import unpickle
+from regents_cosim.sources.logs.waymo_codes import UNKNOWN, lights
+
+_KINDS: dict[str, Kind] = {
+    "VEHICLE": "car", "BUS": "bus", "PEDESTRIAN": "pedestrian", "CYCLIST": "bicycle", "MOTORCYCLIST": "motorcycle",
+}  # fmt: skip
+_LETTERS = {"FLASHING_STOP": "s", "FLASHING_CAUTION": "o", "STOP": "r", "CAUTION": "y", "GO": "G"}
+_BESIDE_CENTRE_M = 2.0
+_KMH = 1.0 / 3.6
+
+
+def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+    """The one scene of a file."""
+    content = path.read_bytes()
+    with explained(path, "ScenarioNet pickle"):
+        scene = unpickle(content)
+        if not isinstance(scene, dict) or not {"tracks", "map_features", "metadata"} <= set(scene):
+            raise LogError("not a ScenarioNet file (expected tracks, map_features and metadata)")
+        yield _Reader(scene, len(content)).scene(path)
+
+
+class _Reader:
+    """One file; `budget` is what it may hold, so that parts that are named many times do not multiply."""
+
+    def __init__(self, content: dict[str, Any], budget: int) -> None:
+        self._content, self._budget = content, budget
+
+    def scene(self, path: Path) -> LoggedScene:
+        """The LoggedScene."""
+        metadata = self._content["metadata"]
+        times = self._array(metadata["ts"]).astype(float).ravel()
+        if len(times) < 2 or not (np.diff(times) > 0).all():
+            raise ValueError(f"{len(times)} time stamps, expected at least 2 that increase")
+        dt = round(float(np.median(np.diff(times))), 3)
+        dt = dt if dt < 1.5 else round(1e-6 * float(np.median(np.diff(times))), 3)  # some count microseconds
+        tracks = [self._track(str(name), track, len(times)) for name, track in self._content["tracks"].items()]
+        kept = tuple(track for track in tracks if track is not None)
+        ego = str(metadata.get("sdc_id"))
+        lanes, edges, areas = self._map()
+        return LoggedScene(
+            name=str(metadata.get("scenario_id") or self._content.get("id") or path.stem),
+            dt=dt,
+            tracks=kept,
+            road=LoggedMap(lanes, edges, () if edges else areas),
+            ego=ego if any(track.agent.id == ego for track in kept) else None,
+            signals=self._signals(lanes, len(times)),
+            begin_s=float(times[0]) if times[0] < 1e6 else 0.0,
+            notes=() if edges else ("the map is partial: lanes without an area count 2 m to either side",),
+        )
+
+    def _array(self, value: Any) -> np.ndarray:
+        if isinstance(value, list | tuple):
+            rows = [tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,) for row in value]
+            value = np.array([row[:3] for row in rows], float)
+        if not isinstance(value, np.ndarray):
+            raise ValueError("no array where one is expected")
+        self._budget -= value.size
+        if self._budget < 0:
+            raise LogError("the file names the same arrays over and over (expected a ScenarioNet file)")
+        return value
+
+    def _track(self, name: str, track: dict[str, Any], steps: int) -> Track | None:
+        state = track["state"]
+        position = self._array(state["position"])
+        heading, valid = (self._array(state[key]).ravel() for key in ("heading", "valid"))
+        if position.shape[0] != steps or len(heading) != steps or len(valid) != steps:
+            raise ValueError(f"track {name[:40]} has {len(heading)} instants, expected {steps}")
+        there = valid > 0
+        if not there.any():
+            return None
+        kind = _KINDS.get(str(track["type"]), "other")
+        length, width = (self._size(state.get(key), there) for key in ("length", "width"))
+        if kind in VEHICLE_KINDS and width > length:
+            length, width = width, length
+        z = position[:, 2] if position.shape[1] > 2 and np.isfinite(position[there, 2]).all() else None
+        return dense_track(sized(name, kind, length, width), there, position[:, 0], position[:, 1], heading, z)
+
+    def _size(self, value: Any, there: np.ndarray) -> float:
+        if value is None or isinstance(value, int | float):
+            return float(value or 0.0)
+        sizes = self._array(value).ravel()
+        return float(np.median(sizes[there])) if len(sizes) == len(there) else 0.0
+
+    # --- map ----------------------------------------------------------------------------------
+
+    def _map(self) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...], tuple[shapely.Polygon, ...]]:
+        lanes, edges, areas, has_exits = [], [], [], False
+        for name, feature in self._content["map_features"].items():
+            kind = str(feature.get("type"))
+            if kind in ("ROAD_EDGE_BOUNDARY", "ROAD_EDGE_MEDIAN", "BOUNDARY_LINE") and "polyline" in feature:
+                points = self._points(feature["polyline"])
+                if len(points) > 1:
+                    edges.append(RoadEdge(points[:, :2], _height(points)))
+            elif kind.startswith("LANE_") and "BIKE" not in kind:
+                lane = self._lane(str(name), feature)
+                has_exits |= bool(feature.get("exit_lanes"))
+                lanes += [lane] if lane else []
+                areas += self._areas(feature, lane)
+        linked = with_openings(tuple(lanes)) if has_exits else joined(lanes)
+        return linked, tuple(edges), tuple(areas)
+
+    def _points(self, value: Any) -> Float[np.ndarray, "point axis"]:
+        points = self._array(value).astype(float)
+        if points.ndim != 2 or points.shape[1] < 2 or not np.isfinite(points[:, :2]).all():
+            raise ValueError(f"a line of shape {points.shape}, expected points [x, y] or [x, y, z]")
+        return points
+
+    def _lane(self, name: str, feature: dict[str, Any]) -> LoggedLane | None:
+        if "polyline" not in feature or not len(feature["polyline"]):
+            return None
+        points = self._points(feature["polyline"])
+        if len(points) < 2:
+            return None
+        limit = feature.get("speed_limit_kmh")
+        left, right = (_neighbour(feature.get(f"{side}_neighbor")) for side in ("left", "right"))
+        return LoggedLane(
+            id=name,
+            centre=points[:, :2],
+            z=_height(points),
+            speed_limit=limit * _KMH if isinstance(limit, int | float) and limit > 0 else 13.9,
+            exits=tuple(str(exit_) for exit_ in feature.get("exit_lanes") or ()),
+            left=left,
+            right=right,
+        )
+
+    def _areas(self, feature: dict[str, Any], lane: LoggedLane | None) -> list[shapely.Polygon]:
+        found = []
+        if "polygon" in feature and len(feature["polygon"]) > 2:
+            area = largest(self._points(feature["polygon"])[:, :2])
+            found += [area] if area is not None else []
+        if lane is not None:
+            strip = shapely.LineString(lane.centre).buffer(_BESIDE_CENTRE_M, cap_style="flat", quad_segs=3)
+            found += [part for part in shapely.get_parts(strip) if part.geom_type == "Polygon"]
+        return found
+
+    # --- signals ------------------------------------------------------------------------------
+
+    def _signals(self, lanes: tuple[LoggedLane, ...], steps: int) -> tuple[LoggedSignal, ...]:
+        letters, stops = {}, {}
+        for name, light in self._content.get("dynamic_map_states", {}).items():
+            states = light["state"].get("object_state")
+            if not isinstance(states, list | tuple) or len(states) != steps:
+                continue
+            self._budget -= steps
+            letters[str(light.get("lane", name))] = [_letter(state) for state in states]
+            if isinstance(light.get("stop_point"), np.ndarray) and light["stop_point"].size >= 2:
+                stops[str(light.get("lane", name))] = light["stop_point"].ravel().astype(float)
+        return lights(letters, stops, lanes)
+
+
+def _height(points: Float[np.ndarray, "point axis"]) -> Float[np.ndarray, " point"] | None:
+    return points[:, 2] if points.shape[1] > 2 and np.isfinite(points[:, 2]).all() else None
+
+
+def _neighbour(value: Any) -> str | None:
+    """The first neighbour of a list of ids or of dictionaries with one."""
+    first = value[0] if isinstance(value, list | tuple) and value else None
+    first = first.get("feature_id") if isinstance(first, dict) else first
+    return str(first) if isinstance(first, str | int) else None
+
+
+def _letter(state: Any) -> str:
+    return next((letter for word, letter in _LETTERS.items() if word in str(state)[:60]), UNKNOWN)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    return len(head) > 2 and head[0] == 0x80 and head[1] in (2, 3, 4, 5)
+
+
+FORMAT = LogFormat("scenarionet", "ScenarioNet pickle", _recognises, read)

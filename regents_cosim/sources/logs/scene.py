@@ -1,0 +1,203 @@
+"""LoggedScene: what every reader hands to the builder, whatever the format was.
+
+Frame: the log's own map frame, brought to x east, y north, metres, box centres, yaw in radians
+counter-clockwise from +x. Tracks hold only the samples that the log calls valid, so a recording
+of hours takes the memory of its rows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
+
+from regents_cosim.errors import LogError, require
+from regents_cosim.scenario import Agent, Kind
+
+_FARTHEST_M = 1e8
+_LONGEST_M = 5000.0  # of a straight piece of kerb
+_COARSEST_S = 1.0  # between samples further apart the way of a vehicle is a guess
+_FINEST_S = 1e-3
+_LONGEST_STEPS = 10**9
+_JOIN_M = 0.6  # between the end of a lane and the start of the next
+_SIZES_M = (0.05, 100.0)  # of a road user; anything else is a damaged number
+DEFAULT_SIZES: dict[Kind, tuple[float, float]] = {
+    "car": (4.7, 2.0), "truck": (9.0, 2.6), "bus": (11.0, 2.6), "motorcycle": (2.1, 0.8),
+    "bicycle": (1.8, 0.65), "pedestrian": (0.6, 0.6), "other": (0.7, 0.7),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One road user where it was seen."""
+
+    agent: Agent
+    step: Int[np.ndarray, " sample"]  # increasing, instants of the log
+    x: Float[np.ndarray, " sample"]  # [m]
+    y: Float[np.ndarray, " sample"]  # [m]
+    yaw: Float[np.ndarray, " sample"]  # [rad]
+    z: Float[np.ndarray, " sample"] | None = None  # [m] of the ground or the box, where the log has it
+
+    def __post_init__(self) -> None:
+        name = f"track {self.agent.id[:40]!r}"
+        require(len(self.step) > 0, f"{name}: no samples", LogError)
+        for values in (self.x, self.y, self.yaw, *(() if self.z is None else (self.z,))):
+            require(values.shape == self.step.shape, f"{name}: arrays of different lengths", LogError)
+            require(bool(np.isfinite(values).all()), f"{name}: NaN or infinite numbers at valid samples", LogError)
+            require(np.abs(values).max() < _FARTHEST_M, f"{name}: a number beyond {_FARTHEST_M:g}", LogError)
+        require(bool((np.diff(self.step) > 0).all()), f"{name}: time does not increase", LogError)
+        require(self.step[0] >= 0 and self.step[-1] < _LONGEST_STEPS, f"{name}: time is out of range", LogError)
+        least, most = _SIZES_M
+        for size in (self.agent.length, self.agent.width):
+            require(least <= size <= most, f"{name}: {size:g} m long or wide, expected {least} to {most} m", LogError)
+
+
+def _check_line(name: str, points: np.ndarray, z: np.ndarray | None) -> None:
+    require(points.ndim == 2 and points.shape[1:] == (2,) and len(points) >= 2, f"{name}: no line", LogError)
+    require(z is None or z.shape == points.shape[:1], f"{name}: heights of another length", LogError)
+    for values in (points, *(() if z is None else (z,))):
+        require(bool(np.isfinite(values).all()), f"{name}: NaN or infinite numbers", LogError)
+        require(np.abs(values).max() < _FARTHEST_M, f"{name}: a number beyond {_FARTHEST_M:g}", LogError)
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedLane:
+    """A lane as the log has it; neighbours run the same way."""
+
+    id: str
+    centre: Float[np.ndarray, "point 2"]  # [m] in the direction of travel
+    width: float = 3.5  # [m]
+    speed_limit: float = 13.9  # [m/s]
+    exits: tuple[str, ...] = ()  # lanes it continues into
+    left: str | None = None
+    right: str | None = None
+    junction: bool = False
+    z: Float[np.ndarray, " point"] | None = None  # [m]
+    open_start: bool = True  # nothing leads here: where the map ends, traffic comes from beyond it
+    open_end: bool = True
+
+    def __post_init__(self) -> None:
+        _check_line(f"lane {self.id[:40]!r}", self.centre, self.z)
+        for value in (self.width, self.speed_limit):
+            require(bool(np.isfinite(value)) and value > 0, f"lane {self.id[:40]!r}: {value} wide or fast", LogError)
+
+
+@dataclass(frozen=True, eq=False)
+class RoadEdge:
+    """A kerb, drivable on its left."""
+
+    points: Float[np.ndarray, "point 2"]  # [m]
+    z: Float[np.ndarray, " point"] | None = None  # [m]
+
+    def __post_init__(self) -> None:
+        _check_line("kerb", self.points, self.z)
+        jump = float(np.hypot(*np.diff(self.points, axis=0).T).max())
+        require(jump < _LONGEST_M, f"a kerb jumps by {jump:.0f} m, expected less than {_LONGEST_M:.0f} m", LogError)
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedMap:
+    """What a log says about the road: kerbs, or areas one may drive on, and lanes."""
+
+    lanes: tuple[LoggedLane, ...] = ()
+    edges: tuple[RoadEdge, ...] = ()
+    areas: tuple[shapely.Polygon, ...] = ()
+
+
+@dataclass(frozen=True)
+class LoggedSignal:
+    """A light, its letter (SUMO's) per instant of the log, and the lane at whose start or end it stands."""
+
+    id: str
+    letters: str
+    lanes: tuple[str, ...]
+    at_start: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedScene:
+    """One recording."""
+
+    name: str
+    dt: float  # [s] between the instants of the log
+    tracks: tuple[Track, ...]
+    road: LoggedMap = field(default_factory=LoggedMap)
+    ego: str | None = None  # the recorder's own vehicle, or the one a planning problem is about
+    target: tuple[float, float] | None = None  # [m] of that ego
+    signals: tuple[LoggedSignal, ...] = ()
+    begin_s: float = 0.0  # time of instant 0 in the log [s]
+    notes: tuple[str, ...] = ()  # what had to be assumed
+
+    def __post_init__(self) -> None:
+        require(
+            _FINEST_S <= self.dt <= _COARSEST_S,
+            f"{self.name}: one sample every {self.dt:g} s, expected {_FINEST_S} to {_COARSEST_S:g} s",
+            LogError,
+        )
+        require(len(self.tracks) > 0, f"{self.name}: nobody is in it", LogError)
+        ids = [track.agent.id for track in self.tracks]
+        require(len(set(ids)) == len(ids), f"{self.name}: two road users have the same id", LogError)
+        require(self.ego is None or self.ego in ids, f"{self.name}: the ego {self.ego!r} has no track", LogError)
+        lanes = {lane.id for lane in self.road.lanes}
+        require(len(lanes) == len(self.road.lanes), f"{self.name}: two lanes have the same id", LogError)
+
+    @property
+    def first_step(self) -> int:
+        """The first instant at which somebody is there."""
+        return int(min(track.step[0] for track in self.tracks))
+
+    @property
+    def last_step(self) -> int:
+        """The last instant at which somebody is there."""
+        return int(max(track.step[-1] for track in self.tracks))
+
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to the last [s]."""
+        return (self.last_step - self.first_step) * self.dt
+
+
+def sized(name: str, kind: Kind, length: float, width: float) -> Agent:
+    """An Agent; a size that is not positive is replaced by that of its kind."""
+    usual_length, usual_width = DEFAULT_SIZES[kind]
+    known = np.isfinite([length, width]).all() and length > 0 and width > 0
+    return Agent(name, kind, *((float(length), float(width)) if known else (usual_length, usual_width)))
+
+
+def dense_track(
+    agent: Agent,
+    valid: Bool[np.ndarray, " time"],
+    x: Float[np.ndarray, " time"],
+    y: Float[np.ndarray, " time"],
+    yaw: Float[np.ndarray, " time"],
+    z: Float[np.ndarray, " time"] | None = None,
+) -> Track | None:
+    """The valid samples of arrays over time, None where there are none."""
+    step = np.flatnonzero(valid)
+    if not len(step):
+        return None
+    x, y, yaw = (values[step].astype(float) for values in (x, y, yaw))
+    return Track(agent, step, x, y, yaw, None if z is None else z[step].astype(float))
+
+
+def with_openings(lanes: tuple[LoggedLane, ...]) -> tuple[LoggedLane, ...]:
+    """Lanes whose exits are on the map, and which know at which of their ends the map ends too."""
+    known = {lane.id for lane in lanes}
+    kept = [replace(lane, exits=tuple(name for name in lane.exits if name in known)) for lane in lanes]
+    entered = {name for lane in kept for name in lane.exits}
+    return tuple(replace(lane, open_start=lane.id not in entered, open_end=not lane.exits) for lane in kept)
+
+
+def joined(lanes: Sequence[LoggedLane]) -> tuple[LoggedLane, ...]:
+    """Lanes of a log that does not say which continue which: those that begin where one ends do."""
+    if not lanes:
+        return ()
+    starts = KDTree([lane.centre[0] for lane in lanes])
+    near = starts.query_ball_point([lane.centre[-1] for lane in lanes], _JOIN_M)
+    found = [
+        replace(lane, exits=tuple(lanes[i].id for i in sorted(after) if lanes[i] is not lane))
+        for lane, after in zip(lanes, near, strict=True)
+    ]
+    return with_openings(tuple(found))

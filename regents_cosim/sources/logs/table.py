@@ -1,0 +1,184 @@
+"""Any table of tracks, CSV or Parquet, with a TOML file that says what its columns are.
+
+    dt = 0.04                 # [s], only where time counts frames
+    time = "ms"               # s (default), ms, us, ns or frames
+    position = "m"            # m (default) or ft
+    heading = "deg"           # rad (default), deg (both counter-clockwise from +x) or nav (clockwise from +y)
+    anchor = "centre"         # centre (default) or front, of the bumper
+    ego = "17"                # optional
+    map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0)
+
+    [columns]                 # ours = theirs; id, time, x and y are needed
+    id = "track"
+    time = "stamp"
+    x = "east"
+    y = "north"               # also heading, speed, length, width, kind
+
+    [kinds]                   # theirs = ours
+    "2" = "car"
+
+The file lies beside the table under the same name (`tracks.csv`, `tracks.toml`) or is named with
+`--columns`. Without it the columns must be called id, time, x, y and so on. A column of speeds is
+accepted and left alone: speeds follow from positions.
+"""
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import msgspec
+import numpy as np
+
+from regents_cosim.errors import LogError
+from regents_cosim.frames import FOOT_M, from_front
+from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
+from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.levelx import whole
+from regents_cosim.sources.logs.polars_files import read_polars
+from regents_cosim.sources.logs.road import NO_MAP
+from regents_cosim.sources.logs.rows import Rows, steps_of, tracks_of
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
+
+_NEEDED = ("id", "time", "x", "y")
+_MORE = ("heading", "speed", "length", "width", "kind")
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+class _Mapping(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """The TOML file."""
+
+    columns: dict[Literal["id", "time", "x", "y", "heading", "speed", "length", "width", "kind"], str] = {}
+    kinds: dict[str, Kind] = {}
+    dt: float | None = None
+    time: Literal["s", "ms", "us", "ns", "frames"] = "s"
+    position: Literal["m", "ft"] = "m"
+    heading: Literal["rad", "deg", "nav"] = "rad"
+    anchor: Literal["centre", "front"] = "centre"
+    ego: str | None = None
+    map: str | None = None
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Columns under our names."""
+
+    columns: Columns
+    mapping: _Mapping
+    names: dict[str, str] = field(default_factory=dict)
+
+    def numbers(self, name: str) -> np.ndarray | None:
+        """A column of numbers, None where there is none."""
+        return self.columns.numbers.get(self.names[name])
+
+
+def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+    """The one recording of a table."""
+    mapping = _mapping(path, beside)
+    table = _table(path, mapping)
+    step, dt, begin_s = _instants(table, path)
+    factor = FOOT_M if mapping.position == "ft" else 1.0
+    x, y = (factor * _known(table.numbers(name)) for name in ("x", "y"))
+    heading = table.numbers("heading")
+    yaw = np.full(len(x), np.nan) if heading is None else _radians(heading, mapping.heading)
+    codes = table.columns.codes
+    rows = Rows(codes[table.names["id"]], step, x, y, yaw)
+    tracks = tuple(_placed(t, mapping) for t in tracks_of(rows, _Agents(table, factor)))
+    road = _road(path, mapping, beside)
+    notes = [NO_MAP] * (not road.areas) + ["headings follow from the motion"] * (heading is None)
+    notes += ["sizes usual for the kind are assumed"] * (table.numbers("length") is None)
+    yield LoggedScene(
+        name=path.name.partition(".")[0], dt=dt, tracks=tracks, road=road, ego=mapping.ego, begin_s=begin_s,
+        notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _mapping(path: Path, beside: Beside) -> _Mapping:
+    file = beside.columns or path.with_name(path.name.partition(".")[0] + ".toml")
+    if beside.columns is None and not file.is_file():
+        return _Mapping()
+    try:
+        return msgspec.convert(tomllib.loads(file.read_text()), _Mapping)
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
+        raise LogError(
+            f"{file}: {error} (expected a mapping of columns, see regents_cosim.sources.logs.table)"
+        ) from None
+
+
+def _table(path: Path, mapping: _Mapping) -> _Table:
+    names = {name: mapping.columns.get(name, name) for name in (*_NEEDED, *_MORE)}
+    given = set(mapping.columns)
+    optional = [names[name] for name in _MORE if name not in given]
+    numbers = [names[name] for name in ("time", "x", "y", "heading", "length", "width")]
+    with path.open("rb") as file:
+        is_binary = file.read(4) in (b"PAR1", b"ARRO")
+    reader = read_polars if is_binary else read_columns
+    return _Table(reader(path, numbers, [names["id"], names["kind"]], optional), mapping, names)
+
+
+def _instants(table: _Table, path: Path) -> tuple[np.ndarray, float, float]:
+    times, mapping = _known(table.numbers("time")), table.mapping
+    if mapping.time != "frames":
+        return steps_of(_SECONDS[mapping.time] * times)
+    if mapping.dt is None:
+        raise LogError(f"{path}: time counts frames, so the mapping needs dt, the seconds between them")
+    frame = whole(times, path)
+    return frame - frame.min(), mapping.dt, float(frame.min()) * mapping.dt
+
+
+def _known(values: np.ndarray | None) -> np.ndarray:
+    if values is None or not np.isfinite(values).all():
+        raise LogError("a time or a place is empty")
+    return values
+
+
+def _radians(heading: np.ndarray, unit: str) -> np.ndarray:
+    if unit == "nav":
+        return np.deg2rad(90.0 - heading)
+    return np.deg2rad(heading) if unit == "deg" else heading
+
+
+class _Agents:
+    """Describes the road users of a table."""
+
+    def __init__(self, table: _Table, factor: float) -> None:
+        columns, names = table.columns, table.names
+        self._ids = columns.texts[names["id"]]
+        self._kinds = columns.texts.get(names["kind"], [])
+        self._kind = columns.codes.get(names["kind"])
+        self._known = {kind: kind for kind in get_args(Kind)} | table.mapping.kinds
+        sizes = [table.numbers(name) for name in ("length", "width")]
+        self._sizes = [None if size is None else factor * size for size in sizes]
+
+    def __call__(self, who: int, of: np.ndarray) -> Agent:
+        kind: Kind = "car"
+        if self._kind is not None:
+            kind = self._known.get(self._kinds[self._kind[of[0]]].strip(), "other")
+        length, width = (0.0 if size is None else float(np.median(size[of])) for size in self._sizes)
+        return sized(self._ids[who], kind, length, width)
+
+
+def _placed(track: Track, mapping: _Mapping) -> Track:
+    if mapping.anchor == "centre":
+        return track
+    pose = from_front(track.x, track.y, track.yaw, track.agent.length)
+    return Track(track.agent, track.step, np.asarray(pose.x), np.asarray(pose.y), track.yaw)
+
+
+def _road(path: Path, mapping: _Mapping, beside: Beside) -> LoggedMap:
+    file = beside.road or (path.parent / mapping.map if mapping.map else None)
+    return LoggedMap() if file is None else read_lanelet2(file)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    if path.is_dir() or path.suffix == ".toml":
+        return False
+    if path.with_name(path.name.partition(".")[0] + ".toml").is_file():
+        return head[:4] == b"PAR1" or b"," in head or b";" in head or b"\t" in head
+    return head[:4] == b"PAR1" or set(_NEEDED) <= set(header_of(head))
+
+
+FORMAT = LogFormat("table", "a table (csv, parquet) with a TOML mapping of its columns", _recognises, read)

@@ -1,0 +1,211 @@
+"""Pickles read without running any of them: containers, numbers, text and NumPy arrays, nothing else.
+
+Python's own unpickler imports and calls what a file names. This one knows the instructions of
+`pickletools` and five names (arrays, their types, `int`, `defaultdict`), none of which it calls: an
+array is made here from its bytes. Every other name is refused. Keys of dictionaries are text or
+numbers, since hashing deeply nested tuples overflows the stack. Memory is bounded by the file.
+"""
+
+import io
+import pickletools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from regents_cosim.errors import LogError
+
+_NAMES = {
+    ("numpy.core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "_reconstruct"),
+    ("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "int"), ("collections", "defaultdict"),
+}  # fmt: skip
+_DTYPES = "fiubUS"  # kinds of numbers and text that an array may hold
+_CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
+_VALUES = {
+    "INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT", "STRING", "BINSTRING",
+    "SHORT_BINSTRING", "UNICODE", "SHORT_BINUNICODE", "BINUNICODE", "BINUNICODE8", "BINBYTES", "SHORT_BINBYTES",
+    "BINBYTES8",
+}  # fmt: skip
+_MARK = object()
+
+
+class _Name(tuple[str, str]):
+    """A name that is allowed."""
+
+
+class _Type:
+    """A NumPy type while it is read."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.order = name, "|"
+
+    def build(self, state: Any) -> "_Type":
+        """Take over the order of bytes."""
+        self.order = state[1]
+        return self
+
+
+class _Array:
+    """An array of which the content has not been read yet."""
+
+    def __init__(self) -> None:
+        self.places: list[int] = []  # in the memo
+
+    def build(self, state: Any) -> Any:
+        """The array; a list where it holds objects."""
+        _, shape, kind, fortran, data = state
+        if isinstance(data, list):
+            return data
+        if kind.name[:1] not in _DTYPES:
+            raise ValueError(f"an array of {kind.name[:10]!r}")
+        content = data.encode("latin-1") if isinstance(data, str) else data
+        values = np.frombuffer(content, np.dtype(kind.name).newbyteorder(kind.order))
+        return values.reshape(shape, order="F" if fortran else "C")
+
+
+def unpickle(content: bytes) -> Any:
+    """What a pickle holds. Raises LogError where it is damaged or names anything but arrays."""
+    machine = _Machine()
+    try:
+        for instruction, argument, _ in pickletools.genops(io.BytesIO(content)):
+            if instruction.name == "STOP":
+                return machine.stack.pop()
+            machine.run(instruction.name, argument)
+    except LogError:
+        raise
+    except (ValueError, IndexError, KeyError, TypeError, AttributeError, OverflowError, UnicodeError) as error:
+        raise LogError(f"damaged or truncated pickle ({str(error)[:200] or type(error).__name__})") from error
+    raise LogError("truncated pickle (it does not end)")
+
+
+class _Machine:
+    """The stack and the memo of a pickle."""
+
+    def __init__(self) -> None:
+        self.stack: list[Any] = []
+        self.memo: dict[int, Any] = {}
+
+    def run(self, name: str, argument: Any) -> None:
+        """Carry out one instruction."""
+        if name in _VALUES:
+            self.stack.append(argument)
+        elif name in _CONSTANTS:
+            self.stack.append(_CONSTANTS[name])
+        elif name in _STEPS:
+            _STEPS[name](self, argument)
+        else:
+            raise LogError(f"the pickle uses the instruction {name}, expected numbers, text and arrays only")
+
+    def since_mark(self) -> list[Any]:
+        """Take everything down to the last mark."""
+        at = len(self.stack) - 1
+        while self.stack[at] is not _MARK:
+            at -= 1
+            if at < 0:
+                raise ValueError("no mark")
+        found = self.stack[at + 1 :]
+        del self.stack[at:]
+        return found
+
+    def put(self, place: int) -> None:
+        """Remember what is on top."""
+        top = self.stack[-1]
+        self.memo[place] = top
+        if isinstance(top, _Array):
+            top.places.append(place)
+
+    def name(self, module: str, name: str) -> None:
+        """A global: one of five, or the end."""
+        if (module, name) not in _NAMES:
+            raise LogError(
+                f"the pickle asks for {str(module)[:60]}.{str(name)[:60]}, which is none of the names a ScenarioNet "
+                "file needs; refused, nothing of it was run"
+            )
+        self.stack.append(_Name((module, name)))
+
+    def call(self) -> None:
+        """Only what makes arrays, their types and dictionaries is known, and done here."""
+        arguments, function = self.stack.pop(), self.stack.pop()
+        if not isinstance(function, _Name):
+            raise ValueError("a call of something that is no name")
+        if function[1] == "_reconstruct":
+            self.stack.append(_Array())
+        elif function[1] == "dtype":
+            self.stack.append(_Type(str(arguments[0])))
+        elif function[1] == "defaultdict":
+            self.stack.append({})
+        else:
+            raise ValueError(f"a call of {function[1]}")
+
+    def build(self) -> None:
+        """Give an array or a type its content."""
+        state, target = self.stack.pop(), self.stack.pop()
+        if not isinstance(target, _Array | _Type):
+            raise ValueError("content for something that is no array")
+        made = target.build(state)
+        if isinstance(target, _Array):
+            for place in target.places:
+                self.memo[place] = made
+        self.stack.append(made)
+
+    def set_items(self, items: list[Any]) -> None:
+        """Fill the dictionary on top."""
+        target = self.stack[-1]
+        if not isinstance(target, dict) or len(items) % 2:
+            raise ValueError("items for something that is no dictionary")
+        for key, value in zip(items[::2], items[1::2], strict=True):
+            if not isinstance(key, str | int | float | bytes | None):
+                raise ValueError("a key that is neither text nor number")
+            target[key] = value
+
+    def append(self, items: list[Any]) -> None:
+        """Fill the list on top."""
+        if not isinstance(self.stack[-1], list):
+            raise ValueError("items for something that is no list")
+        self.stack[-1].extend(items)
+
+    def tuple_of(self, count: int) -> None:
+        """The topmost values as a tuple."""
+        if len(self.stack) < count:
+            raise ValueError("the stack is empty")
+        values = tuple(self.stack[-count:])
+        del self.stack[-count:]
+        self.stack.append(values)
+
+
+def _dictionary(machine: _Machine, _: Any) -> None:
+    items = machine.since_mark()
+    machine.stack.append({})
+    machine.set_items(items)
+
+
+def _pop_two(machine: _Machine) -> list[Any]:
+    value, key = machine.stack.pop(), machine.stack.pop()
+    return [key, value]
+
+
+_STEPS: dict[str, Callable[[_Machine, Any], None]] = {
+    "PROTO": lambda machine, _: None,
+    "FRAME": lambda machine, _: None,
+    "MARK": lambda machine, _: machine.stack.append(_MARK),
+    "EMPTY_DICT": lambda machine, _: machine.stack.append({}),
+    **dict.fromkeys(("EMPTY_LIST", "EMPTY_SET"), lambda machine, _: machine.stack.append([])),
+    "EMPTY_TUPLE": lambda machine, _: machine.stack.append(()),
+    "LIST": lambda machine, _: machine.stack.append(machine.since_mark()),
+    "TUPLE": lambda machine, _: machine.stack.append(tuple(machine.since_mark())),
+    "TUPLE1": lambda machine, _: machine.tuple_of(1),
+    "TUPLE2": lambda machine, _: machine.tuple_of(2),
+    "TUPLE3": lambda machine, _: machine.tuple_of(3),
+    "DICT": _dictionary,
+    "APPEND": lambda machine, _: machine.append([machine.stack.pop()]),
+    **dict.fromkeys(("APPENDS", "ADDITEMS"), lambda machine, _: machine.append(machine.since_mark())),
+    "SETITEM": lambda machine, _: machine.set_items(_pop_two(machine)),
+    "SETITEMS": lambda machine, _: machine.set_items(machine.since_mark()),
+    "MEMOIZE": lambda machine, _: machine.put(len(machine.memo)),
+    **dict.fromkeys(("PUT", "BINPUT", "LONG_BINPUT"), lambda machine, place: machine.put(place)),
+    **dict.fromkeys(("GET", "BINGET", "LONG_BINGET"), lambda machine, place: machine.stack.append(machine.memo[place])),
+    "GLOBAL": lambda machine, names: machine.name(*names.split(" ", 1)),
+    "STACK_GLOBAL": lambda machine, _: machine.name(*_pop_two(machine)),
+    "REDUCE": lambda machine, _: machine.call(),
+    "BUILD": lambda machine, _: machine.build(),
+}

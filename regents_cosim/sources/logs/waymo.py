@@ -1,0 +1,135 @@
+"""Waymo Open Motion: `Scenario` protos in TFRecord, one scenario per record.
+
+Sizes vary from step to step and are taken as their median. The ego is the recorder's vehicle
+(`sdc_track_index`). Kerbs carry their height. Files of `tf.Example` have the same framing and
+are read by `waymo_example`.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from regents_cosim.errors import LogError
+from regents_cosim.sources.logs.formats import Beside, LogFormat, explained
+from regents_cosim.sources.logs.protobuf import Message, columns, grouped, messages, number, numbers, reals, text
+from regents_cosim.sources.logs.scene import (
+    LoggedLane,
+    LoggedMap,
+    LoggedScene,
+    LoggedSignal,
+    RoadEdge,
+    Track,
+    dense_track,
+    sized,
+    with_openings,
+)
+from regents_cosim.sources.logs.tfrecord import is_tfrecord, records
+from regents_cosim.sources.logs.waymo_codes import KINDS, LETTERS, MPH, UNKNOWN, lights
+from regents_cosim.sources.logs.waymo_example import read_example
+
+_BIKE_LANE = 3
+_STATE = (2, 3, 4, 5, 6, 8, 11)  # centre x, y, z, length, width, heading, valid
+
+
+def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+    """The scenarios of a file, streamed."""
+    empty = True
+    for index, payload in enumerate(records(path)):
+        empty = False
+        with explained(path, f"Waymo scenario in record {index}"):
+            top = grouped(memoryview(payload))
+            yield read_example(top, f"{path.stem}-{index}") if set(top) == {1} else _scene(top)
+    if empty:
+        raise LogError(f"{path}: no records")
+
+
+def _scene(top: dict[int, list[int | Message]]) -> LoggedScene:
+    times = reals(top[1])
+    if len(times) < 2 or not (np.diff(times) > 0).all():
+        raise ValueError(f"{len(times)} time stamps, expected at least 2 that increase")
+    tracks = [_track(message, len(times)) for message in messages(top[2])]
+    ego = number(top[6], -1)
+    mine = tracks[ego] if 0 <= ego < len(tracks) else None
+    lanes, edges = _map(messages(top[8]))
+    return LoggedScene(
+        name=text(top[5]) or "scenario",
+        dt=step_of(times),
+        tracks=tuple(track for track in tracks if track is not None),
+        road=LoggedMap(lanes, edges),
+        ego=mine.agent.id if mine else None,
+        signals=_signals(messages(top[7]), lanes, len(times)),
+        begin_s=float(times[0]),
+    )
+
+
+def step_of(times: np.ndarray) -> float:
+    """The step of time stamps that jitter by about a millisecond [s]."""
+    return round(float(np.median(np.diff(times))), 2)
+
+
+def _track(message: Message, steps: int) -> Track | None:
+    track = grouped(message)
+    states = messages(track[3])
+    if len(states) != steps:
+        raise ValueError(f"a track of {len(states)} states, expected {steps}")
+    x, y, z, length, width, heading, valid = columns(states, _STATE).T
+    there = valid > 0
+    if not there.any():
+        return None
+    kind = KINDS.get(number(track[2]), "other")
+    agent = sized(str(number(track[1])), kind, np.median(length[there]), np.median(width[there]))
+    return dense_track(agent, there, x, y, heading, z)
+
+
+# --- map --------------------------------------------------------------------------------------
+
+
+def _map(features: Sequence[Message]) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...]]:
+    lanes, edges = [], []
+    for message in features:
+        feature = grouped(message)
+        for lane in messages(feature[3]):
+            lanes.append(_lane(str(number(feature[1])), grouped(lane)))
+        for edge in messages(feature[5]):
+            points = columns(messages(grouped(edge)[2]), (1, 2, 3))
+            if len(points) > 1:
+                edges.append(RoadEdge(points[:, :2], points[:, 2]))
+    return with_openings(tuple(lane for lane in lanes if lane is not None)), tuple(edges)
+
+
+def _lane(name: str, lane: dict[int, list[int | Message]]) -> LoggedLane | None:
+    points = columns(messages(lane[8]), (1, 2, 3))
+    if number(lane[2]) == _BIKE_LANE or len(points) < 2:
+        return None
+    limit = reals(lane[1])
+    beside = [numbers(grouped(side)[1]) for values in (lane[11], lane[12]) for side in messages(values[:1])]
+    left, right = (beside.pop(0) if values and beside else [] for values in (lane[11], lane[12]))
+    return LoggedLane(
+        id=name,
+        centre=points[:, :2],
+        z=points[:, 2],
+        speed_limit=limit[0] * MPH if len(limit) and limit[0] > 0 else 13.9,
+        exits=tuple(str(exit_) for exit_ in numbers(lane[10])),
+        left=str(left[0]) if left else None,
+        right=str(right[0]) if right else None,
+    )
+
+
+# --- signals ----------------------------------------------------------------------------------
+
+
+def _signals(states: Sequence[Message], lanes: Sequence[LoggedLane], steps: int) -> tuple[LoggedSignal, ...]:
+    letters: dict[str, list[str]] = {}
+    stops: dict[str, np.ndarray] = {}
+    for step, message in enumerate(states[:steps]):
+        for one in messages(grouped(message)[1]):
+            light = grouped(one)
+            name = str(number(light[1]))
+            letters.setdefault(name, [UNKNOWN] * steps)[step] = LETTERS.get(number(light[2]), UNKNOWN)
+            if light[3]:
+                stops[name] = columns(messages(light[3][-1:]), (1, 2))[0]
+    return lights(letters, stops, lanes)
+
+
+FORMAT = LogFormat("waymo", "Waymo Open Motion TFRecord", lambda path, head: is_tfrecord(head), read)
