@@ -111,6 +111,7 @@ def test_a_jump_becomes_a_gap_and_what_lies_between_jumps_goes():
     assert {*range(2, 15), *range(17, 30)} <= set(found.step.tolist())
     straight = track(np.arange(30.0))
     assert without_jumps(straight, 0.1) is straight
+    assert len(without_jumps(track([1.0]), 0.1).step) == 1
 
 
 def test_a_stop_does_not_ring():
