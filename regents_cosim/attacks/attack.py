@@ -80,7 +80,9 @@ def attack_one(
         raise RegentsError(
             f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
         )
-    world = to_world(scenario)
+    dynamics = scenario.dynamics if config.dynamics == "recorded" else config.dynamics
+    config = replace(config, dynamics=dynamics)
+    world = to_world(scenario, dynamics)
     memory = start(planner, Scene(scenario, world), planner_name)
     allowed = np.asarray(_candidates(world, config))
     if config.search == "joint" or not allowed.any():

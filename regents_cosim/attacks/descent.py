@@ -16,7 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.costs import Costs, total_cost
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, controls_between
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
+from regents_cosim.mirror.dynamics import controls_between
 from regents_cosim.mirror.rollout import (
     LoopPlanner,
     drive,
@@ -138,7 +139,7 @@ def descend(
     end = jax.lax.while_loop(goes_on, update, evaluate(begin))
     controls = to_controls(end.actions)
     if config.background == "reactive":
-        moved = controls_between(end.motion, world.dt)
+        moved = controls_between(world.dynamics, end.motion, world.dt)
         controls = jax.tree.map(lambda own, seen: jnp.where(reacting[:, None], seen, own), controls, moved)
     controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), controls, end.ego_controls)
     finite = end.finite & jnp.isfinite(end.motion.x).all() & jnp.isfinite(end.motion.y).all()

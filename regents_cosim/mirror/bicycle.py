@@ -66,10 +66,10 @@ def roll_out(
     """
     speed = _stopping_speed(start.speed, jnp.where(moving, controls.accel, 0.0) * dt)
     travelled = jnp.where(moving, 0.5 * (speed[:, :-1] + speed[:, 1:]) * dt, 0.0)
-    yaw = _accumulate(start.yaw, controls.curvature * travelled)
+    yaw = accumulate(start.yaw, controls.curvature * travelled)
     mid = 0.5 * (yaw[:, :-1] + yaw[:, 1:])
-    x = _accumulate(start.x, travelled * jnp.cos(mid))
-    y = _accumulate(start.y, travelled * jnp.sin(mid))
+    x = accumulate(start.x, travelled * jnp.cos(mid))
+    y = accumulate(start.y, travelled * jnp.sin(mid))
     return Motion(x, y, yaw, speed)
 
 
@@ -98,7 +98,7 @@ def wrap(angle: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
     return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
 
 
-def _accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
+def accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
     """`start` and the running sums of `increments` on top of it.
 
     A product with a triangular matrix: for 32 x 80 values XLA's CPU backend takes 4 us for it
@@ -116,7 +116,7 @@ def _stopping_speed(start: Float[Array, " agent"], gains: Float[Array, "agent st
 
 
 def _stopping_speed_forward(start: Array, gains: Array) -> tuple[Array, Bool[Array, "agent time"]]:
-    plain = _accumulate(start, gains)
+    plain = accumulate(start, gains)
     floor = jnp.minimum(jax.lax.cummin(plain, axis=1), 0.0)
     before = jnp.concatenate([jnp.zeros_like(start)[:, None], floor[:, :-1]], axis=1)
     return plain - floor, plain < before
