@@ -53,6 +53,10 @@ class Traffic:
     """step of the simulation [s]; recordings are made at 0.1 s only"""
     fcd: Path | None = None
     """an fcd-output of SUMO (xml, xml.gz, csv) to read instead of running SUMO; needs -n"""
+    source: Annotated[str, Parameter("--from")] = ""
+    """highway:ENVIRONMENT instead of SUMO, e.g. highway:merge-v1"""
+    policy: str = "idm"
+    """who drives the ego in highway-env: idm, mdp, random, package.module:attribute or file.py:attribute"""
     count: int = 8
     """windows wanted"""
     seed: int = 0
@@ -165,8 +169,10 @@ def attack(
     from regents_cosim.suite import SuiteWriter, load_cases
 
     terminal = _terminal(talk)
-    if (cases is None) == (traffic.config is None and traffic.net is None):
-        raise RegentsError("expected either a folder of cases or traffic (-c NAME.sumocfg), not both")
+    if (cases is None) == (not _names_traffic(traffic)):
+        raise RegentsError(
+            "expected either a folder of cases or traffic (-c NAME.sumocfg, --from highway:ENVIRONMENT), not both"
+        )
     if compile_cache:
         keep_compiled_programs()
     suite = SuiteWriter(output, traffic.seed)
@@ -335,9 +341,13 @@ def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "T
     from regents_cosim.sources.sumo_config import SumoInput
     from regents_cosim.workers import executor_for
 
-    if traffic.config is None and traffic.net is None:
-        raise RegentsError("no traffic named (expected -c NAME.sumocfg, or -n NET with -r ROUTES or --fcd LOG)")
-    source = SumoInput(
+    if not _names_traffic(traffic):
+        raise RegentsError(
+            "no traffic named (expected -c NAME.sumocfg, -n NET with -r ROUTES or --fcd LOG, or --from highway:ENVIRONMENT)"
+        )
+    if traffic.source and not traffic.source.startswith("highway:"):
+        raise RegentsError(f"--from {traffic.source}: expected highway:ENVIRONMENT, e.g. highway:merge-v1")
+    source = traffic.source or SumoInput(
         config=traffic.config,
         net=traffic.net,
         routes=_files(traffic.routes),
@@ -350,6 +360,7 @@ def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "T
         found = run_record(
             source,
             fcd=traffic.fcd,
+            policy=traffic.policy,
             count=traffic.count,
             seed=traffic.seed,
             horizon_s=traffic.horizon,
@@ -359,6 +370,10 @@ def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "T
     if len(found) < traffic.count:
         terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
     return found
+
+
+def _names_traffic(traffic: Traffic) -> bool:
+    return bool(traffic.config or traffic.net or traffic.source)
 
 
 def _files(names: str) -> tuple[Path, ...]:

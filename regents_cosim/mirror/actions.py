@@ -15,7 +15,6 @@ open-loop fit does. Source: Li and Todorov 2004 (iLQR); limits by clipping in th
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -56,13 +55,12 @@ def fit_controls(
     start: Motion,
     moving: Bool[Array, "agent step"],
     dt: Float[Array, ""],
-    half_length: Float[Array, " agent"] | None = None,
-    dynamics: Dynamics = "bicycle",
+    half_length: Float[Array, " agent"],
+    dynamics: Dynamics,
 ) -> Controls:
     """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time].
 
-    By highway-env's model, which needs `half_length`, the plain estimate is kept where it follows more closely: for a
-    log of highway-env it is exact.
+    By highway-env's model the plain estimate is kept where it follows more closely: for a log of highway-env it is exact.
     """
     first = clip(controls_between(dynamics, log, dt))
     if dynamics == "bicycle":

@@ -28,6 +28,8 @@ class Recording:
     yaw: Float[np.ndarray, "vehicle time"]  # [rad]
     valid: Bool[np.ndarray, "vehicle time"]
     signals: tuple[Signal, ...] = ()
+    speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] where the source's own agrees with its positions
+    egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
 
 
 @dataclass

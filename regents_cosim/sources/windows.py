@@ -23,7 +23,6 @@ from regents_cosim.sources.recording import Recording
 
 MAX_AGENTS = 64  # the ego included
 _NEAR_M = 50.0  # within which the ego needs company
-_COMPANY = 2  # moving vehicles at the same instant
 _MOVING_MPS = 1.0
 _LEAST_WAY_M = 5.0  # that the ego covers
 
@@ -36,6 +35,7 @@ class Windows:
     seed: int = 0
     horizon_s: float = 8.0
     radius_m: float = 100.0  # agents that never come closer to the ego are left out
+    company: int = 2  # moving vehicles near the ego at the same instant
 
     def __post_init__(self) -> None:
         require(self.count >= 1, f"--count {self.count}, expected at least 1", RegentsError)
@@ -52,7 +52,7 @@ class Windows:
 class Origin:
     """Where the recordings come from, for ids and provenance."""
 
-    source: str  # "sumo", "fcd"
+    source: str  # "sumo", "fcd", "highway"
     file: str  # name only
     sha256: str
 
@@ -79,9 +79,10 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
 
     First one ego per slot, in rounds until there are enough. An ego is a motor vehicle that
 
+    - may be one by its Recording,
     - is there at every instant, without a jump,
     - covers at least 5 m, at more than 1 m/s on average,
-    - has, at some instant, at least 2 other motor vehicles within 50 m (centre to centre) that
+    - has, at some instant, at least `windows.company` other motor vehicles within 50 m (centre to centre) that
       drive faster than 1 m/s at that instant,
     - overlaps no other box at any instant,
     - keeps its centre on the drivable area (buses on their own lanes do not).
@@ -93,7 +94,7 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
     scenes = [_Scene.of(recording) for recording in recordings]
     refused: Counter[str] = Counter()
     queues = {
-        slot: _egos(scenes[slot], road, rng.permutation(len(scenes[slot].recording.ids)), refused)
+        slot: _egos(scenes[slot], road, windows, rng.permutation(len(scenes[slot].recording.ids)), refused)
         for slot in rng.permutation(len(scenes)).tolist()
     }
     found = sorted(islice(_in_rounds(queues), windows.count))
@@ -128,7 +129,10 @@ class _Scene:
     @classmethod
     def of(cls, recording: Recording) -> "_Scene":
         valid = smooth_pieces(recording.x, recording.y, recording.valid, recording.dt)
-        speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
+        if recording.speed is None:
+            speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
+        else:
+            speed = np.where(valid, recording.speed, 0.0)
         motor = np.array([kind.kind in VEHICLE_KINDS for kind in recording.types], bool)
         return cls(recording, valid, speed, motor)
 
@@ -146,17 +150,20 @@ class _Scene:
         return Boxes(r.x[of], r.y[of], r.yaw[of], types[:, :1], types[:, 1:])
 
 
-def _egos(scene: _Scene, road: RoadMap, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
+def _egos(scene: _Scene, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
     """The vehicles that may be the ego, in the given order; the others are counted by reason."""
+    recording = scene.recording
     for ego in order.tolist():
-        reason = _refusal(scene, ego, road)
+        if recording.egos is not None and recording.ids[ego] not in recording.egos:
+            continue
+        reason = _refusal(scene, ego, road, windows.company)
         if reason is None:
             yield ego
         else:
             refused[reason] += 1
 
 
-def _refusal(scene: _Scene, ego: int, road: RoadMap) -> str | None:
+def _refusal(scene: _Scene, ego: int, road: RoadMap, company: int) -> str | None:
     if not scene.motor[ego]:
         return "were no motor vehicles"
     if not scene.recording.valid[ego].all():
@@ -169,8 +176,8 @@ def _refusal(scene: _Scene, ego: int, road: RoadMap) -> str | None:
         return "stood or crept"
     apart = scene.distances(ego)
     moving = (scene.speed > _MOVING_MPS) & scene.motor[:, None]
-    if ((apart <= _NEAR_M) & moving).sum(axis=0).max() < _COMPANY:
-        return f"had fewer than {_COMPANY} moving vehicles within {_NEAR_M:.0f} m"
+    if ((apart <= _NEAR_M) & moving).sum(axis=0).max() < company:
+        return f"had fewer than {company} moving vehicles within {_NEAR_M:.0f} m"
     if _overlaps_any(scene, ego, apart):
         return "overlapped another vehicle in the recorded traffic"
     if not road.contains(np.stack([scene.recording.x[ego], scene.recording.y[ego]], axis=-1)).all():
