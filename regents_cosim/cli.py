@@ -343,7 +343,8 @@ def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "T
 
     if not _names_traffic(traffic):
         raise RegentsError(
-            "no traffic named (expected -c NAME.sumocfg, -n NET with -r ROUTES or --fcd LOG, or --from highway:ENVIRONMENT)"
+            "no traffic named (expected -c NAME.sumocfg, -n NET with -r ROUTES or --fcd LOG, "
+            "or --from highway:ENVIRONMENT)"
         )
     if traffic.source and not traffic.source.startswith("highway:"):
         raise RegentsError(f"--from {traffic.source}: expected highway:ENVIRONMENT, e.g. highway:merge-v1")

@@ -60,7 +60,8 @@ def fit_controls(
 ) -> Controls:
     """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time].
 
-    By highway-env's model the plain estimate is kept where it follows more closely: for a log of highway-env it is exact.
+    By highway-env's model the plain estimate is kept where it follows more closely: for a log of
+    highway-env it is exact.
     """
     first = clip(controls_between(dynamics, log, dt))
     if dynamics == "bicycle":

@@ -14,7 +14,7 @@ from regents_cosim.roadmap import Connection, Lane, RoadMap
 
 _SPACING_M = 1.0  # of the points on curved lanes
 _MEET_M = 1.0  # a lane continues into one that begins this close to its end
-_CLOSE_M = 0.2  # slivers between lanes up to twice as wide belong to the road
+_FILLET_M = 3.0  # radius of inner corners: IDM vehicles cut those of the roundabout by 0.3 m
 _SPEED_LIMIT = 30.0  # [m/s] of lanes that name none: the top of highway-env's rewarded speeds
 
 
@@ -66,14 +66,14 @@ def _connections(lanes: dict[LaneIndex, AbstractLane]) -> Iterator[Connection]:
 
 
 def _drivable(lanes: list[AbstractLane]) -> BaseGeometry:
-    """All lanes in one, gaps up to 0.4 m closed, and the wedges where lanes meet at an angle."""
+    """All lanes in one, with round inner corners, and without the wedges where lanes meet at an angle."""
     lines = [shapely.LineString(points_from_highway(_centre(lane))) for lane in lanes]
     half_widths = [0.5 * float(lane.width_at(0.0)) for lane in lanes]
     ends = [shapely.Point(line.coords[end]) for end in (0, -1) for line in lines]
     where_others_go_on = [_meets(end, ends) for end in ends]
     joints = shapely.buffer(np.array(ends)[where_others_go_on], np.tile(half_widths, 2)[where_others_go_on])
     area = shapely.union_all([*shapely.buffer(lines, half_widths, cap_style="flat"), *joints])
-    return area.buffer(_CLOSE_M, join_style="mitre").buffer(-_CLOSE_M, join_style="mitre")
+    return area.buffer(_FILLET_M).buffer(-_FILLET_M)
 
 
 def _meets(end: shapely.Point, ends: list[shapely.Point]) -> bool:

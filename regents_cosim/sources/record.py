@@ -26,9 +26,9 @@ def record(
     """Up to `count` windows of ordinary traffic; the same seed gives the same.
 
     `source` is a .sumocfg, a SumoInput, or `highway:` and the id of an environment of highway-env,
-    whose ego `policy` drives: idm, mdp, random, `package.module:attribute` or `file.py:attribute`. With `fcd`, an fcd-output of SUMO, nothing is run: the
-    network and the vehicle types come from `source`. Raises RegentsError for bad input,
-    NoWindowError where there is no window.
+    whose ego `policy` drives: idm, mdp, random, `package.module:attribute` or `file.py:attribute`.
+    With `fcd`, an fcd-output of SUMO, nothing is run: the network and the vehicle types come from
+    `source`. Raises RegentsError for bad input, NoWindowError where there is no window.
     """
     if isinstance(source, str) and source.startswith(_HIGHWAY):
         from regents_cosim.sources.highway import record_highway  # imports pygame
