@@ -201,7 +201,8 @@ def attack(
 def replay(
     cases: Path,
     *,
-    where: Annotated[Literal["sumo", "mirror"], Parameter("--in")] = "sumo",
+    where: Annotated[Literal["sumo", "highway", "mirror"], Parameter("--in")] = "sumo",
+    mode: Literal["track", "actions"] = "track",
     ego: Literal["track", "planner"] | None = None,
     planner: str | None = None,
     gui: bool = False,
@@ -218,11 +219,14 @@ def replay(
     cases
         a case or a folder of cases
     where
-        in SUMO, or in the mirror
+        in SUMO, in highway-env, or in the mirror
+    mode
+        in highway-env the others are placed on their tracks, or moved by its own physics (actions)
     ego
         track: as in the case; planner: driven in closed loop by the planner (default where --planner is given)
     planner
-        who drives the ego; default the planner that was attacked
+        who drives the ego; default the planner that was attacked; in highway-env also its own agents:
+        highway:idm, highway:mdp, highway:random, highway:package.module:attribute
     gui
         show it in sumo-gui
     record
@@ -249,7 +253,7 @@ def replay(
     if ego == "planner" and planner is None:
         driven_by = _attacked_planner(scenarios)
     with executor_for(executor) as pool:
-        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool)
+        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
     if record and found[0].replayed:
         _draw(found[0].replayed, record, beside_original, terminal)
