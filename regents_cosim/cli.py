@@ -124,6 +124,7 @@ def attack(
     output: Annotated[Path, Parameter(["--output", "-o"])],
     search: Literal["joint", "per-candidate"] | None = None,
     background: Literal["log", "reactive"] | None = None,
+    dynamics: Literal["recorded", "bicycle", "highway"] = "recorded",
     iterations: int = 500,
     batch: int = 32,
     executor: str = "local",
@@ -147,6 +148,8 @@ def attack(
         one search over all candidates, or one for each of the nearest (every adversary found is a case)
     background
         do other agents replay their log, or brake for what stands in their way; default: the preset's
+    dynamics
+        how vehicles move: by the mirror's bicycle, or exactly as in highway-env; recorded: as where the case is from
     output
         folder for the attacked cases
     iterations
@@ -182,6 +185,7 @@ def attack(
         preset,
         search=search or preset.search,
         background=background or preset.background,
+        dynamics=dynamics,
         iterations=iterations,
     )
     attacked = []
@@ -328,6 +332,78 @@ def success(
             replays = _verify([case for found in attacked for case in found], "local", terminal)
             rows.append(dataclasses.asdict(success_row(METHODS[method], planner, attacked, list(replays.values()))))
     terminal.show(f"attacks on {len(windows)} windows", rows)
+    return 0
+
+
+@bench.command
+def highway(
+    *,
+    count: int = 25,
+    seed: int = 0,
+    envs: tuple[str, ...] = ("merge-v1", "roundabout-v1", "intersection-v2", "highway-v0"),
+    policy: str = "idm",
+    planners: tuple[str, ...] = ("idm",),
+    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents"),
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """How often attacks on highway-env's own traffic succeed, and whether the crashes happen in highway-env.
+
+    Parameters
+    ----------
+    count
+        windows per environment
+    envs
+        environments of highway-env
+    policy
+        who drives the ego in the recordings
+    planners
+        systems under test
+    methods
+        presets
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.attacks.attack import attack_each
+    from regents_cosim.attacks.presets import METHODS
+    from regents_cosim.evaluation.transfer import highway_row
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.sources.record import record as run_record
+
+    terminal = _terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    windows = {
+        env: run_record(f"highway:{env}", policy=policy, count=count, seed=seed)
+        for env in terminal.each(envs, "recording traffic", len(envs))
+    }
+    rows = []
+    for planner in planners:
+        for method in methods:
+            for env, found in windows.items():
+                results = attack_each(found, METHODS[method], planner)
+                attacked = [s for each in terminal.each(results, f"{method} in {env}", len(found)) for s in each]
+                rows.append(dataclasses.asdict(highway_row(env, METHODS[method], planner, attacked)))
+    terminal.show(f"attacks on {sum(map(len, windows.values()))} windows, replayed in highway-env", rows)
+    return 0
+
+
+@bench.command
+def transfer(cases: Path, *, talk: Talk = Talk()) -> int:
+    """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases
+    """
+    from regents_cosim.evaluation.transfer import transfer_rows
+    from regents_cosim.suite import load_cases
+
+    terminal = _terminal(talk)
+    with terminal.waiting("replaying"):
+        rows = [dataclasses.asdict(row) for row in transfer_rows(load_cases(cases))]
+    terminal.show(f"transfer of {cases}", rows)
     return 0
 
 

@@ -40,13 +40,14 @@ class IDMAgent:
 
     def start(self, env: AbstractEnv, seed: int) -> None:
         """Put an IDM vehicle where the controlled one is."""
-        old = env.vehicle
+        old, road = _controlled(env), _road(env)
         # Where nothing was asked for, the limit of the lane: an IDM vehicle without a wish would keep its speed.
         wish = getattr(old, "target_speed", None) or getattr(old.lane, "speed_limit", None) or old.MAX_SPEED
-        lane, route = getattr(old, "target_lane_index", None), getattr(old, "route", None)
-        new = IDMVehicle(old.road, old.position, old.heading, old.speed, lane, wish, route)
+        lane: Any = getattr(old, "target_lane_index", None)
+        route: Any = getattr(old, "route", None)
+        new = IDMVehicle(road, old.position, old.heading, old.speed, lane, wish, route)
         new.LENGTH, new.WIDTH, new.diagonal = old.LENGTH, old.WIDTH, old.diagonal
-        env.road.vehicles[env.road.vehicles.index(old)] = new
+        road.vehicles[road.vehicles.index(old)] = new
         env.controlled_vehicles[env.controlled_vehicles.index(old)] = new
         env.observation_type.observer_vehicle = new
         self._idle = _idle_action(env)
@@ -68,7 +69,7 @@ class MDPAgent:
 
     def start(self, env: AbstractEnv, seed: int) -> None:
         """Remember the environment, whose grid is asked for at every step."""
-        if not hasattr(env.vehicle, "speed_index"):
+        if not hasattr(_controlled(env), "speed_index"):
             raise PlannerError("agent mdp needs an environment with the action type DiscreteMetaAction")
         self._env = env
 
@@ -77,11 +78,10 @@ class MDPAgent:
         env = self._env
         grid = compute_ttc_grid(env, time_quantization=1.0, horizon=10.0)
         best = _best_values(grid)
-        now = (env.vehicle.speed_index, env.vehicle.lane_index[2])
+        ego, meta = _controlled(env), _meta_actions(env)
+        now = (ego.speed_index, ego.lane_index[2])
         values = {name: best[_after(name, *now, grid.shape)] for name in _MOVES}
-        indexes = env.action_type.actions_indexes
-        allowed = set(env.get_available_actions())
-        return max((i for name, i in indexes.items() if i in allowed), key=lambda i: values[env.action_type.actions[i]])
+        return max(env.get_available_actions(), key=lambda index: values[meta.actions[index]])
 
 
 _MOVES = {"IDLE": (0, 0), "LANE_LEFT": (0, -1), "LANE_RIGHT": (0, 1), "FASTER": (1, 0), "SLOWER": (-1, 0)}
@@ -172,13 +172,28 @@ def _decision(policy: Any, name: str) -> Callable[[Any], Any]:
     )
 
 
+# highway-env's annotations do not know the kinds of vehicles and actions that configurations make.
+
+
+def _controlled(env: AbstractEnv) -> Any:
+    return env.vehicle
+
+
+def _road(env: AbstractEnv) -> Any:
+    return env.road
+
+
+def _meta_actions(env: AbstractEnv) -> Any:
+    return env.action_type
+
+
 def _idle_action(env: AbstractEnv) -> Any:
     """An action of the environment's that changes nothing."""
     indexes = getattr(env.action_type, "actions_indexes", None)
     if indexes is not None:
         return indexes["IDLE"]
-    shape = env.action_space.shape
-    return np.zeros(shape, np.float32) if shape else int(env.action_space.n) // 2  # pyright: ignore[reportAttributeAccessIssue, reportOptionalMemberAccess]
+    space: Any = env.action_space
+    return np.zeros(space.shape, np.float32) if space.shape else int(space.n) // 2
 
 
 def _import(module_name: str, name: str) -> Any:

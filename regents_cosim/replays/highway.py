@@ -81,7 +81,8 @@ class _Film:
         states, valid = np.zeros((4, len(self._row))), np.zeros(len(self._row), bool)
         for vehicle in road.vehicles:
             row = self._row[vehicle.name] if isinstance(vehicle, ScriptedVehicle) else 0
-            pose = from_highway(HighwayPose(*vehicle.position.tolist(), float(vehicle.heading)))
+            x, y = vehicle.position.tolist()
+            pose = from_highway(HighwayPose(x, y, float(vehicle.heading)))
             states[:, row] = *pose, max(float(vehicle.speed), 0.0)
             valid[row] = True
         self.frames.append((states, valid))

@@ -109,7 +109,8 @@ class ActionVehicle(ScriptedVehicle):
     ) -> None:
         """`controls` are accelerations [m/s^2] and curvatures [1/m] in our frame."""
         super().__init__(road, name, role, size, states, valid)
-        self.accel, self.steering = controls[0], wheel_from_curvature(controls[1], size[0])
+        self.accel = controls[0]
+        self.steering = np.asarray(wheel_from_curvature(controls[1], size[0]))
 
     def step(self, dt: float) -> None:
         """One step of highway-env's vehicle, as if nothing had touched it; at first, be on the track."""

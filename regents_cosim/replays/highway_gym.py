@@ -90,12 +90,12 @@ class HighwayReplayEnv(AbstractEnv):
     def _make_ego(self, road: ReplayRoad) -> Vehicle:
         """The vehicle that the action type drives, where the case has the ego, and with its route."""
         tracks, agent = self.scenario.tracks, self.scenario.ego
-        x, y, heading = to_highway(Pose(tracks.x[0], tracks.y[0], tracks.yaw[0]))
+        x, y, heading = map(np.asarray, to_highway(Pose(tracks.x[0], tracks.y[0], tracks.yaw[0])))
         ego = self.action_type.vehicle_class(road, [x[0], y[0]], float(heading[0]), float(tracks.speed[0, 0]))
         ego.LENGTH, ego.WIDTH = agent.length, agent.width
         ego.diagonal = float(np.hypot(agent.length, agent.width))
         points = np.stack([x, y], axis=-1)[::_ROUTE_EVERY]
-        ego.route = route_along(road.network, points, np.asarray(heading)[::_ROUTE_EVERY])
+        ego.route = route_along(road.network, points, heading[::_ROUTE_EVERY])
         return ego
 
     def _simulate(self, action: Any = None) -> None:

@@ -6,8 +6,12 @@ from typing import Any, Literal
 import gymnasium
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.road.road import Road
+from highway_env.vehicle.kinematics import Vehicle
 
+from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.replays.highway_cast import ScriptedVehicle
 from regents_cosim.replays.highway_gym import choose_case
 from regents_cosim.scenario import Agent, Scenario
 
@@ -53,7 +57,7 @@ class InjectScenario(gymnasium.Wrapper):
             self.injected = []
             return observation, info
         scenario = choose_case(asked.get("case"), asked.get("suite"), self._rng)
-        road = self._host.road
+        road: Any = self._host.road
         self.injected = [InjectedVehicle(road, scenario, row) for row in self._members(scenario)]
         self._call(road)
         self._keep_time(road)
@@ -124,5 +128,5 @@ class InjectedVehicle(ScriptedVehicle):
 
 def _touch(a: Vehicle, b: Vehicle) -> bool:
     """Whether two boxes overlap, in highway-env's plane as in ours."""
-    boxes = (Boxes(*v.position.tolist(), float(v.heading), v.LENGTH, v.WIDTH) for v in (a, b))
-    return bool(overlap(*boxes))
+    first, second = (Boxes(v.position[0], v.position[1], v.heading, v.LENGTH, v.WIDTH) for v in (a, b))
+    return bool(overlap(first, second))

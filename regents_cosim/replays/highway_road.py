@@ -6,6 +6,7 @@ a lane of our own.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import shapely
@@ -46,9 +47,7 @@ def route_along(
 class CentreLine(AbstractLane):
     """A lane along a line of points, straight beyond its ends."""
 
-    def __init__(
-        self, points: Float[np.ndarray, "point 2"], width: float, line_types: list[int], speed_limit: float
-    ) -> None:
+    def __init__(self, points: Float[np.ndarray, "point 2"], width: float, line_types: Any, speed_limit: float) -> None:
         self.points, self.width = points, width
         self.line_types, self.speed_limit = line_types, speed_limit
         self.forbidden, self.priority = False, 0
@@ -94,7 +93,7 @@ class CentreLine(AbstractLane):
 def _near(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> set[str]:
     found = road.centre_lines.query(shapely.MultiPoint(tracks), predicate="dwithin", distance=_AROUND_M)
     indices = np.unique(found) if len(found) else road.centre_lines.nearest(shapely.points(tracks[:1]))
-    return {road.lanes[int(i)].id for i in indices}
+    return {road.lanes[i].id for i in np.atleast_1d(indices).tolist()}
 
 
 def _roads(road: RoadMap, kept: set[str]) -> Iterator[list[Lane]]:
@@ -146,14 +145,15 @@ class _Nodes:
 
 def _lane(lane: Lane, leftmost: bool, rightmost: bool) -> AbstractLane:
     points = _without_repeats(points_to_highway(lane.centre))
-    lines = [
-        LineType.CONTINUOUS_LINE if leftmost else LineType.STRIPED,
-        LineType.CONTINUOUS_LINE if rightmost else LineType.NONE,
+    # Not CONTINUOUS_LINE, which is drawn straight from end to end whatever the lane does.
+    lines: Any = [
+        LineType.CONTINUOUS if leftmost else LineType.STRIPED,
+        LineType.CONTINUOUS if rightmost else LineType.NONE,
     ]
     if lane.junction:
         lines = [LineType.NONE, LineType.NONE]
     if len(points) == 2:
-        return StraightLane(points[0], points[1], lane.width, lines, speed_limit=lane.speed_limit)  # pyright: ignore[reportArgumentType]
+        return StraightLane(points[0], points[1], lane.width, lines, speed_limit=lane.speed_limit)
     return CentreLine(points, lane.width, lines, lane.speed_limit)
 
 

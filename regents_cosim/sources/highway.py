@@ -137,9 +137,10 @@ class _Film:
 
     def take(self, env: AbstractEnv) -> None:
         """One more frame."""
-        frame = {}
-        for item in [*env.road.vehicles, *(o for o in env.road.objects if not isinstance(o, Landmark))]:
-            pose = from_highway(HighwayPose(*item.position.tolist(), float(item.heading)))
+        frame, road = {}, _road(env)
+        for item in [*road.vehicles, *(o for o in road.objects if not isinstance(o, Landmark))]:
+            x, y = item.position.tolist()
+            pose = from_highway(HighwayPose(x, y, float(item.heading)))
             # highway-env's vehicles may creep backwards, ours stand
             frame[self._name(item, env)] = (*pose, max(float(item.speed), 0.0))
         self.frames.append(frame)
@@ -179,7 +180,7 @@ class _Film:
     def _name(self, item: RoadObject, env: AbstractEnv) -> str:
         if id(item) not in self._names:
             self._seen.append(item)
-            is_vehicle = item in env.road.vehicles
+            is_vehicle = item in _road(env).vehicles
             label = "ego" if item is env.vehicle else f"{'car' if is_vehicle else 'object'}{len(self._names):03d}"
             self._names[id(item)] = name = f"e{self.episode:03d}.{label}"
             kind = ("truck" if item.LENGTH >= _TRUCK_M else "car") if is_vehicle else "other"
@@ -205,15 +206,21 @@ def _run_episode(
         observation, _, terminated, truncated, _ = env.step(agent.act(observation))
         ended = terminated or truncated
     film.frames = film.frames[:wanted]
-    return film.recording(steps, STEP_S), to_road_map(env.road.network)
+    return film.recording(steps, STEP_S), to_road_map(_road(env).network)
 
 
 def _film_each_frame(env: AbstractEnv, film: _Film) -> None:
     """Between two decisions of the policy an environment steps its road several times."""
-    step = env.road.step
+    road = _road(env)
+    step = road.step
 
     def step_and_take(dt: float) -> None:
         step(dt)
         film.take(env)
 
-    env.road.step = step_and_take
+    road.step = step_and_take
+
+
+def _road(env: AbstractEnv) -> Any:
+    """The road, which after a reset there always is."""
+    return env.road

@@ -1,6 +1,7 @@
 """A road network of highway-env becomes a RoadMap: sampled centre lines, connections, drivable area."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import shapely
@@ -20,7 +21,9 @@ _SPEED_LIMIT = 30.0  # [m/s] of lanes that name none: the top of highway-env's r
 
 def to_road_map(network: RoadNetwork) -> RoadMap:
     """Lanes are named FROM-TO_INDEX after the nodes of highway-env's graph, index 0 being the leftmost."""
-    lanes = network.lanes_dict()
+    lanes: dict[LaneIndex, Any] = {}  # their limits and rights are not in highway-env's annotations
+    for begin, onward in network.graph.items():
+        lanes |= {(begin, end, i): lane for end, found in onward.items() for i, lane in enumerate(found)}
     return RoadMap(
         lanes=tuple(_lane(index, lane, lanes) for index, lane in lanes.items()),
         connections=tuple(_connections(lanes)),
@@ -32,7 +35,7 @@ def _name(index: LaneIndex) -> str:
     return f"{index[0]}-{index[1]}_{index[2]}"
 
 
-def _lane(index: LaneIndex, lane: AbstractLane, lanes: dict[LaneIndex, AbstractLane]) -> Lane:
+def _lane(index: LaneIndex, lane: Any, lanes: dict[LaneIndex, Any]) -> Lane:
     return Lane(
         id=_name(index),
         centre=points_from_highway(_centre(lane)),
@@ -43,7 +46,7 @@ def _lane(index: LaneIndex, lane: AbstractLane, lanes: dict[LaneIndex, AbstractL
     )
 
 
-def _neighbour(index: LaneIndex, offset: int, lanes: dict[LaneIndex, AbstractLane]) -> str | None:
+def _neighbour(index: LaneIndex, offset: int, lanes: dict[LaneIndex, Any]) -> str | None:
     beside = (index[0], index[1], index[2] + offset)
     return _name(beside) if beside in lanes and not lanes[beside].forbidden else None
 

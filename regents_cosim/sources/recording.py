@@ -59,7 +59,15 @@ class Slot:
         valid[at] = True
         signals = tuple(Signal(name, _changes(letters)) for name, letters in sorted(self.letters.items()))
         return Recording(
-            self.begin_s, self.dt, ids, tuple(types[name] for name in ids), **arrays, valid=valid, signals=signals
+            begin_s=self.begin_s,
+            dt=self.dt,
+            ids=ids,
+            types=tuple(types[name] for name in ids),
+            x=arrays["x"],
+            y=arrays["y"],
+            yaw=arrays["yaw"],
+            valid=valid,
+            signals=signals,
         )
 
 
