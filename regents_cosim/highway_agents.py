@@ -7,7 +7,7 @@ import importlib
 import importlib.util
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
@@ -17,6 +17,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from regents_cosim.errors import PlannerError
 
 
+@runtime_checkable
 class HighwayAgent(Protocol):
     """Drives the controlled vehicle of a highway-env environment."""
 

@@ -10,7 +10,7 @@ _FOLLOWS_M = 1e-3  # tracks that the plain inverse misses by more were made by a
 _MIN_TRAVEL_M = 1e-6
 
 
-def actions(scenario: Scenario) -> Float[np.ndarray, "2 agent time-1"]:
+def actions(scenario: Scenario) -> Float[np.ndarray, "2 agent step"]:
     """Accelerations [m/s^2] and curvatures [1/m] of all agents, 0 while absent.
 
     Tracks made by highway-env or by its twin are inverted exactly; others are fitted with the
@@ -27,7 +27,7 @@ def actions(scenario: Scenario) -> Float[np.ndarray, "2 agent time-1"]:
     return found
 
 
-def _inverse(scenario: Scenario) -> Float[np.ndarray, "2 agent time-1"]:
+def _inverse(scenario: Scenario) -> Float[np.ndarray, "2 agent step"]:
     tracks, dt = scenario.tracks, scenario.dt
     held = tracks.valid[:, :-1] & tracks.valid[:, 1:]
     travelled = tracks.speed[:, :-1] * dt
@@ -36,7 +36,7 @@ def _inverse(scenario: Scenario) -> Float[np.ndarray, "2 agent time-1"]:
     return np.where(held, np.stack([np.diff(tracks.speed, axis=1) / dt, curvature]), 0.0)
 
 
-def _missed(scenario: Scenario, found: Float[np.ndarray, "2 agent time-1"]) -> Bool[np.ndarray, " agent"]:
+def _missed(scenario: Scenario, found: Float[np.ndarray, "2 agent step"]) -> Bool[np.ndarray, " agent"]:
     """Agents whose tracks highway-env's model would leave."""
     tracks = scenario.tracks
     held = tracks.valid[:, :-1] & tracks.valid[:, 1:]

@@ -105,7 +105,7 @@ class ActionVehicle(ScriptedVehicle):
         size: tuple[float, float],
         states: Float[np.ndarray, "4 time"],
         valid: Bool[np.ndarray, " time"],
-        controls: Float[np.ndarray, "2 time-1"],
+        controls: Float[np.ndarray, "2 step"],
     ) -> None:
         """`controls` are accelerations [m/s^2] and curvatures [1/m] in our frame."""
         super().__init__(road, name, role, size, states, valid)

@@ -78,22 +78,27 @@ def record_episodes(job: RecordingJob) -> list[Scenario]:
     """Run episodes until they hold enough windows. Call it in a worker process."""
     env = _make(job)
     agent = find_agent(job.policy)
-    kept, road, last = [], None, NoWindowError("")
-    for episode in range(4 * job.windows.count + 8):
+    origin, most = _origin(job, env), 4 * job.windows.count + 8
+    kept, refused = [], []
+    for episode in range(most):
         recording, road = _run_episode(env, agent, job, episode)
-        try:
-            choose_windows([recording] if recording else [], road, _origin(job, env), replace(job.windows, count=1))
-        except NoWindowError as error:
-            last = error
+        if recording is None:
             continue
-        if recording:
-            kept.append(recording)
+        try:
+            choose_windows([recording], road, origin, replace(job.windows, count=1))
+        except NoWindowError:
+            refused.append(recording)
+            continue
+        kept.append(recording)
         if len(kept) == job.windows.count:
             break
     env.close()
-    if road is None or not kept:
-        raise NoWindowError(f"{job.environment} with policy {job.policy}: {last}")
-    return choose_windows(kept, road, _origin(job, env), job.windows)
+    if not kept and not refused:
+        raise NoWindowError(
+            f"no window found: {most} of {most} episodes ended before {job.windows.horizon_s:g} s "
+            f"in {job.environment} under policy {job.policy} (try a shorter --horizon or another --policy)"
+        )
+    return choose_windows(kept or refused, road, origin, job.windows)
 
 
 def _require_environment(name: str) -> None:
