@@ -33,7 +33,7 @@ def crossing_paths():
 def test_gymnasium_s_own_checks_pass():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # highway-env's observations have no bounds
-        check_env(make(case=next(QUICKSTART.glob("multilane*")), mode="actions"))
+        check_env(make(case=next(QUICKSTART.glob("multilane*"))))
 
 
 EPISODE = """
@@ -143,7 +143,13 @@ def test_vector_environments():
 
 def test_vector_environments_in_processes(tmp_path):
     folder = save_case(crossing_paths(), tmp_path)
-    both = gymnasium.make_vec(ID, num_envs=2, vectorization_mode="async", config={"case": str(folder)})
+    both = gymnasium.make_vec(
+        ID,
+        num_envs=2,
+        vectorization_mode="async",
+        vector_kwargs={"context": "spawn"},  # JAX, which the tests have loaded, does not survive a fork
+        config={"case": str(folder)},
+    )
     observation, info = both.reset(seed=1)
     assert info["case"].tolist() == ["slow_ahead"] * 2
     assert hashlib.sha256(observation[0].tobytes()).digest() == hashlib.sha256(observation[1].tobytes()).digest()

@@ -1,5 +1,6 @@
 """Cases in highway-env: roads, scripted vehicles, the verdict."""
 
+import itertools
 import json
 import subprocess
 import sys
@@ -88,7 +89,7 @@ def test_routes_are_connected():
     track = points_to_highway(np.stack([case.tracks.x[0], case.tracks.y[0]], axis=-1))
     route = route_along(network, track, -case.tracks.yaw[0])
     assert len(route) >= 2
-    assert all(before[1] == after[0] for before, after in zip(route, route[1:], strict=False))
+    assert all(before[1] == after[0] for before, after in itertools.pairwise(route))
     assert all(network.get_lane(index) for index in route)
 
 

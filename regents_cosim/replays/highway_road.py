@@ -17,6 +17,8 @@ from jaxtyping import Float
 from regents_cosim.frames import points_to_highway
 from regents_cosim.roadmap import Lane, RoadMap
 
+Number = float | int  # highway-env hands over either
+
 _AROUND_M = 30.0  # of the tracks, that lanes must come close to
 _APART_M = 0.05  # points of a centre line closer than this are one
 
@@ -61,7 +63,7 @@ class CentreLine(AbstractLane):
         self._least, self._most = np.zeros_like(self._lengths), self._lengths.copy()
         self._least[0], self._most[-1] = -np.inf, np.inf
 
-    def position(self, longitudinal: float, lateral: float) -> np.ndarray:
+    def position(self, longitudinal: Number, lateral: Number) -> np.ndarray:
         """The point `lateral` m to the right of the line, `longitudinal` m along it."""
         piece = self._piece(longitudinal)
         ahead = self._directions[piece]
@@ -78,15 +80,15 @@ class CentreLine(AbstractLane):
         lateral = off[piece, 1] * ahead[0] - off[piece, 0] * ahead[1]
         return float(self._starts[piece] + along[piece]), float(lateral)
 
-    def heading_at(self, longitudinal: float) -> float:
+    def heading_at(self, longitudinal: Number) -> float:
         """Direction of the line [rad]."""
         return float(self._headings[self._piece(longitudinal)])
 
-    def width_at(self, longitudinal: float) -> float:
+    def width_at(self, longitudinal: Number) -> float:
         """The same everywhere [m]."""
         return self.width
 
-    def _piece(self, longitudinal: float) -> int:
+    def _piece(self, longitudinal: Number) -> int:
         return int(np.clip(np.searchsorted(self._starts, longitudinal, "right") - 1, 0, len(self._starts) - 1))
 
 
