@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,9 +26,11 @@ from regents_cosim.mirror.highway_bicycle import roll_out
 from regents_cosim.mirror.world import scene_origin, to_tracks
 from regents_cosim.replays.highway import drive_in_highway, replay_in_highway
 from regents_cosim.replays.highway_gym import network_of
-from regents_cosim.replays.highway_road import CentreLine, route_along
+from regents_cosim.replays.highway_road import CentreLine, build_network, route_along
 from regents_cosim.replays.replay import replay
 from regents_cosim.shipped import shipped
+from regents_cosim.sources.highway import environments
+from regents_cosim.sources.highway_net import to_road_map
 from tests.scenes import platoon, scene
 
 QUICKSTART = shipped("scenarios") / "quickstart"
@@ -67,6 +70,21 @@ def test_the_leftmost_lane_comes_first():
     network = network_of(platoon())
     (lanes,) = (found for onward in network.graph.values() for found in onward.values())
     assert [lane.start[1] for lane in lanes] == pytest.approx([-6.4, -3.2, 0.0])  # y south: the northernmost first
+
+
+def test_a_network_of_highway_env_survives_the_way_there_and_back():
+    """merge-v1 has a ramp that one may leave and not enter, and curved lanes."""
+    environments()
+    before = gymnasium.make("merge-v1", disable_env_checker=True).unwrapped.road.network
+    road = to_road_map(before)
+    after = build_network(road, np.concatenate([lane.centre for lane in road.lanes]))
+    assert len(after.lanes_list()) == len(before.lanes_list()) == 9
+    for lane in before.lanes_list():
+        spots = [lane.position(along, 0.0) for along in np.linspace(2.0, lane.length - 2.0, 5)]
+        index = after.get_closest_lane_index(spots[2], lane.heading_at(lane.length / 2))
+        twin = after.get_lane(index)
+        assert twin.forbidden == lane.forbidden or len(after.all_side_lanes(index)) == 1
+        assert max(twin.distance(spot) for spot in spots) < 0.1
 
 
 @pytest.mark.parametrize("name", ["roundabout-00218", "crossing-00218", "multilane-00064", "grid-00064"])

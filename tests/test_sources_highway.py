@@ -48,7 +48,9 @@ def test_the_road_map_is_the_network(name):
         line = shapely.LineString(road.lane[f"{begin}-{end}_{index}"].centre)
         for along in np.linspace(1.0, lane.length - 1.0, 5):
             point = points_from_highway(np.asarray(lane.position(along, 1.2)))
-            assert line.distance(shapely.Point(point)) == pytest.approx(1.2, abs=0.05)
+            assert line.distance(shapely.Point(point)) == pytest.approx(
+                1.2, abs=0.1
+            )  # a sine lane measures across the road, not across itself
             assert road.contains(point[None]).all()
 
 
@@ -98,5 +100,5 @@ def test_wrong_names_are_explained():
         record("highway:merge-v2")
     with pytest.raises(PlannerError, match="expected one of idm, mdp, random"):
         record("highway:merge-v1", policy="imd")
-    with pytest.raises(NoWindowError, match="12 of 12 episodes ended before 20 s"):
-        record_episodes(RecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=20.0)))
+    with pytest.raises(NoWindowError, match="12 of 12 episodes ended before 60 s"):
+        record_episodes(RecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=60.0)))

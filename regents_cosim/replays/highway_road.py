@@ -26,11 +26,14 @@ _APART_M = 0.05  # points of a centre line closer than this are one
 def build_network(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> RoadNetwork:
     """The lanes within 30 m of any of the points `tracks` [m], or the nearest one."""
     kept = _near(road, tracks)
-    nodes = _Nodes(road)
+    right_of = _right_of(road)
+    nodes = _Nodes(road, right_of)
     network = RoadNetwork()
-    for lanes in _roads(road, kept):
+    for lanes in _roads(road, kept, right_of):
         for index, lane in enumerate(lanes):
-            network.add_lane(*nodes.of(lane), _lane(lane, index == 0, index == len(lanes) - 1))
+            beside = [lanes[i] for i in (index - 1, index + 1) if 0 <= i < len(lanes)]
+            forbidden = any(lane.id not in (other.left, other.right) for other in beside)
+            network.add_lane(*nodes.of(lane), _lane(lane, index == 0, index == len(lanes) - 1, forbidden))
     return network
 
 
@@ -49,10 +52,17 @@ def route_along(
 class CentreLine(AbstractLane):
     """A lane along a line of points, straight beyond its ends."""
 
-    def __init__(self, points: Float[np.ndarray, "point 2"], width: float, line_types: Any, speed_limit: float) -> None:
+    def __init__(
+        self,
+        points: Float[np.ndarray, "point 2"],
+        width: float,
+        line_types: Any,
+        speed_limit: float,
+        forbidden: bool = False,
+    ) -> None:
         self.points, self.width = points, width
         self.line_types, self.speed_limit = line_types, speed_limit
-        self.forbidden, self.priority = False, 0
+        self.forbidden, self.priority = forbidden, 0  # forbidden: nobody may change to it
         steps = np.diff(points, axis=0)
         self._lengths = np.hypot(*steps.T)
         self._directions = steps / self._lengths[:, None]
@@ -98,38 +108,38 @@ def _near(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> set[str]:
     return {road.lanes[i].id for i in np.atleast_1d(indices).tolist()}
 
 
-def _roads(road: RoadMap, kept: set[str]) -> Iterator[list[Lane]]:
+def _right_of(road: RoadMap) -> dict[str, str]:
+    """For every lane the one to its right, also where one may change in one direction only."""
+    named = {lane.id: lane.right for lane in road.lanes if lane.right is not None}
+    return named | {lane.left: lane.id for lane in road.lanes if lane.left is not None}
+
+
+def _roads(road: RoadMap, kept: set[str], right_of: dict[str, str]) -> Iterator[list[Lane]]:
     """Lanes that lie side by side, from left to right; every kept lane once."""
+    left_of = {right: left for left, right in right_of.items()}
     done: set[str] = set()
     for lane in road.lanes:
         if lane.id in kept and lane.id not in done:
-            group = _side_by_side(road, lane, kept)
-            done |= {member.id for member in group}
-            yield group
-
-
-def _side_by_side(road: RoadMap, lane: Lane, kept: set[str]) -> list[Lane]:
-    leftmost, passed = lane, {lane.id}
-    while leftmost.left in kept and leftmost.left not in passed:
-        leftmost = road.lane[str(leftmost.left)]
-        passed.add(leftmost.id)
-    group = [leftmost]
-    while group[-1].right in kept and group[-1].right not in {member.id for member in group}:
-        group.append(road.lane[str(group[-1].right)])
-    return group
+            name = lane.id
+            while left_of.get(name) in kept - done and left_of[name] != lane.id:
+                name = left_of[name]
+            group = [name]
+            while right_of.get(group[-1]) in kept - done - set(group):
+                group.append(right_of[group[-1]])
+            done |= set(group)
+            yield [road.lane[member] for member in group]
 
 
 class _Nodes:
     """Names of the points where lanes begin and end: one for those that connections or neighbours join."""
 
-    def __init__(self, road: RoadMap) -> None:
+    def __init__(self, road: RoadMap, right_of: dict[str, str]) -> None:
         self._same: dict[str, str] = {}
         for link in road.connections:
             self._join(f"{link.source}|e", f"{link.target}|s")
-        for lane in road.lanes:
-            if lane.right is not None:
-                self._join(f"{lane.id}|s", f"{lane.right}|s")
-                self._join(f"{lane.id}|e", f"{lane.right}|e")
+        for left, right in right_of.items():
+            self._join(f"{left}|s", f"{right}|s")
+            self._join(f"{left}|e", f"{right}|e")
 
     def of(self, lane: Lane) -> tuple[str, str]:
         """Where `lane` begins and ends."""
@@ -145,7 +155,7 @@ class _Nodes:
         return name
 
 
-def _lane(lane: Lane, leftmost: bool, rightmost: bool) -> AbstractLane:
+def _lane(lane: Lane, leftmost: bool, rightmost: bool, forbidden: bool) -> AbstractLane:
     points = _without_repeats(points_to_highway(lane.centre))
     # Not CONTINUOUS_LINE, which is drawn straight from end to end whatever the lane does.
     lines: Any = [
@@ -155,8 +165,8 @@ def _lane(lane: Lane, leftmost: bool, rightmost: bool) -> AbstractLane:
     if lane.junction:
         lines = [LineType.NONE, LineType.NONE]
     if len(points) == 2:
-        return StraightLane(points[0], points[1], lane.width, lines, speed_limit=lane.speed_limit)
-    return CentreLine(points, lane.width, lines, lane.speed_limit)
+        return StraightLane(points[0], points[1], lane.width, lines, forbidden, lane.speed_limit)
+    return CentreLine(points, lane.width, lines, lane.speed_limit, forbidden)
 
 
 def _without_repeats(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "kept 2"]:

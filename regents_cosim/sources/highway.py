@@ -1,8 +1,7 @@
 """Scenarios from highway-env: any of its environments, its controlled vehicle driven by any policy.
 
 Episodes run at 10 Hz, the policy decides as often as the environment says, and every frame is
-read. One window per episode, its ego is the controlled vehicle. Runs in a process of its own:
-some environments change the parameters of highway-env's vehicles for all that come after them.
+read. One window per episode, its ego is the controlled vehicle.
 """
 
 import difflib
@@ -17,12 +16,12 @@ import gymnasium
 import highway_env
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
 
 from regents_cosim.errors import NoWindowError, RegentsError
 from regents_cosim.frames import HighwayPose, from_highway
 from regents_cosim.highway_agents import HighwayAgent, find_agent
-from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.highway_net import to_road_map
 from regents_cosim.sources.recording import Recording
@@ -33,6 +32,11 @@ from regents_cosim.workers import result_of, run_isolated, submit
 STEP_S = 0.1
 _LATEST_BEGIN_S = 4.0  # of a window in its episode
 _TRUCK_M = 7.0  # vehicles from this length on
+
+# intersection changes these for every vehicle of the process, also of the environments that come after it
+_IDM_PARAMETERS = {
+    name: getattr(IDMVehicle, name) for name in ("DISTANCE_WANTED", "COMFORT_ACC_MAX", "COMFORT_ACC_MIN")
+}
 
 
 def environments() -> list[str]:
@@ -76,12 +80,15 @@ class RecordingJob:
 
 def record_episodes(job: RecordingJob) -> list[Scenario]:
     """Run episodes until they hold enough windows. Call it in a worker process."""
+    for name, value in _IDM_PARAMETERS.items():
+        setattr(IDMVehicle, name, value)
     env = _make(job)
     agent = find_agent(job.policy)
     origin, most = _origin(job, env), 4 * job.windows.count + 8
+    road = to_road_map(_road(env).network)  # the same in all episodes
     kept, refused = [], []
     for episode in range(most):
-        recording, road = _run_episode(env, agent, job, episode)
+        recording = _run_episode(env, agent, job, episode)
         if recording is None:
             continue
         try:
@@ -193,9 +200,7 @@ class _Film:
         return self._names[id(item)]
 
 
-def _run_episode(
-    env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episode: int
-) -> tuple[Recording | None, RoadMap]:
+def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episode: int) -> Recording | None:
     """The window of one episode, None where it ended too early."""
     rng = np.random.default_rng([job.windows.seed, episode])
     seed = int(rng.integers(2**31))
@@ -211,7 +216,7 @@ def _run_episode(
         observation, _, terminated, truncated, _ = env.step(agent.act(observation))
         ended = terminated or truncated
     film.frames = film.frames[:wanted]
-    return film.recording(steps, STEP_S), to_road_map(_road(env).network)
+    return film.recording(steps, STEP_S)
 
 
 def _film_each_frame(env: AbstractEnv, film: _Film) -> None:
