@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -18,6 +19,7 @@ from cyclopts import App, CycloptsError, Parameter
 from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
+    from regents_cosim.attacks.presets import AttackConfig
     from regents_cosim.replays.verify import Replay
     from regents_cosim.scenario import Scenario
     from regents_cosim.terminal import Terminal
@@ -65,6 +67,36 @@ class Traffic:
     """length of a window [s]"""
     radius: float = 100.0
     """agents that never come closer to the ego are left out [m]"""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Search:
+    """How the attack searches; what is not given is the preset's."""
+
+    method: Literal["regents", "king", "focused"] = "regents"
+    """preset: king and regents as published; focused, our own, finds more crashes that mean something"""
+    search: Literal["joint", "per-candidate"] | None = None
+    """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
+    background: Literal["log", "reactive"] | None = None
+    """do other agents replay their log, or brake for what stands in their way"""
+    dynamics: Literal["recorded", "bicycle", "highway"] | None = None
+    """how vehicles move: by the mirror's bicycle, or exactly as in highway-env; recorded: as where the case is from"""
+    gradient: Literal["adversary", "through-planner"] | None = None
+    """is the planner's track constant to the gradient, or is the planner (in JAX) differentiated as well"""
+    iterations: int | None = None
+    """updates at most"""
+    max_deviation: float | None = None
+    """of an action from the logged one, as a share of its limit; 0: no bound"""
+    max_lateral_accel: float | None = None
+    """of the adversary, unless its log has more [m/s^2]; 0: no bound"""
+
+    def config(self) -> "AttackConfig":
+        """The preset with what was given in its place."""
+        from regents_cosim.attacks.presets import METHODS
+
+        given = {name: value for name, value in vars(self).items() if name != "method" and value is not None}
+        return dataclasses.replace(METHODS[self.method], **given)
 
 
 @Parameter(name="*")
@@ -120,13 +152,10 @@ def attack(
     traffic: Traffic = Traffic(),
     *,
     planner: str = "idm",
-    method: Literal["regents", "king", "focused"] = "regents",
     output: Annotated[Path, Parameter(["--output", "-o"])],
-    search: Literal["joint", "per-candidate"] | None = None,
-    background: Literal["log", "reactive"] | None = None,
-    dynamics: Literal["recorded", "bicycle", "highway"] = "recorded",
-    iterations: int = 500,
+    search: Search = Search(),
     batch: int = 32,
+    engine: Literal["auto", "threads", "lanes"] = "auto",
     executor: str = "local",
     verify: bool = True,
     pictures: bool = True,
@@ -142,20 +171,12 @@ def attack(
         a case or a folder of cases, as `regents record` makes them; or name traffic with -c
     planner
         system under test: idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
-    method
-        preset: king and regents as published; focused, our own, finds more crashes that mean something
-    search
-        one search over all candidates, or one for each of the nearest (every adversary found is a case)
-    background
-        do other agents replay their log, or brake for what stands in their way; default: the preset's
-    dynamics
-        how vehicles move: by the mirror's bicycle, or exactly as in highway-env; recorded: as where the case is from
     output
         folder for the attacked cases
-    iterations
-        updates at most
     batch
         scenarios held on the device at once
+    engine
+        one scenario per core (threads), or `batch` searches in one program (lanes); auto: lanes where there is a GPU
     executor
         where SUMO runs: local, or dask:ADDRESS
     verify
@@ -166,7 +187,6 @@ def attack(
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.attacks.attack import attack_each as run_attack_each
-    from regents_cosim.attacks.presets import METHODS
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import attack_row, summary
     from regents_cosim.suite import SuiteWriter, load_cases
@@ -180,16 +200,9 @@ def attack(
         keep_compiled_programs()
     suite = SuiteWriter(output, traffic.seed)
     scenarios = load_cases(cases) if cases else _record(traffic, sumo, executor, terminal)
-    preset = METHODS[method]
-    config = dataclasses.replace(
-        preset,
-        search=search or preset.search,
-        background=background or preset.background,
-        dynamics=dynamics,
-        iterations=iterations,
-    )
     attacked = []
-    for results in terminal.each(run_attack_each(scenarios, config, planner, batch), "attacking", len(scenarios)):
+    runs = run_attack_each(scenarios, search.config(), planner, batch, engine=engine)
+    for results in terminal.each(runs, "attacking", len(scenarios)):
         for scenario in results:
             suite.add(scenario)
         attacked += results
@@ -197,7 +210,7 @@ def attack(
     if pictures:
         _draw_stills(attacked, output, terminal)
     rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
-    terminal.show(f"{method} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
+    terminal.show(f"{search.method} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
     return _exit_code(replays.values(), terminal)
 
 
@@ -297,6 +310,8 @@ def success(
     nets: tuple[str, ...] = (),
     planners: tuple[str, ...] = ("log_replay", "idm"),
     methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents", "focused"),
+    searches: tuple[Literal["joint", "per-candidate"], ...] = (),
+    backgrounds: tuple[Literal["log", "reactive"], ...] = (),
     compile_cache: bool = True,
     talk: Talk = Talk(),
 ) -> int:
@@ -312,11 +327,14 @@ def success(
         systems under test
     methods
         presets
+    searches
+        one search over all candidates, one for each of the nearest, or both; the preset's by default
+    backgrounds
+        others replay their log, or brake for what stands in their way, or both; the preset's by default
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.attacks.attack import attack_each
-    from regents_cosim.attacks.presets import METHODS
     from regents_cosim.evaluation.benchmark import success_row
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
@@ -325,12 +343,12 @@ def success(
         keep_compiled_programs()
     windows = [s for found in _bench_traffic(nets, count, seed, terminal).values() for s in found]
     rows = []
-    for planner in planners:
-        for method in methods:
-            results = attack_each(windows, METHODS[method], planner)
-            attacked = list(terminal.each(results, f"{method} against {planner}", len(windows)))
-            replays = _verify([case for found in attacked for case in found], "local", terminal)
-            rows.append(dataclasses.asdict(success_row(METHODS[method], planner, attacked, list(replays.values()))))
+    for planner, method, search, background in product(planners, methods, searches or (None,), backgrounds or (None,)):
+        config = Search(method, search, background).config()
+        results = attack_each(windows, config, planner)
+        attacked = list(terminal.each(results, f"{method} against {planner}", len(windows)))
+        replays = _verify([case for found in attacked for case in found], "local", terminal)
+        rows.append(dataclasses.asdict(success_row(config, planner, attacked, list(replays.values()))))
     terminal.show(f"attacks on {len(windows)} windows", rows)
     return 0
 

@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -80,7 +81,8 @@ def red(dyaw, dalpha, share=1.0, valid=None):
     x, y = 20 * np.cos(bearing), 20 * np.sin(bearing)
     motion = Motion(*(jnp.asarray(np.stack([ego, v]), jnp.float32) for v in (x, y, yaw, ego)))
     mask = jnp.ones((2, 10), bool) if valid is None else jnp.asarray(np.stack([np.ones(10, bool), valid]))
-    return bool(diverging_in_front(motion, mask, 0.5, EIGHTH)[1])
+    around = jax.tree.map(lambda v: v[0], motion)
+    return bool(diverging_in_front(around, motion, mask, 0.5, EIGHTH)[1])
 
 
 @pytest.mark.parametrize("side", [1, -1])

@@ -1,29 +1,36 @@
-"""Scenarios in, attacked Scenarios out: one scenario per thread, results as values."""
+"""Scenarios in, attacked Scenarios out: one scenario per thread or many in one program, results as values."""
 
 import dataclasses
+import itertools
 import os
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.descent import ExtraCost, Found, descend
+from regents_cosim.attacks.lanes import Job, search_in_lanes
+from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import candidates
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner, start
-from regents_cosim.scenario import AttackRecord, Collision, Outcome, Scenario, Tracks
+from regents_cosim.scenario import AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
 
 _COST_TERMS = ("ego", "pair", "road")
+
+Engine = Literal["auto", "threads", "lanes"]
 
 
 def attack(
@@ -32,9 +39,10 @@ def attack(
     planner: str = "idm",
     batch: int = 32,
     extra_cost: ExtraCost | None = None,
+    engine: Engine = "auto",
 ) -> Iterator[Scenario]:
     """All results of `attack_each`, one after the other."""
-    for results in attack_each(scenarios, config, planner, batch, extra_cost):
+    for results in attack_each(scenarios, config, planner, batch, extra_cost, engine):
         yield from results
 
 
@@ -44,6 +52,7 @@ def attack_each(
     planner: str = "idm",
     batch: int = 32,
     extra_cost: ExtraCost | None = None,
+    engine: Engine = "auto",
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
 
@@ -53,51 +62,89 @@ def attack_each(
     PlannerError where the planner cannot be found, RegentsError for a scenario that was attacked
     before.
 
+    `engine` is "threads", one scenario per core, or "lanes", `batch` searches in one program;
+    "auto" takes threads on a CPU and lanes on an accelerator.
+
     `extra_cost` of (World, Motion [agent, time] with the ego in row 0, Controls [agent, step]) is
     added to the cost, to ask for more than a collision; it must be differentiable by JAX.
     """
     under_test = find_planner(planner)
-    threads = os.cpu_count() or 1
-    with ThreadPoolExecutor(threads) as pool:
+    if engine == "auto":
+        engine = "threads" if jax.default_backend() == "cpu" else "lanes"
+    run = _in_threads if engine == "threads" else _in_lanes
+    yield from run(scenarios, _Attack(config, under_test, planner, extra_cost), max(batch, 1))
+
+
+@dataclass(frozen=True)
+class _Attack:
+    """What is the same for all scenarios of an attack."""
+
+    config: AttackConfig
+    planner: JaxPlanner
+    planner_name: str
+    extra_cost: ExtraCost | None
+
+    def dynamics(self, scenario: Scenario) -> Dynamics:
+        """The model by which vehicles move in `scenario`."""
+        return scenario.dynamics if self.config.dynamics == "recorded" else self.config.dynamics
+
+    def jobs(self, scenario: Scenario) -> list[Job]:
+        """The descents that a scenario takes: one, or one for each of the nearest candidates."""
+        if scenario.attack is not None:
+            raise RegentsError(
+                f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
+            )
+        world = to_world(scenario, self.dynamics(scenario))
+        memory = start(self.planner, Scene(scenario, world), self.planner_name)
+        allowed = np.asarray(_candidates(world, self.config))
+        if self.config.search == "joint" or not allowed.any():
+            return [Job(world, memory, Movers.among(jnp.asarray(allowed)))]
+        nearest = _nearest(world, allowed, self.config)
+        return [Job(world, memory, Movers.only(agent, len(allowed))) for agent in nearest]
+
+    def run(self, scenario: Scenario) -> list[Scenario]:
+        """One result, or one for every distinct adversary."""
+        jobs = self.jobs(scenario)
+        found = [descend(job.world, self.planner, job.memory, self.config, job.movers, self.extra_cost) for job in jobs]
+        return self.results(scenario, jobs, found)
+
+    def results(self, scenario: Scenario, jobs: list[Job], found: list[Found]) -> list[Scenario]:
+        """What the descents found, as cases."""
+        config = replace(self.config, dynamics=self.dynamics(scenario))
+        attacked = [
+            _attacked(scenario, config, self.planner_name, one, np.flatnonzero(job.movers.candidate))
+            for job, one in zip(jobs, found, strict=True)
+        ]
+        by_adversary: dict[str, Scenario] = {}
+        for case in attacked:
+            record = case.attack
+            if len(attacked) == 1 or record is None or record.outcome == "already_colliding":
+                return [case]
+            by_adversary.setdefault(record.collision.agent if record.collision else "", case)
+        missed = by_adversary.pop("", scenario)
+        return [_named_after_adversary(hit) for hit in by_adversary.values()] or [missed]
+
+
+def _in_threads(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> Iterator[list[Scenario]]:
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         waiting: deque[Future[list[Scenario]]] = deque()
         for scenario in scenarios:
-            waiting.append(pool.submit(attack_one, scenario, config, under_test, planner, extra_cost))
-            if len(waiting) >= max(batch, 1):
+            waiting.append(pool.submit(attack.run, scenario))
+            if len(waiting) >= batch:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
 
 
-def attack_one(
-    scenario: Scenario,
-    config: AttackConfig,
-    planner: JaxPlanner,
-    planner_name: str,
-    extra_cost: ExtraCost | None = None,
-) -> list[Scenario]:
-    """Attack one scenario: one result, or one for every distinct adversary."""
-    if scenario.attack is not None:
-        raise RegentsError(
-            f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
-        )
-    dynamics = scenario.dynamics if config.dynamics == "recorded" else config.dynamics
-    config = replace(config, dynamics=dynamics)
-    world = to_world(scenario, dynamics)
-    memory = start(planner, Scene(scenario, world), planner_name)
-    allowed = np.asarray(_candidates(world, config))
-    if config.search == "joint" or not allowed.any():
-        found = descend(world, planner, memory, config, jnp.asarray(allowed), extra_cost)
-        return [_attacked(scenario, config, planner_name, found, np.flatnonzero(allowed))]
-    results: dict[str, Scenario] = {}
-    for agent in _nearest(world, allowed, config):
-        found = descend(world, planner, memory, config, jnp.arange(len(allowed)) == agent, extra_cost)
-        attacked = _attacked(scenario, config, planner_name, found, np.array([agent]))
-        record = attacked.attack
-        if record is None or record.outcome == "already_colliding":
-            return [attacked]
-        results.setdefault(record.collision.agent if record.collision else "", attacked)
-    missed = results.pop("", None)
-    return [_named_after_adversary(hit) for hit in results.values()] or [missed or scenario]
+def _in_lanes(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> Iterator[list[Scenario]]:
+    rest = iter(scenarios)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        while some := list(itertools.islice(rest, batch)):
+            jobs = list(pool.map(attack.jobs, some))
+            in_a_row = list(itertools.chain.from_iterable(jobs))
+            found = iter(search_in_lanes(in_a_row, attack.planner, attack.config, batch, attack.extra_cost))
+            for scenario, mine in zip(some, jobs, strict=True):
+                yield attack.results(scenario, mine, list(itertools.islice(found, len(mine))))
 
 
 def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:

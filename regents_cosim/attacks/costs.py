@@ -7,11 +7,12 @@ hard minimum, at the price of one distance instead of thousands.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, AttackConfig
-from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.separation import Box, corners, distance
+from regents_cosim.mirror.separation import Box, corners, distance, pick
 from regents_cosim.mirror.world import World
 
 _NEVER_M = 1e4  # the distance of an agent that is never drawn to the ego
@@ -26,60 +27,123 @@ class Costs(eqx.Module):
     total: Float[Array, ""]
 
 
-def total_cost(world: World, motion: Motion, candidate: Bool[Array, " agent"], config: AttackConfig) -> Costs:
-    """C = C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev (section 3.2) along `motion`, ego in row 0."""
-    boxes = world.boxes(motion)
-    ego = ego_distance(world, boxes, candidate, config)
-    pair = pair_proximity(world, boxes, candidate, config.pair_reach_m)
-    road = road_deviation(world, boxes)
+def total_cost(world: World, boxes: Box, movers: Movers, config: AttackConfig) -> Costs:
+    """C = C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev (section 3.2), the ego being row 0 of `boxes`."""
+    ego = ego_distance(world, boxes, movers, config)
+    pair = pair_proximity(world, boxes, movers, config.pair_reach_m)
+    road = road_deviation(world, boxes, movers)
     return Costs(ego, pair, road, ego + config.pair_weight * pair + config.road_weight * road)
 
 
-def ego_distance(
-    world: World, boxes: Box, candidate: Bool[Array, " agent"], config: AttackConfig = KING
-) -> Float[Array, ""]:
+def ego_distance(world: World, boxes: Box, movers: Movers, config: AttackConfig = KING) -> Float[Array, ""]:
     """C_ego_col = min over candidates i of (1/T) sum_k d_BB(0, i, k) [m] (eq. 4).
 
     The mean is over the steps at which i is valid. With `softmin_m` it is a soft minimum over
     time instead, and without `pull_from_behind` steps at which i is behind the ego are left out.
     Without candidates the value is meaningless.
     """
-    nearest = jax.lax.stop_gradient(pooled_ego_distances(world, boxes, config))
-    chosen = jnp.argmin(jnp.where(candidate, nearest, jnp.inf))
-    pulls = _pulls(world, jax.tree.map(jax.lax.stop_gradient, boxes), config)[chosen]
-    return _pool(distance(take(boxes, 0), take(boxes, chosen)), pulls, config.softmin_m)
+    chosen = movers.first
+    if movers.count > 1:
+        pooled = pooled_ego_distances(world, jax.lax.stop_gradient(boxes), config)
+        chosen = jnp.argmin(jnp.where(movers.candidate, pooled, jnp.inf))
+    ego, adversary = pick(boxes, jnp.array([0])), pick(boxes, chosen[None])
+    pulls = _pulls(take(world.valid, chosen)[None], ego, adversary, config)
+    return _pool(distance(ego, adversary), pulls, config.softmin_m)[0]
 
 
 def pooled_ego_distances(world: World, boxes: Box, config: AttackConfig = KING) -> Float[Array, " agent"]:
     """Distance to the ego pooled over time, for every agent [m]."""
-    return _pool(distance(_ego(boxes), boxes), _pulls(world, boxes, config), config.softmin_m)
+    ego = pick(boxes, jnp.array([0]))
+    return _pool(distance(ego, boxes), _pulls(world.valid, ego, boxes, config), config.softmin_m)
 
 
-def pair_proximity(world: World, boxes: Box, candidate: Bool[Array, " agent"], reach_m: float) -> Float[Array, ""]:
+def pair_proximity(world: World, boxes: Box, movers: Movers, reach_m: float) -> Float[Array, ""]:
     """C_adv_col = - min over pairs i < j of background agents and k of min(tau, d_BB(i, j, k)) [m].
 
     Pairs that overlap in the log when both are first there are left out, and so are pairs of
     which neither may change: they are constants that would hide the others in the minimum.
     """
-    i, j, k = _closest_pair(world, jax.tree.map(jax.lax.stop_gradient, boxes), candidate)
-    closest = distance(*(jax.tree.map(lambda values, a=a: values[a, k], _full(boxes)) for a in (i, j)))
-    none_found = i == j
-    return -jnp.where(none_found, reach_m, jnp.minimum(closest, reach_m))
+    i, j, k = _closest_pair(world, jax.lax.stop_gradient(boxes), movers, reach_m)
+    closest = distance(pick(boxes, i[None]), pick(boxes, j[None]))[0]
+    return -jnp.where(i == j, reach_m, jnp.minimum(_at(closest, k), reach_m))
 
 
-def road_deviation(world: World, boxes: Box) -> Float[Array, ""]:
-    """C_adv_dev = (1/T) sum_k sum_i sum over the corners c of i of (m_oob * K)(c).
+def road_deviation(world: World, boxes: Box, movers: Movers) -> Float[Array, ""]:
+    """C_adv_dev = (1/T) sum_k sum_i sum over the corners c of i of (m_oob * K)(c), over the movers.
 
-    Corners that are off the road at the agent's first step are left out.
+    Corners that are off the road at the agent's first step are left out. Agents that cannot
+    change would only add a constant.
     """
-    x, y = corners(jax.tree.map(lambda values: values[1:], boxes))
-    counted = world.valid[1:] & world.on_road[:, 1:, None]
-    return jnp.where(counted, world.road(x, y), 0.0).sum() / world.valid.shape[1]
+    agents, steps = world.valid.shape
+    background = movers.rows(world.valid & (jnp.arange(agents) > 0)[:, None])
+    boxes, on_road = movers.rows(boxes), movers.rows(world.on_road.T)
+    off_road = jnp.zeros(background.shape)
+    for corner, (x, y) in enumerate(corners(boxes)):
+        off_road += jnp.where(background & on_road[:, corner, None], world.road(x, y), 0.0)
+    return off_road.sum() / steps
 
 
-def take(boxes: Box, agent: Int[Array, "*chosen"] | int) -> Box:
-    """Boxes [*chosen, time] of some agents."""
-    return jax.tree.map(lambda values: values[agent], boxes)
+def take(values: Bool[Array, "agent *rest"], agent: Int[Array, ""]) -> Bool[Array, "*rest"]:
+    """One agent's row."""
+    return jax.lax.dynamic_index_in_dim(values, agent, keepdims=False)
+
+
+def _at(values: Float[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]:
+    return jax.lax.dynamic_index_in_dim(values, step, keepdims=False)
+
+
+def _closest_pair(
+    world: World, boxes: Box, movers: Movers, reach_m: float
+) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
+    """(i, j, step) of the closest pair of background agents, i == j where none comes within reach."""
+    agents = world.valid.shape[0]
+    background = jnp.arange(agents) > 0
+    if movers.count == 1:
+        mine = pick(boxes, movers.first[None])
+        counts = take(world.apart, movers.first) & background & (jnp.arange(agents) != movers.first)
+        counts = counts[:, None] & world.valid & take(world.valid, movers.first)
+        exact = jnp.where(counts, distance(mine, boxes), jnp.inf)
+        j, step = _argmin(exact)
+        return jnp.where(exact[j, step] < reach_m, movers.first, j), j, step
+    counts = jnp.triu(world.apart & (movers.candidate[:, None] | movers.candidate) & background[:, None], k=1)
+    return _closest_of(counts, world.valid, _full(boxes), reach_m)
+
+
+def _closest_of(
+    counts: Bool[Array, "agent agent"], valid: Bool[Array, "agent time"], boxes: Box, reach_m: float
+) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
+    """The closest of the pairs that count.
+
+    Circles around the boxes bound every distance from below; exact distances decide among the
+    pairs with the least bounds, as many as there are agents: in the densest traffic about as
+    many come within reach. Should more do so, all pairs are compared.
+    """
+    agents = valid.shape[0]
+    together = valid[:, None] & valid[None]
+    squares = (boxes.x[:, None] - boxes.x[None]) ** 2 + (boxes.y[:, None] - boxes.y[None]) ** 2
+    centres = jnp.sqrt(jnp.where(together, squares, jnp.inf).min(axis=2))
+    radius = jnp.hypot(boxes.half_length[:, 0], boxes.half_width[:, 0])
+    bound = jnp.where(counts, centres - radius[:, None] - radius[None], jnp.inf).reshape(-1)
+
+    def closest_among(pairs: Int[Array, " pair"]) -> tuple[Array, Array, Array]:
+        i, j = pairs // agents, pairs % agents
+        exact = distance(*(jax.tree.map(lambda v, a=a: v[a], boxes) for a in (i, j)))
+        exact = jnp.where(counts[i, j][:, None] & valid[i] & valid[j], exact, jnp.inf)
+        pair, step = _argmin(exact)
+        return jnp.where(exact[pair, step] < reach_m, i[pair], j[pair]), j[pair], step
+
+    few = jax.lax.top_k(-bound, agents)[1]
+    return jax.lax.cond(
+        (bound < reach_m).sum() <= agents,
+        lambda: closest_among(few),
+        lambda: closest_among(jnp.arange(agents * agents, dtype=few.dtype)),
+    )
+
+
+def _argmin(values: Float[Array, "row time"]) -> tuple[Int[Array, ""], Int[Array, ""]]:
+    """Row and column of the least value; faster in two steps than over the flat array."""
+    row = jnp.argmin(values.min(axis=1))
+    return row, jnp.argmin(jax.lax.dynamic_index_in_dim(values, row, keepdims=False))
 
 
 def _full(boxes: Box) -> Box:
@@ -87,40 +151,12 @@ def _full(boxes: Box) -> Box:
     return jax.tree.map(lambda values: jnp.broadcast_to(values, boxes.x.shape), boxes)
 
 
-def _closest_pair(
-    world: World, boxes: Box, candidate: Bool[Array, " agent"]
-) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
-    """(i, j, step) of the closest pair of background agents, i == j where there is none.
-
-    Circles around the boxes bound every distance from below; exact distances decide among the
-    pairs with the least bounds, as many as there are agents. A pair within tau has a bound below
-    tau, and only neighbours do: a vehicle has one or two in the densest traffic.
-    """
-    boxes, agents = _full(boxes), candidate.shape[0]
-    background = jnp.arange(agents) > 0
-    counts = jnp.triu(world.apart & (candidate[:, None] | candidate[None]) & background[:, None], k=1)
-    together = world.valid[:, None] & world.valid[None]
-    squares = (boxes.x[:, None] - boxes.x[None]) ** 2 + (boxes.y[:, None] - boxes.y[None]) ** 2
-    centres = jnp.sqrt(jnp.where(together, squares, jnp.inf).min(axis=2))
-    radius = jnp.hypot(world.half_length, world.half_width)
-    bound = jnp.where(counts, centres - radius[:, None] - radius[None], jnp.inf)
-    _, best = jax.lax.top_k(-bound.reshape(-1), agents)
-    i, j = best // agents, best % agents
-    exact = distance(take(boxes, i), take(boxes, j))
-    exact = jnp.where(counts[i, j][:, None] & world.valid[i] & world.valid[j], exact, jnp.inf)
-    pair, step = jnp.unravel_index(jnp.argmin(exact), exact.shape)
-    found = jnp.isfinite(exact[pair, step])
-    return jnp.where(found, i[pair], 0), jnp.where(found, j[pair], 0), step
-
-
-def _pulls(world: World, boxes: Box, config: AttackConfig) -> Bool[Array, "agent time"]:
-    """Steps at which an agent is drawn to the ego."""
+def _pulls(valid: Bool[Array, "*agent time"], ego: Box, boxes: Box, config: AttackConfig) -> Bool[Array, "*agent time"]:
+    """Steps at which an agent is drawn to the ego: those at which its bearing is at most `behind_rad`."""
     if config.pull_from_behind:
-        return world.valid
-    ego = _ego(boxes)
+        return valid
     dx, dy = boxes.x - ego.x, boxes.y - ego.y
-    ahead, left = dx * ego.cos + dy * ego.sin, dy * ego.cos - dx * ego.sin
-    return world.valid & (jnp.abs(jnp.arctan2(left, ahead)) <= config.behind_rad)
+    return valid & (dx * ego.cos + dy * ego.sin >= np.cos(config.behind_rad) * jnp.hypot(dx, dy))
 
 
 def _pool(
@@ -134,7 +170,3 @@ def _pool(
         weighed = jnp.where(counts, -values / softmin_m, -_NEVER_M)
         pooled = -softmin_m * (jax.nn.logsumexp(weighed, axis=-1) - jnp.log(jnp.maximum(number, 1)))
     return jnp.where(number > 0, pooled, _NEVER_M)
-
-
-def _ego(boxes: Box) -> Box:
-    return jax.tree.map(lambda values: values[:1], boxes)

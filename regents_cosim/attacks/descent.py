@@ -14,10 +14,11 @@ import optax
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.costs import Costs, total_cost
+from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
-from regents_cosim.mirror.dynamics import controls_between
+from regents_cosim.mirror.dynamics import controls_between, pull_back, roll_out
 from regents_cosim.mirror.rollout import (
     LoopPlanner,
     drive,
@@ -25,7 +26,7 @@ from regents_cosim.mirror.rollout import (
     roll_out_background,
     with_ego,
 )
-from regents_cosim.mirror.separation import overlaps
+from regents_cosim.mirror.separation import Box, overlaps, pick, pose_gradient
 from regents_cosim.mirror.world import World
 
 # Whatever else a user wants of the scenario, as a cost to be lowered: smooth, in the cost's units.
@@ -33,6 +34,7 @@ ExtraCost = Callable[[World, Motion, Controls], Float[Array, ""]]
 
 # A hit in float32 must be one for the exact judge on the host as well.
 _HIT_DEPTH_M = 1e-3
+_UNCHANGED = 1e-6  # [1] actions that differ by less from the logged ones are rounding
 
 
 class Found(eqx.Module):
@@ -48,136 +50,231 @@ class Found(eqx.Module):
     history: Float[Array, "iteration term"]  # ego, pair and road cost before each update
 
 
-class _Search(eqx.Module):
-    actions: Float[Array, "agent step 2"]  # accel and curvature as shares of their limits
-    adam: optax.OptState
-    motion: Motion
-    ego_controls: Controls
-    hit: Bool[Array, ""]
-    finite: Bool[Array, ""]
-    iterations: Int[Array, ""]
-    history: Float[Array, "iteration term"]
-
-
 @eqx.filter_jit
 def descend(
     world: World,
     planner: LoopPlanner,
     memory: Any,
     config: AttackConfig,
-    candidate: Bool[Array, " agent"],
+    movers: Movers,
     extra_cost: ExtraCost | None = None,
 ) -> Found:
-    """Attack `planner` (with its `memory` of the scene) in `world` with the controls of `candidate` agents."""
-    reacting = world.vehicle & ~candidate
-    logged = to_actions(world.controls)
-    adam = optax.adam(config.learning_rate, config.beta1, config.beta2)
+    """Attack `planner` (with its `memory` of the scene) in `world` with the controls of `movers`."""
+    descent = Descent.of(world, planner, memory, movers, config, extra_cost)
+    return descent.result(descent.advance(descent.begin(), config.iterations))
 
-    def roll_out(actions: Array) -> tuple[Motion, Controls]:
-        background = roll_out_background(world, to_controls(actions))
-        if config.background == "reactive":
-            return drive_among_reacting(planner, memory, world, background, reacting)
-        ego, ego_controls = drive(planner, memory, world, background)
-        return with_ego(background, ego), ego_controls
 
-    def cost(actions: Array, seen: Motion) -> tuple[Float[Array, ""], Costs]:
-        if config.gradient == "through-planner":
-            motion, _ = roll_out(actions)
-        else:
-            background = roll_out_background(world, to_controls(actions))
-            motion = jax.tree.map(lambda own, fixed: jnp.where(candidate[:, None], own, fixed), background, seen)
-        costs = total_cost(world, motion, candidate, config)
-        extra = extra_cost(world, motion, to_controls(actions)) if extra_cost else 0.0
-        return costs.total + extra, costs
+class _Seen(eqx.Module):
+    """What a roll-out shows."""
 
-    def evaluate(search: _Search) -> _Search:
-        motion, ego_controls = roll_out(search.actions)
-        return eqx.tree_at(
-            lambda s: (s.motion, s.ego_controls, s.hit),
-            search,
-            (motion, ego_controls, ego_is_hit(world, motion)),
+    motion: Motion  # [agent time]
+    boxes: Box  # [agent time] of that motion
+    ego_controls: Controls  # [step]
+
+
+class Search(eqx.Module):
+    """What one pass of the loop hands to the next."""
+
+    actions: Controls  # [mover step] as shares of their limits
+    adam: optax.OptState
+    seen: _Seen
+    finite: Bool[Array, ""]
+    iterations: Int[Array, ""]
+    history: Float[Array, "iteration term"]
+
+
+class Descent(eqx.Module):
+    """What stays the same over all passes of the loop, and what one pass does."""
+
+    world: World
+    planner: LoopPlanner
+    memory: Any
+    movers: Movers
+    undisturbed: Motion  # [agent time] what the logged controls make of the background
+    config: AttackConfig = eqx.field(static=True)
+    extra_cost: ExtraCost | None = eqx.field(static=True)
+
+    @staticmethod
+    def of(
+        world: World,
+        planner: LoopPlanner,
+        memory: Any,
+        movers: Movers,
+        config: AttackConfig,
+        extra_cost: ExtraCost | None = None,
+    ) -> "Descent":
+        """Set a descent up."""
+        undisturbed = roll_out_background(world, world.controls)
+        return Descent(world, planner, memory, movers, undisturbed, config, extra_cost)
+
+    def begin(self) -> Search:
+        """The logged actions."""
+        return Search(
+            actions=self.logged(),
+            adam=self.optimiser().init(self.logged()),
+            seen=self.look(self.logged()),
+            finite=jnp.asarray(True),
+            iterations=jnp.int32(0),
+            history=jnp.zeros((self.config.iterations, 3), jnp.float32),
         )
 
-    def update(search: _Search) -> _Search:
-        (_, costs), gradient = jax.value_and_grad(cost, has_aux=True)(search.actions, search.motion)
-        steps, state = adam.update(gradient, search.adam)
-        steps = jnp.where(may_change(search.motion), jnp.asarray(steps), 0.0)
-        terms = jnp.stack([costs.ego, costs.pair, costs.road])
-        finite = jnp.isfinite(gradient).all() & jnp.isfinite(terms).all()
-        return evaluate(
-            _Search(
-                actions=within_bounds(search.actions + steps, logged, search.motion.speed, config),
-                adam=state,
-                motion=search.motion,
-                ego_controls=search.ego_controls,
-                hit=search.hit,
-                finite=finite,
-                iterations=search.iterations + 1,
-                history=search.history.at[search.iterations].set(terms),
-            )
+    def advance(self, search: Search, passes: int) -> Search:
+        """At most so many updates more."""
+        last = search.iterations + passes
+        # Lambdas, because JAX hashes the functions of a loop, and a bound method hashes its object.
+        return jax.lax.while_loop(
+            lambda now: self.goes_on(now) & (now.iterations < last), lambda now: self.update(now), search
         )
 
-    def may_change(motion: Motion) -> Bool[Array, "agent #step 2"]:
-        steers = candidate
-        if config.cancel_front_steering:
-            steers &= ~diverging_in_front(motion, world.valid, config.front_share, config.front_window_rad)
-        return jnp.stack([candidate, steers], axis=-1)[:, None]
+    def goes_on(self, search: Search) -> Bool[Array, ""]:
+        """Neither hit, nor blown up, nor at the end of the iterations."""
+        hit = ego_is_hit(self.world, search.seen.boxes)
+        return ~hit & search.finite & (search.iterations < self.config.iterations) & self.movers.candidate.any()
 
-    def goes_on(search: _Search) -> Bool[Array, ""]:
-        return ~search.hit & search.finite & (search.iterations < config.iterations) & candidate.any()
+    def update(self, search: Search) -> Search:
+        """One step of Adam, and the roll-out after it."""
+        total, costs, gradient = self.gradient(search.actions, search.seen)
+        steps, state = self.optimiser().update(gradient, search.adam)
+        accelerates = self.movers.rows(self.movers.candidate)
+        steers = accelerates & self.may_steer(search.seen.motion)
+        moved = Controls(
+            search.actions.accel + jnp.where(accelerates[:, None], steps.accel, 0.0),
+            search.actions.curvature + jnp.where(steers[:, None], steps.curvature, 0.0),
+        )
+        actions = within_bounds(moved, self.logged(), self.movers.rows(search.seen.motion.speed), self.config)
+        return Search(
+            actions=actions,
+            adam=state,
+            seen=self.look(actions),
+            finite=jnp.isfinite(total),
+            iterations=search.iterations + 1,
+            history=search.history.at[search.iterations].set(jnp.stack([costs.ego, costs.pair, costs.road])),
+        )
 
-    begin = _Search(
-        actions=logged,
-        adam=adam.init(logged),
-        motion=world.log,
-        ego_controls=jax.tree.map(lambda values: values[0], world.controls),
-        hit=jnp.asarray(False),
-        finite=jnp.asarray(True),
-        iterations=jnp.int32(0),
-        history=jnp.zeros((config.iterations, 3), jnp.float32),
-    )
-    end = jax.lax.while_loop(goes_on, update, evaluate(begin))
-    controls = to_controls(end.actions)
-    if config.background == "reactive":
-        moved = controls_between(world.dynamics, end.motion, world.dt)
-        controls = jax.tree.map(lambda own, seen: jnp.where(reacting[:, None], seen, own), controls, moved)
-    controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), controls, end.ego_controls)
-    finite = end.finite & jnp.isfinite(end.motion.x).all() & jnp.isfinite(end.motion.y).all()
-    changed = (jnp.abs(end.actions - logged) > 1e-6).any(axis=(1, 2))
-    return Found(end.motion, controls, changed, end.hit, finite, candidate.any(), end.iterations, end.history)
+    def look(self, actions: Controls) -> _Seen:
+        """Roll out."""
+        motion, ego_controls = self.drive(actions)
+        return _Seen(motion, self.world.boxes(motion), ego_controls)
+
+    def drive(self, actions: Controls) -> tuple[Motion, Controls]:
+        """Everybody's motion [agent time] and the ego's controls [step] under the movers' actions."""
+        world, movers = self.world, self.movers
+        rows = movers.rows
+        start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
+        own = roll_out(world.dynamics, start, to_controls(actions), moving, half_length, world.dt)
+        background = movers.put(self.undisturbed, own)
+        if self.config.background == "log":
+            ego, controls = drive(self.planner, self.memory, world, background)
+            return with_ego(background, ego), controls
+        motion, controls = drive_among_reacting(self.planner, self.memory, world, background, self.reacting())
+        return movers.put(motion, own), controls
+
+    def gradient(self, actions: Controls, seen: _Seen) -> tuple[Float[Array, ""], Costs, Controls]:
+        """The cost, its terms, and its gradient with respect to the actions [mover step].
+
+        Where an agent went is differentiated without rolling out again, and without the planner.
+        """
+        if self.config.gradient == "through-planner":
+            (total, costs), gradient = jax.value_and_grad(self.cost_through_planner, has_aux=True)(actions)
+            return total, costs, gradient
+        (total, costs), (on_boxes, on_motion, on_actions) = jax.value_and_grad(self.cost, (0, 1, 2), has_aux=True)(
+            seen.boxes, seen.motion, actions
+        )
+        on_motion = jax.tree.map(jnp.add, on_motion, pose_gradient(seen.boxes, on_boxes))
+        rows, world = self.movers.rows, self.world
+        heading = rows(seen.boxes.cos), rows(seen.boxes.sin)
+        start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
+        on_controls = pull_back(
+            world.dynamics, start, to_controls(actions), moving, half_length, world.dt,
+            rows(seen.motion), heading, rows(on_motion),
+        )  # fmt: skip
+        return total, costs, jax.tree.map(jnp.add, on_actions, to_controls(on_controls))
+
+    def cost(self, boxes: Box, motion: Motion, actions: Controls) -> tuple[Float[Array, ""], Costs]:
+        """The cost of a roll-out, and its terms."""
+        costs = total_cost(self.world, boxes, self.movers, self.config)
+        if self.extra_cost is None:
+            return costs.total, costs
+        controls = self.movers.put(self.world.controls, to_controls(actions))
+        return costs.total + self.extra_cost(self.world, motion, controls), costs
+
+    def cost_through_planner(self, actions: Controls) -> tuple[Float[Array, ""], Costs]:
+        """The cost as a function of the actions alone."""
+        motion, _ = self.drive(actions)
+        return self.cost(self.world.boxes(motion), motion, actions)
+
+    def may_steer(self, motion: Motion) -> Bool[Array, " mover"]:
+        """Movers whose steering is updated (rule 1)."""
+        valid = self.movers.rows(self.world.valid)
+        if not self.config.cancel_front_steering:
+            return jnp.ones(valid.shape[0], bool)
+        ego = jax.tree.map(lambda values: values[0], motion)
+        around = self.movers.rows(motion)
+        return ~diverging_in_front(ego, around, valid, self.config.front_share, self.config.front_window_rad)
+
+    def result(self, end: Search) -> Found:
+        """Where the loop ended, in terms of all agents."""
+        motion, movers = end.seen.motion, self.movers
+        controls = movers.put(self.world.controls, to_controls(end.actions))
+        if self.config.background == "reactive":
+            reacted, reacting = controls_between(self.world.dynamics, motion, self.world.dt), self.reacting()[:, None]
+            controls = jax.tree.map(lambda own, seen: jnp.where(reacting, seen, own), controls, reacted)
+        deviation = jax.tree.map(lambda new, old: jnp.abs(new - old).max(axis=1), end.actions, self.logged())
+        changed = jnp.maximum(deviation.accel, deviation.curvature) > _UNCHANGED
+        return Found(
+            motion=motion,
+            controls=jax.tree.map(lambda all_, own: all_.at[0].set(own), controls, end.seen.ego_controls),
+            changed=movers.put(jnp.zeros_like(movers.candidate), changed),
+            hit=ego_is_hit(self.world, end.seen.boxes),
+            finite=end.finite & jnp.isfinite(motion.x).all() & jnp.isfinite(motion.y).all(),
+            any_candidate=movers.candidate.any(),
+            iterations=end.iterations,
+            history=end.history,
+        )
+
+    def logged(self) -> Controls:
+        """The actions [mover step] that reproduce the log."""
+        return self.movers.rows(to_actions(self.world.controls))
+
+    def optimiser(self) -> Any:
+        """Adam as configured; optax types its trees too narrowly for modules."""
+        return optax.adam(self.config.learning_rate, self.config.beta1, self.config.beta2)
+
+    def reacting(self) -> Bool[Array, " agent"]:
+        """Agents that brake for what stands in their way."""
+        return self.world.vehicle & ~self.movers.candidate
 
 
 def within_bounds(
-    actions: Float[Array, "agent step 2"],
-    logged: Float[Array, "agent step 2"],
-    speed: Float[Array, "agent time"],
-    config: AttackConfig,
-) -> Float[Array, "agent step 2"]:
-    """The nearest actions that the configuration allows; logged ones always are."""
-    low, high = jnp.full_like(actions, -1.0), jnp.full_like(actions, 1.0)
+    actions: Controls, logged: Controls, speed: Float[Array, "mover time"], config: AttackConfig
+) -> Controls:
+    """The nearest actions [mover step] that the configuration allows; logged ones always are."""
     if config.max_deviation > 0.0:
-        low, high = logged - config.max_deviation, logged + config.max_deviation
+        most = config.max_deviation
+        actions = jax.tree.map(lambda a, log: jnp.clip(a, log - most, log + most), actions, logged)
+    curvature = actions.curvature
     if config.max_lateral_accel > 0.0:
         tightest = config.max_lateral_accel / (CURVATURE_LIMIT * jnp.maximum(speed[:, :-1], 1.0) ** 2)
-        tightest = jnp.maximum(tightest, jnp.abs(logged[..., 1]))
-        low = low.at[..., 1].max(-tightest)
-        high = high.at[..., 1].min(tightest)
-    return jnp.clip(jnp.clip(actions, low, high), -1.0, 1.0)
+        tightest = jnp.maximum(tightest, jnp.abs(logged.curvature))
+        curvature = jnp.clip(curvature, -tightest, tightest)
+    return Controls(jnp.clip(actions.accel, -1.0, 1.0), jnp.clip(curvature, -1.0, 1.0))
 
 
-def ego_is_hit(world: World, motion: Motion) -> Bool[Array, ""]:
-    """Whether the ego's box overlaps another's at some step (eq. 2), pairs that began so left out."""
-    boxes = world.boxes(motion)
-    ego = jax.tree.map(lambda values: values[:1], boxes)
+def ego_is_hit(world: World, boxes: Box) -> Bool[Array, ""]:
+    """Whether the ego's box overlaps another's at some step (eq. 2), pairs that began so left out.
+
+    The ego itself is left out by `apart` as well.
+    """
+    ego = pick(boxes, jnp.array([0]))
     counts = world.valid & world.apart[0][:, None]
-    return (counts & overlaps(ego, boxes, _HIT_DEPTH_M))[1:].any()
+    return (counts & overlaps(ego, boxes, _HIT_DEPTH_M)).any()
 
 
-def to_actions(controls: Controls) -> Float[Array, "agent step 2"]:
+def to_actions(controls: Controls) -> Controls:
     """Controls as shares of the mirror's limits."""
-    return jnp.stack([controls.accel / ACCEL_LIMIT, controls.curvature / CURVATURE_LIMIT], axis=-1)
+    return Controls(controls.accel / ACCEL_LIMIT, controls.curvature / CURVATURE_LIMIT)
 
 
-def to_controls(actions: Float[Array, "agent step 2"]) -> Controls:
+def to_controls(actions: Controls) -> Controls:
     """The inverse of `to_actions`."""
-    return Controls(actions[..., 0] * ACCEL_LIMIT, actions[..., 1] * CURVATURE_LIMIT)
+    return Controls(actions.accel * ACCEL_LIMIT, actions.curvature * CURVATURE_LIMIT)

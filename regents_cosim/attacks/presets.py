@@ -59,7 +59,13 @@ REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True,
 # the closest moments together, each candidate is searched alone, nobody is pulled from behind, and
 # followers brake for the ego instead of hitting it by themselves.
 REGENTS_FOCUSED = replace(
-    REGENTS, method="focused", softmin_m=2.0, pull_from_behind=False, search="per-candidate", background="reactive"
+    REGENTS,
+    method="focused",
+    softmin_m=2.0,
+    pull_from_behind=False,
+    search="per-candidate",
+    nearest=8,
+    background="reactive",
 )
 
 METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED)}

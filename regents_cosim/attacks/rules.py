@@ -1,6 +1,7 @@
 """Who may attack, and whose steering is left alone: the three rules of ReGentS, section 3.3."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.presets import AttackConfig
@@ -41,18 +42,21 @@ def travelled(world: World) -> Float[Array, " agent"]:
 
 
 def diverging_in_front(
-    motion: Motion, valid: Bool[Array, "agent time"], share: float, window_rad: float
+    ego: Motion, agents: Motion, valid: Bool[Array, "agent time"], share: float, window_rad: float
 ) -> Bool[Array, " agent"]:
-    """Rule 1: in the red zone for more than `share` of the valid steps of the current roll-out.
+    """Rule 1: in the red zone around `ego` [time] for more than `share` of the valid steps of the current roll-out.
 
     With alpha the bearing of agent i from the ego, dyaw = wrap(yaw_i - yaw_0) and
     dalpha = wrap(alpha - yaw_0), the red zone is |dyaw| < pi/8, |dalpha| < pi/8 and
     0 < dalpha / dyaw < 1: ahead, to one side, and turned away to the same side, so that any
     pull towards the ego's future path turns it further away.
     """
-    dyaw = wrap(motion.yaw - motion.yaw[0])
-    dalpha = wrap(jnp.arctan2(motion.y - motion.y[0], motion.x - motion.x[0]) - motion.yaw[0])
-    narrow = (jnp.abs(dyaw) < window_rad) & (jnp.abs(dalpha) < window_rad)
-    same_side = (dalpha * dyaw > 0.0) & (jnp.abs(dalpha) < jnp.abs(dyaw))
+    cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
+    dx, dy = agents.x - ego.x, agents.y - ego.y
+    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+    turn_cos, turn_sin = jnp.cos(agents.yaw - ego.yaw), jnp.sin(agents.yaw - ego.yaw)
+    # Within a right angle, angles compare as their tangents do: no arc tangent, no wrapping.
+    narrow = (turn_cos > np.cos(window_rad)) & (jnp.abs(left) < np.tan(window_rad) * ahead)
+    same_side = (left * turn_sin > 0.0) & (jnp.abs(left) * turn_cos < jnp.abs(turn_sin) * ahead)
     red = valid & narrow & same_side
     return red.sum(axis=1) > share * valid.sum(axis=1)

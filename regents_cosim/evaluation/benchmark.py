@@ -37,6 +37,8 @@ class SuccessRow:
     """How often an attack on originally collision-free windows ended in a collision."""
 
     method: str
+    search: str  # joint, or per-candidate
+    background: str  # log, or reactive
     ego: str
     n: int  # windows without a collision before the attack
     colliding_before: int
@@ -89,6 +91,8 @@ def success_row(
     every = [flaw for found in flaws for flaw in found]
     return SuccessRow(
         method=config.method,
+        search=config.search,
+        background=config.background,
         ego=ego,
         n=n,
         colliding_before=len(outcomes) - n,

@@ -1,5 +1,6 @@
 """Which model vehicles move by: our own bicycle, or the twin of highway-env's."""
 
+import jax
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror import bicycle, highway_bicycle
@@ -32,6 +33,27 @@ def roll_out(
     if dynamics == "highway":
         return highway_bicycle.roll_out(start, controls, moving, half_length, dt)
     return bicycle.roll_out(start, controls, moving, dt)
+
+
+def pull_back(
+    dynamics: Dynamics,
+    start: Motion,
+    controls: Controls,
+    moving: Bool[Array, "agent step"],
+    half_length: Float[Array, " agent"],
+    dt: Float[Array, ""] | float,
+    motion: Motion,
+    heading: tuple[Float[Array, "agent time"], Float[Array, "agent time"]],
+    gradient: Motion,
+) -> Controls:
+    """The gradient with respect to `controls` of what has `gradient` with respect to their roll-out `motion`.
+
+    `heading` is the cosine and sine of its yaw. highway-env's model is rolled out once more.
+    """
+    if dynamics == "highway":
+        _, back = jax.vjp(lambda own: highway_bicycle.roll_out(start, own, moving, half_length, dt), controls)
+        return back(gradient)[0]
+    return bicycle.pull_back(controls, moving, dt, motion, heading, gradient)[1]
 
 
 def controls_between(dynamics: Dynamics, motion: Motion, dt: Float[Array, ""] | float) -> Controls:

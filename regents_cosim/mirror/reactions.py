@@ -15,7 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Motion, wrap
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Motion
 
 _HEADWAY_S = 0.5
 _STANDSTILL_M = 1.0
@@ -107,14 +107,20 @@ def _gaps(
     The way is the arc that the agent is on: distance along it and off it are exact for a circle.
     """
     dx, dy = now.x[None] - now.x[:, None], now.y[None] - now.y[:, None]
-    cos, sin = jnp.cos(now.yaw)[:, None], jnp.sin(now.yaw)[:, None]
-    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+    cos, sin = jnp.cos(now.yaw), jnp.sin(now.yaw)
+    ahead, left = dx * cos[:, None] + dy * sin[:, None], dy * cos[:, None] - dx * sin[:, None]
     k = jnp.where(jnp.abs(bend) < _STRAIGHT, _STRAIGHT, bend)[:, None]
-    along = jnp.arctan2(k * ahead, 1.0 - k * left) / k
-    off = (1.0 - jnp.hypot(k * ahead, 1.0 - k * left)) / k
-    turn = wrap(now.yaw[None] - now.yaw[:, None] - k * along)
-    across = jnp.abs(jnp.sin(turn))
-    same = jnp.cos(turn)
+    # The direction of the arc where it passes the other, as a vector: only its length needs an angle.
+    from_centre = jnp.sqrt((k * ahead) ** 2 + (1.0 - k * left) ** 2)
+    arc_cos, arc_sin = (1.0 - k * left) / from_centre, k * ahead / from_centre
+    along = _angle(arc_cos, arc_sin) / k
+    off = (1.0 - from_centre) / k
+    turned_cos, turned_sin = (
+        cos[:, None] * arc_cos - sin[:, None] * arc_sin,
+        sin[:, None] * arc_cos + cos[:, None] * arc_sin,
+    )
+    same = cos[None] * turned_cos + sin[None] * turned_sin
+    across = jnp.abs(sin[None] * turned_cos - cos[None] * turned_sin)
     reach = jnp.abs(same) * half_length[None] + across * half_width[None]
     breadth = across * half_length[None] + jnp.abs(same) * half_width[None]
     inside = jnp.abs(off) - breadth < half_width[:, None] + _SIDE_MARGIN_M
@@ -122,3 +128,17 @@ def _gaps(
     in_way = others & disturbed[None] & inside & (along > 0.0)
     gap = jnp.where(in_way, along - reach - half_length[:, None], _FAR_M)
     return gap, now.speed[:, None] - now.speed[None] * same
+
+
+def _angle(cos: Float[Array, "*axes"], sin: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
+    """The angle of a unit vector, to 2e-5 rad.
+
+    Twice the arc tangent of the half angle's tangent, by the polynomial 4.4.49 of Abramowitz and
+    Stegun: XLA's arc tangent goes value by value and took two thirds of a step's time.
+    """
+    steep = cos < 0.0  # beyond a right angle, from the other side
+    tangent = sin / (1.0 + jnp.abs(cos))
+    square = tangent**2
+    series = 0.9998660 + square * (-0.3302995 + square * (0.1801410 + square * (-0.0851330 + square * 0.0208351)))
+    angle = 2.0 * tangent * series
+    return jnp.where(steep, jnp.sign(sin) * jnp.pi - angle, angle)

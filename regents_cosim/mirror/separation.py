@@ -4,10 +4,16 @@ The same geometry as `regents_cosim.boxes`, the exact judge on the host. Hard mi
 without gradient and only the winner is differentiated, so everything here is element-wise.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.mirror.bicycle import Motion
+
+_CORNERS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # front left, front right, rear right, rear left
 
 
 class Box(eqx.Module):
@@ -19,6 +25,22 @@ class Box(eqx.Module):
     sin: Float[Array, "*#axes"]
     half_length: Float[Array, "*#axes"]  # [m]
     half_width: Float[Array, "*#axes"]  # [m]
+
+
+def pick(boxes: Box, agents: Int[Array, " chosen"]) -> Box:
+    """Boxes [chosen, time] of some agents, as a product with one-hot rows: exact, and so is its transpose.
+
+    XLA keeps the result of a product. An indexed row it computes again wherever it is used, and
+    its gradient for all agents: 0.15 ms per iteration of an attack on 32 agents.
+    """
+    one_hot = jnp.equal(agents[:, None], jnp.arange(boxes.x.shape[0])).astype(boxes.x.dtype)
+    return jax.tree.map(lambda values: one_hot @ values, boxes)
+
+
+def pose_gradient(boxes: Box, gradient: Box) -> Motion:
+    """Gradient with respect to poses of what has `gradient` with respect to boxes: the transpose of `World.boxes`."""
+    yaw = boxes.cos * gradient.sin - boxes.sin * gradient.cos
+    return Motion(gradient.x, gradient.y, yaw, jnp.zeros_like(yaw))
 
 
 def gap(a: Box, b: Box) -> Float[Array, "*axes"]:
@@ -42,26 +64,79 @@ def overlaps(a: Box, b: Box, depth_m: float = 0.0) -> Bool[Array, "*axes"]:
     return gap(a, b) <= -depth_m
 
 
+@jax.custom_jvp
 def distance(a: Box, b: Box) -> Float[Array, "*axes"]:
     """Distance of the closest points of two boxes [m], 0 where they overlap. ReGentS eq. 1.
 
-    The least of the eight corner-to-box distances. The gradient is that of the closest corner
-    (the mean of two on a tie) and 0 where the boxes overlap; it is finite everywhere.
+    The least of the eight corner-to-box distances. Its derivative is that of the closest points
+    held fast on their boxes (the mean of them where several corners tie), 0 where the boxes
+    overlap: finite everywhere. Sizes are constants.
     """
     squares = jnp.minimum(_least_corner_square(a, b), _least_corner_square(b, a))
     apart = (gap(a, b) > 0.0) & (squares > 0.0)
     return jnp.where(apart, jnp.sqrt(jnp.where(apart, squares, 1.0)), 0.0)
 
 
-def corners(box: Box) -> tuple[Float[Array, "4 *axes"], Float[Array, "4 *axes"]]:
+@distance.defjvp
+def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array, Array]:
+    """With n the unit vector from the closest point p of a to the closest point q of b: n (dq - dp).
+
+    Differentiating the minimum over the corners gives the same numbers in 60 more XLA
+    operations, each a loop of its own.
+    """
+    (a, b), (da, db) = boxes, moved
+    value = distance(a, b)
+    ours, theirs = _contacts(b, a), _contacts(a, b)
+    squares, x, y, a_along, a_across, b_along, b_across = (
+        jnp.concatenate(parts)
+        for parts in (
+            (theirs.square, ours.square), (theirs.x, -ours.x), (theirs.y, -ours.y),
+            (theirs.on_box[0], ours.on_corner[0]), (theirs.on_box[1], ours.on_corner[1]),
+            (theirs.on_corner[0], ours.on_box[0]), (theirs.on_corner[1], ours.on_box[1]),
+        )
+    )  # fmt: skip
+    closest = (squares == squares.min(axis=0)).astype(value.dtype)
+    apart = value > 0.0
+    share = jnp.where(apart, closest / (closest.sum(axis=0) * jnp.where(apart, value, 1.0)), 0.0)
+    x, y = share * x, share * y
+    change = x.sum(axis=0) * (db.x - da.x) + y.sum(axis=0) * (db.y - da.y)
+    for sign, box, along, across in ((-1.0, da, a_along, a_across), (1.0, db, b_along, b_across)):
+        on_cos, on_sin = (x * along + y * across).sum(axis=0), (y * along - x * across).sum(axis=0)
+        change += sign * (on_cos * box.cos + on_sin * box.sin)
+    return value, change
+
+
+class _Contacts(NamedTuple):
+    """The corners of another box and the points of a box that are closest to them: [corner, ...]."""
+
+    square: Array  # [m^2] of their distance
+    x: Array  # [m] from the box to the corner
+    y: Array
+    on_box: tuple[Array, Array]  # [m] along and across the box
+    on_corner: tuple[Array, Array]  # [m] along and across the other one
+
+
+def _contacts(box: Box, other: Box) -> _Contacts:
+    shape = jnp.broadcast_shapes(*(value.shape for value in jax.tree.leaves((box, other))))
+    signs = jnp.asarray(_CORNERS, box.x.dtype).T.reshape(2, 4, *(1,) * len(shape))
+    on_corner = signs[0] * other.half_length, signs[1] * other.half_width
+    dx = other.x - box.x + on_corner[0] * other.cos - on_corner[1] * other.sin
+    dy = other.y - box.y + on_corner[0] * other.sin + on_corner[1] * other.cos
+    ahead, left = dx * box.cos + dy * box.sin, dy * box.cos - dx * box.sin
+    on_box = jnp.clip(ahead, -box.half_length, box.half_length), jnp.clip(left, -box.half_width, box.half_width)
+    out_long, out_wide = ahead - on_box[0], left - on_box[1]
+    x, y = out_long * box.cos - out_wide * box.sin, out_long * box.sin + out_wide * box.cos
+    contacts = _Contacts(out_long**2 + out_wide**2, x, y, on_box, on_corner)
+    return jax.tree.map(lambda values: jnp.broadcast_to(values, (4, *shape)), contacts)
+
+
+def corners(box: Box) -> list[tuple[Float[Array, "*axes"], Float[Array, "*axes"]]]:
     """X and y [m] of the corners: front left, front right, rear right, rear left."""
-    along, across = jnp.array([1.0, 1.0, -1.0, -1.0]), jnp.array([1.0, -1.0, -1.0, 1.0])
-    shape = jnp.broadcast_shapes(*(value.shape for value in jax.tree.leaves(box)))
-    along, across = (
-        sign.astype(box.x.dtype).reshape(4, *(1,) * len(shape)) * half
-        for sign, half in ((along, box.half_length), (across, box.half_width))
-    )
-    return box.x + along * box.cos - across * box.sin, box.y + along * box.sin + across * box.cos
+    points = []
+    for ahead, left in _CORNERS:
+        along, across = ahead * box.half_length, left * box.half_width
+        points.append((box.x + along * box.cos - across * box.sin, box.y + along * box.sin + across * box.cos))
+    return points
 
 
 def _least_corner_square(box: Box, other: Box) -> Float[Array, "*axes"]:
@@ -73,7 +148,7 @@ def _least_corner_square(box: Box, other: Box) -> Float[Array, "*axes"]:
     ahead, left = dx * box.cos + dy * box.sin, dy * box.cos - dx * box.sin
     cos, sin = box.cos * other.cos + box.sin * other.sin, box.cos * other.sin - box.sin * other.cos
     squares = []
-    for along, across in ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)):
+    for along, across in _CORNERS:
         x = ahead + along * other.half_length * cos - across * other.half_width * sin
         y = left + along * other.half_length * sin + across * other.half_width * cos
         out_long = jnp.maximum(jnp.abs(x) - box.half_length, 0.0)

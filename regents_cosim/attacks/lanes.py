@@ -1,0 +1,102 @@
+"""Many descents side by side in one compiled loop, for accelerators.
+
+A lane whose search is over is given to the next one that waits. On a CPU this gains nothing
+over one descent per thread (0.29 to 0.35 ms per scenario from 1 lane to 128, measured with
+centre distances): there `attack` uses threads.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+
+from regents_cosim.attacks.descent import Descent, ExtraCost, Found, Search
+from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.mirror.rollout import LoopPlanner
+from regents_cosim.mirror.world import World
+
+_PASSES = 25  # iterations between two looks at who has finished
+
+
+class Job(NamedTuple):
+    """One descent to be made."""
+
+    world: World
+    memory: Any  # the planner's, of the scene
+    movers: Movers
+
+
+def search_in_lanes(
+    jobs: Iterable[Job], planner: LoopPlanner, config: AttackConfig, lanes: int, extra_cost: ExtraCost | None = None
+) -> list[Found]:
+    """The outcome of every job, in their order, at most `lanes` at a time; jobs of one shape share a program."""
+    by_shape: dict[Any, list[tuple[int, Job]]] = defaultdict(list)
+    for number, job in enumerate(jobs):
+        shapes = tuple(leaf.shape for leaf in jax.tree.leaves(job))
+        by_shape[jax.tree.structure(job), shapes].append((number, job))
+    found: dict[int, Found] = {}
+    for group in by_shape.values():
+        found.update(_search_group(group, planner, config, min(lanes, len(group)), extra_cost))
+    return [found[number] for number in sorted(found)]
+
+
+def _search_group(
+    group: list[tuple[int, Job]], planner: LoopPlanner, config: AttackConfig, lanes: int, extra_cost: ExtraCost | None
+) -> Iterator[tuple[int, Found]]:
+    waiting = iter(group[lanes:])
+    numbers: list[int | None] = [number for number, _ in group[:lanes]]
+    jobs = jax.tree.map(lambda *values: jnp.stack(values), *(job for _, job in group[:lanes]))
+    searches = _begin(jobs, planner, config, extra_cost)
+    while any(number is not None for number in numbers):
+        searches, goes_on = _advance(jobs, searches, planner, config, extra_cost)
+        for lane in np.flatnonzero(~np.asarray(goes_on)).tolist():
+            number = numbers[lane]
+            if number is None:
+                continue
+            yield number, _result(jobs, searches, jnp.int32(lane), planner, config, extra_cost)
+            numbers[lane], job = next(waiting, (None, None))
+            if job is not None:
+                one = jax.tree.map(lambda values: values[None], job)
+                first = jax.tree.map(lambda values: values[0], _begin(one, planner, config, extra_cost))
+                jobs, searches = _put((jnp.int32(lane), job, first), (jobs, searches))
+
+
+@eqx.filter_jit
+def _begin(jobs: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None) -> Search:
+    return jax.vmap(lambda job: _descent(job, planner, config, extra_cost).begin())(jobs)
+
+
+@eqx.filter_jit
+def _advance(
+    jobs: Job, searches: Search, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None
+) -> tuple[Search, Bool[Array, " lane"]]:
+    def advance(job: Job, search: Search) -> tuple[Search, Bool[Array, ""]]:
+        descent = _descent(job, planner, config, extra_cost)
+        search = descent.advance(search, _PASSES)
+        return search, descent.goes_on(search)
+
+    return jax.vmap(advance)(jobs, searches)
+
+
+@eqx.filter_jit
+def _result(
+    jobs: Job, searches: Search, lane: Int[Array, ""], planner: LoopPlanner, config: AttackConfig, extra_cost: Any
+) -> Found:
+    job, search = jax.tree.map(lambda values: values[lane], (jobs, searches))
+    return _descent(job, planner, config, extra_cost).result(search)
+
+
+@eqx.filter_jit(donate="all-except-first")
+def _put(new: tuple[Int[Array, ""], Job, Search], all_: tuple[Job, Search]) -> tuple[Job, Search]:
+    lane, job, search = new
+    return jax.tree.map(lambda values, value: values.at[lane].set(value), all_, (job, search))
+
+
+def _descent(job: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None) -> Descent:
+    return Descent.of(job.world, planner, job.memory, job.movers, config, extra_cost)

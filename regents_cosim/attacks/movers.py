@@ -1,0 +1,50 @@
+"""The agents whose controls one descent may change: any number of them, or a single one.
+
+A search over all candidates works on the rows of all agents, a search for one candidate on its
+row alone: what is not optimised needs no roll-out, no gradient and no state of the optimiser.
+"""
+
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int, PyTree
+
+_Tree = TypeVar("_Tree", bound=PyTree)
+
+
+class Movers(eqx.Module):
+    """`count` rows of the agent axis from `first` on, and which of them are candidates."""
+
+    candidate: Bool[Array, " agent"]
+    first: Int[Array, ""]
+    count: int = eqx.field(static=True)
+
+    @staticmethod
+    def among(candidate: Bool[Array, " agent"]) -> "Movers":
+        """All candidates together."""
+        return Movers(candidate, jnp.int32(0), candidate.shape[0])
+
+    @staticmethod
+    def only(agent: int, agents: int) -> "Movers":
+        """One of `agents` agents."""
+        return Movers(jnp.arange(agents) == agent, jnp.int32(agent), 1)
+
+    def rows(self, values: _Tree) -> _Tree:
+        """The movers' rows of arrays [agent, ...]."""
+        if self.count == self.candidate.shape[0]:
+            return values
+        return jax.tree.map(lambda v: jax.lax.dynamic_slice_in_dim(v, self.first, self.count), values)
+
+    def put(self, values: _Tree, rows: _Tree) -> _Tree:
+        """Arrays [agent, ...] with the rows of candidates replaced."""
+        mine = self.rows(self.candidate)
+
+        def replace(all_: Array, own: Array) -> Array:
+            chosen = jnp.where(mine.reshape(-1, *(1,) * (all_.ndim - 1)), own, self.rows(all_))
+            if self.count == all_.shape[0]:
+                return chosen
+            return jax.lax.dynamic_update_slice_in_dim(all_, chosen, self.first, 0)
+
+        return jax.tree.map(replace, values, rows)

@@ -1,0 +1,40 @@
+"""Lanes are the engine for accelerators; here they run on the CPU and must find what threads find."""
+
+import itertools
+from dataclasses import replace
+
+import pytest
+from scenes import platoon, scene
+
+from regents_cosim.attacks.attack import attack_each
+from regents_cosim.attacks.presets import REGENTS, REGENTS_FOCUSED
+
+HARD = scene((0, 0, 10), (60, 6.4, 10), (90, 3.2, 10), name="hard")
+ALONE = scene((0, 0, 10), name="alone")
+
+
+@pytest.mark.parametrize(
+    "config", [REGENTS, pytest.param(replace(REGENTS_FOCUSED, background="log"), marks=pytest.mark.slow)]
+)
+def test_lanes_find_what_threads_find(config):
+    few = replace(config, iterations=120)
+    scenarios = [HARD, platoon(seed=0), ALONE, platoon(seed=1), platoon(seed=2)]
+    threads, lanes = (
+        list(attack_each(scenarios, few, "log_replay", batch=2, engine=engine)) for engine in ("threads", "lanes")
+    )
+    assert [[s.id for s in results] for results in lanes] == [[s.id for s in results] for results in threads]
+    for mine, theirs in zip(itertools.chain(*lanes), itertools.chain(*threads), strict=True):
+        assert mine.attack.outcome == theirs.attack.outcome
+        # They round differently, and Adam follows the sign of however small a gradient.
+        assert mine.attack.iterations == pytest.approx(theirs.attack.iterations, rel=0.1)
+
+
+@pytest.mark.slow
+def test_the_number_of_lanes_changes_nothing():
+    scenarios = [platoon(seed=seed) for seed in range(4)]
+    few = replace(REGENTS, iterations=60)
+    two, four = (
+        [s.attack.outcome for (s,) in attack_each(scenarios, few, "log_replay", batch=batch, engine="lanes")]
+        for batch in (2, 4)
+    )
+    assert two == four
