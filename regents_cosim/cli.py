@@ -67,6 +67,10 @@ class Traffic:
     """lanelet2 map (.osm) of a log that does not lie beside it"""
     columns: Path | None = None
     """TOML file that names the columns of a table (csv, parquet)"""
+    source: Annotated[str, Parameter("--from")] = ""
+    """highway:ENVIRONMENT instead of SUMO, e.g. highway:merge-v1"""
+    policy: str = "idm"
+    """who drives the ego in highway-env: idm, mdp, random, package.module:attribute or file.py:attribute"""
     count: int = 8
     """windows wanted"""
     seed: int = 0
@@ -88,6 +92,8 @@ class Search:
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
     background: Literal["log", "reactive"] | None = None
     """do other agents replay their log, or brake for what stands in their way"""
+    dynamics: Literal["recorded", "bicycle", "highway"] | None = None
+    """how vehicles move: by the mirror's bicycle, or exactly as in highway-env; recorded: as where the case is from"""
     gradient: Literal["adversary", "through-planner"] | None = None
     """is the planner's track constant to the gradient, or is the planner (in JAX) differentiated as well"""
     as_published: bool | None = None
@@ -242,8 +248,11 @@ def attack(
     from regents_cosim.suite import SuiteWriter, load_cases
 
     terminal = _terminal(talk)
-    if (cases is None) == (traffic.config is None and traffic.net is None and traffic.log is None):
-        raise RegentsError("expected either a folder of cases or traffic (-c NAME.sumocfg, --log PATH), not both")
+    if (cases is None) == (not _names_traffic(traffic)):
+        raise RegentsError(
+            "expected either a folder of cases or traffic "
+            "(-c NAME.sumocfg, --from highway:ENVIRONMENT, --log PATH), not both"
+        )
     if compile_cache:
         keep_compiled_programs()
     config = search.config()
@@ -267,7 +276,8 @@ def attack(
 def replay(
     cases: Path,
     *,
-    where: Annotated[Literal["sumo", "mirror"], Parameter("--in")] = "sumo",
+    where: Annotated[Literal["sumo", "highway", "mirror"], Parameter("--in")] = "sumo",
+    mode: Literal["track", "actions"] = "track",
     ego: Literal["track", "planner"] | None = None,
     planner: str | None = None,
     gui: bool = False,
@@ -284,11 +294,14 @@ def replay(
     cases
         a case or a folder of cases
     where
-        in SUMO, or in the mirror
+        in SUMO, in highway-env, or in the mirror
+    mode
+        in highway-env the others are placed on their tracks, or moved by its own physics (actions)
     ego
         track: as in the case; planner: driven in closed loop by the planner (default where --planner is given)
     planner
-        who drives the ego; default the planner that was attacked
+        who drives the ego; default the planner that was attacked; in highway-env also its own agents:
+        highway:idm, highway:mdp, highway:random, highway:package.module:attribute
     gui
         show it in sumo-gui
     record
@@ -315,7 +328,7 @@ def replay(
     if ego == "planner" and planner is None:
         driven_by = _attacked_planner(scenarios)
     with executor_for(executor) as pool:
-        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool)
+        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
     if record and found[0].replayed:
         _draw(found[0].replayed, record, beside_original, terminal)
@@ -451,6 +464,78 @@ def logs(paths: tuple[Path, ...], *, count: int = 8, talk: Talk = Talk()) -> int
     return 0
 
 
+@bench.command
+def highway(
+    *,
+    count: int = 25,
+    seed: int = 0,
+    envs: tuple[str, ...] = ("merge-v1", "roundabout-v1", "intersection-v2", "highway-v0"),
+    policy: str = "idm",
+    planners: tuple[str, ...] = ("idm",),
+    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents"),
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """How often attacks on highway-env's own traffic succeed, and whether the crashes happen in highway-env.
+
+    Parameters
+    ----------
+    count
+        windows per environment
+    envs
+        environments of highway-env
+    policy
+        who drives the ego in the recordings
+    planners
+        systems under test
+    methods
+        presets
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.attacks.attack import attack_each
+    from regents_cosim.attacks.presets import METHODS
+    from regents_cosim.evaluation.transfer import highway_row
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.sources.record import record as run_record
+
+    terminal = _terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    windows = {
+        env: run_record(f"highway:{env}", policy=policy, count=count, seed=seed)
+        for env in terminal.each(envs, "recording traffic", len(envs))
+    }
+    rows = []
+    for planner in planners:
+        for method in methods:
+            for env, found in windows.items():
+                results = attack_each(found, METHODS[method], planner)
+                attacked = [s for each in terminal.each(results, f"{method} in {env}", len(found)) for s in each]
+                rows.append(dataclasses.asdict(highway_row(env, METHODS[method], planner, attacked)))
+    terminal.show(f"attacks on {sum(map(len, windows.values()))} windows, replayed in highway-env", rows)
+    return 0
+
+
+@bench.command
+def transfer(cases: Path, *, talk: Talk = Talk()) -> int:
+    """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases
+    """
+    from regents_cosim.evaluation.transfer import transfer_rows
+    from regents_cosim.suite import load_cases
+
+    terminal = _terminal(talk)
+    with terminal.waiting("replaying"):
+        rows = [dataclasses.asdict(row) for row in transfer_rows(load_cases(cases))]
+    terminal.show(f"transfer of {cases}", rows)
+    return 0
+
+
 # --- pieces shared by the commands ------------------------------------------------------------
 
 
@@ -465,13 +550,16 @@ def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "T
     from regents_cosim.sources.sumo_config import SumoInput
     from regents_cosim.workers import executor_for
 
+    if not _names_traffic(traffic):
+        raise RegentsError(
+            "no traffic named (expected -c NAME.sumocfg, -n NET with -r ROUTES or --fcd LOG, "
+            "--from highway:ENVIRONMENT, or --log PATH)"
+        )
     if traffic.log is not None:
         return _record_log(traffic, terminal)
-    if traffic.config is None and traffic.net is None:
-        raise RegentsError(
-            "no traffic named (expected -c NAME.sumocfg, -n NET with -r ROUTES or --fcd LOG, or --log PATH)"
-        )
-    source = SumoInput(
+    if traffic.source and not traffic.source.startswith("highway:"):
+        raise RegentsError(f"--from {traffic.source}: expected highway:ENVIRONMENT, e.g. highway:merge-v1")
+    source = traffic.source or SumoInput(
         config=traffic.config,
         net=traffic.net,
         routes=_files(traffic.routes),
@@ -484,6 +572,7 @@ def _record(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "T
         found = run_record(
             source,
             fcd=traffic.fcd,
+            policy=traffic.policy,
             count=traffic.count,
             seed=traffic.seed,
             horizon_s=traffic.horizon,
@@ -499,7 +588,7 @@ def _record_log(traffic: Traffic, terminal: "Terminal") -> "list[Scenario]":
     from regents_cosim.sources.logs.formats import Beside
     from regents_cosim.sources.logs.record import record_log
 
-    if traffic.config or traffic.net or traffic.fcd:
+    if traffic.config or traffic.net or traffic.fcd or traffic.source:
         raise RegentsError("--log stands alone; SUMO's own fcd-output is read with --fcd LOG -n NET")
     assert traffic.log is not None
     with terminal.waiting("reading the log"):
@@ -515,6 +604,10 @@ def _record_log(traffic: Traffic, terminal: "Terminal") -> "list[Scenario]":
             beside=Beside(traffic.map, traffic.columns),
             tell=terminal.say,
         )
+
+
+def _names_traffic(traffic: Traffic) -> bool:
+    return bool(traffic.config or traffic.net or traffic.source or traffic.log)
 
 
 def _files(names: str) -> tuple[Path, ...]:

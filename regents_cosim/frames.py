@@ -1,8 +1,9 @@
 """The only place where coordinates change convention.
 
 Inside: metres, x east, y north, box centre, yaw in radians counter-clockwise from +x.
-SUMO: the same plane, but the front bumper's centre and degrees clockwise from north. Logs: front
-bumpers, corners of boxes in images, latitude and longitude.
+SUMO: the same plane, but the front bumper's centre and degrees clockwise from north.
+highway-env: the box centre too, but y south (down on its screen) and angles from +x towards +y.
+Logs: front bumpers, corners of boxes in images, latitude and longitude.
 """
 
 from typing import NamedTuple
@@ -39,6 +40,50 @@ def to_sumo(pose: Pose, length: Values) -> SumoPose:
     half = 0.5 * length
     angle = np.mod(90.0 - np.rad2deg(pose.yaw), 360.0)
     return SumoPose(pose.x + half * np.cos(pose.yaw), pose.y + half * np.sin(pose.yaw), angle)
+
+
+class HighwayPose(NamedTuple):
+    """Box centre [m, y south] and heading [rad, from +x towards +y: clockwise seen from above]."""
+
+    x: Values
+    y: Values
+    heading: Values
+
+
+def from_highway(pose: HighwayPose) -> Pose:
+    """Pose of what highway-env reports at `pose`; the yaw keeps its full turns."""
+    return Pose(pose.x, np.negative(pose.y), np.negative(pose.heading))
+
+
+def to_highway(pose: Pose) -> HighwayPose:
+    """What highway-env calls a pose, so that its left (lane 0) stays left."""
+    return HighwayPose(pose.x, np.negative(pose.y), np.negative(pose.yaw))
+
+
+def points_from_highway(points: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
+    """Points [m] of highway-env's plane in ours."""
+    return points * np.array([1.0, -1.0])
+
+
+def points_to_highway(points: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
+    """Points [m] of our plane in highway-env's: the same mirroring."""
+    return points_from_highway(points)
+
+
+def wheel_from_curvature(curvature: Values, length: Values) -> Values:
+    """highway-env's steering angle [rad, positive to the right] for a `curvature` [1/m, positive turns left].
+
+    highway-env turns a vehicle of `length` L [m] by v sin(beta) / (L / 2) per second, with the slip
+    angle beta = arctan(tan(steering) / 2); the curvature is 2 sin(beta) / L, at most 2 / L.
+    """
+    slip = np.arcsin(np.clip(np.multiply(0.5 * np.asarray(length), curvature), -1.0, 1.0))
+    return -np.arctan(2.0 * np.tan(slip))
+
+
+def curvature_from_wheel(steering: Values, length: Values) -> Values:
+    """The inverse of `wheel_from_curvature`, for angles within a quarter turn."""
+    slip = np.arctan(0.5 * np.tan(steering))
+    return -2.0 * np.sin(slip) / length
 
 
 def wrap(angle: Values) -> Values:

@@ -10,7 +10,7 @@ from pathlib import Path
 def versions() -> dict[str, str]:
     """Versions of the packages that decide a result."""
     found = {"python": ".".join(map(str, sys.version_info[:3]))}
-    for name in ("regents_cosim", "libsumo", "jax", "numpy", "shapely"):
+    for name in ("regents_cosim", "libsumo", "highway-env", "jax", "numpy", "shapely"):
         try:
             found[name] = version(name)
         except PackageNotFoundError:

@@ -19,6 +19,7 @@ from regents_cosim.roadmap import RoadMap
 Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
 Role = Literal["ego", "background", "adversary"]
 Outcome = Literal["collision", "no_collision", "no_candidate", "already_colliding", "diverged"]
+Dynamics = Literal["bicycle", "highway"]  # how controls move a vehicle: the mirror's own model, or highway-env's
 CollisionKind = Literal["rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on"]
 
 VEHICLE_KINDS: frozenset[Kind] = frozenset({"car", "truck", "bus", "motorcycle"})
@@ -227,6 +228,14 @@ class Scenario:
     def boxes(self) -> Boxes:
         """Boxes of all agents at all steps, [agent, time]."""
         return boxes_of(self.agents, self.tracks)
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The model that its controls belong to: the attack's, or highway-env's own where that made the tracks."""
+        at_home: Dynamics = "highway" if self.provenance.source == "highway" else "bicycle"
+        if self.attack is None:
+            return at_home
+        return "highway" if self.attack.settings.get("dynamics") == "highway" else "bicycle"
 
     def before_attack(self) -> "Scenario":
         """The scenario as it was recorded."""

@@ -30,7 +30,7 @@ def fit(log, start, valid=None, moving=None):
     agents = len(start.x)
     valid = jnp.ones((agents, STEPS + 1), bool) if valid is None else valid
     moving = jnp.ones((agents, STEPS), bool) if moving is None else moving
-    controls = fit_controls(log, valid, start, moving, DT)
+    controls = fit_controls(log, valid, start, moving, DT, jnp.full(len(valid), 2.5), "bicycle")
     return controls, roll_out(start, controls, moving, DT)
 
 

@@ -12,6 +12,9 @@ import regents_cosim
 PACKAGE = Path(regents_cosim.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LIBSUMO_DOOR = PACKAGE / "sumo_process.py"
+HIGHWAY_DOORS = {"highway_agents.py", "sources/highway.py", "sources/highway_net.py", "envs.py"} | {
+    f"replays/highway{part}.py" for part in ("", "_cast", "_gym", "_inject", "_road")
+}
 
 
 def imports_of(path: Path) -> set[str]:
@@ -33,6 +36,8 @@ def names_in(path: Path) -> set[str]:
 def test_imports(path):
     found = imports_of(path)
     assert "libsumo" not in found or path == LIBSUMO_DOOR, "libsumo is imported by sumo_process alone"
+    is_highway_door = path.relative_to(PACKAGE).as_posix() in HIGHWAY_DOORS
+    assert is_highway_door or not found & {"highway_env", "gymnasium", "pygame"}, "highway-env has few doors"
     assert not found & {"traci", "pickle", "torch"}, "no second door to SUMO, no pickle, no torch"
 
 
@@ -49,7 +54,7 @@ def fresh(code: str) -> str:
 
 
 def test_importing_the_package_loads_nothing_heavy():
-    heavy = "{'jax', 'equinox', 'libsumo', 'scipy', 'shapely', 'numpy', 'rich', 'PIL'}"
+    heavy = "{'jax', 'equinox', 'libsumo', 'highway_env', 'gymnasium', 'scipy', 'shapely', 'numpy', 'rich', 'PIL'}"
     assert fresh(f"import sys, regents_cosim, regents_cosim.cli; print({heavy} & set(sys.modules))") == "set()"
 
 

@@ -69,6 +69,18 @@ def test_on_your_own_traffic(tmp_path):
     assert (tmp_path / "crash.gif").stat().st_size > 10_000
 
 
+def test_with_highway_env(tmp_path):
+    """The commands, on one window, and the environments that they make cases for."""
+    (block,) = (block for block in blocks("bash") if "--from highway" in block)
+    record, attack, replay, _ = [line.split("#")[0].strip() for line in block.splitlines()]
+    run(f"{record} --count 1", tmp_path)
+    run(f"{attack} --no-pictures", tmp_path)
+    assert "yes" in run(replay, tmp_path)
+    (example,) = (block for block in blocks("python") if "HighwayReplay" in block)
+    (tmp_path / "example.py").write_text(f"{example}print(observation.shape, env.reset(seed=0)[1]['case'])")
+    assert run(f"{BIN}/python example.py", tmp_path).startswith("(5, 5) merge-v1")
+
+
 @pytest.mark.parametrize("place", re.findall(r"\]\((?!http)([^)]+)\)", README))
 def test_files_that_it_shows_exist(place):
     assert (ROOT / place).is_file()

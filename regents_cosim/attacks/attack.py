@@ -28,7 +28,7 @@ from regents_cosim.collisions import collision_kind, first_contact, relative_spe
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner, start
-from regents_cosim.scenario import AttackRecord, Collision, Outcome, Scenario, Tracks
+from regents_cosim.scenario import AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
 
 _COST_TERMS = ("ego", "pair", "road")
 
@@ -86,13 +86,17 @@ class _Attack:
     planner_name: str
     extra_cost: ExtraCost | None
 
+    def dynamics(self, scenario: Scenario) -> Dynamics:
+        """The model by which vehicles move in `scenario`."""
+        return scenario.dynamics if self.config.dynamics == "recorded" else self.config.dynamics
+
     def jobs(self, scenario: Scenario) -> list[Job]:
         """The descents that a scenario takes: one, or one for each of the nearest candidates."""
         if scenario.attack is not None:
             raise RegentsError(
                 f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
             )
-        world = to_world(scenario)
+        world = to_world(scenario, self.dynamics(scenario))
         memory = start(self.planner, Scene(scenario, world), self.planner_name)
         allowed = np.asarray(_candidates(world, self.config))
         if self.config.search == "joint" or not allowed.any():
@@ -108,8 +112,9 @@ class _Attack:
 
     def results(self, scenario: Scenario, jobs: list[Job], found: list[Found]) -> list[Scenario]:
         """What the descents found, as cases."""
+        config = replace(self.config, dynamics=self.dynamics(scenario))
         attacked = [
-            _attacked(scenario, self.config, self.planner_name, one, np.flatnonzero(job.movers.candidate))
+            _attacked(scenario, config, self.planner_name, one, np.flatnonzero(job.movers.candidate))
             for job, one in zip(jobs, found, strict=True)
         ]
         by_adversary: dict[str, Scenario] = {}

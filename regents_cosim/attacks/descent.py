@@ -17,15 +17,8 @@ from regents_cosim.attacks.costs import Costs, total_cost
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
-from regents_cosim.mirror.bicycle import (
-    ACCEL_LIMIT,
-    CURVATURE_LIMIT,
-    Controls,
-    Motion,
-    controls_between,
-    pull_back,
-    roll_out,
-)
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
+from regents_cosim.mirror.dynamics import controls_between, pull_back, roll_out
 from regents_cosim.mirror.rollout import (
     LoopPlanner,
     drive,
@@ -162,7 +155,9 @@ class Descent(eqx.Module):
     def drive(self, actions: Controls) -> tuple[Motion, Controls]:
         """Everybody's motion [agent time] and the ego's controls [step] under the movers' actions."""
         world, movers = self.world, self.movers
-        own = roll_out(movers.rows(world.start), to_controls(actions), movers.rows(world.moving), world.dt)
+        rows = movers.rows
+        start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
+        own = roll_out(world.dynamics, start, to_controls(actions), moving, half_length, world.dt)
         background = movers.put(self.undisturbed, own)
         if self.config.background == "log":
             ego, controls = drive(self.planner, self.memory, world, background)
@@ -184,9 +179,11 @@ class Descent(eqx.Module):
         on_motion = jax.tree.map(jnp.add, on_motion, pose_gradient(seen.boxes, on_boxes))
         rows, world = self.movers.rows, self.world
         heading = rows(seen.boxes.cos), rows(seen.boxes.sin)
-        _, on_controls = pull_back(
-            to_controls(actions), rows(world.moving), world.dt, rows(seen.motion), heading, rows(on_motion)
-        )
+        start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
+        on_controls = pull_back(
+            world.dynamics, start, to_controls(actions), moving, half_length, world.dt,
+            rows(seen.motion), heading, rows(on_motion),
+        )  # fmt: skip
         return total, costs, jax.tree.map(jnp.add, on_actions, to_controls(on_controls))
 
     def cost(self, boxes: Box, motion: Motion, actions: Controls) -> tuple[Float[Array, ""], Costs]:
@@ -224,7 +221,7 @@ class Descent(eqx.Module):
         motion, movers = end.seen.motion, self.movers
         controls = movers.put(self.world.controls, to_controls(end.actions))
         if self.config.background == "reactive":
-            reacted, reacting = controls_between(motion, self.world.dt), self.reacting()[:, None]
+            reacted, reacting = controls_between(self.world.dynamics, motion, self.world.dt), self.reacting()[:, None]
             controls = jax.tree.map(lambda own, seen: jnp.where(reacting, seen, own), controls, reacted)
         deviation = jax.tree.map(lambda new, old: jnp.abs(new - old).max(axis=1), end.actions, self.logged())
         changed = jnp.maximum(deviation.accel, deviation.curvature) > _UNCHANGED

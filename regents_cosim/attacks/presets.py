@@ -40,6 +40,7 @@ class AttackConfig:
     behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which somebody is behind
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
     nearest: int = 5  # candidates that get a descent of their own
+    dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"  # how vehicles move; recorded: as in their source
     background: Literal["log", "reactive"] = "log"  # do agents that are no candidates brake for what is in their way?
     as_published: bool = False  # where the public ReGentS code departs from the paper, do as the code does
 

@@ -13,14 +13,18 @@ pass around the log itself is a tracking controller, which is why it does not di
 open-loop fit does. Source: Li and Todorov 2004 (iLQR); limits by clipping in the forward pass.
 """
 
+from collections.abc import Callable
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip, controls_between, wrap
-from regents_cosim.scenario import Tracks
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip, wrap
+from regents_cosim.mirror.dynamics import controls_between, step
+from regents_cosim.scenario import Dynamics, Tracks
 
 # Standard deviations that the fit grants: tight on position, loose on yaw (SUMO's vehicles slip
 # up to 7 degrees at their centre in curves) and on the changes of the controls per step.
@@ -51,10 +55,18 @@ def fit_controls(
     start: Motion,
     moving: Bool[Array, "agent step"],
     dt: Float[Array, ""],
+    half_length: Float[Array, " agent"],
+    dynamics: Dynamics,
 ) -> Controls:
-    """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time]."""
-    first = clip(controls_between(log, dt))
-    return jax.vmap(_fit_one, (0, 0, 0, 0, 0, None))(log, valid, start, moving, first, dt)
+    """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time].
+
+    By highway-env's model the plain estimate is kept where it follows more closely: for a log of
+    highway-env it is exact.
+    """
+    first = clip(controls_between(dynamics, log, dt))
+    if dynamics == "bicycle":
+        return jax.vmap(partial(_fit_one, _advance), (0, 0, 0, 0, 0, None))(log, valid, start, moving, first, dt)
+    return jax.vmap(_fit_highway, (0, 0, 0, 0, 0, 0, None))(half_length, log, valid, start, moving, first, dt)
 
 
 class _Trajectory(eqx.Module):
@@ -79,16 +91,22 @@ _STATE_WEIGHT = np.array(
 _LIMITS = np.array([ACCEL_LIMIT, CURVATURE_LIMIT], np.float32)
 
 
-def _fit_one(log: Motion, valid: Array, start: Motion, moving: Array, first: Controls, dt: Array) -> Controls:
+# (state, control, moves, dt) -> the state one step later
+_Advance = Callable[[Array, Array, Array, Array], Float[Array, " 6"]]
+
+
+def _fit_one(
+    advance: _Advance, log: Motion, valid: Array, start: Motion, moving: Array, first: Controls, dt: Array
+) -> Controls:
     controls = jnp.stack([first.accel, first.curvature], axis=-1)
     goal = jnp.stack([log.x, log.y, log.yaw, log.speed], axis=-1)
     goal = jnp.concatenate([goal, jnp.concatenate([controls[:1], controls])], axis=-1)
     begin = jnp.concatenate([jnp.stack([start.x, start.y, start.yaw, start.speed]), controls[0]])
 
     def improve(best: _Trajectory, _: None) -> tuple[_Trajectory, None]:
-        policy = _solve_backwards(best, goal, valid, moving, dt)
+        policy = _solve_backwards(advance, best, goal, valid, moving, dt)
         for scale in (1.0, 0.3):
-            new = _roll_forwards(best, policy, scale, begin, goal, valid, moving, dt)
+            new = _roll_forwards(advance, best, policy, scale, begin, goal, valid, moving, dt)
             better = new.cost < best.cost
             best = jax.tree.map(lambda a, b, better=better: jnp.where(better, a, b), new, best)
         return best, None
@@ -109,15 +127,45 @@ def _advance(state: Array, control: Array, moves: Array, dt: Array) -> Float[Arr
     return jnp.concatenate([jnp.where(moves, ahead, state[:4]), control])
 
 
+def _advance_highway(half_length: Array, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
+    """The same by highway-env's model."""
+    ahead = step("highway", Motion(*state[:4]), Controls(*control), half_length, dt)
+    moved = jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
+    return jnp.concatenate([jnp.where(moves, moved, state[:4]), control])
+
+
+def _fit_highway(
+    half_length: Array, log: Motion, valid: Array, start: Motion, moving: Array, first: Controls, dt: Array
+) -> Controls:
+    """The fit by highway-env's model, or `first` where that follows the log more closely."""
+    advance = partial(_advance_highway, half_length)
+    begin = jnp.stack([start.x, start.y, start.yaw, start.speed, 0.0 * start.x, 0.0 * start.x])
+
+    def miss(controls: Controls) -> Float[Array, ""]:
+        def forward(state: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+            return advance(state, *now, dt), state[:2]
+
+        inputs = (jnp.stack([controls.accel, controls.curvature], axis=-1), moving)
+        last, places = jax.lax.scan(forward, begin, inputs)
+        x, y = jnp.concatenate([places, last[None, :2]]).T
+        return jnp.max(jnp.where(valid, jnp.hypot(x - log.x, y - log.y), 0.0))
+
+    fit = _fit_one(advance, log, valid, start, moving, first, dt)
+    keep = miss(first) < miss(fit)
+    return jax.tree.map(lambda a, b: jnp.where(keep, a, b), first, fit)
+
+
 def _deviation(state: Array, goal: Array) -> Float[Array, " 6"]:
     return (state - goal).at[2].set(wrap(state[2] - goal[2]))
 
 
-def _solve_backwards(nominal: _Trajectory, goal: Array, valid: Array, moving: Array, dt: Array) -> _Policy:
+def _solve_backwards(
+    advance: _Advance, nominal: _Trajectory, goal: Array, valid: Array, moving: Array, dt: Array
+) -> _Policy:
     """Gauss-Newton policy around `nominal`, whose states need not follow from its controls."""
     states, controls = nominal.states, nominal.controls
-    a, b = jax.vmap(jax.jacfwd(_advance, (0, 1)), (0, 0, 0, None))(states[:-1], controls, moving, dt)
-    reached = jax.vmap(_advance, (0, 0, 0, None))(states[:-1], controls, moving, dt)
+    a, b = jax.vmap(jax.jacfwd(advance, (0, 1)), (0, 0, 0, None))(states[:-1], controls, moving, dt)
+    reached = jax.vmap(advance, (0, 0, 0, None))(states[:-1], controls, moving, dt)
     defect = reached - states[1:]
     weight = valid[:, None] * _STATE_WEIGHT
     pull = weight * jax.vmap(_deviation)(states, goal)
@@ -149,6 +197,7 @@ def _inverse_2x2(m: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
 
 
 def _roll_forwards(
+    advance: _Advance,
     nominal: _Trajectory,
     policy: _Policy,
     scale: float,
@@ -164,7 +213,7 @@ def _roll_forwards(
         nominal_state, nominal_control, offset, gain, moves = step
         correction = scale * offset + gain @ _deviation(state, nominal_state)
         control = jnp.clip(nominal_control + correction, -_LIMITS, _LIMITS)
-        return _advance(state, control, moves, dt), (state, control)
+        return advance(state, control, moves, dt), (state, control)
 
     steps = (nominal.states[:-1], nominal.controls, policy.offset, policy.gain, moving)
     last, (states, controls) = jax.lax.scan(forward, begin, steps)

@@ -69,10 +69,10 @@ def roll_out(
     """
     speed = _stopping_speed(start.speed, jnp.where(moving, controls.accel, 0.0) * dt)
     travelled = _travelled(speed, moving, dt)
-    yaw = _accumulate(start.yaw, controls.curvature * travelled)
+    yaw = accumulate(start.yaw, controls.curvature * travelled)
     mid = _between(yaw)
-    x = _accumulate(start.x, travelled * jnp.cos(mid))
-    y = _accumulate(start.y, travelled * jnp.sin(mid))
+    x = accumulate(start.x, travelled * jnp.cos(mid))
+    y = accumulate(start.y, travelled * jnp.sin(mid))
     return Motion(x, y, yaw, speed)
 
 
@@ -160,7 +160,7 @@ def _spread(gradient: Float[Array, "agent time"], on_means: Float[Array, "agent 
     return gradient + 0.5 * (jnp.pad(on_means, ((0, 0), (0, 1))) + jnp.pad(on_means, ((0, 0), (1, 0))))
 
 
-def _accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
+def accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
     """`start` and the running sums of `increments` on top of it.
 
     A product with a triangular matrix: for 32 x 80 values XLA's CPU backend takes 6 us for it
@@ -171,14 +171,14 @@ def _accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent s
 
 
 def _later(values: Float[Array, "agent time"]) -> Float[Array, "agent step"]:
-    """For every step the sum of `values` after it: the transpose of `_accumulate`."""
+    """For every step the sum of `values` after it: the transpose of `accumulate`."""
     steps = values.shape[1] - 1
     return values @ jnp.tril(jnp.ones((steps + 1, steps), values.dtype), k=-1)
 
 
 def _stopping_speed(start: Float[Array, " agent"], gains: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
     """u_{k+1} = max(u_k + gain_k, 0), as v - min(0, running minimum of v), v the plain sums."""
-    plain = _accumulate(start, gains)
+    plain = accumulate(start, gains)
     return plain - jnp.minimum(jax.lax.associative_scan(jnp.minimum, plain, axis=1), 0.0)
 
 

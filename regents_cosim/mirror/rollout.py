@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import Controls, Motion, clip, roll_out, step
+from regents_cosim.mirror.bicycle import Controls, Motion, clip
+from regents_cosim.mirror.dynamics import roll_out, step
 from regents_cosim.mirror.reactions import Progress, begin, place, react
 from regents_cosim.mirror.world import World
 
@@ -42,7 +43,7 @@ class LoopPlanner(Protocol):
 
 def roll_out_background(world: World, controls: Controls) -> Motion:
     """Motion [agent, time] of all agents under open-loop `controls` [agent, step]; row 0 is not the ego's."""
-    return roll_out(world.start, controls, world.moving, world.dt)
+    return roll_out(world.dynamics, world.start, controls, world.moving, world.half_length, world.dt)
 
 
 def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -> tuple[Motion, Controls]:
@@ -53,7 +54,7 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
         ego, recalled = carry
         control, recalled = planner.step(recalled, sight_now, ego)
         control = clip(control)
-        return (step(ego, control, world.dt), recalled), (ego, control)
+        return (move_ego(world, ego, control), recalled), (ego, control)
 
     decisions = jax.tree.map(lambda values: values[:-1], sight)
     (last, _), (motion, controls) = jax.lax.scan(advance, (_ego_start(world), memory), decisions)
@@ -84,7 +85,7 @@ def drive_among_reacting(
         further = Progress(
             jnp.where(moving, further.step, progress.step + 1.0), jnp.where(moving, further.speed, progress.speed)
         )
-        return (step(ego, control, world.dt), recalled, further), (now, control)
+        return (move_ego(world, ego, control), recalled, further), (now, control)
 
     in_time = jax.tree.map(lambda values: values.T, (background, world.valid))
     steps = jax.tree.map(lambda values: values[:-1], in_time)
@@ -100,6 +101,11 @@ def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> 
     sight = jax.tree.map(lambda values: values[0], planner.look(memory, traffic))
     control, memory = planner.step(memory, sight, ego)
     return clip(control), memory
+
+
+def move_ego(world: World, ego: Motion, control: Controls) -> Motion:
+    """The ego one step later."""
+    return step(world.dynamics, ego, control, world.half_length[0], world.dt)
 
 
 def others(world: World, motion: Motion, valid: Bool[Array, "agent time"]) -> Traffic:

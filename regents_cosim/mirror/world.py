@@ -16,7 +16,7 @@ from regents_cosim.mirror.actions import fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.road_field import RoadField, blur
 from regents_cosim.mirror.separation import Box
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
+from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Scenario, Tracks
 
 AGENT_BUCKETS = (8, 16, 32, 64, 128)
 
@@ -40,6 +40,7 @@ class World(eqx.Module):
     on_road: Bool[Array, "4 agent"]  # corners that are on the drivable area at the first valid step
     road: RoadField
     dt: Float[Array, ""]  # [s]
+    dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # what the controls do
 
     def boxes(self, motion: Motion) -> Box:
         """Boxes [agent time] of all agents along `motion`."""
@@ -53,8 +54,12 @@ def scene_origin(scenario: Scenario) -> Float[np.ndarray, " 2"]:
     return np.round(0.5 * (track.min(axis=1) + track.max(axis=1)))
 
 
-def to_world(scenario: Scenario) -> World:
-    """Move a Scenario to the device; controls are the smooth fit of its tracks (`actions`)."""
+def to_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
+    """Move a Scenario to the device; controls are the smooth fit of its tracks (`actions`).
+
+    Vehicles move by `dynamics`, by default by the model that the scenario's controls belong to.
+    """
+    dynamics = dynamics or scenario.dynamics
     tracks, origin = scenario.tracks, scene_origin(scenario)
     real = len(scenario.agents)
     padded = next((size for size in AGENT_BUCKETS if size >= real), real)
@@ -70,19 +75,21 @@ def to_world(scenario: Scenario) -> World:
     start = Motion(*(jnp.asarray(values[np.arange(padded), first], jnp.float32) for values in log))
     present = np.stack([filled.x, filled.y], axis=-1)[tracks.valid]
     sizes = np.array([(a.length, a.width) for a in scenario.agents] + [(1.0, 1.0)] * extra)
+    half_length = jnp.asarray(0.5 * sizes[:, 0], jnp.float32)
     return World(
         log=motion,
         valid=jnp.asarray(valid),
-        controls=fit_controls(motion, jnp.asarray(valid), start, jnp.asarray(moving), dt),
+        controls=fit_controls(motion, jnp.asarray(valid), start, jnp.asarray(moving), dt, half_length, dynamics),
         start=start,
         moving=jnp.asarray(moving),
-        half_length=jnp.asarray(0.5 * sizes[:, 0], jnp.float32),
+        half_length=half_length,
         half_width=jnp.asarray(0.5 * sizes[:, 1], jnp.float32),
         vehicle=jnp.asarray([a.kind in VEHICLE_KINDS for a in scenario.agents] + [False] * extra),
         apart=jnp.asarray(np.pad(_apart_at_first(scenario), (0, extra))),
         on_road=jnp.asarray(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra)))),
         road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin),
         dt=dt,
+        dynamics=dynamics,
     )
 
 

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import Motion, step
-from regents_cosim.mirror.rollout import decide, others
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.rollout import decide, move_ego, others
 from regents_cosim.mirror.world import World, to_world
 from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner, start
 from regents_cosim.scenario import Scenario
@@ -18,7 +18,7 @@ from regents_cosim.scenario import Scenario
 class LoopDriver:
     """Drives the ego by the simulator's own states instead of the mirror's.
 
-    Picklable until `start`. The ego moves by the mirror's bicycle; what it reacts to is what the
+    Picklable until `start`. The ego moves by the mirror's model; what it reacts to is what the
     simulator reports, step by step, so that nothing of the future can leak in.
     """
 
@@ -59,4 +59,4 @@ def _move(
     """The ego's next state and the planner's next memory, from one instant of all agents."""
     ego = jax.tree.map(lambda values: values[0, 0], seen)
     control, memory = decide(planner, memory, others(world, seen, valid), ego)
-    return step(ego, control, world.dt), memory
+    return move_ego(world, ego, control), memory

@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Literal
 
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.planners.driver import LoopDriver
 from regents_cosim.planners.interface import find_planner
 from regents_cosim.replays.mirror import replay_in_mirror
@@ -14,16 +14,28 @@ from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.workers import run_each
 
-Simulator = Literal["sumo", "mirror"]
+Simulator = Literal["sumo", "highway", "mirror"]
+Mode = Literal["track", "actions"]
+_AGENT = "highway:"  # in front of the names of agents that drive inside highway-env
 
 
-def replay(scenario: Scenario, where: Simulator = "sumo", planner: str | None = None, gui: bool = False) -> Replay:
+def replay(
+    scenario: Scenario,
+    where: Simulator = "sumo",
+    planner: str | None = None,
+    gui: bool = False,
+    mode: Mode = "track",
+) -> Replay:
     """Replay one case; the ego follows its track, or `planner` in closed loop.
+
+    In highway-env the others follow their tracks, or by `mode` actions are moved by its own
+    physics; there the ego may also be driven by an agent of highway-env's: `highway:idm`, `highway:mdp`,
+    `highway:random`, or a policy as `highway:package.module:attribute`.
 
     A simulator that refuses or dies gives a Replay that is not verified and says why. Raises
     PlannerError for a planner that cannot be found.
     """
-    return next(replay_each([scenario], where, planner, gui))
+    return next(replay_each([scenario], where, planner, gui, mode=mode))
 
 
 def replay_each(
@@ -32,10 +44,13 @@ def replay_each(
     planner: str | None = None,
     gui: bool = False,
     executor: Executor | None = None,
+    mode: Mode = "track",
 ) -> Iterator[Replay]:
     """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`."""
-    if planner is not None:
-        find_planner(planner)  # complain here rather than once per case
+    _check(where, planner)
+    if where == "highway":
+        yield from (_in_highway(scenario, planner, mode) for scenario in scenarios)
+        return
     if where == "mirror":
         yield from (_in_mirror(scenario, planner) for scenario in scenarios)
         return
@@ -56,6 +71,30 @@ def _in_sumo(job: _SumoJob) -> Replay:
     driver = LoopDriver(job.planner) if job.planner else None
     seen = replay_in_sumo(job.scenario, driver, job.gui)
     return compare(job.scenario, seen.tracks, seen.collisions, ego_is_free=driver is not None)
+
+
+def _check(where: Simulator, planner: str | None) -> None:
+    """Complain here rather than once per case."""
+    if planner is None:
+        return
+    if not planner.startswith(_AGENT):
+        find_planner(planner)
+        return
+    if where != "highway":
+        raise PlannerError(f"planner {planner!r} drives inside highway-env; replay it there (--in highway)")
+    from regents_cosim.highway_agents import find_agent  # imports pygame
+
+    find_agent(planner.removeprefix(_AGENT))
+
+
+def _in_highway(scenario: Scenario, planner: str | None, mode: Mode) -> Replay:
+    from regents_cosim.replays.highway import drive_in_highway, replay_in_highway
+
+    if planner and planner.startswith(_AGENT):
+        seen = drive_in_highway(scenario, planner.removeprefix(_AGENT), mode)
+    else:
+        seen = replay_in_highway(scenario, LoopDriver(planner) if planner else None, mode)
+    return compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
 
 
 def _in_mirror(scenario: Scenario, planner: str | None) -> Replay:

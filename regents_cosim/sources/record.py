@@ -9,11 +9,14 @@ from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
 
+_HIGHWAY = "highway:"
+
 
 def record(
     source: SumoInput | Path | str,
     *,
     fcd: Path | None = None,
+    policy: str = "idm",
     count: int = 8,
     seed: int = 0,
     horizon_s: float = 8.0,
@@ -22,10 +25,23 @@ def record(
 ) -> list[Scenario]:
     """Up to `count` windows of ordinary traffic; the same seed gives the same.
 
-    `source` is a .sumocfg or a SumoInput. With `fcd`, an fcd-output of SUMO, nothing is run: the
-    network and the vehicle types come from `source`. Raises RegentsError for bad input,
-    NoWindowError where there is no window.
+    `source` is a .sumocfg, a SumoInput, or `highway:` and the id of an environment of highway-env,
+    whose ego `policy` drives: idm, mdp, random, `package.module:attribute` or `file.py:attribute`.
+    With `fcd`, an fcd-output of SUMO, nothing is run: the network and the vehicle types come from
+    `source`. Raises RegentsError for bad input, NoWindowError where there is no window.
     """
+    if isinstance(source, str) and source.startswith(_HIGHWAY):
+        from regents_cosim.sources.highway import record_highway  # imports pygame
+
+        return record_highway(
+            source.removeprefix(_HIGHWAY),
+            policy,
+            count=count,
+            seed=seed,
+            horizon_s=horizon_s,
+            radius_m=radius_m,
+            executor=executor,
+        )
     given = source if isinstance(source, SumoInput) else SumoInput(config=Path(source))
     if fcd is None:
         return record_sumo(given, count=count, seed=seed, horizon_s=horizon_s, radius_m=radius_m, executor=executor)

@@ -29,6 +29,8 @@ class Recording:
     yaw: Float[np.ndarray, "vehicle time"]  # [rad]
     valid: Bool[np.ndarray, "vehicle time"]
     signals: tuple[Signal, ...] = ()
+    speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] where the source's own agrees with its positions
+    egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
 
 
 @dataclass
@@ -58,7 +60,15 @@ class Slot:
         valid[at] = True
         signals = tuple(Signal(name, changes(letters)) for name, letters in sorted(self.letters.items()))
         return Recording(
-            self.begin_s, self.dt, ids, tuple(types[name] for name in ids), **arrays, valid=valid, signals=signals
+            begin_s=self.begin_s,
+            dt=self.dt,
+            ids=ids,
+            types=tuple(types[name] for name in ids),
+            x=arrays["x"],
+            y=arrays["y"],
+            yaw=arrays["yaw"],
+            valid=valid,
+            signals=signals,
         )
 
 

@@ -23,7 +23,6 @@ from regents_cosim.sources.recording import Recording
 
 MAX_AGENTS = 64  # the ego included
 _NEAR_M = 50.0  # within which the ego needs company
-_COMPANY = 2  # moving vehicles at the same instant
 _MOVING_MPS = 1.0
 _LEAST_WAY_M = 5.0  # that the ego covers
 
@@ -36,6 +35,7 @@ class Windows:
     seed: int = 0
     horizon_s: float = 8.0
     radius_m: float = 100.0  # agents that never come closer to the ego are left out
+    company: int = 2  # moving vehicles near the ego at the same instant
 
     def __post_init__(self) -> None:
         require(self.count >= 1, f"--count {self.count}, expected at least 1", RegentsError)
@@ -52,7 +52,7 @@ class Windows:
 class Origin:
     """Where the recordings come from, for ids and provenance."""
 
-    source: str  # "sumo", "fcd"
+    source: str  # "sumo", "fcd", "highway"
     file: str  # name only
     sha256: str
     scene: str = ""  # name of the recording, where a file holds several
@@ -82,9 +82,10 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
 
     First one ego per slot, in rounds until there are enough. An ego is a motor vehicle that
 
+    - may be one by its Recording,
     - is there at every instant, without a jump,
     - covers at least 5 m, at more than 1 m/s on average,
-    - has, at some instant, at least 2 other motor vehicles within 50 m (centre to centre) that
+    - has, at some instant, at least `windows.company` other motor vehicles within 50 m (centre to centre) that
       drive faster than 1 m/s at that instant,
     - overlaps no other box at any instant,
     - keeps its centre on the drivable area (buses on their own lanes do not).
@@ -96,7 +97,7 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
     scenes = [Scene.of(recording) for recording in recordings]
     refused: Counter[str] = Counter()
     queues = {
-        slot: _egos(scenes[slot], road, rng.permutation(len(scenes[slot].recording.ids)), refused)
+        slot: _egos(scenes[slot], road, windows, rng.permutation(len(scenes[slot].recording.ids)), refused)
         for slot in rng.permutation(len(scenes)).tolist()
     }
     found = sorted(islice(_in_rounds(queues), windows.count))
@@ -137,7 +138,10 @@ class Scene:
     @classmethod
     def where(cls, recording: Recording, valid: Bool[np.ndarray, "vehicle time"]) -> "Scene":
         """The vehicles at those instants only."""
-        speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
+        if recording.speed is None:
+            speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
+        else:
+            speed = np.where(valid, recording.speed, 0.0)
         motor = np.array([kind.kind in VEHICLE_KINDS for kind in recording.types], bool)
         return cls(recording, valid, speed, motor)
 
@@ -155,17 +159,20 @@ class Scene:
         return Boxes(r.x[of], r.y[of], r.yaw[of], types[:, :1], types[:, 1:])
 
 
-def _egos(scene: Scene, road: RoadMap, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
+def _egos(scene: Scene, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
     """The vehicles that may be the ego, in the given order; the others are counted by reason."""
+    recording = scene.recording
     for ego in order.tolist():
-        reason = refusal(scene, ego, road)
+        if recording.egos is not None and recording.ids[ego] not in recording.egos:
+            continue
+        reason = refusal(scene, ego, road, windows.company)
         if reason is None:
             yield ego
         else:
             refused[reason] += 1
 
 
-def refusal(scene: Scene, ego: int, road: RoadMap, company: int = _COMPANY) -> str | None:
+def refusal(scene: Scene, ego: int, road: RoadMap, company: int) -> str | None:
     """Why a vehicle may not be the ego, None where it may; `company` is how many others must move near it."""
     if not scene.motor[ego]:
         return "were no motor vehicles"

@@ -1,0 +1,14 @@
+"""Gymnasium environments; importing this module registers them.
+
+import gymnasium
+import regents_cosim.envs
+
+env = gymnasium.make("regents/HighwayReplay-v0", config={"case": "suite/CASE"})
+"""
+
+import gymnasium
+
+from regents_cosim.replays.highway_gym import HighwayReplayEnv as HighwayReplayEnv
+from regents_cosim.replays.highway_inject import InjectScenario as InjectScenario
+
+gymnasium.register("regents/HighwayReplay-v0", entry_point="regents_cosim.replays.highway_gym:HighwayReplayEnv")

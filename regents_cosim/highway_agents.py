@@ -1,0 +1,211 @@
+"""Who drives the ego inside highway-env: its own IDM and MDP vehicles, chance, or a policy of the user's.
+
+The one place, besides the source, the replay and the environments, that knows highway-env.
+"""
+
+import importlib
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.envs.common.finite_mdp import compute_ttc_grid
+from highway_env.vehicle.behavior import IDMVehicle
+
+from regents_cosim.errors import PlannerError
+
+
+@runtime_checkable
+class HighwayAgent(Protocol):
+    """Drives the controlled vehicle of a highway-env environment."""
+
+    config: dict[str, Any]  # what it needs of the environment: its action and observation types
+
+    def start(self, env: AbstractEnv, seed: int) -> None:
+        """Take over after a reset."""
+        ...
+
+    def act(self, observation: Any) -> Any:
+        """An action of the environment's action space."""
+        ...
+
+
+class IDMAgent:
+    """highway-env's own driver model, IDM with MOBIL lane changes, in place of the controlled vehicle."""
+
+    def __init__(self) -> None:
+        # It looks at nothing, and some types of observation fail on an IDM vehicle.
+        self.config: dict[str, Any] = {"observation": {"type": "Kinematics"}}
+
+    def start(self, env: AbstractEnv, seed: int) -> None:
+        """Put an IDM vehicle where the controlled one is."""
+        old, road = _controlled(env), _road(env)
+        # Where nothing was asked for, the limit of the lane: an IDM vehicle without a wish would keep its speed.
+        wish = getattr(old, "target_speed", None) or getattr(old.lane, "speed_limit", None) or old.MAX_SPEED
+        lane: Any = getattr(old, "target_lane_index", None)
+        route: Any = getattr(old, "route", None)
+        new = IDMVehicle(road, old.position, old.heading, old.speed, lane, wish, route)
+        new.LENGTH, new.WIDTH, new.diagonal = old.LENGTH, old.WIDTH, old.diagonal
+        road.vehicles[road.vehicles.index(old)] = new
+        env.controlled_vehicles[env.controlled_vehicles.index(old)] = new
+        env.observation_type.observer_vehicle = new
+        self._idle = _idle_action(env)
+
+    def act(self, observation: Any) -> Any:
+        """Nothing: the vehicle decides."""
+        return self._idle
+
+
+class MDPAgent:
+    """Meta-actions from the time-to-collision grid of highway-env, by backward induction over 10 s.
+
+    The state is (speed, lane, time); collisions cost 1, speed and the right lane earn what
+    highway-env's default rewards give for them.
+    """
+
+    def __init__(self) -> None:
+        self.config: dict[str, Any] = {"action": {"type": "DiscreteMetaAction"}}
+
+    def start(self, env: AbstractEnv, seed: int) -> None:
+        """Remember the environment, whose grid is asked for at every step."""
+        if not hasattr(_controlled(env), "speed_index"):
+            raise PlannerError("agent mdp needs an environment with the action type DiscreteMetaAction")
+        self._env = env
+
+    def act(self, observation: Any) -> Any:
+        """The best meta-action of those available now."""
+        env = self._env
+        grid = compute_ttc_grid(env, time_quantization=1.0, horizon=10.0)
+        best = _best_values(grid)
+        ego, meta = _controlled(env), _meta_actions(env)
+        now = (ego.speed_index, ego.lane_index[2])
+        values = {name: best[_after(name, *now, grid.shape)] for name in _MOVES}
+        return max(env.get_available_actions(), key=lambda index: values[meta.actions[index]])
+
+
+_MOVES = {"IDLE": (0, 0), "LANE_LEFT": (0, -1), "LANE_RIGHT": (0, 1), "FASTER": (1, 0), "SLOWER": (-1, 0)}
+
+
+def _after(move: str, speed: int, lane: int, shape: tuple[int, ...]) -> tuple[int, int]:
+    faster, right = _MOVES[move]
+    return int(np.clip(speed + faster, 0, shape[0] - 1)), int(np.clip(lane + right, 0, shape[1] - 1))
+
+
+def _best_values(grid: np.ndarray) -> np.ndarray:
+    """Value [speed, lane] of being there one second from now."""
+    speeds, lanes, times = grid.shape
+    earned = 0.4 * np.linspace(0, 1, speeds)[:, None] + 0.1 * np.linspace(0, 1, lanes)[None]
+    value = np.zeros((speeds, lanes))
+    for time in reversed(range(1, times)):
+        ahead = np.full((speeds, lanes), -np.inf)
+        for move in _MOVES:
+            reached = np.array([[value[_after(move, v, i, grid.shape)] for i in range(lanes)] for v in range(speeds)])
+            ahead = np.maximum(ahead, reached)
+        value = earned - grid[..., time] + np.where(grid[..., time] >= 1.0, 0.0, ahead)
+    return value
+
+
+class RandomAgent:
+    """Any action, each as likely as the next."""
+
+    def __init__(self) -> None:
+        self.config: dict[str, Any] = {}
+
+    def start(self, env: AbstractEnv, seed: int) -> None:
+        """Seed the choice."""
+        self._space = env.action_space
+        self._space.seed(seed)
+
+    def act(self, observation: Any) -> Any:
+        """A sample of the action space."""
+        return self._space.sample()
+
+
+class PolicyAgent:
+    """A policy of the user's: `predict(observation)` as in stable-baselines3, `act(observation)`, or a function."""
+
+    def __init__(self, policy: Any, name: str) -> None:
+        self.config: dict[str, Any] = dict(getattr(policy, "config", {}))
+        self._decide = _decision(policy, name)
+
+    def start(self, env: AbstractEnv, seed: int) -> None:
+        """Nothing to prepare: the policy sees observations alone."""
+
+    def act(self, observation: Any) -> Any:
+        """What the policy says."""
+        return self._decide(observation)
+
+
+AGENTS: dict[str, Callable[[], HighwayAgent]] = {"idm": IDMAgent, "mdp": MDPAgent, "random": RandomAgent}
+
+
+def find_agent(name: str) -> HighwayAgent:
+    """An agent by its name, or a policy as `package.module:attribute` or `path/to/file.py:attribute`.
+
+    Raises PlannerError where it cannot be found or is no policy.
+    """
+    if name in AGENTS:
+        return AGENTS[name]()
+    module_name, _, attribute = name.partition(":")
+    if not attribute:
+        raise PlannerError(
+            f"highway-env agent {name!r} not found, expected one of {', '.join(sorted(AGENTS))}, "
+            "`package.module:attribute` or `file.py:attribute`"
+        )
+    found = getattr(_import(module_name, name), attribute, None)
+    if found is None:
+        raise PlannerError(f"highway-env agent {name!r}: {module_name} has no {attribute!r}")
+    return PolicyAgent(found() if isinstance(found, type) else found, name)
+
+
+def _decision(policy: Any, name: str) -> Callable[[Any], Any]:
+    if callable(getattr(policy, "predict", None)):
+        return lambda observation: policy.predict(observation, deterministic=True)[0]
+    if callable(getattr(policy, "act", None)):
+        return policy.act
+    if callable(policy):
+        return policy
+    raise PlannerError(
+        f"highway-env agent {name!r} is a {type(policy).__name__}, "
+        "expected something with `predict(observation)` or `act(observation)`, or a function"
+    )
+
+
+# highway-env's annotations do not know the kinds of vehicles and actions that configurations make.
+
+
+def _controlled(env: AbstractEnv) -> Any:
+    return env.vehicle
+
+
+def _road(env: AbstractEnv) -> Any:
+    return env.road
+
+
+def _meta_actions(env: AbstractEnv) -> Any:
+    return env.action_type
+
+
+def _idle_action(env: AbstractEnv) -> Any:
+    """An action of the environment's that changes nothing."""
+    indexes = getattr(env.action_type, "actions_indexes", None)
+    if indexes is not None:
+        return indexes["IDLE"]
+    space: Any = env.action_space
+    return np.zeros(space.shape, np.float32) if space.shape else int(space.n) // 2
+
+
+def _import(module_name: str, name: str) -> Any:
+    try:
+        if not module_name.endswith(".py"):
+            return importlib.import_module(module_name)
+        spec = importlib.util.spec_from_file_location(Path(module_name).stem, module_name)
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{module_name} is not a Python file")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever a user's module raises is the user's answer
+        raise PlannerError(f"agent {name!r} cannot be imported: {type(error).__name__}: {error}") from error
+    return module

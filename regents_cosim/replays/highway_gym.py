@@ -1,0 +1,184 @@
+"""`regents/HighwayReplay-v0`: a case as an environment of highway-env, the ego driven by an agent."""
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.road.road import RoadNetwork
+from highway_env.vehicle.kinematics import Vehicle
+
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.files import find_cases, load_case
+from regents_cosim.frames import Pose, points_to_highway, to_highway
+from regents_cosim.replays.highway_actions import actions
+from regents_cosim.replays.highway_cast import ActionVehicle, ReplayRoad, ScriptedVehicle
+from regents_cosim.replays.highway_road import build_network, route_along
+from regents_cosim.scenario import Scenario
+from regents_cosim.shipped import shipped
+
+Mode = Literal["track", "actions"]
+MODES: tuple[Mode, ...] = ("track", "actions")
+_ROUTE_EVERY = 5  # steps of the ego's track between points of its route
+
+
+class HighwayReplayEnv(AbstractEnv):
+    """The background of a case on its own map; any action and observation type of highway-env.
+
+    `mode` track: everybody is where the case has them. `mode` actions: highway-env's own physics
+    moves them. The episode ends with the ego's first collision, or with the case. Configuration
+    and options of `reset`: `case` (a folder) or `suite` (a folder of cases, of which the seed
+    draws one); without either, the cases that come with the package.
+
+    Rewards: progress along the recorded path (1 for all of it) and -1 for a collision.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        """All that can be configured."""
+        return super().default_config() | {
+            "case": "",
+            "suite": "",
+            "mode": "track",
+            "action": {"type": "ContinuousAction"},
+            "policy_frequency": 10,  # [Hz]
+            "simulation_frequency": 10,  # [Hz] always that of the case
+            "collision_reward": -1.0,
+            "progress_reward": 1.0,
+            "screen_height": 600,
+            "centering_position": [0.5, 0.5],
+        }
+
+    def configure(self, config: dict[str, Any] | None) -> None:
+        """Update the configuration. Raises RegentsError for a key that does not exist."""
+        require_known(config or {}, self.default_config(), "configuration key")
+        mode = (config or {}).get("mode", "track")
+        require(mode in MODES, f"mode {mode!r}, expected one of {', '.join(MODES)}", RegentsError)
+        super().configure(config or {})
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start a case: that of `options`, of the configuration, or one drawn from a suite by the seed."""
+        require_known(options or {}, ("case", "suite", "config"), "option")
+        self._asked = {name: value for name, value in (options or {}).items() if name != "config"}
+        observation, info = super().reset(seed=seed, options=options)
+        del info["action"]  # a sample that nobody took, different every time
+        return observation, info
+
+    def _reset(self) -> None:
+        pool = self._asked if self._asked.get("case") or self._asked.get("suite") else self.config
+        self.scenario = choose_case(pool.get("case"), pool.get("suite"), self.np_random)
+        self._set_frequencies()
+        self.road = ReplayRoad(network_of(self.scenario), self.np_random)
+        self._path, self._progress = _Path(self.scenario), 0.0
+        ego = self._make_ego(self.road)
+        self.controlled_vehicles = [ego]
+        self.road.enter(ego, make_cast(self.road, self.scenario, self.config["mode"])[1:])
+
+    def _set_frequencies(self) -> None:
+        frequency, wanted = round(1.0 / self.scenario.dt), self.config["policy_frequency"]
+        require(
+            frequency % wanted == 0,
+            f"policy_frequency {wanted} Hz, expected a divisor of {frequency} Hz, the case's",
+            RegentsError,
+        )
+        self.config["simulation_frequency"] = frequency
+
+    def _make_ego(self, road: ReplayRoad) -> Vehicle:
+        """The vehicle that the action type drives, where the case has the ego, and with its route."""
+        tracks, agent = self.scenario.tracks, self.scenario.ego
+        x, y, heading = map(np.asarray, to_highway(Pose(tracks.x[0], tracks.y[0], tracks.yaw[0])))
+        ego = self.action_type.vehicle_class(road, [x[0], y[0]], float(heading[0]), float(tracks.speed[0, 0]))
+        ego.LENGTH, ego.WIDTH = agent.length, agent.width
+        ego.diagonal = float(np.hypot(agent.length, agent.width))
+        points = np.stack([x, y], axis=-1)[::_ROUTE_EVERY]
+        ego.route = route_along(road.network, points, heading[::_ROUTE_EVERY])
+        return ego
+
+    def _simulate(self, action: Any = None) -> None:
+        super()._simulate(action)
+        self._progress = self._path.advance(self.vehicle.position)
+
+    def _rewards(self, action: Any) -> dict[str, float]:
+        return {"collision_reward": float(self.vehicle.crashed), "progress_reward": self._progress}
+
+    def _info(self, obs: Any, action: Any = None) -> dict[str, Any]:
+        contacts = [name for step, name in self.road.contacts if step == self.road.moment]
+        return {
+            "speed": self.vehicle.speed,
+            "crashed": self.vehicle.crashed,
+            "action": action,
+            "rewards": self._rewards(action),
+            "case": self.scenario.id,
+            "step": self.road.moment,
+            "contact": contacts[0] if contacts else None,
+        }
+
+    def _reward(self, action: Any) -> float:
+        return sum(self.config[name] * value for name, value in self._rewards(action).items())
+
+    def _is_terminated(self) -> bool:
+        return bool(self.vehicle.crashed)
+
+    def _is_truncated(self) -> bool:
+        return self.road.moment >= self.scenario.tracks.steps - 1
+
+
+def network_of(scenario: Scenario) -> RoadNetwork:
+    """The map around everybody's track."""
+    tracks = scenario.tracks
+    return build_network(scenario.road, np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid][::_ROUTE_EVERY])
+
+
+def make_cast(road: ReplayRoad, scenario: Scenario, mode: Mode) -> list[ScriptedVehicle]:
+    """Scripted vehicles for all agents of `scenario`, the ego first."""
+    tracks = scenario.tracks
+    states = np.stack([tracks.x, tracks.y, tracks.yaw, tracks.speed])
+    controls = actions(scenario) if mode == "actions" else None
+    cast = []
+    for i, agent in enumerate(scenario.agents):
+        script = (road, agent.id, agent.role, (agent.length, agent.width), states[:, i], tracks.valid[i])
+        cast.append(ScriptedVehicle(*script) if controls is None else ActionVehicle(*script, controls[:, i]))
+    return cast
+
+
+def choose_case(case: Any, suite: Any, rng: np.random.Generator) -> Scenario:
+    """The case, or one of the suite's; without either one of those that come with the package."""
+    if isinstance(case, Scenario):
+        return case
+    require(not (case and suite), "expected a case or a suite, not both", RegentsError)
+    if case:
+        return load_case(Path(case))
+    folders = find_cases(Path(suite) if suite else shipped("scenarios") / "quickstart")
+    require(bool(folders), f"{suite}: the suite lists no cases", RegentsError)
+    return load_case(folders[int(rng.integers(len(folders)))])
+
+
+def require_known(given: dict[str, Any], known: Sequence[str] | dict[str, Any], what: str) -> None:
+    """Raise RegentsError with the nearest name for a key that is not known."""
+    for key in given:
+        if key not in known:
+            near = difflib.get_close_matches(str(key), list(known), 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(sorted(known))}"
+            raise RegentsError(f"unknown {what} {key!r}, {hint}")
+
+
+class _Path:
+    """How far along its recorded path the ego has come."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        tracks = scenario.tracks if scenario.original is None else scenario.original
+        self._points = points_to_highway(np.stack([tracks.x[0], tracks.y[0]], axis=-1))
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self._points, axis=0).T))])
+        self._share = along / max(along[-1], 1e-3)
+        self._reached = 0.0
+
+    def advance(self, position: np.ndarray) -> float:
+        """The share of the path gained since the last call."""
+        nearest = int(np.argmin(np.hypot(*(self._points - position).T)))
+        gained = float(self._share[nearest]) - self._reached
+        self._reached += gained
+        return gained

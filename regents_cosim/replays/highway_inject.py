@@ -1,0 +1,132 @@
+"""A recorded adversary, put into an environment of highway-env that exists already."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.road.road import Road
+from highway_env.vehicle.kinematics import Vehicle
+
+from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.replays.highway_cast import ScriptedVehicle
+from regents_cosim.replays.highway_gym import choose_case
+from regents_cosim.scenario import Agent, Scenario
+
+Who = Literal["adversary", "background"]
+
+
+class InjectScenario(gymnasium.Wrapper):
+    """Adds the adversary of a case to `env` at every reset, on its track, whatever touches it.
+
+    The case must have been recorded on the map of `env`. `who` background adds everybody but the
+    ego. Vehicles of the environment's own that are in the way of one who enters are taken off the
+    road. As for the replay environment, `reset` takes the options `case` and `suite`; without a
+    case or a suite nobody is added.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        case: Path | str | Scenario | None = None,
+        suite: Path | str | None = None,
+        who: Who = "adversary",
+    ) -> None:
+        """Raises RegentsError where `env` is none of highway-env's."""
+        super().__init__(env)
+        host = env.unwrapped
+        require(isinstance(host, AbstractEnv), f"{host} is no environment of highway-env", RegentsError)
+        require(who in ("adversary", "background"), f"who {who!r}, expected adversary or background", RegentsError)
+        assert isinstance(host, AbstractEnv)
+        self._host, self._who = host, who
+        self._default = {"case": case, "suite": suite}
+        self._rng = np.random.default_rng(0)
+        self.injected: list[InjectedVehicle] = []
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset `env`, then put the vehicles on its road."""
+        mine = {name: value for name, value in (options or {}).items() if name in ("case", "suite")}
+        others = {name: value for name, value in (options or {}).items() if name not in mine}
+        observation, info = self.env.reset(seed=seed, options=others or None)
+        if seed is not None:
+            self._rng = np.random.default_rng(seed)
+        asked = mine or self._default
+        if not any(asked.values()):
+            self.injected = []
+            return observation, info
+        scenario = choose_case(asked.get("case"), asked.get("suite"), self._rng)
+        road: Any = self._host.road
+        self.injected = [InjectedVehicle(road, scenario, row) for row in self._members(scenario)]
+        self._call(road)
+        self._keep_time(road)
+        return self._host.observation_type.observe(), info | {"case": scenario.id}
+
+    def _members(self, scenario: Scenario) -> list[int]:
+        rows = [i for i, agent in enumerate(scenario.agents) if i and self._is_wanted(agent)]
+        require(bool(rows), f"case {scenario.id} has no {self._who} to inject", RegentsError)
+        return rows
+
+    def _is_wanted(self, agent: Agent) -> bool:
+        return self._who == "background" or agent.role == "adversary"
+
+    def _keep_time(self, road: Road) -> None:
+        """Have the injected vehicles know the time, and come and go, whenever `road` makes a step."""
+        step = road.step
+
+        def step_with_injected(dt: float) -> None:
+            for vehicle in self.injected:
+                vehicle.time_s += dt
+            self._call(road)
+            step(dt)
+
+        road.step = step_with_injected
+
+    def _call(self, road: Road) -> None:
+        """Put on the road who is there now, take off who is not, and who is in the way."""
+        others = [vehicle for vehicle in road.vehicles if vehicle not in self.injected]
+        there = [vehicle for vehicle in self.injected if vehicle.present]
+        for vehicle in there:
+            if vehicle not in road.vehicles:
+                vehicle.place()
+                others = [o for o in others if o in self._host.controlled_vehicles or not _touch(o, vehicle)]
+        road.vehicles = [*others, *there]
+
+
+class InjectedVehicle(ScriptedVehicle):
+    """A scripted vehicle by time instead of by step: the host's steps may be of any length."""
+
+    def __init__(self, road: Road, scenario: Scenario, row: int) -> None:
+        tracks, agent = scenario.tracks, scenario.agents[row]
+        states = np.stack([tracks.x, tracks.y, tracks.yaw, tracks.speed])[:, row]
+        self.time_s = 0.0
+        self._steps = np.flatnonzero(tracks.valid[row])
+        self._dt = scenario.dt
+        super().__init__(road, agent.id, agent.role, (agent.length, agent.width), states, tracks.valid[row])
+        self.states[2, self._steps] = np.unwrap(self.states[2, self._steps])
+        self.check_collisions = True  # whom it touches has crashed, whoever that is
+
+    @property
+    def present(self) -> bool:
+        """Whether its track covers this time."""
+        first, last = self._dt * self._steps[[0, -1]]
+        return bool(first - 1e-6 <= self.time_s <= last + 1e-6)
+
+    def step(self, dt: float) -> None:
+        """Be where the track is now."""
+        self.place()
+
+    def place(self) -> None:
+        """Between two steps of the track, in proportion."""
+        now = self.time_s / self._dt
+        x, y, heading, speed = (np.interp(now, self._steps, values[self._steps]) for values in self.states)
+        self.position = np.array([x, y])
+        self.heading, self.speed = float(heading), float(speed)
+        self.impact = None
+
+
+def _touch(a: Vehicle, b: Vehicle) -> bool:
+    """Whether two boxes overlap, in highway-env's plane as in ours."""
+    first, second = (Boxes(v.position[0], v.position[1], v.heading, v.LENGTH, v.WIDTH) for v in (a, b))
+    return bool(overlap(first, second))

@@ -1,0 +1,178 @@
+"""A RoadMap becomes a road network of highway-env, cropped to where a scenario takes place.
+
+Lanes side by side become one road, the leftmost first, so that highway-env's lane changes go the
+right way. Its own polyline lanes fail below 1 m and misplace vehicles at kinks by metres, hence
+a lane of our own.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import shapely
+from highway_env.road.lane import AbstractLane, LineType, StraightLane
+from highway_env.road.road import LaneIndex, RoadNetwork
+from jaxtyping import Float
+
+from regents_cosim.frames import points_to_highway
+from regents_cosim.roadmap import Lane, RoadMap
+
+Number = float | int  # highway-env hands over either
+
+_AROUND_M = 30.0  # of the tracks, that lanes must come close to
+_APART_M = 0.05  # points of a centre line closer than this are one
+
+
+def build_network(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> RoadNetwork:
+    """The lanes within 30 m of any of the points `tracks` [m], or the nearest one."""
+    kept = _near(road, tracks)
+    right_of = _right_of(road)
+    nodes = _Nodes(road, right_of)
+    network = RoadNetwork()
+    for lanes in _roads(road, kept, right_of):
+        for index, lane in enumerate(lanes):
+            beside = [lanes[i] for i in (index - 1, index + 1) if 0 <= i < len(lanes)]
+            forbidden = any(lane.id not in (other.left, other.right) for other in beside)
+            network.add_lane(*nodes.of(lane), _lane(lane, index == 0, index == len(lanes) - 1, forbidden))
+    return network
+
+
+def route_along(
+    network: RoadNetwork, points: Float[np.ndarray, "point 2"], headings: Float[np.ndarray, " point"]
+) -> list[LaneIndex]:
+    """Lanes that connect to each other along points and headings of highway-env's plane."""
+    route: list[LaneIndex] = []
+    for point, heading in zip(points, headings, strict=True):
+        index = network.get_closest_lane_index(point, float(heading))
+        if not route or index[0] == route[-1][1]:
+            route.append(index)
+    return route
+
+
+class CentreLine(AbstractLane):
+    """A lane along a line of points, straight beyond its ends."""
+
+    def __init__(
+        self,
+        points: Float[np.ndarray, "point 2"],
+        width: float,
+        line_types: Any,
+        speed_limit: float,
+        forbidden: bool = False,
+    ) -> None:
+        self.points, self.width = points, width
+        self.line_types, self.speed_limit = line_types, speed_limit
+        self.forbidden, self.priority = forbidden, 0  # forbidden: nobody may change to it
+        steps = np.diff(points, axis=0)
+        self._lengths = np.hypot(*steps.T)
+        self._directions = steps / self._lengths[:, None]
+        self._headings = np.arctan2(steps[:, 1], steps[:, 0])
+        self._starts = np.concatenate([[0.0], np.cumsum(self._lengths)[:-1]])
+        self.length = float(self._lengths.sum())
+        # The first and the last piece go on for ever.
+        self._least, self._most = np.zeros_like(self._lengths), self._lengths.copy()
+        self._least[0], self._most[-1] = -np.inf, np.inf
+
+    def position(self, longitudinal: Number, lateral: Number) -> np.ndarray:
+        """The point `lateral` m to the right of the line, `longitudinal` m along it."""
+        piece = self._piece(longitudinal)
+        ahead = self._directions[piece]
+        on_line = self.points[piece] + (longitudinal - self._starts[piece]) * ahead
+        return on_line + lateral * np.array([-ahead[1], ahead[0]])
+
+    def local_coordinates(self, position: np.ndarray) -> tuple[float, float]:
+        """The inverse of `position`, from the nearest point of the line."""
+        away = np.asarray(position) - self.points[:-1]
+        along = np.clip((away * self._directions).sum(axis=1), self._least, self._most)
+        off = away - along[:, None] * self._directions
+        piece = int(np.argmin((off**2).sum(axis=1)))
+        ahead = self._directions[piece]
+        lateral = off[piece, 1] * ahead[0] - off[piece, 0] * ahead[1]
+        return float(self._starts[piece] + along[piece]), float(lateral)
+
+    def heading_at(self, longitudinal: Number) -> float:
+        """Direction of the line [rad]."""
+        return float(self._headings[self._piece(longitudinal)])
+
+    def width_at(self, longitudinal: Number) -> float:
+        """The same everywhere [m]."""
+        return self.width
+
+    def _piece(self, longitudinal: Number) -> int:
+        return int(np.clip(np.searchsorted(self._starts, longitudinal, "right") - 1, 0, len(self._starts) - 1))
+
+
+def _near(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> set[str]:
+    found = road.centre_lines.query(shapely.MultiPoint(tracks), predicate="dwithin", distance=_AROUND_M)
+    indices = np.unique(found) if len(found) else road.centre_lines.nearest(shapely.points(tracks[:1]))
+    return {road.lanes[i].id for i in np.atleast_1d(indices).tolist()}
+
+
+def _right_of(road: RoadMap) -> dict[str, str]:
+    """For every lane the one to its right, also where one may change in one direction only."""
+    named = {lane.id: lane.right for lane in road.lanes if lane.right is not None}
+    return named | {lane.left: lane.id for lane in road.lanes if lane.left is not None}
+
+
+def _roads(road: RoadMap, kept: set[str], right_of: dict[str, str]) -> Iterator[list[Lane]]:
+    """Lanes that lie side by side, from left to right; every kept lane once."""
+    left_of = {right: left for left, right in right_of.items()}
+    done: set[str] = set()
+    for lane in road.lanes:
+        if lane.id in kept and lane.id not in done:
+            name = lane.id
+            while left_of.get(name) in kept - done and left_of[name] != lane.id:
+                name = left_of[name]
+            group = [name]
+            while right_of.get(group[-1]) in kept - done - set(group):
+                group.append(right_of[group[-1]])
+            done |= set(group)
+            yield [road.lane[member] for member in group]
+
+
+class _Nodes:
+    """Names of the points where lanes begin and end: one for those that connections or neighbours join."""
+
+    def __init__(self, road: RoadMap, right_of: dict[str, str]) -> None:
+        self._same: dict[str, str] = {}
+        for link in road.connections:
+            self._join(f"{link.source}|e", f"{link.target}|s")
+        for left, right in right_of.items():
+            self._join(f"{left}|s", f"{right}|s")
+            self._join(f"{left}|e", f"{right}|e")
+
+    def of(self, lane: Lane) -> tuple[str, str]:
+        """Where `lane` begins and ends."""
+        begin, end = self._find(f"{lane.id}|s"), self._find(f"{lane.id}|e")
+        return begin, end if end != begin else f"{end}|loop"
+
+    def _join(self, a: str, b: str) -> None:
+        self._same[self._find(a)] = self._find(b)
+
+    def _find(self, name: str) -> str:
+        while name in self._same and self._same[name] != name:
+            name = self._same[name]
+        return name
+
+
+def _lane(lane: Lane, leftmost: bool, rightmost: bool, forbidden: bool) -> AbstractLane:
+    points = _without_repeats(points_to_highway(lane.centre))
+    # Not CONTINUOUS_LINE, which is drawn straight from end to end whatever the lane does.
+    lines: Any = [
+        LineType.CONTINUOUS if leftmost else LineType.STRIPED,
+        LineType.CONTINUOUS if rightmost else LineType.NONE,
+    ]
+    if lane.junction:
+        lines = [LineType.NONE, LineType.NONE]
+    if len(points) == 2:
+        return StraightLane(points[0], points[1], lane.width, lines, forbidden, lane.speed_limit)
+    return CentreLine(points, lane.width, lines, lane.speed_limit, forbidden)
+
+
+def _without_repeats(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "kept 2"]:
+    """Points that are apart, always the first and the last."""
+    kept = [points[0]]
+    for point in points[1:-1]:
+        if np.hypot(*(point - kept[-1])) >= _APART_M and np.hypot(*(point - points[-1])) >= _APART_M:
+            kept.append(point)
+    return np.array([*kept, points[-1]])

@@ -1,0 +1,236 @@
+"""Scenarios from highway-env: any of its environments, its controlled vehicle driven by any policy.
+
+Episodes run at 10 Hz, the policy decides as often as the environment says, and every frame is
+read. One window per episode, its ego is the controlled vehicle.
+"""
+
+import difflib
+import hashlib
+import json
+import warnings
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import gymnasium
+import highway_env
+import numpy as np
+from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.objects import Landmark, RoadObject
+
+from regents_cosim.errors import NoWindowError, RegentsError
+from regents_cosim.frames import HighwayPose, from_highway
+from regents_cosim.highway_agents import HighwayAgent, find_agent
+from regents_cosim.scenario import Scenario
+from regents_cosim.sources.highway_net import to_road_map
+from regents_cosim.sources.recording import Recording
+from regents_cosim.sources.sumo_types import VehicleType
+from regents_cosim.sources.windows import Origin, Windows, choose_windows
+from regents_cosim.workers import result_of, run_isolated, submit
+
+STEP_S = 0.1
+_LATEST_BEGIN_S = 4.0  # of a window in its episode
+_TRUCK_M = 7.0  # vehicles from this length on
+
+# intersection changes these for every vehicle of the process, also of the environments that come after it
+_IDM_PARAMETERS = {
+    name: getattr(IDMVehicle, name) for name in ("DISTANCE_WANTED", "COMFORT_ACC_MAX", "COMFORT_ACC_MIN")
+}
+
+
+def environments() -> list[str]:
+    """Ids of highway-env's environments that have one controlled vehicle."""
+    highway_env._register_highway_envs()
+    own = [name for name, spec in gymnasium.registry.items() if str(spec.entry_point).startswith("highway_env")]
+    return sorted(name for name in own if "multi-agent" not in name)
+
+
+def record_highway(
+    environment: str,
+    policy: str = "idm",
+    *,
+    count: int = 8,
+    seed: int = 0,
+    horizon_s: float = 8.0,
+    radius_m: float = 100.0,
+    executor: Executor | None = None,
+) -> list[Scenario]:
+    """Up to `count` Scenarios out of as many episodes of `environment`; the same seed gives the same.
+
+    `policy` drives the ego: idm, mdp, random, `package.module:attribute` or `file.py:attribute`. Raises
+    RegentsError for an environment that does not exist, PlannerError for a policy that cannot be
+    found, NoWindowError where no episode holds a window.
+    """
+    find_agent(policy)  # complain here rather than in the worker
+    _require_environment(environment)
+    # One other vehicle is traffic enough: racetrack has no more.
+    job = RecordingJob(environment, policy, Windows(count, seed, horizon_s, radius_m, company=1))
+    return run_isolated(record_episodes, job) if executor is None else result_of(submit(executor, record_episodes, job))
+
+
+@dataclass(frozen=True)
+class RecordingJob:
+    """Episodes of one environment."""
+
+    environment: str
+    policy: str
+    windows: Windows
+
+
+def record_episodes(job: RecordingJob) -> list[Scenario]:
+    """Run episodes until they hold enough windows. Call it in a worker process."""
+    for name, value in _IDM_PARAMETERS.items():
+        setattr(IDMVehicle, name, value)
+    env = _make(job)
+    agent = find_agent(job.policy)
+    origin, most = _origin(job, env), 4 * job.windows.count + 8
+    road = to_road_map(_road(env).network)  # the same in all episodes
+    kept, refused = [], []
+    for episode in range(most):
+        recording = _run_episode(env, agent, job, episode)
+        if recording is None:
+            continue
+        try:
+            choose_windows([recording], road, origin, replace(job.windows, count=1))
+        except NoWindowError:
+            refused.append(recording)
+            continue
+        kept.append(recording)
+        if len(kept) == job.windows.count:
+            break
+    env.close()
+    if not kept and not refused:
+        raise NoWindowError(
+            f"no window found: {most} of {most} episodes ended before {job.windows.horizon_s:g} s "
+            f"in {job.environment} under policy {job.policy} (try a shorter --horizon or another --policy)"
+        )
+    return choose_windows(kept or refused, road, origin, job.windows)
+
+
+def _require_environment(name: str) -> None:
+    known = environments()
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1)
+        raise RegentsError(
+            f"highway-env has no environment {name!r}{f', did you mean {near[0]}?' if near else ''} "
+            f"(expected one of {', '.join(known)})"
+        )
+
+
+def _make(job: RecordingJob) -> AbstractEnv:
+    """The environment at 10 Hz."""
+    environments()
+    config: dict[str, Any] = {"simulation_frequency": round(1.0 / STEP_S), **find_agent(job.policy).config}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # older versions of an environment say that there is a newer one
+        env = gymnasium.make(job.environment, config=config, disable_env_checker=True).unwrapped
+    assert isinstance(env, AbstractEnv)
+    return env
+
+
+def _origin(job: RecordingJob, env: AbstractEnv) -> Origin:
+    what = json.dumps({"policy": job.policy, **env.config}, sort_keys=True, default=str)
+    return Origin("highway", job.environment, hashlib.sha256(what.encode()).hexdigest())
+
+
+# --- episodes ---------------------------------------------------------------------------------
+
+
+@dataclass
+class _Film:
+    """What every vehicle and obstacle did, frame by frame."""
+
+    episode: int
+    frames: list[dict[str, tuple[float, float, float, float]]] = field(default_factory=list)
+    types: dict[str, VehicleType] = field(default_factory=dict)
+    _names: dict[int, str] = field(default_factory=dict)
+    _seen: list[RoadObject] = field(default_factory=list)  # kept alive, so that no id is used twice
+
+    def take(self, env: AbstractEnv) -> None:
+        """One more frame."""
+        frame, road = {}, _road(env)
+        for item in [*road.vehicles, *(o for o in road.objects if not isinstance(o, Landmark))]:
+            x, y = item.position.tolist()
+            pose = from_highway(HighwayPose(x, y, float(item.heading)))
+            # highway-env's vehicles may creep backwards, ours stand
+            frame[self._name(item, env)] = (*pose, max(float(item.speed), 0.0))
+        self.frames.append(frame)
+
+    def recording(self, steps: int, dt: float) -> Recording | None:
+        """The last `steps` frames; None where there are fewer."""
+        begin = len(self.frames) - steps
+        if begin < 0:
+            return None
+        frames = self.frames[begin:]
+        ids = tuple(sorted({name for frame in frames for name in frame}))
+        states = np.zeros((4, len(ids), steps))
+        valid = np.zeros((len(ids), steps), bool)
+        for step, frame in enumerate(frames):
+            for row, name in enumerate(ids):
+                if name in frame:
+                    states[:, row, step] = frame[name]
+                    valid[row, step] = True
+        x, y, yaw, speed = states
+        return Recording(
+            begin_s=round(begin * dt, 6),
+            dt=dt,
+            ids=ids,
+            types=tuple(self.types[name] for name in ids),
+            x=x,
+            y=y,
+            yaw=yaw,
+            valid=valid,
+            speed=speed,
+            egos=frozenset({self._ego}),
+        )
+
+    @property
+    def _ego(self) -> str:
+        return f"e{self.episode:03d}.ego"
+
+    def _name(self, item: RoadObject, env: AbstractEnv) -> str:
+        if id(item) not in self._names:
+            self._seen.append(item)
+            is_vehicle = item in _road(env).vehicles
+            label = "ego" if item is env.vehicle else f"{'car' if is_vehicle else 'object'}{len(self._names):03d}"
+            self._names[id(item)] = name = f"e{self.episode:03d}.{label}"
+            kind = ("truck" if item.LENGTH >= _TRUCK_M else "car") if is_vehicle else "other"
+            self.types[name] = VehicleType(kind, float(item.LENGTH), float(item.WIDTH))
+        return self._names[id(item)]
+
+
+def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episode: int) -> Recording | None:
+    """The window of one episode, None where it ended too early."""
+    rng = np.random.default_rng([job.windows.seed, episode])
+    seed = int(rng.integers(2**31))
+    observation, _ = env.reset(seed=seed)
+    agent.start(env, seed)
+    steps = job.windows.steps(STEP_S)
+    wanted = steps + int(rng.integers(round(_LATEST_BEGIN_S / STEP_S)))
+    film = _Film(episode)
+    film.take(env)
+    _film_each_frame(env, film)
+    ended = False
+    while not ended and len(film.frames) < wanted:
+        observation, _, terminated, truncated, _ = env.step(agent.act(observation))
+        ended = terminated or truncated
+    film.frames = film.frames[:wanted]
+    return film.recording(steps, STEP_S)
+
+
+def _film_each_frame(env: AbstractEnv, film: _Film) -> None:
+    """Between two decisions of the policy an environment steps its road several times."""
+    road = _road(env)
+    step = road.step
+
+    def step_and_take(dt: float) -> None:
+        step(dt)
+        film.take(env)
+
+    road.step = step_and_take
+
+
+def _road(env: AbstractEnv) -> Any:
+    """The road, which after a reset there always is."""
+    return env.road

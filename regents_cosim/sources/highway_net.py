@@ -1,0 +1,84 @@
+"""A road network of highway-env becomes a RoadMap: sampled centre lines, connections, drivable area."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import shapely
+from highway_env.road.lane import AbstractLane, StraightLane
+from highway_env.road.road import LaneIndex, RoadNetwork
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.frames import points_from_highway
+from regents_cosim.roadmap import Connection, Lane, RoadMap
+
+_SPACING_M = 1.0  # of the points on curved lanes
+_MEET_M = 1.0  # a lane continues into one that begins this close to its end
+_FILLET_M = 3.0  # radius of inner corners: IDM vehicles cut those of the roundabout by 0.3 m
+_SPEED_LIMIT = 30.0  # [m/s] of lanes that name none: the top of highway-env's rewarded speeds
+
+
+def to_road_map(network: RoadNetwork) -> RoadMap:
+    """Lanes are named FROM-TO_INDEX after the nodes of highway-env's graph, index 0 being the leftmost."""
+    lanes: dict[LaneIndex, Any] = {}  # their limits and rights are not in highway-env's annotations
+    for begin, onward in network.graph.items():
+        lanes |= {(begin, end, i): lane for end, found in onward.items() for i, lane in enumerate(found)}
+    return RoadMap(
+        lanes=tuple(_lane(index, lane, lanes) for index, lane in lanes.items()),
+        connections=tuple(_connections(lanes)),
+        drivable=_drivable(list(lanes.values())),
+    )
+
+
+def _name(index: LaneIndex) -> str:
+    return f"{index[0]}-{index[1]}_{index[2]}"
+
+
+def _lane(index: LaneIndex, lane: Any, lanes: dict[LaneIndex, Any]) -> Lane:
+    return Lane(
+        id=_name(index),
+        centre=points_from_highway(_centre(lane)),
+        width=float(lane.width_at(0.0)),
+        speed_limit=float(lane.speed_limit or _SPEED_LIMIT),
+        left=_neighbour(index, -1, lanes),
+        right=_neighbour(index, 1, lanes),
+    )
+
+
+def _neighbour(index: LaneIndex, offset: int, lanes: dict[LaneIndex, Any]) -> str | None:
+    beside = (index[0], index[1], index[2] + offset)
+    return _name(beside) if beside in lanes and not lanes[beside].forbidden else None
+
+
+def _centre(lane: AbstractLane) -> Float[np.ndarray, "point 2"]:
+    """Points of the centre line in highway-env's plane."""
+    straight = type(lane) is StraightLane
+    number = 2 if straight else max(2, round(lane.length / _SPACING_M) + 1)
+    return np.array([lane.position(along, 0.0) for along in np.linspace(0.0, lane.length, number)])
+
+
+def _connections(lanes: dict[LaneIndex, AbstractLane]) -> Iterator[Connection]:
+    """From every lane into those that begin where it ends."""
+    starts = {index: lane.position(0.0, 0.0) for index, lane in lanes.items()}
+    for index, lane in lanes.items():
+        end = lane.position(lane.length, 0.0)
+        for onward, start in starts.items():
+            if onward[0] == index[1] and np.hypot(*(start - end)) < _MEET_M:
+                yield Connection(_name(index), _name(onward))
+
+
+def _drivable(lanes: list[AbstractLane]) -> BaseGeometry:
+    """All lanes in one, with round inner corners, and without the wedges where lanes meet at an angle."""
+    lines = [shapely.LineString(points_from_highway(_centre(lane))) for lane in lanes]
+    half_widths = [0.5 * float(lane.width_at(0.0)) for lane in lanes]
+    ends = [shapely.Point(line.coords[end]) for end in (0, -1) for line in lines]
+    where_others_go_on = [_meets(end, ends) for end in ends]
+    joints = shapely.buffer(np.array(ends)[where_others_go_on], np.tile(half_widths, 2)[where_others_go_on])
+    area = shapely.union_all([*shapely.buffer(lines, half_widths, cap_style="flat"), *joints])
+    return area.buffer(_FILLET_M).buffer(-_FILLET_M)
+
+
+def _meets(end: shapely.Point, ends: list[shapely.Point]) -> bool:
+    """Whether a lane begins or ends here besides the one that `end` is of."""
+    return sum(end.distance(other) < _MEET_M for other in ends) > 1

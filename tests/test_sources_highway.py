@@ -1,0 +1,104 @@
+"""highway-env as a source: its roads, its traffic, its policies."""
+
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+import shapely
+
+from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
+from regents_cosim.files import content_hash
+from regents_cosim.frames import points_from_highway
+from regents_cosim.sources.highway import RecordingJob, environments, record_episodes
+from regents_cosim.sources.highway_net import to_road_map
+from regents_cosim.sources.record import record
+from regents_cosim.sources.windows import Windows
+from regents_cosim.workers import run_isolated
+
+WINDOWS = Windows(count=2, seed=0, horizon_s=3.0, company=1)
+
+
+def network(name: str):
+    environments()
+    return gymnasium.make(name, disable_env_checker=True).unwrapped.road.network
+
+
+def lanes_of(found):
+    for begin, onward in found.graph.items():
+        for end, lanes in onward.items():
+            yield from (((begin, end, index), lane) for index, lane in enumerate(lanes))
+
+
+def test_lanes_keep_their_sides_and_lead_on():
+    road = to_road_map(network("merge-v1"))
+    left, right = road.lane["a-b_0"], road.lane["a-b_1"]
+    assert (left.right, right.left) == ("a-b_1", "a-b_0")
+    assert left.centre[0, 1] > right.centre[0, 1]  # north of it, both lead east
+    assert road.lane["b-c_1"].right is None  # one may not change onto the ramp
+    assert {link.target for link in road.exits["k-b_0"]} == {"b-c_2"}
+
+
+@pytest.mark.parametrize("name", ["roundabout-v1", "intersection-v2", "racetrack-v1", "u-turn-v1"])
+def test_the_road_map_is_the_network(name):
+    """A point beside a lane of highway-env lies as far beside the same lane of the map, and on the drivable area."""
+    lanes = network(name)
+    road = to_road_map(lanes)
+    for (begin, end, index), lane in lanes_of(lanes):
+        line = shapely.LineString(road.lane[f"{begin}-{end}_{index}"].centre)
+        for along in np.linspace(1.0, lane.length - 1.0, 5):
+            point = points_from_highway(np.asarray(lane.position(along, 1.2)))
+            assert line.distance(shapely.Point(point)) == pytest.approx(
+                1.2, abs=0.1
+            )  # a sine lane measures across the road, not across itself
+            assert road.contains(point[None]).all()
+
+
+def test_a_recording_is_what_highway_env_drove():
+    first, second = record_episodes(RecordingJob("merge-v1", "idm", replace(WINDOWS, radius_m=400.0)))
+    assert (first.ego.id, second.ego.id) == ("e000.ego", "e001.ego")
+    assert first.dt == 0.1
+    assert first.tracks.steps == 31
+    assert first.provenance.source == "highway"
+    assert {agent.kind for agent in first.agents} == {"car", "other"}  # the end of the ramp is an obstacle
+    # forward Euler: the next position follows from the speed
+    step = np.hypot(np.diff(first.tracks.x[0]), np.diff(first.tracks.y[0]))
+    np.testing.assert_allclose(step, first.tracks.speed[0, :-1] * first.dt, atol=1e-9)
+
+
+def test_the_same_seed_gives_the_same_cases_in_any_process():
+    job = RecordingJob("merge-v1", "random", WINDOWS)
+    here, there = record_episodes(job), run_isolated(record_episodes, job)
+    assert [content_hash(s) for s in here] == [content_hash(s) for s in there]
+    other = record_episodes(replace(job, windows=replace(WINDOWS, seed=1)))
+    assert [content_hash(s) for s in here] != [content_hash(s) for s in other]
+
+
+@pytest.mark.parametrize(
+    ("environment", "policy"), [("merge-v1", "mdp"), ("racetrack-v1", "idm"), ("two-way-v0", "random")]
+)
+def test_other_environments_and_policies(environment, policy):
+    found = record_episodes(RecordingJob(environment, policy, replace(WINDOWS, count=1)))
+    assert found[0].id.startswith(environment)
+    assert len(found[0].agents) >= 2
+
+
+def test_a_policy_of_the_user_s(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "class Fast:\n"
+        "    config = {'action': {'type': 'DiscreteMetaAction', 'target_speeds': [20, 25, 30]}}\n"
+        "    def act(self, observation):\n"
+        "        assert observation.shape == (5, 5)\n"
+        "        return 3\n"
+    )
+    job = RecordingJob("merge-v1", f"{tmp_path / 'mine.py'}:Fast", replace(WINDOWS, count=1))
+    assert record_episodes(job)[0].tracks.speed[0, -1] > 29.0
+
+
+def test_wrong_names_are_explained():
+    with pytest.raises(RegentsError, match="did you mean merge-v1"):
+        record("highway:merge-v2")
+    with pytest.raises(PlannerError, match="expected one of idm, mdp, random"):
+        record("highway:merge-v1", policy="imd")
+    with pytest.raises(NoWindowError, match="12 of 12 episodes ended before 60 s"):
+        record_episodes(RecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=60.0)))
