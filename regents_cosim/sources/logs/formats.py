@@ -14,6 +14,8 @@ from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
+import numpy as np
+
 from regents_cosim.errors import LogError, RegentsError
 from regents_cosim.sources.logs.scene import LoggedScene
 
@@ -129,8 +131,14 @@ def unpacked(path: Path, most_times: int = 100) -> bytes:
 
 def read_log(path: Path, one: LogFormat, beside: Beside) -> Iterator[LoggedScene]:
     """The scenes of a log, one at a time. Raises LogError with the file's name where one is damaged."""
-    with explained(path, one.what):
-        yield from one.read(path, beside)
+    scenes = one.read(path, beside)
+    while True:
+        # Absurd numbers may overflow on the way to the checks that refuse them.
+        with explained(path, one.what), np.errstate(all="ignore"):
+            scene = next(scenes, None)
+        if scene is None:
+            return
+        yield scene
 
 
 @contextmanager
