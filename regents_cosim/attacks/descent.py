@@ -1,7 +1,21 @@
-"""The search: roll out, look for a collision, differentiate, mask, Adam, again.
+"""The search: look for a collision, differentiate, mask, Adam, roll out, again.
 
 One compiled loop per scenario. It stops at the first collision of the ego with any background
 agent, or when the iterations are spent. Source: ReGentS section 3.2 (and KING section 3).
+
+Measured with `jax.profiler` on one iteration of KING, 30 agents in a bucket of 32, 80 steps, log_replay,
+2 cores: 0.61 ms at first, 0.27 ms now. What paid:
+
+- The loop hands the boxes on. What crosses the border of a pass is in memory; inside a pass XLA computed
+  the cosines and sines of all yaws again in eight places (0.2 ms).
+- `pull_back` needs only what a roll-out did, so nothing is rolled out for the sake of its gradient.
+- Rows are picked by one-hot products and a distance is differentiated by its closest points: indexed rows
+  and differentiated minima became loops of 400 to 700 operations over all agents (0.15 ms).
+- A search for one candidate works on its row alone: 0.07 ms.
+
+What did not: everything in one pass, with a differentiated roll-out (0.80 ms); XLA without its own
+threads (no change); a road field with its four neighbours in four places (a quarter of the memory,
+13 % slower); `cummin` (12 us, an associative scan takes 5 us).
 """
 
 from collections.abc import Callable
