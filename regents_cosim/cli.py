@@ -396,6 +396,7 @@ def success(
     count: int = 20,
     seed: int = 0,
     nets: tuple[str, ...] = (),
+    logs: tuple[Path, ...] = (),
     planners: tuple[str, ...] = ("log_replay", "idm"),
     methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents", "focused"),
     as_published: bool = False,
@@ -412,6 +413,8 @@ def success(
         windows per network
     nets
         shipped networks, or .sumocfg files; all shipped ones by default
+    logs
+        logged traffic (files, or folders of them) in place of networks; `count` windows of each
     planners
         systems under test
     methods
@@ -432,7 +435,8 @@ def success(
     terminal = _terminal(talk)
     if compile_cache:
         keep_compiled_programs()
-    windows = [s for found in _bench_traffic(nets, count, seed, terminal).values() for s in found]
+    traffic = _bench_logs(logs, count, seed, terminal) if logs else _bench_traffic(nets, count, seed, terminal)
+    windows = [scenario for found in traffic.values() for scenario in found]
     rows = []
     for planner, method, search, background in product(planners, methods, searches or (None,), backgrounds or (None,)):
         config = Search(method, search, background, as_published=as_published).config()
@@ -622,6 +626,15 @@ def _bench_traffic(nets: tuple[str, ...], count: int, seed: int, terminal: "Term
     return {
         net: run_record(config, count=count, seed=seed)
         for net, config in terminal.each(configs.items(), "recording traffic", len(configs))
+    }
+
+
+def _bench_logs(logs: tuple[Path, ...], count: int, seed: int, terminal: "Terminal") -> "dict[Path, list[Scenario]]":
+    from regents_cosim.sources.logs.record import record_log
+
+    return {
+        log: record_log(log, count=count, seed=seed, tell=terminal.say)
+        for log in terminal.each(logs, "reading logs", len(logs))
     }
 
 

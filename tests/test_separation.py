@@ -2,6 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 from jax.test_util import check_grads
@@ -28,6 +29,43 @@ def test_thousands_of_pairs_agree_with_the_exact_judge():
     clear = np.abs(np.asarray(gap(device(a), device(b)))) > 1e-5
     assert (np.asarray(overlaps(device(a), device(b)))[clear] == host.overlap(a, b)[clear]).all()
     assert 0.1 < host.overlap(a, b).mean() < 0.9
+
+
+def test_thousands_of_pairs_agree_with_shapely(x64):
+    a, b = random_boxes(5_000, 4), random_boxes(5_000, 5)
+    polygons = (shapely.polygons(host.corners(box)) for box in (a, b))
+    assert distance(device(a), device(b)) == pytest.approx(shapely.distance(*polygons), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "yaw", "length", "expected"),
+    [
+        (4.0, 0.0, 0.0, 4.0, 0.0),  # touching, end to end
+        (0.0, 0.0, np.pi / 2, 10.0, 0.0),  # crossing like a plus sign, no corner inside either
+        (0.0, 0.0, 0.3, 0.5, 0.0),  # contained
+        (1.0, 3.5, 0.0, 4.0, 1.5),  # parallel, side by side
+        (7.0, 6.0, 0.0, 4.0, 5.0),  # corner to corner: 3 along, 4 across
+        (1000.0, 0.0, 0.0, 4.0, 996.0),  # far
+        (4.0, 0.0, np.pi / 2, 4.0, 1.0),  # a side faces an end
+    ],
+)
+def test_boxes_that_one_can_work_out(x, y, yaw, length, expected):
+    fixed = device(host.Boxes(0.0, 0.0, 0.0, 4.0, 2.0))
+    other = device(host.Boxes(x, y, yaw, length, 2.0 if length >= 4.0 else 0.5))
+    assert float(distance(fixed, other)) == pytest.approx(expected, abs=1e-4)
+    assert float(distance(other, fixed)) == pytest.approx(expected, abs=1e-4)
+
+
+@given(st.integers(0, 2**31), st.floats(-50, 50), st.floats(-50, 50), st.floats(-4, 4))
+def test_distances_do_not_depend_on_the_frame(x64, seed, x, y, turn):
+    def moved(box):
+        east, north = box.x * np.cos(turn) - box.y * np.sin(turn), box.x * np.sin(turn) + box.y * np.cos(turn)
+        return device(box._replace(x=east + x, y=north + y, yaw=box.yaw + turn))
+
+    a, b = random_boxes(50, seed), random_boxes(50, seed + 1)
+    here = np.asarray(distance(device(a), device(b)))
+    assert distance(moved(a), moved(b)) == pytest.approx(here, abs=1e-9)
+    assert distance(device(b), device(a)) == pytest.approx(here, abs=1e-12)
 
 
 def test_the_gap_is_a_lower_bound_and_its_sign_decides(x64):
