@@ -1,0 +1,130 @@
+"""What a camera straight above the ego would see: 192 x 192 pixels, 5 per metre, the ego's yaw up.
+
+The ego is in the middle and not drawn. From the ground up: road surface, lane lines, road edge,
+stop bars in the colour of their light, other road users as boxes, and on each a heading mark, a
+bar from its centre ahead that ends half a second's way beyond its front: it shows where the
+other is going, and how fast.
+
+Boxes are filled row by row: on one row of pixels a box is an interval of columns, and 192 columns
+are the bits of six words, so that any number of boxes costs a few thousand operations each.
+Source: the observer of KING (Hanselmann et al. 2022) and ReGentS section 3.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
+
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.ground import AMBER, CELL_M, GREEN, RED, Ground
+from regents_cosim.mirror.separation import Box
+
+PIXELS = 192  # per side
+PIXEL_M = 0.2
+REACH_M = 0.5 * PIXELS * PIXEL_M * np.sqrt(2.0)  # no pixel is further from the ego
+MARK_S = 0.5  # how far a heading mark reaches beyond the front, as a way at present speed
+MARK_WIDTH_M = 0.6
+
+# What a pixel can show, each on top of those before it; red, green and blue in steps of 36.
+_LEVEL = 36
+COLOURS = _LEVEL * np.array(
+    [
+        (0, 0, 0),  # land
+        (2, 2, 2),  # road surface
+        (4, 4, 4),  # lane line
+        (6, 6, 6),  # road edge
+        (7, 0, 0),  # red light
+        (0, 7, 0),  # green
+        (7, 7, 0),  # amber
+        (0, 0, 7),  # somebody else
+        (7, 0, 7),  # and where that one is heading
+    ],
+    np.uint8,
+)
+_LIGHT, _OTHER, _MARK = 4, 7, 8
+# The same per channel in one word, three bits for each.
+_TABLE = ((COLOURS // _LEVEL).astype(np.uint32) << (3 * np.arange(len(COLOURS), dtype=np.uint32))[:, None]).sum(
+    axis=0, dtype=np.uint32
+)
+_WORDS = PIXELS // 32
+# [m] ahead of the ego per row of pixels, and left of it per column
+_OFFSETS = ((PIXELS - 1) / 2 - np.arange(PIXELS, dtype=np.float32)) * np.float32(PIXEL_M)
+
+
+class View(eqx.Module):
+    """All that moves or changes, at one instant or over time."""
+
+    boxes: Box  # [agent] other road users
+    speed: Float[Array, "*axes agent"]  # [m/s]
+    valid: Bool[Array, "*axes agent"]
+    lights: UInt8[Array, "*axes bar"]  # RED, AMBER, GREEN or DARK
+
+
+def observe(ground: Ground, bars: Box, view: View, ego: Motion) -> UInt8[Array, "192 192 3"]:
+    """The view from above the ego at one instant, everything in the coordinates of `ego`."""
+    cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
+    bars, others = _from_ego(bars, ego, cos, sin), _from_ego(view.boxes, ego, cos, sin)
+    layers = [_rows_filled(bars, view.lights == light) for light in (RED, GREEN, AMBER)]
+    layers += [_rows_filled(others, view.valid), _rows_filled(_marks(others, view.speed), view.valid)]
+    # The topmost layer of each pixel. Being a reduction it is kept, and not computed anew for every channel.
+    bits = (jnp.stack(layers)[..., None] >> np.arange(32, dtype=np.uint32)) & np.uint32(1)
+    layer = _LIGHT + np.arange(len(layers), dtype=np.uint8)[:, None, None, None]
+    moving = jnp.max(bits.astype(jnp.uint8) * layer, axis=0).reshape(PIXELS, PIXELS)
+    shown = jnp.maximum(moving, _ground_under(ground, ego, cos, sin)).astype(jnp.uint32)
+    return (((_TABLE >> (3 * shown[..., None])) & np.uint32(7)) * np.uint32(_LEVEL)).astype(jnp.uint8)
+
+
+def _ground_under(ground: Ground, ego: Motion, cos: Array, sin: Array) -> UInt8[Array, "192 192"]:
+    """The cell of the ground nearest to every pixel's centre."""
+    scale = np.float32(1.0 / CELL_M)
+    ahead, left = _OFFSETS[:, None] * scale, _OFFSETS[None, :] * scale
+    column = (ego.x - ground.corner[0]) * scale + ahead * cos - left * sin
+    row = (ego.y - ground.corner[1]) * scale + ahead * sin + left * cos
+    rows, columns = ground.shape[0], ground.shape[1]
+    column = jnp.clip(jnp.round(column).astype(jnp.int32), 0, columns - 1)
+    row = jnp.clip(jnp.round(row).astype(jnp.int32), 0, rows - 1)
+    return ground.cells.at[ground.first + row * columns + column].get(mode="promise_in_bounds")
+
+
+def _from_ego(box: Box, ego: Motion, cos: Array, sin: Array) -> Box:
+    """Boxes in the ego's own frame: x ahead of it, y to its left."""
+    dx, dy = box.x - ego.x, box.y - ego.y
+    heading = (box.cos * cos + box.sin * sin, box.sin * cos - box.cos * sin)
+    return Box(dx * cos + dy * sin, dy * cos - dx * sin, *heading, box.half_length, box.half_width)
+
+
+def _marks(box: Box, speed: Float[Array, " agent"]) -> Box:
+    half = 0.5 * (box.half_length + MARK_S * speed)
+    half_width = jnp.full_like(half, 0.5 * MARK_WIDTH_M)
+    return Box(box.x + half * box.cos, box.y + half * box.sin, box.cos, box.sin, half, half_width)
+
+
+def _rows_filled(box: Box, drawn: Bool[Array, " box"]) -> UInt32[Array, "row word"]:
+    """A bit for every pixel: whether its centre lies in one of the boxes that are `drawn`."""
+    box = jax.tree.map(lambda values: values[:, None], box)
+    further = _OFFSETS - box.x
+    along, across = _away_from_zero(box.sin), _away_from_zero(box.cos)
+    middle, half = -box.cos * further / along, box.half_length / jnp.abs(along)
+    least, most = middle - half, middle + half
+    middle, half = box.sin * further / across, box.half_width / jnp.abs(across)
+    least, most = jnp.maximum(least, middle - half), jnp.minimum(most, middle + half)
+    pixel = np.float32(1.0 / PIXEL_M)
+    begin = jnp.ceil((_OFFSETS[0] - box.y - most) * pixel)
+    end = jnp.floor((_OFFSETS[0] - box.y - least) * pixel) + 1.0
+    begin, end = (jnp.clip(edge, 0.0, PIXELS).astype(jnp.int32) for edge in (begin, end))
+    end = jnp.where(drawn[:, None], end, 0)
+    words = _bits_below(end) & ~_bits_below(begin)
+    return jax.lax.reduce(words, np.uint32(0), jax.lax.bitwise_or, (0,))
+
+
+def _bits_below(column: Int[Array, "box row"]) -> UInt32[Array, "box row word"]:
+    """Six words whose bits are set for all columns below `column`."""
+    count = column[..., None] - 32 * np.arange(_WORDS, dtype=np.int32)
+    some = (np.uint32(1) << jnp.clip(count, 0, 31).astype(jnp.uint32)) - np.uint32(1)
+    return jnp.where(count >= 32, np.uint32(0xFFFFFFFF), some)
+
+
+def _away_from_zero(value: Float[Array, "box 1"]) -> Float[Array, "box 1"]:
+    return jnp.where(jnp.abs(value) < 1e-6, np.float32(1e-6), value)
+
