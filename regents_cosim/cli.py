@@ -252,6 +252,32 @@ def replay(
     return _exit_code(found, terminal)
 
 
+@app.command
+def evaluate(cases: Path, *, planner: str, compile_cache: bool = True, talk: Talk = Talk()) -> int:
+    """How well a planner drives: route completion, collision rate and driving score, in the mirror.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases; attacked ones are driven among their adversaries
+    planner
+        system under test: aim-bev, idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.driving import drive_each, driving_rows
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.suite import load_cases
+
+    terminal = _terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    scenarios = load_cases(cases)
+    drives = list(terminal.each(drive_each(scenarios, planner), f"driving {planner}", len(scenarios)))
+    terminal.show(f"{planner} on {len(drives)} cases", [dataclasses.asdict(row) for row in driving_rows(drives)])
+    return 0
+
+
 @bench.command
 def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = (), talk: Talk = Talk()) -> int:
     """How well the mirror's controls reproduce SUMO's tracks, per network.

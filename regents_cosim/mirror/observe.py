@@ -10,6 +10,8 @@ are the bits of six words, so that any number of boxes costs a few thousand oper
 Source: the observer of KING (Hanselmann et al. 2022) and ReGentS section 3.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.ground import AMBER, CELL_M, GREEN, RED, Ground
+from regents_cosim.mirror.ground import CELL_M, Ground
 from regents_cosim.mirror.separation import Box
 
 PIXELS = 192  # per side
@@ -25,6 +27,7 @@ PIXEL_M = 0.2
 REACH_M = 0.5 * PIXELS * PIXEL_M * np.sqrt(2.0)  # no pixel is further from the ego
 MARK_S = 0.5  # how far a heading mark reaches beyond the front, as a way at present speed
 MARK_WIDTH_M = 0.6
+MOST = 24  # others, and stop bars, that are drawn: the nearest
 
 # What a pixel can show, each on top of those before it; red, green and blue in steps of 36.
 _LEVEL = 36
@@ -42,7 +45,6 @@ COLOURS = _LEVEL * np.array(
     ],
     np.uint8,
 )
-_LIGHT, _OTHER, _MARK = 4, 7, 8
 # The same per channel in one word, three bits for each.
 _TABLE = ((COLOURS // _LEVEL).astype(np.uint32) << (3 * np.arange(len(COLOURS), dtype=np.uint32))[:, None]).sum(
     axis=0, dtype=np.uint32
@@ -64,15 +66,29 @@ class View(eqx.Module):
 def observe(ground: Ground, bars: Box, view: View, ego: Motion) -> UInt8[Array, "192 192 3"]:
     """The view from above the ego at one instant, everything in the coordinates of `ego`."""
     cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
-    bars, others = _from_ego(bars, ego, cos, sin), _from_ego(view.boxes, ego, cos, sin)
-    layers = [_rows_filled(bars, view.lights == light) for light in (RED, GREEN, AMBER)]
-    layers += [_rows_filled(others, view.valid), _rows_filled(_marks(others, view.speed), view.valid)]
-    # The topmost layer of each pixel. Being a reduction it is kept, and not computed anew for every channel.
-    bits = (jnp.stack(layers)[..., None] >> np.arange(32, dtype=np.uint32)) & np.uint32(1)
-    layer = _LIGHT + np.arange(len(layers), dtype=np.uint8)[:, None, None, None]
-    moving = jnp.max(bits.astype(jnp.uint8) * layer, axis=0).reshape(PIXELS, PIXELS)
-    shown = jnp.maximum(moving, _ground_under(ground, ego, cos, sin)).astype(jnp.uint32)
+    bars, light = _nearest(_from_ego(bars, ego, cos, sin), view.lights)
+    others, speed, valid = _nearest(_from_ego(view.boxes, ego, cos, sin), view.speed, view.valid)
+    first, second = (_rows_filled(bars, (light & bit) > 0) for bit in (np.uint8(1), np.uint8(2)))
+    planes = _in_order(first, second, _rows_filled(others, valid), _rows_filled(_marks(others, speed), valid))
+    bits = ((plane[..., None] >> np.arange(32, dtype=np.uint32)) & np.uint32(1) for plane in planes)
+    moving = sum(bit << power for power, bit in enumerate(bits)).reshape(PIXELS, PIXELS)
+    shown = jnp.where(moving > 0, moving, _ground_under(ground, ego, cos, sin).astype(jnp.uint32))
     return (((_TABLE >> (3 * shown[..., None])) & np.uint32(7)) * np.uint32(_LEVEL)).astype(jnp.uint8)
+
+
+def _nearest(boxes: Box, *values: Array) -> tuple[Any, ...]:
+    """The boxes nearest to the ego, of all its frame, with what belongs to them."""
+    if boxes.x.shape[0] <= MOST:
+        return boxes, *values
+    _, kept = jax.lax.top_k(-(boxes.x**2 + boxes.y**2), MOST)
+    return jax.tree.map(lambda value: value[kept], (boxes, *values))
+
+
+def _in_order(first: Array, second: Array, other: Array, mark: Array) -> tuple[UInt32[Array, "row word"], ...]:
+    """Bit by bit the number of what is on top: 4 red, 5 green, 6 amber, 7 another, 8 its mark; 0 nothing."""
+    other = other & ~mark
+    lit = (first | second) & ~(other | mark)
+    return (second & ~first & lit) | other, (second & first & lit) | other, lit | other, mark
 
 
 def _ground_under(ground: Ground, ego: Motion, cos: Array, sin: Array) -> UInt8[Array, "192 192"]:

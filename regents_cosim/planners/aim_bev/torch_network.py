@@ -39,7 +39,11 @@ class AimBevNetwork(nn.Module):
 
     def forward(self, view: Tensor, speed: Tensor, target: Tensor) -> Tensor:
         """Waypoints [m]."""
-        hidden = torch.cat([functional.relu(self.join(self.encoder(view))), speed[:, None] / SPEED_M_S], dim=1)
+        return self.plan(self.encoder(view), speed, target)
+
+    def plan(self, features: Tensor, speed: Tensor, target: Tensor) -> Tensor:
+        """Waypoints [m] from the encoder's features [batch, 576]."""
+        hidden = torch.cat([functional.relu(self.join(features)), speed[:, None] / SPEED_M_S], dim=1)
         for layer in self.mlp:
             hidden = functional.relu(layer(hidden))
         near = torch.clamp(FAR_TARGET_M / torch.linalg.norm(target, dim=1, keepdim=True).clamp(min=1e-3), max=1.0)
@@ -64,7 +68,15 @@ class Encoder(nn.Module):
 
     def forward(self, view: Tensor) -> Tensor:
         """Features, averaged over the picture."""
-        return self.features(view).mean(dim=(2, 3))
+        return self.finish(view, 0)
+
+    def begin(self, view: Tensor, layers: int) -> Tensor:
+        """What the first few layers make of a view."""
+        return self.features[:layers](view)
+
+    def finish(self, x: Tensor, layers: int) -> Tensor:
+        """Features from what the first few layers made of a view."""
+        return self.features[layers:](x).mean(dim=(2, 3))
 
 
 class InvertedResidual(nn.Module):

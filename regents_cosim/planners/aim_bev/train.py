@@ -1,7 +1,7 @@
 """`regents train aim-bev`: recorded traffic in, weights out. The only door to torch."""
 
+from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -28,16 +28,19 @@ class TrainConfig:
 
     epochs: int = 40
     seed: int = 0
-    lessons: int = 8192  # per epoch
+    lessons: int = 4096  # that are new in an epoch
+    kept: int = 4  # epochs that a lesson is repeated in
     batch: int = 64
     learning_rate: float = 1e-3  # of Adam; falls to a hundredth of it along a cosine
-    warm_up: int = 2  # epochs before the network drives by itself
-    drives: int = 48  # of the network by itself, per epoch
-    threads: int = 1  # of torch; one more renders views
+    frozen: int = 0  # first layers of the encoder that learn no more: an epoch costs a third with 4 of 13
+    warm_up: int = 3  # epochs before the network drives by itself
+    drives: int = 40  # of the network by itself, per epoch
+    threads: int = 2  # of torch
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "lessons", "batch", "threads"):
+        for name in ("epochs", "lessons", "kept", "batch", "threads"):
             require(getattr(self, name) >= 1, f"{name} {getattr(self, name)}, expected at least 1", RegentsError)
+        require(0 <= self.frozen <= 13, f"{self.frozen} frozen layers, expected 0 to 13", RegentsError)
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ class _Course:
     done: list[Epoch]
     rows: Int[np.ndarray, "lesson 3"]  # states met in practice
     states: Float[np.ndarray, "lesson 4"]
+    known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, label
 
 
 def train(
@@ -84,7 +88,8 @@ def train(
         driven = (None, None)
         if epoch >= config.warm_up and config.drives:
             driven = _practise(course, room, taught, rng, config)
-        loss = _teach(course, room, taught, rng, config, epoch)
+        course.known.append(_prepare(course, room, taught, rng, config))
+        loss = _teach(course, rng, config, epoch)
         check = _check(course, room, held_back, config)
         course.done.append(Epoch(epoch, loss, check, *driven))
         save_weights(_weights(course.network), output)
@@ -109,32 +114,48 @@ def _split(curriculum: Curriculum) -> tuple[Curriculum, Curriculum]:
     )
 
 
-def _teach(
-    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig, epoch: int
-) -> float:
-    """One epoch; returns the mean loss [m]."""
-    batches = config.lessons // config.batch
-    total = batches * config.epochs
+def _prepare(
+    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
+) -> list[Tensor]:
+    """New lessons, as the first layer that learns gets them."""
+    course.network.eval()
+    parts = []
+    with torch.inference_mode():
+        for _ in range(config.lessons // config.batch):
+            views, *others = _lessons(course, room, taught, rng, config.batch)
+            begun = course.network.encoder.begin(_pictures(views), config.frozen) if config.frozen else views
+            parts.append([begun.half() if config.frozen else begun, *others])
+    return [torch.cat(columns).clone() for columns in zip(*parts, strict=True)]
+
+
+def _teach(course: _Course, rng: np.random.Generator, config: TrainConfig, epoch: int) -> float:
+    """One pass over the lessons kept; returns the mean loss [m]."""
+    network, frozen = course.network.train(), config.frozen
+    network.encoder.features[:frozen].eval().requires_grad_(False)
+    columns = [torch.cat(parts) for parts in zip(*course.known, strict=True)]
+    batches = len(columns[0]) // config.batch
+    order = torch.from_numpy(rng.permutation(len(columns[0]))[: batches * config.batch].reshape(batches, -1))
     losses = []
-    course.network.train()
-    with ThreadPoolExecutor(1) as ahead:  # the next views are rendered while these are learnt from
-        waiting = ahead.submit(_batch, course, room, taught, rng, config.batch)
-        for index in range(batches):
-            view, speed, target, label = waiting.result()
-            if index + 1 < batches:
-                waiting = ahead.submit(_batch, course, room, taught, rng, config.batch)
-            done = (epoch * batches + index) / total
-            for group in course.adam.param_groups:
-                group["lr"] = config.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + np.cos(np.pi * done)))
-            loss = (course.network(view, speed, target) - label).abs().mean()
-            course.adam.zero_grad()
-            loss.backward()
-            course.adam.step()
-            losses.append(loss.item())
+    for number, chosen in enumerate(order):
+        begun, speed, target, label = (column[chosen] for column in columns)
+        begun = begun.float().contiguous(memory_format=torch.channels_last) if frozen else _pictures(begun)
+        _set_rate(course.adam, config, epoch + number / batches)
+        features = network.encoder.finish(begun, frozen)
+        loss = (network.plan(features, speed, target) - label).abs().mean()
+        course.adam.zero_grad()
+        loss.backward()
+        course.adam.step()
+        losses.append(loss.item())
     return float(np.mean(losses))
 
 
-def _batch(
+def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None:
+    share = 0.5 * (1.0 + np.cos(np.pi * epoch / config.epochs))
+    for group in adam.param_groups:
+        group["lr"] = config.learning_rate * (0.01 + 0.99 * share)
+
+
+def _lessons(
     course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, count: int
 ) -> tuple[Tensor, ...]:
     """Views, speeds, targets and labels of `count` lessons."""
@@ -145,13 +166,13 @@ def _batch(
         rows = np.where(met[:, None], course.rows[drawn], np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1))
         own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
         lesson = taught.lessons(rows, np.where(met[:, None], course.states[drawn], own.T), rng)
-    speed, target, label = (np.array(v) for v in (lesson.state.speed, room.targets(lesson), room.labels(lesson)))
-    return _pictures(np.asarray(room.views(lesson))), *map(torch.from_numpy, (speed, target, label))
+    found = (room.views(lesson), lesson.state.speed, room.targets(lesson), room.labels(lesson))
+    return tuple(torch.from_numpy(np.array(values)) for values in found)
 
 
-def _pictures(views: np.ndarray) -> Tensor:
+def _pictures(views: Tensor) -> Tensor:
     """Views as the network takes them; their memory layout is the one that torch is fastest with."""
-    return torch.from_numpy(views.astype(np.float32) / 255.0).permute(0, 3, 1, 2)
+    return (views.float() / 255.0).permute(0, 3, 1, 2)
 
 
 def _check(course: _Course, room: Classroom, held_back: Curriculum, config: TrainConfig) -> float:
@@ -180,7 +201,7 @@ def _predict(network: AimBevNetwork):  # noqa: ANN202
         network.eval()
         with torch.inference_mode():
             parts = [
-                network(_pictures(views[i : i + 64]), torch.tensor(speed[i : i + 64]), torch.tensor(target[i : i + 64]))
+                network(_pictures(torch.tensor(views[i : i + 64])), torch.tensor(speed[i : i + 64]), torch.tensor(target[i : i + 64]))
                 for i in range(0, len(views), 64)
             ]
         return torch.cat(parts).numpy()
@@ -191,7 +212,7 @@ def _predict(network: AimBevNetwork):  # noqa: ANN202
 def _begin(config: TrainConfig, resume: Path | None) -> _Course:
     network = AimBevNetwork().to(memory_format=torch.channels_last)
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
-    course = _Course(network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)))
+    course = _Course(network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept))
     if resume is not None:
         _restore(course, load_weights(resume))
     return course
@@ -221,11 +242,11 @@ def _restore(course: _Course, saved: dict[str, np.ndarray]) -> None:
     course.network.load_state_dict({name: own[name].float() for name in known if name in own}, strict=False)
     if "epochs" not in saved:
         return
-    count = len(course.adam.param_groups[0]["params"])
-    state = {
-        i: {name: torch.tensor(saved[f"adam.{i}.{name}"]) for name in ("step", "exp_avg", "exp_avg_sq")}
-        for i in range(count)
-    }
+    state: dict[int, dict[str, Tensor]] = {}
+    for name, values in saved.items():
+        if name.startswith("adam."):
+            _, index, moment = name.split(".")
+            state.setdefault(int(index), {})[moment] = torch.tensor(values)
     course.adam.load_state_dict({"state": state, "param_groups": course.adam.state_dict()["param_groups"]})
     course.rows, course.states = saved["rows"], saved["states"]
     course.done = [
