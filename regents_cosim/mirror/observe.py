@@ -143,4 +143,3 @@ def _bits_below(column: Int[Array, "box row"]) -> UInt32[Array, "box row word"]:
 
 def _away_from_zero(value: Float[Array, "box 1"]) -> Float[Array, "box 1"]:
     return jnp.where(jnp.abs(value) < 1e-6, np.float32(1e-6), value)
-

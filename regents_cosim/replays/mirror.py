@@ -11,7 +11,6 @@ from regents_cosim.mirror.world import to_tracks, to_world
 from regents_cosim.planners.interface import Scene, find_planner, start
 from regents_cosim.scenario import Scenario, Tracks
 
-
 _drive = eqx.filter_jit(drive)
 
 

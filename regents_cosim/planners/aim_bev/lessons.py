@@ -18,7 +18,6 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars
 from regents_cosim.mirror.observe import REACH_M, View, observe
 from regents_cosim.mirror.separation import Box
-from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
@@ -92,7 +91,9 @@ def to_frame(x: Float[Array, ""], y: Float[Array, ""], ego: Motion) -> Float[Arr
 def gather(scenarios: Sequence[Scenario]) -> Classroom:
     """All of `scenarios` on the device. Raises RegentsError where their horizons differ."""
     steps = {(scenario.tracks.steps, scenario.dt) for scenario in scenarios}
-    require(len(steps) == 1, f"the cases have {len(steps)} different horizons or time steps, expected one", RegentsError)
+    require(
+        len(steps) == 1, f"the cases have {len(steps)} different horizons or time steps, expected one", RegentsError
+    )
     (count, dt), agents = steps.pop(), max(len(scenario.agents) for scenario in scenarios)
     roads = list({id(scenario.road): scenario.road for scenario in scenarios}.values())
     drawn = [_draw(road, [s for s in scenarios if s.road is road]) for road in roads]
@@ -133,7 +134,7 @@ def _together(drawn: Sequence[tuple[np.ndarray, Float[np.ndarray, " 2"]]]) -> Gr
     sizes = [cells.size for cells, _ in drawn]
     require(
         sum(sizes) <= _MOST_CELLS,
-        f"the maps of the cases cover {sum(sizes) / 400e6:.1f} km^2, expected 5 at most (train on fewer or smaller ones)",
+        f"the cases cover {sum(sizes) / 400e6:.1f} km^2 of maps, expected 5 at most (train on fewer or smaller maps)",
         RegentsError,
     )
     return Ground(

@@ -105,17 +105,21 @@ class Network(eqx.Module):
 
     def encode(self, view: UInt8[Array, "192 192 3"]) -> Float[Array, " feature"]:
         """Features of a view, averaged over the picture."""
-        x = jax.lax.conv_general_dilated(
-            view.astype(jnp.float32)[None],
-            self.stem,
-            (2, 2),
-            ((1, 1), (1, 1)),
-            dimension_numbers=("NHWC", "HWIO", "NHWC"),
-        )[0]
-        x = jax.nn.hard_swish(x + self.stem_bias)
+        x = jax.nn.hard_swish(self._stem(view))
         for block in self.blocks:
             x = block(x)
         return jax.nn.hard_swish(self.last(x)).mean(axis=(0, 1))
+
+    def _stem(self, view: UInt8[Array, "192 192 3"]) -> Float[Array, "96 96 channel"]:
+        """The first convolution, as shifted products too: with three inputs that is faster than XLA's own."""
+        padded = jnp.pad(view, ((1, 1), (1, 1), (0, 0))).astype(jnp.float32)
+        total = self.stem_bias
+        for i in range(3):
+            for j in range(3):
+                part = padded[i : i + view.shape[0] : 2, j : j + view.shape[1] : 2]
+                for channel in range(3):
+                    total = total + part[..., channel, None] * self.stem[i, j, channel]
+        return total
 
     def _unroll(self, hidden: Array, speed: Array, target: Array) -> Float[Array, "waypoint 2"]:
         near = jnp.minimum(FAR_TARGET_M / jnp.maximum(jnp.hypot(target[0], target[1]), 1e-3), 1.0)

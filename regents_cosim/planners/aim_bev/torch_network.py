@@ -1,5 +1,7 @@
 """AIM-BEV in torch, for training. Only `train` imports this."""
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -33,7 +35,7 @@ class AimBevNetwork(nn.Module):
         self.encoder = Encoder()
         self.join = nn.Linear(LAST, FEATURES)
         sizes = (FEATURES + 1, *MLP)
-        self.mlp = nn.Sequential(*(nn.Linear(a, b) for a, b in zip(sizes, sizes[1:], strict=False)))
+        self.mlp = nn.Sequential(*(nn.Linear(a, b) for a, b in pairwise(sizes)))
         self.gru = nn.GRUCell(6, HIDDEN)
         self.output = nn.Linear(HIDDEN, 2)
 

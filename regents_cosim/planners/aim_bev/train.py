@@ -14,7 +14,7 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, plan
 from regents_cosim.planners.aim_bev.lessons import Classroom, gather
-from regents_cosim.planners.aim_bev.practice import practise
+from regents_cosim.planners.aim_bev.practice import Predict, practise
 from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario
@@ -68,12 +68,14 @@ class _Course:
 
 def train(
     scenarios: Sequence[Scenario], output: Path, config: TrainConfig, resume: Path | None = None
-) -> Iterator[Epoch]:
-    """Teach the network epoch by epoch; the weights and a checkpoint are written after each.
+) -> Iterator[list[Epoch]]:
+    """Teach the network epoch by epoch; yields all epochs so far, those before a resumption included.
 
-    `resume` goes on from a checkpoint, or from weights alone (a warm start). The same scenarios,
-    configuration and machine give the same weights. Raises RegentsError where the scenarios hold
-    too few lessons.
+    The weights and a checkpoint are written after each.
+
+    `resume` goes on from a checkpoint, or from weights alone (a warm start). Uninterrupted, the
+    same scenarios, configuration and machine give the same weights; a resumed run begins with new
+    lessons. Raises RegentsError where the scenarios hold too few.
     """
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
@@ -94,7 +96,7 @@ def train(
         course.done.append(Epoch(epoch, loss, check, *driven))
         save_weights(_weights(course.network), output)
         _save_checkpoint(course, output)
-        yield course.done[-1]
+        yield list(course.done)
 
 
 def checkpoint_path(output: Path) -> Path:
@@ -196,12 +198,16 @@ def _practise(
     return found.collision_rate, found.mean_away_m
 
 
-def _predict(network: AimBevNetwork):  # noqa: ANN202
+def _predict(network: AimBevNetwork) -> Predict:
     def predict(views: np.ndarray, speed: np.ndarray, target: np.ndarray) -> np.ndarray:
         network.eval()
         with torch.inference_mode():
             parts = [
-                network(_pictures(torch.tensor(views[i : i + 64])), torch.tensor(speed[i : i + 64]), torch.tensor(target[i : i + 64]))
+                network(
+                    _pictures(torch.tensor(views[i : i + 64])),
+                    torch.tensor(speed[i : i + 64]),
+                    torch.tensor(target[i : i + 64]),
+                )
                 for i in range(0, len(views), 64)
             ]
         return torch.cat(parts).numpy()
@@ -249,6 +255,4 @@ def _restore(course: _Course, saved: dict[str, np.ndarray]) -> None:
             state.setdefault(int(index), {})[moment] = torch.tensor(values)
     course.adam.load_state_dict({"state": state, "param_groups": course.adam.state_dict()["param_groups"]})
     course.rows, course.states = saved["rows"], saved["states"]
-    course.done = [
-        Epoch(int(row[0]), *(None if np.isnan(v) else float(v) for v in row[1:])) for row in saved["epochs"]
-    ]
+    course.done = [Epoch(int(row[0]), *(None if np.isnan(v) else float(v) for v in row[1:])) for row in saved["epochs"]]
