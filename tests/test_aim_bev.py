@@ -22,6 +22,8 @@ from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.suite import SuiteWriter, load_cases
 
+NAME = "regents_cosim.planners.aim_bev.planner:aim_bev"
+
 
 def waypoints_of(accel, curvature, speed):
     """What constant controls lead to in 0.8 s."""
@@ -117,7 +119,7 @@ def test_it_drives_without_torch():
     from regents_cosim.evaluation.driving import drive_case
 
     assert SHIPPED.stat().st_size < 12e6
-    drive = drive_case(scene((0, 3.2, 10.0), (40, 3.2, 10.0), (-20, 0.0, 10.0)), "aim-bev")
+    drive = drive_case(scene((0, 3.2, 10.0), (40, 3.2, 10.0), (-20, 0.0, 10.0)), NAME)
     assert drive.hits is None
     assert drive.completion > 0.8
     if "torch" in sys.modules:
@@ -133,11 +135,12 @@ def test_torch_and_jax_agree():
     network.load_state_dict({name: torch.tensor(values) for name, values in weights.items()}, strict=False)
     rng = np.random.default_rng(0)
     view = np.repeat(np.repeat(rng.integers(0, 256, (24, 24, 3), np.uint8), 8, axis=0), 8, axis=1)
+    forward = jax.jit(lambda network, *seen: network(*seen))
     for speed, target in ((0.0, (5.0, 1.0)), (9.0, (60.0, -20.0)), (22.0, (0.0, 0.0))):
         with torch.inference_mode():
             pictures = torch.tensor(view).permute(2, 0, 1)[None] / 255.0
             theirs = network(pictures, torch.tensor([speed]), torch.tensor([target]))[0].numpy()
-        ours = jax.jit(aim_bev().network)(jnp.asarray(view), jnp.float32(speed), jnp.array(target, jnp.float32))
+        ours = forward(aim_bev().network, jnp.asarray(view), jnp.float32(speed), jnp.array(target, jnp.float32))
         assert np.abs(theirs - np.asarray(ours)).max() < 1e-5 * max(1.0, np.abs(theirs).max())
 
 

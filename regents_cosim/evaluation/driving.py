@@ -9,6 +9,7 @@ from statistics import fmean
 
 import numpy as np
 import shapely
+from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners
 from regents_cosim.collisions import first_contact
@@ -104,12 +105,12 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
     )
 
 
-def _off_road(scenario: Scenario, tracks: Tracks) -> np.ndarray:
+def _off_road(scenario: Scenario, tracks: Tracks) -> Bool[np.ndarray, " time"]:
     """At which steps a corner of the ego is more than 0.3 m off the road."""
     ego = scenario.ego
     box = Boxes(tracks.x[0], tracks.y[0], tracks.yaw[0], np.float64(ego.length), np.float64(ego.width))
     away = np.asarray(shapely.distance(scenario.road.drivable, shapely.points(corners(box))))
-    return (away > OFF_ROAD_M).any(axis=-1)
+    return np.any(away > OFF_ROAD_M, axis=-1)
 
 
 def _interval(bounds: tuple[float, float]) -> tuple[float, float]:

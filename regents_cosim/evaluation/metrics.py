@@ -21,7 +21,8 @@ def route_completion(route: Float[np.ndarray, "point 2"], driven: Float[np.ndarr
     if line.length == 0.0:
         return 1.0
     points = shapely.points(driven)
-    reached = shapely.line_locate_point(line, points)[shapely.distance(line, points) <= _OFF_ROUTE_M]
+    along, away = np.asarray(shapely.line_locate_point(line, points)), np.asarray(shapely.distance(line, points))
+    reached = along[away <= _OFF_ROUTE_M]
     return float(reached.max(initial=0.0) / line.length)
 
 

@@ -97,7 +97,8 @@ def _parts(lane: Lane, count: int) -> list[tuple[float, ...]]:
 
 def _lane_lines(road: RoadMap, window: tuple[float, ...]) -> BaseGeometry:
     """The area of all lane lines that may reach into the window."""
-    near = road.centre_lines.query(shapely.box(*window).buffer(5.0))
+    low_x, low_y, high_x, high_y = window
+    near = road.centre_lines.query(shapely.box(low_x, low_y, high_x, high_y).buffer(5.0))
     lines = []
     for lane in (road.lanes[index] for index in near):
         centre = shapely.LineString(lane.centre)

@@ -10,6 +10,7 @@ are the bits of six words, so that any number of boxes costs a few thousand oper
 Source: the observer of KING (Hanselmann et al. 2022) and ReGentS section 3.
 """
 
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -71,7 +72,8 @@ def observe(ground: Ground, bars: Box, view: View, ego: Motion) -> UInt8[Array, 
     first, second = (_rows_filled(bars, (light & bit) > 0) for bit in (np.uint8(1), np.uint8(2)))
     planes = _in_order(first, second, _rows_filled(others, valid), _rows_filled(_marks(others, speed), valid))
     bits = ((plane[..., None] >> np.arange(32, dtype=np.uint32)) & np.uint32(1) for plane in planes)
-    moving = sum(bit << power for power, bit in enumerate(bits)).reshape(PIXELS, PIXELS)
+    moving = functools.reduce(jnp.bitwise_or, (bit << power for power, bit in enumerate(bits)))
+    moving = moving.reshape(PIXELS, PIXELS)
     shown = jnp.where(moving > 0, moving, _ground_under(ground, ego, cos, sin).astype(jnp.uint32))
     return (((_TABLE >> (3 * shown[..., None])) & np.uint32(7)) * np.uint32(_LEVEL)).astype(jnp.uint8)
 

@@ -48,8 +48,9 @@ class Curriculum:
         last = self.last[scene, agent]
         soonest = np.minimum(step + WAYPOINTS, last)
         goal = np.where(rng.random(len(rows)) < 0.5, last, rng.integers(soonest, last + 1))
-        indices = (jnp.asarray(values, jnp.int32) for values in (scene, agent, step, goal))
-        return Lesson(*indices, Motion(*(jnp.asarray(v, jnp.float32) for v in states.T)))
+        scene, agent, step, goal = (jnp.asarray(values, jnp.int32) for values in (scene, agent, step, goal))
+        x, y, yaw, speed = (jnp.asarray(values, jnp.float32) for values in states.T)
+        return Lesson(scene, agent, step, goal, Motion(x, y, yaw, speed))
 
     def states(self, rows: Int[np.ndarray, "lesson 3"]) -> Float[np.ndarray, "lesson 4"]:
         """The logged states (x, y, yaw, speed)."""
@@ -63,7 +64,8 @@ def plan(room: Classroom) -> Curriculum:
     found: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
     for scene in range(len(valid)):
         taught = _usable(log, valid, half_width, scene)
-        kinds = _kinds(*(values[scene] for values in log), valid[scene])
+        x, y, yaw, speed = (values[scene] for values in log)
+        kinds = _kinds(x, y, yaw, speed, valid[scene])
         for kind in KINDS:
             rows = np.argwhere(taught & kinds[kind])
             found[kind].append(np.insert(rows, 0, scene, axis=1))

@@ -46,7 +46,7 @@ class Filter(eqx.Module):
     bias: Float[Array, " channel"]
     stride: int = eqx.field(static=True)
 
-    def __call__(self, x: Float[Array, "row column channel"]) -> Float[Array, "row column channel"]:
+    def __call__(self, x: Float[Array, "row column channel"]) -> Float[Array, "less fewer channel"]:
         """Every channel filtered by itself, zeros around the picture."""
         size = self.weight.shape[0]
         rows, columns = (-(-side // self.stride) for side in x.shape[:2])
@@ -69,7 +69,7 @@ class Residual(eqx.Module):
     hard_swish: bool = eqx.field(static=True)
     adds: bool = eqx.field(static=True)
 
-    def __call__(self, x: Float[Array, "row column input"]) -> Float[Array, "half half output"]:
+    def __call__(self, x: Float[Array, "row column input"]) -> Float[Array, "less fewer output"]:
         """The block, added to its input where the shapes allow."""
         activation = jax.nn.hard_swish if self.hard_swish else jax.nn.relu
         inner = x if self.expand is None else activation(self.expand(x))

@@ -179,7 +179,7 @@ def _pictures(views: Tensor) -> Tensor:
 
 def _check(course: _Course, room: Classroom, held_back: Curriculum, config: TrainConfig) -> float:
     """Loss [m] on windows that are not taught, the same lessons in every epoch."""
-    lesson = held_back.draw(256, np.random.default_rng(config.seed))
+    lesson = held_back.draw(min(256, config.lessons), np.random.default_rng(config.seed))
     found = _predict(course.network)(
         np.asarray(room.views(lesson)), np.asarray(lesson.state.speed), np.asarray(room.targets(lesson))
     )
@@ -216,7 +216,8 @@ def _predict(network: AimBevNetwork) -> Predict:
 
 
 def _begin(config: TrainConfig, resume: Path | None) -> _Course:
-    network = AimBevNetwork().to(memory_format=torch.channels_last)
+    network = AimBevNetwork()
+    network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
     course = _Course(network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept))
     if resume is not None:
@@ -255,4 +256,6 @@ def _restore(course: _Course, saved: dict[str, np.ndarray]) -> None:
             state.setdefault(int(index), {})[moment] = torch.tensor(values)
     course.adam.load_state_dict({"state": state, "param_groups": course.adam.state_dict()["param_groups"]})
     course.rows, course.states = saved["rows"], saved["states"]
-    course.done = [Epoch(int(row[0]), *(None if np.isnan(v) else float(v) for v in row[1:])) for row in saved["epochs"]]
+    for epoch, loss, held_back, *driven in saved["epochs"].tolist():
+        rate, away = (None if np.isnan(value) else value for value in driven)
+        course.done.append(Epoch(int(epoch), loss, held_back, rate, away))
