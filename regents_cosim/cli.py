@@ -138,7 +138,7 @@ def attack(
     cases
         a case or a folder of cases, as `regents record` makes them; or name traffic with -c
     planner
-        system under test: idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
+        system under test: aim-bev, idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
     method
         preset: king and regents as published; focused, our own, finds more crashes that mean something
     search
