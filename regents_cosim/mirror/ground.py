@@ -1,7 +1,8 @@
 """All that stands still in a bird's-eye view, drawn once per map: road surface, lane lines, edges, stop bars.
 
-Cells of 5 cm hold what is at their centre, exactly: the raster of a view samples the nearest
-cell, so that a line is never further off than 3.5 cm.
+Cells of 4 cm hold what is at their centre, exactly: the raster of a view samples the nearest
+cell, so that a line is never further off than 3 cm. (With 5 cm a junction full of lines differs
+from an exact raster in 1.05 % of the pixels.)
 """
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from regents_cosim.mirror.separation import Box
 from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 
-CELL_M = 0.05
+CELL_M = 0.04
 LANE_LINE_M = 0.2  # width; lane lines run along the sides of lanes, and along the middle of ways through a junction
 EDGE_LINE_M = 0.3  # width; along the edge of the drivable area
 LAND, SURFACE, LANE_LINE, EDGE_LINE = range(4)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt8
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars
+from regents_cosim.mirror.ground import CELL_M, Ground, draw_cells, stop_bars
 from regents_cosim.mirror.observe import REACH_M, View, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
@@ -134,7 +134,8 @@ def _together(drawn: Sequence[tuple[np.ndarray, Float[np.ndarray, " 2"]]]) -> Gr
     sizes = [cells.size for cells, _ in drawn]
     require(
         sum(sizes) <= _MOST_CELLS,
-        f"the cases cover {sum(sizes) / 400e6:.1f} km^2 of maps, expected 5 at most (train on fewer or smaller maps)",
+        f"the cases cover {sum(sizes) * CELL_M**2 / 1e6:.1f} km^2 of maps, expected "
+        f"{_MOST_CELLS * CELL_M**2 / 1e6:.1f} at most (train on fewer or smaller maps)",
         RegentsError,
     )
     return Ground(
