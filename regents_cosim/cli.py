@@ -289,6 +289,7 @@ def train_aim_bev(
     lessons: int = 4096,
     drives: int = 40,
     frozen: int = 0,
+    learning_rate: float = 1e-3,
     threads: int = 2,
     seed: int = 0,
     resume: Path | None = None,
@@ -312,7 +313,9 @@ def train_aim_bev(
     drives
         drives of the network by itself per epoch, from whose states it learns as well
     frozen
-        first layers of the encoder that learn no more; with 4 of 13 an epoch costs a third
+        first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8
+    learning_rate
+        of Adam, at the first epoch
     threads
         of torch
     seed
@@ -332,7 +335,9 @@ def train_aim_bev(
         from regents_cosim.planners.aim_bev.train import TrainConfig, train
     except ModuleNotFoundError as error:
         raise RegentsError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
-    config = TrainConfig(epochs, seed, lessons, frozen=frozen, drives=drives, threads=threads)
+    config = TrainConfig(
+        epochs, seed, lessons, learning_rate=learning_rate, frozen=frozen, drives=drives, threads=threads
+    )
     scenarios = load_cases(cases)
     output.parent.mkdir(parents=True, exist_ok=True)
     done = []

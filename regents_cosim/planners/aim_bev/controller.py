@@ -14,7 +14,7 @@ from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
 from regents_cosim.planners.aim_bev.architecture import WAYPOINT_S, WAYPOINTS
 
 _WINDOW = 8  # errors that the integral and the derivative know, as published
-_STANDING_M_S = 0.3  # a path slower than that means: stop
+_STANDING_M_S = 0.6  # a path slower than that means: stop, as published
 _LEAST_WAY_M2 = 0.25  # squared; waypoints nearer than 0.5 m tell no direction
 
 

@@ -26,6 +26,9 @@ _LEADER_M = 22.0
 _BESIDE_M = 1.5
 _SEEN_M = 60.0  # around a window's ego, where its neighbours are in the window too
 _PERTURBED = 0.75  # of the lessons
+_LATE = 0.35  # of them: from where the log would be had it kept its speed ...
+_LATE_STEPS = 20  # ... for up to 2 s,
+_LATE_M = 7.0  # or up to this far
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +38,17 @@ class Curriculum:
     rows: dict[str, Int[np.ndarray, "lesson 3"]]
     last: Int[np.ndarray, "scene agent"]
     log: tuple[Float[np.ndarray, "scene agent time"], ...]  # x, y [m], yaw [rad], speed [m/s]
+    valid: Bool[np.ndarray, "scene agent time"]
+    dt: float  # [s]
 
     def draw(self, count: int, rng: np.random.Generator) -> Lesson:
         """`count` lessons, as many of each kind, from perturbed states."""
         kinds = rng.choice([kind for kind in KINDS if len(self.rows[kind])], count)
         rows = np.array([self.rows[kind][rng.integers(len(self.rows[kind]))] for kind in kinds])
-        return self.lessons(rows, _perturbed(self.states(rows), rng), rng)
+        late = rng.random(count) < _LATE
+        states = self.states(rows)
+        states[late] = [self._too_late(row, rng) for row in rows[late]]
+        return self.lessons(rows, _perturbed(states, rng), rng)
 
     def lessons(self, rows: Int[np.ndarray, "lesson 3"], states: np.ndarray, rng: np.random.Generator) -> Lesson:
         """Lessons from given states (x, y, yaw, speed), each with a target: the end of the log, or a step before it."""
@@ -51,6 +59,23 @@ class Curriculum:
         scene, agent, step, goal = (jnp.asarray(values, jnp.int32) for values in (scene, agent, step, goal))
         x, y, yaw, speed = (jnp.asarray(values, jnp.float32) for values in states.T)
         return Lesson(scene, agent, step, goal, Motion(x, y, yaw, speed))
+
+    def _too_late(self, row: Int[np.ndarray, " 3"], rng: np.random.Generator) -> Float[np.ndarray, " 4"]:
+        """The state (x, y, yaw, speed) of an ego that kept its speed for some time when its log did not.
+
+        Without these, the network brakes too little for what comes into view late.
+        """
+        scene, agent, step = row
+        x, y, yaw, speed = (values[scene, agent, : self.last[scene, agent] + 1] for values in self.log)
+        before = max(step - rng.integers(1, _LATE_STEPS + 1), int(np.argmax(self.valid[scene, agent])))
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+        reached = along[before] + speed[before] * (step - before) * self.dt
+        reached = np.clip(reached, along[step] - _LATE_M, along[step] + _LATE_M)
+        near = min(int(np.searchsorted(along, reached)), len(x) - 1)
+        further = reached - along[near]
+        return np.array(
+            [x[near] + further * np.cos(yaw[near]), y[near] + further * np.sin(yaw[near]), yaw[near], speed[before]]
+        )
 
     def states(self, rows: Int[np.ndarray, "lesson 3"]) -> Float[np.ndarray, "lesson 4"]:
         """The logged states (x, y, yaw, speed)."""
@@ -67,10 +92,10 @@ def plan(room: Classroom) -> Curriculum:
         x, y, yaw, speed = (values[scene] for values in log)
         kinds = _kinds(x, y, yaw, speed, valid[scene])
         for kind in KINDS:
-            rows = np.argwhere(taught & kinds[kind])
-            found[kind].append(np.insert(rows, 0, scene, axis=1))
+            found[kind].append(np.insert(np.argwhere(taught & kinds[kind]), 0, scene, axis=1))
             taught &= ~kinds[kind]
-    return Curriculum({kind: np.concatenate(rows) for kind, rows in found.items()}, np.asarray(room.last), log)
+    rows = {kind: np.concatenate(lessons) for kind, lessons in found.items()}
+    return Curriculum(rows, np.asarray(room.last), log, valid, room.dt)
 
 
 def _usable(log: tuple[np.ndarray, ...], valid: np.ndarray, half_width: np.ndarray, scene: int) -> np.ndarray:
@@ -121,7 +146,7 @@ def _perturbed(states: Float[np.ndarray, "lesson 4"], rng: np.random.Generator) 
     along = on * np.clip(rng.normal(0.0, 1.0, count), -2.0, 2.0) * np.minimum(speed / 5.0, 1.0)
     aside = on * np.clip(rng.normal(0.0, 0.4, count), -1.2, 1.2)
     turned = on * np.clip(rng.normal(0.0, 0.1, count), -0.35, 0.35)
-    faster = on * rng.normal(0.0, 1.0, count) * (0.3 + 0.1 * speed)
+    faster = on * rng.normal(0.0, 1.0, count) * (0.6 + 0.1 * speed)
     return np.stack(
         [
             x + along * np.cos(yaw) - aside * np.sin(yaw),

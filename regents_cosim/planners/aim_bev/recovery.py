@@ -14,7 +14,7 @@ from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 
 _SPRING = 0.25  # [1/s^2] per metre behind the log
 _DAMPER = 1.0  # [1/s] per m/s slower than the log; 2 sqrt(spring) is critical damping
-_MOST_ACCEL, _MOST_BRAKE = 3.0, 5.0  # [m/s^2]
+_MOST_ACCEL, _MOST_BRAKE = 3.0, 6.0  # [m/s^2]
 _LOOK_AHEAD_S, _LEAST_LOOK_AHEAD_M = 0.5, 3.0  # of pure pursuit
 
 
