@@ -12,7 +12,7 @@ BIN := .venv/bin
 	touch $@
 
 .venv/installed-dev: .venv/installed
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[dev]' torch==2.13.0
 	touch $@
 
 demo: .venv/installed  ## from nothing to verified crashes and pictures, in ./demo

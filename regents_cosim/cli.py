@@ -32,6 +32,8 @@ app = App(
 )
 bench = App(name="bench", help="Measure, and print the tables of the README.")
 app.command(bench)
+training = App(name="train", help="Teach a planner to drive.")
+app.command(training)
 
 
 @Parameter(name="*")
@@ -226,7 +228,7 @@ def attack(
     cases
         a case or a folder of cases, as `regents record` makes them; or name traffic with -c
     planner
-        system under test: idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
+        system under test: aim-bev, idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
     output
         folder for the attacked cases
     batch
@@ -335,6 +337,102 @@ def replay(
     rows = [replay_row(result) for result in found]
     terminal.show(f"replayed in {where}, the ego driven by {driven_by or 'its track'}", rows)
     return _exit_code(found, terminal)
+
+
+@app.command
+def evaluate(cases: Path, *, planner: str, compile_cache: bool = True, talk: Talk = Talk()) -> int:
+    """How well a planner drives: route completion, collision rate and driving score, in the mirror.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases; attacked ones are driven among their adversaries
+    planner
+        system under test: aim-bev, idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.driving import drive_each, driving_rows
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.suite import load_cases
+
+    terminal = _terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    scenarios = load_cases(cases)
+    drives = list(terminal.each(drive_each(scenarios, planner), f"driving {planner}", len(scenarios)))
+    terminal.show(f"{planner} on {len(drives)} cases", [dataclasses.asdict(row) for row in driving_rows(drives)])
+    return 0
+
+
+@training.command(name="aim-bev")
+def train_aim_bev(
+    cases: Path,
+    *,
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    epochs: int = 40,
+    lessons: int = 4096,
+    drives: int = 40,
+    frozen: int = 0,
+    learning_rate: float = 1e-3,
+    threads: int = 2,
+    seed: int = 0,
+    resume: Path | None = None,
+    talk: Talk = Talk(),
+) -> int:
+    """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install 'regents_cosim[torch]').
+
+    Every vehicle near the ego of a case is a teacher. After each epoch the weights, a checkpoint and a picture of
+    the training are written.
+
+    Parameters
+    ----------
+    cases
+        a folder of cases, as `regents record` makes them
+    output
+        file for the weights (.safetensors)
+    epochs
+        passes; the learning rate falls to a hundredth over them
+    lessons
+        new ones per epoch; each is repeated in four epochs
+    drives
+        drives of the network by itself per epoch, from whose states it learns as well
+    frozen
+        first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8
+    learning_rate
+        of Adam, at the first epoch
+    threads
+        of torch
+    seed
+        of everything that is drawn
+    resume
+        a checkpoint to go on from, or weights for a warm start
+    """
+    from regents_cosim.atomic import require_writable
+    from regents_cosim.reports.curve import draw_curve
+    from regents_cosim.suite import load_cases
+
+    terminal = _terminal(talk)
+    if output.suffix != ".safetensors":
+        raise RegentsError(f"--output {output}: expected a name that ends in .safetensors")
+    require_writable(output.parent)
+    try:
+        from regents_cosim.planners.aim_bev.train import TrainConfig, train
+    except ModuleNotFoundError as error:
+        raise RegentsError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
+    config = TrainConfig(
+        epochs, seed, lessons, learning_rate=learning_rate, frozen=frozen, drives=drives, threads=threads
+    )
+    scenarios = load_cases(cases)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    done = []
+    for done in terminal.each(train(scenarios, output, config, resume), "training", epochs):
+        last = done[-1]
+        terminal.say(f"epoch {len(done)} of {epochs}: loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m")
+        lines = {"loss [m]": [e.loss_m for e in done], "held back [m]": [e.held_back_m for e in done]}
+        draw_curve("AIM-BEV: error of the waypoints", lines, output.with_suffix(".png"))
+    terminal.show(f"weights in {output}", [dataclasses.asdict(epoch) for epoch in done])
+    return 0
 
 
 @app.command

@@ -1,6 +1,8 @@
 """How sure one can be of a share."""
 
-from math import sqrt
+from collections.abc import Sequence
+from math import inf, sqrt
+from statistics import fmean, stdev
 
 
 def wilson(successes: int, n: int, z: float = 1.959964) -> tuple[float, float]:
@@ -14,3 +16,12 @@ def wilson(successes: int, n: int, z: float = 1.959964) -> tuple[float, float]:
     middle = (share + slack / 2) / (1 + slack)
     half = z * sqrt(share * (1 - share) / n + slack / (4 * n)) / (1 + slack)
     return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def mean_interval(values: Sequence[float], z: float = 1.959964) -> tuple[float, float]:
+    """95 % interval of the mean, by the normal distribution; infinitely wide for fewer than two values."""
+    if len(values) < 2:
+        return -inf, inf
+    middle = fmean(values)
+    half = z * stdev(values) / sqrt(len(values))
+    return middle - half, middle + half

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -9,6 +10,8 @@ from regents_cosim.mirror.rollout import drive, with_ego
 from regents_cosim.mirror.world import to_tracks, to_world
 from regents_cosim.planners.interface import Scene, find_planner, start
 from regents_cosim.scenario import Scenario, Tracks
+
+_drive = eqx.filter_jit(drive)
 
 
 def replay_in_mirror(scenario: Scenario, planner: str | None = None) -> Tracks:
@@ -19,7 +22,7 @@ def replay_in_mirror(scenario: Scenario, planner: str | None = None) -> Tracks:
     if planner is None:
         return scenario.tracks
     loop, world = find_planner(planner), to_world(scenario)
-    ego, ego_controls = drive(loop, start(loop, Scene(scenario, world), planner), world, world.log)
+    ego, ego_controls = _drive(loop, start(loop, Scene(scenario, world), planner), world, world.log)
     controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), world.controls, ego_controls)
     driven = to_tracks(with_ego(world.log, ego), controls, scenario)
     is_ego = np.arange(len(scenario.agents))[:, None] == 0

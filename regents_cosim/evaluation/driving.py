@@ -1,0 +1,122 @@
+"""`regents evaluate`: how well a planner drives in the mirror, case by case and in all."""
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from statistics import fmean
+
+import numpy as np
+import shapely
+from jaxtyping import Bool
+
+from regents_cosim.boxes import Boxes, corners
+from regents_cosim.collisions import first_contact
+from regents_cosim.evaluation.clean import OFF_ROAD_M
+from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
+from regents_cosim.evaluation.statistics import mean_interval, wilson
+from regents_cosim.replays.mirror import replay_in_mirror
+from regents_cosim.scenario import Scenario, Tracks
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One case, driven."""
+
+    case: str
+    source: str  # file that the traffic came from
+    completion: float  # 0 to 1
+    infraction: float
+    score: float
+    hits: str | None  # agent that the ego collides with
+    step: int | None  # of the collision
+    off_road: float  # share of the way driven
+
+
+@dataclass(frozen=True)
+class DrivingRow:
+    """A planner's scores over cases, with 95 % intervals."""
+
+    source: str
+    n: int
+    route_completion_percent: float
+    completion_interval_percent: tuple[float, float]
+    collisions: int
+    collision_rate_percent: float
+    collision_interval_percent: tuple[float, float]
+    infraction_score: float
+    driving_score_percent: float
+    driving_interval_percent: tuple[float, float]
+    off_road_percent: float  # of the way driven
+
+
+def drive_each(scenarios: Sequence[Scenario], planner: str) -> Iterator[Drive]:
+    """Let `planner` drive every case, in order. Raises PlannerError where it cannot be found or fails."""
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        yield from pool.map(partial(drive_case, planner=planner), scenarios)
+
+
+def drive_case(scenario: Scenario, planner: str) -> Drive:
+    """Let `planner` drive one case to the end of its horizon or its first collision."""
+    tracks = replay_in_mirror(scenario, planner)
+    contact = first_contact(scenario.agents, tracks)
+    end = tracks.steps if contact is None else contact[1] + 1
+    log = scenario.tracks if scenario.original is None else scenario.original
+    driven = np.stack([tracks.x[0, :end], tracks.y[0, :end]], axis=-1)
+    completion = route_completion(np.stack([log.x[0], log.y[0]], axis=-1), driven)
+    off_road = off_road_share(driven, _off_road(scenario, tracks)[:end])
+    infraction = infraction_score(scenario.agents[contact[0]].kind if contact else None, off_road)
+    return Drive(
+        case=scenario.id,
+        source=scenario.provenance.file,
+        completion=completion,
+        infraction=infraction,
+        score=driving_score(completion, infraction),
+        hits=scenario.agents[contact[0]].id if contact else None,
+        step=contact[1] if contact else None,
+        off_road=off_road,
+    )
+
+
+def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
+    """A row for each source of traffic, and one for all of them."""
+    sources = sorted({drive.source for drive in drives})
+    rows = [driving_row(source, [drive for drive in drives if drive.source == source]) for source in sources]
+    return rows if len(rows) == 1 else [*rows, driving_row("all", drives)]
+
+
+def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
+    """Means and rates of some drives."""
+    collisions = sum(drive.hits is not None for drive in drives)
+    completions, scores = [drive.completion for drive in drives], [drive.score for drive in drives]
+    return DrivingRow(
+        source=source,
+        n=len(drives),
+        route_completion_percent=_percent(fmean(completions)),
+        completion_interval_percent=_interval(mean_interval(completions)),
+        collisions=collisions,
+        collision_rate_percent=_percent(collisions / len(drives)),
+        collision_interval_percent=_interval(wilson(collisions, len(drives))),
+        infraction_score=round(fmean(drive.infraction for drive in drives), 3),
+        driving_score_percent=_percent(fmean(scores)),
+        driving_interval_percent=_interval(mean_interval(scores)),
+        off_road_percent=_percent(fmean(drive.off_road for drive in drives)),
+    )
+
+
+def _off_road(scenario: Scenario, tracks: Tracks) -> Bool[np.ndarray, " time"]:
+    """At which steps a corner of the ego is more than 0.3 m off the road."""
+    ego = scenario.ego
+    box = Boxes(tracks.x[0], tracks.y[0], tracks.yaw[0], np.float64(ego.length), np.float64(ego.width))
+    away = np.asarray(shapely.distance(scenario.road.drivable, shapely.points(corners(box))))
+    return np.any(away > OFF_ROAD_M, axis=-1)
+
+
+def _interval(bounds: tuple[float, float]) -> tuple[float, float]:
+    """In percent, within what a share can be."""
+    return _percent(max(bounds[0], 0.0)), _percent(min(bounds[1], 1.0))
+
+
+def _percent(share: float) -> float:
+    return round(100.0 * share, 1)

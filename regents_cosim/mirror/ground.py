@@ -1,0 +1,129 @@
+"""All that stands still in a bird's-eye view, drawn once per map: road surface, lane lines, edges, stop bars.
+
+Cells of 4 cm hold what is at their centre, exactly: the raster of a view samples the nearest
+cell, so that a line is never further off than 3 cm. (With 5 cm a junction full of lines differs
+from an exact raster in 1.05 % of the pixels.)
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import shapely
+from jaxtyping import Array, Bool, Float, Int, UInt8
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.mirror.separation import Box
+from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.scenario import Signal
+
+CELL_M = 0.04
+LANE_LINE_M = 0.2  # width; lane lines run along the sides of lanes, and along the middle of ways through a junction
+EDGE_LINE_M = 0.3  # width; along the edge of the drivable area
+LAND, SURFACE, LANE_LINE, EDGE_LINE = range(4)
+DARK, RED, GREEN, AMBER = range(4)
+
+_LIGHTS = {"r": RED, "s": RED, "y": AMBER, "Y": AMBER, "u": AMBER, "g": GREEN, "G": GREEN}
+_BAR_M = 0.9  # thickness of a stop bar along the road
+_BAR_SHARE = 0.84  # of the lane's width
+_SIZES = tuple(2**power for power in (22, 24, 25, 26))  # cells; few shapes, few compilations
+_BARS = (8, 32, 128, 512)
+
+
+class Ground(eqx.Module):
+    """A map as cells; row 0 is the least y. Several maps may share one array of cells."""
+
+    cells: UInt8[Array, " cell"]  # LAND, SURFACE, LANE_LINE or EDGE_LINE
+    first: Int[Array, "*axes"]  # the map's cell (0, 0)
+    shape: Int[Array, "*axes 2"]  # rows, columns; beyond them is LAND, and so is the outermost row and column
+    corner: Float[Array, "*axes 2"]  # [m] position of cell (0, 0)
+
+
+def draw_cells(
+    road: RoadMap, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]
+) -> UInt8[np.ndarray, "row column"]:
+    """Cells of `road` between the corners `low` and `high` [m], whose lower left centre is at `low`."""
+    columns, rows = (np.ceil((high - low) / CELL_M).astype(int) + 1).tolist()
+    shape = (rows, columns)
+    window = (*(low - 1.0), *(high + 1.0))
+    surface = shapely.clip_by_rect(road.drivable, *window)
+    cells = np.where(_filled(surface, low, shape), np.uint8(SURFACE), np.uint8(LAND))
+    cells[_filled(shapely.clip_by_rect(_lane_lines(road, window), *window), low, shape)] = LANE_LINE
+    edges = shapely.clip_by_rect(road.drivable.boundary, *window).buffer(0.5 * EDGE_LINE_M)
+    cells[_filled(edges, low, shape)] = EDGE_LINE
+    cells[[0, -1], :] = cells[:, [0, -1]] = LAND
+    return cells
+
+
+def to_ground(
+    cells: UInt8[np.ndarray, "row column"], low: Float[np.ndarray, " 2"], origin: Float[np.ndarray, " 2"]
+) -> Ground:
+    """Cells with their lower left centre at `low` [m, map frame] on the device, in coordinates less `origin`."""
+    size = next((size for size in _SIZES if size >= cells.size), cells.size)
+    padded = np.zeros(size, np.uint8)
+    padded[: cells.size] = cells.ravel()
+    return Ground(
+        jnp.asarray(padded), jnp.int32(0), jnp.array(cells.shape, jnp.int32), jnp.asarray(low - origin, jnp.float32)
+    )
+
+
+def stop_bars(
+    road: RoadMap, signals: tuple[Signal, ...], steps: int, origin: Float[np.ndarray, " 2"]
+) -> tuple[Box, UInt8[Array, "time bar"]]:
+    """Bars across signalled lanes, one part for each way on, in coordinates less `origin` [m], and their lights."""
+    shown = {signal.id: [signal.letters(k) for k in range(steps)] for signal in signals}
+    parts, lights = [], []
+    for lane in road.lanes:
+        links = sorted({(link.signal, link.link) for link in road.exits[lane.id] if link.signal in shown})
+        for (signal, link), part in zip(links, _parts(lane, len(links)), strict=True):
+            parts.append(part)
+            lights.append([_LIGHTS.get(letters[link], DARK) for letters in shown[signal]])
+    size = next((size for size in _BARS if size >= len(parts)), len(parts))
+    box = np.zeros((size, 6), np.float32)
+    light = np.zeros((steps, size), np.uint8)
+    if parts:
+        box[: len(parts)] = np.array(parts) - [*origin, 0.0, 0.0, 0.0, 0.0]
+        light[:, : len(parts)] = np.array(lights, np.uint8).T
+    return Box(*map(jnp.asarray, box.T)), jnp.asarray(light)
+
+
+def _parts(lane: Lane, count: int) -> list[tuple[float, ...]]:
+    """`count` boxes side by side at the end of a lane, from the right, with the fields of Box."""
+    ahead = lane.centre[-1] - lane.centre[-2]
+    cos, sin = (ahead / np.hypot(*ahead)).tolist()
+    middle = lane.centre[-1] - 0.5 * _BAR_M * np.array([cos, sin])
+    half = 0.5 * _BAR_SHARE * lane.width / max(count, 1)
+    places = [middle + (2 * index + 1 - count) * half * np.array([-sin, cos]) for index in range(count)]
+    return [(*place.tolist(), cos, sin, 0.5 * _BAR_M, half) for place in places]
+
+
+def _lane_lines(road: RoadMap, window: tuple[float, ...]) -> BaseGeometry:
+    """The area of all lane lines that may reach into the window."""
+    low_x, low_y, high_x, high_y = window
+    near = road.centre_lines.query(shapely.box(low_x, low_y, high_x, high_y).buffer(5.0))
+    lines = []
+    for lane in (road.lanes[index] for index in near):
+        centre = shapely.LineString(lane.centre)
+        sides = (0.0,) if lane.junction else (-0.5 * lane.width, 0.5 * lane.width)
+        lines += [centre if side == 0.0 else centre.offset_curve(side, join_style="mitre") for side in sides]
+    return shapely.union_all([line.buffer(0.5 * LANE_LINE_M, cap_style="flat") for line in lines])
+
+
+def _filled(
+    area: BaseGeometry, corner: Float[np.ndarray, " 2"], shape: tuple[int, int]
+) -> Bool[np.ndarray, "row column"]:
+    """Which cell centres lie inside `area`: even-odd along every row."""
+    rows, columns = shape
+    rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(area))]
+    if not rings:
+        return np.zeros(shape, bool)
+    ends = [np.concatenate([(ring[i : len(ring) - 1 + i] - corner) / CELL_M for ring in rings]) for i in (0, 1)]
+    upward = ends[0][:, 1] <= ends[1][:, 1]
+    low, high = (np.where(upward[:, None], a, b) for a, b in (ends, reversed(ends)))
+    begin, end = (np.clip(np.ceil(point[:, 1]), 0, rows).astype(int) for point in (low, high))
+    edge = np.repeat(np.arange(len(begin)), end - begin)
+    row = np.arange(len(edge)) - np.repeat(np.cumsum(end - begin) - (end - begin), end - begin) + begin[edge]
+    part = (row - low[edge, 1]) / (high[edge, 1] - low[edge, 1])
+    column = np.ceil(low[edge, 0] + part * (high[edge, 0] - low[edge, 0]))
+    crossed = np.zeros((rows, columns + 1), bool)
+    np.logical_xor.at(crossed, (row, np.clip(column, 0, columns).astype(int)), True)
+    return np.logical_xor.accumulate(crossed, axis=1)[:, :columns]

@@ -1,0 +1,147 @@
+"""What a camera straight above the ego would see: 192 x 192 pixels, 5 per metre, the ego's yaw up.
+
+The ego is in the middle and not drawn. From the ground up: road surface, lane lines, road edge,
+stop bars in the colour of their light, other road users as boxes, and on each a heading mark, a
+bar from its centre ahead that ends half a second's way beyond its front: it shows where the
+other is going, and how fast.
+
+Boxes are filled row by row: on one row of pixels a box is an interval of columns, and 192 columns
+are the bits of six words, so that any number of boxes costs a few thousand operations each.
+Source: the observer of KING (Hanselmann et al. 2022) and ReGentS section 3.
+"""
+
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
+
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.ground import CELL_M, Ground
+from regents_cosim.mirror.separation import Box
+
+PIXELS = 192  # per side
+PIXEL_M = 0.2
+REACH_M = 0.5 * PIXELS * PIXEL_M * np.sqrt(2.0)  # no pixel is further from the ego
+MARK_S = 0.5  # how far a heading mark reaches beyond the front, as a way at present speed
+MARK_WIDTH_M = 0.6
+MOST = 24  # others, and stop bars, that are drawn: the nearest
+
+# What a pixel can show, each on top of those before it; red, green and blue in steps of 36.
+_LEVEL = 36
+COLOURS = _LEVEL * np.array(
+    [
+        (0, 0, 0),  # land
+        (2, 2, 2),  # road surface
+        (4, 4, 4),  # lane line
+        (6, 6, 6),  # road edge
+        (7, 0, 0),  # red light
+        (0, 7, 0),  # green
+        (7, 7, 0),  # amber
+        (0, 0, 7),  # somebody else
+        (7, 0, 7),  # and where that one is heading
+    ],
+    np.uint8,
+)
+# The same per channel in one word, three bits for each.
+_TABLE = ((COLOURS // _LEVEL).astype(np.uint32) << (3 * np.arange(len(COLOURS), dtype=np.uint32))[:, None]).sum(
+    axis=0, dtype=np.uint32
+)
+_WORDS = PIXELS // 32
+# [m] ahead of the ego per row of pixels, and left of it per column
+_OFFSETS = ((PIXELS - 1) / 2 - np.arange(PIXELS, dtype=np.float32)) * np.float32(PIXEL_M)
+
+
+class View(eqx.Module):
+    """All that moves or changes, at one instant or over time."""
+
+    boxes: Box  # [agent] other road users
+    speed: Float[Array, "*axes agent"]  # [m/s]
+    valid: Bool[Array, "*axes agent"]
+    lights: UInt8[Array, "*axes bar"]  # RED, AMBER, GREEN or DARK
+
+
+def observe(ground: Ground, bars: Box, view: View, ego: Motion) -> UInt8[Array, "192 192 3"]:
+    """The view from above the ego at one instant, everything in the coordinates of `ego`."""
+    cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
+    bars, light = _nearest(_from_ego(bars, ego, cos, sin), view.lights)
+    others, speed, valid = _nearest(_from_ego(view.boxes, ego, cos, sin), view.speed, view.valid)
+    first, second = (_rows_filled(bars, (light & bit) > 0) for bit in (np.uint8(1), np.uint8(2)))
+    planes = _in_order(first, second, _rows_filled(others, valid), _rows_filled(_marks(others, speed), valid))
+    bits = ((plane[..., None] >> np.arange(32, dtype=np.uint32)) & np.uint32(1) for plane in planes)
+    moving = functools.reduce(jnp.bitwise_or, (bit << power for power, bit in enumerate(bits)))
+    moving = moving.reshape(PIXELS, PIXELS)
+    shown = jnp.where(moving > 0, moving, _ground_under(ground, ego, cos, sin).astype(jnp.uint32))
+    return (((_TABLE >> (3 * shown[..., None])) & np.uint32(7)) * np.uint32(_LEVEL)).astype(jnp.uint8)
+
+
+def _nearest(boxes: Box, *values: Array) -> tuple[Any, ...]:
+    """The boxes nearest to the ego, of all its frame, with what belongs to them."""
+    if boxes.x.shape[0] <= MOST:
+        return boxes, *values
+    _, kept = jax.lax.top_k(-(boxes.x**2 + boxes.y**2), MOST)
+    return jax.tree.map(lambda value: value[kept], (boxes, *values))
+
+
+def _in_order(first: Array, second: Array, other: Array, mark: Array) -> tuple[UInt32[Array, "row word"], ...]:
+    """Bit by bit the number of what is on top: 4 red, 5 green, 6 amber, 7 another, 8 its mark; 0 nothing."""
+    other = other & ~mark
+    lit = (first | second) & ~(other | mark)
+    return (second & ~first & lit) | other, (second & first & lit) | other, lit | other, mark
+
+
+def _ground_under(ground: Ground, ego: Motion, cos: Array, sin: Array) -> UInt8[Array, "192 192"]:
+    """The cell of the ground nearest to every pixel's centre."""
+    scale = np.float32(1.0 / CELL_M)
+    ahead, left = _OFFSETS[:, None] * scale, _OFFSETS[None, :] * scale
+    column = (ego.x - ground.corner[0]) * scale + ahead * cos - left * sin
+    row = (ego.y - ground.corner[1]) * scale + ahead * sin + left * cos
+    rows, columns = ground.shape[0], ground.shape[1]
+    column = jnp.clip(jnp.round(column).astype(jnp.int32), 0, columns - 1)
+    row = jnp.clip(jnp.round(row).astype(jnp.int32), 0, rows - 1)
+    return ground.cells.at[ground.first + row * columns + column].get(mode="promise_in_bounds")
+
+
+def _from_ego(box: Box, ego: Motion, cos: Array, sin: Array) -> Box:
+    """Boxes in the ego's own frame: x ahead of it, y to its left."""
+    dx, dy = box.x - ego.x, box.y - ego.y
+    heading = (box.cos * cos + box.sin * sin, box.sin * cos - box.cos * sin)
+    return Box(dx * cos + dy * sin, dy * cos - dx * sin, *heading, box.half_length, box.half_width)
+
+
+def _marks(box: Box, speed: Float[Array, " agent"]) -> Box:
+    half = 0.5 * (box.half_length + MARK_S * speed)
+    half_width = jnp.full_like(half, 0.5 * MARK_WIDTH_M)
+    return Box(box.x + half * box.cos, box.y + half * box.sin, box.cos, box.sin, half, half_width)
+
+
+def _rows_filled(box: Box, drawn: Bool[Array, " box"]) -> UInt32[Array, "row word"]:
+    """A bit for every pixel: whether its centre lies in one of the boxes that are `drawn`."""
+    box = jax.tree.map(lambda values: values[:, None], box)
+    further = _OFFSETS - box.x
+    along, across = _away_from_zero(box.sin), _away_from_zero(box.cos)
+    middle, half = -box.cos * further / along, box.half_length / jnp.abs(along)
+    least, most = middle - half, middle + half
+    middle, half = box.sin * further / across, box.half_width / jnp.abs(across)
+    least, most = jnp.maximum(least, middle - half), jnp.minimum(most, middle + half)
+    pixel = np.float32(1.0 / PIXEL_M)
+    begin = jnp.ceil((_OFFSETS[0] - box.y - most) * pixel)
+    end = jnp.floor((_OFFSETS[0] - box.y - least) * pixel) + 1.0
+    begin, end = (jnp.clip(edge, 0.0, PIXELS).astype(jnp.int32) for edge in (begin, end))
+    end = jnp.where(drawn[:, None], end, 0)
+    words = _bits_below(end) & ~_bits_below(begin)
+    return jax.lax.reduce(words, np.uint32(0), jax.lax.bitwise_or, (0,))
+
+
+def _bits_below(column: Int[Array, "box row"]) -> UInt32[Array, "box row word"]:
+    """Six words whose bits are set for all columns below `column`."""
+    count = column[..., None] - 32 * np.arange(_WORDS, dtype=np.int32)
+    some = (np.uint32(1) << jnp.clip(count, 0, 31).astype(jnp.uint32)) - np.uint32(1)
+    return jnp.where(count >= 32, np.uint32(0xFFFFFFFF), some)
+
+
+def _away_from_zero(value: Float[Array, "box 1"]) -> Float[Array, "box 1"]:
+    return jnp.where(jnp.abs(value) < 1e-6, np.float32(1e-6), value)

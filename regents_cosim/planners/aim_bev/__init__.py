@@ -1,0 +1,1 @@
+"""AIM-BEV, the neural ego of the ReGentS paper: a bird's-eye view in, waypoints out."""

@@ -1,0 +1,52 @@
+"""The shape of the network, once for torch (which trains it) and JAX (which runs it).
+
+MobileNetV3-small (Howard et al. 2019, table 2), parameters named as in torchvision, and the head
+of AIM-BEV (KING, Hanselmann et al. 2022). Beside the picture the head is given the ego's speed,
+which one picture cannot show.
+"""
+
+from typing import NamedTuple
+
+
+class Block(NamedTuple):
+    """One inverted residual block."""
+
+    kernel: int
+    inputs: int
+    expanded: int
+    outputs: int
+    squeeze: bool  # squeeze and excitation
+    hard_swish: bool  # otherwise ReLU
+    stride: int
+
+
+STEM = 16  # channels after the first convolution, 3 x 3, stride 2, hard-swish
+BLOCKS = (
+    Block(3, 16, 16, 16, True, False, 2),
+    Block(3, 16, 72, 24, False, False, 2),
+    Block(3, 24, 88, 24, False, False, 1),
+    Block(5, 24, 96, 40, True, True, 2),
+    Block(5, 40, 240, 40, True, True, 1),
+    Block(5, 40, 240, 40, True, True, 1),
+    Block(5, 40, 120, 48, True, True, 1),
+    Block(5, 48, 144, 48, True, True, 1),
+    Block(5, 48, 288, 96, True, True, 2),
+    Block(5, 96, 576, 96, True, True, 1),
+    Block(5, 96, 576, 96, True, True, 1),
+)
+LAST = 576  # channels of the last convolution, 1 x 1, hard-swish
+FEATURES = 512
+MLP = (256, 128, 64)
+HIDDEN = 64
+WAYPOINTS = 8
+WAYPOINT_S = 0.1  # between two of them
+NORM_EPSILON = 1e-3
+COORDINATE_M = 10.0  # unit of coordinates inside the network
+SPEED_M_S = 10.0  # unit of speeds inside it
+FAR_TARGET_M = 40.0  # of a target further away only the direction counts
+
+
+def squeezed(expanded: int) -> int:
+    """Channels inside squeeze and excitation: a quarter, rounded to a multiple of 8, and not by more than a tenth."""
+    channels = max(8, (expanded // 4 + 4) // 8 * 8)
+    return channels + 8 if channels < 0.9 * (expanded // 4) else channels

@@ -1,0 +1,53 @@
+"""From waypoints to controls: PID on speed, pure pursuit on the path, in the bicycle's own units.
+
+The published gains belong to CARLA's pedals and steering wheel. Here the controls are
+acceleration and curvature: constant acceleration a over the waypoints' 0.8 s makes their mean
+speed differ from the present one by 0.4 s times a, and the circle through the last waypoint is
+the way to it.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
+from regents_cosim.planners.aim_bev.architecture import WAYPOINT_S, WAYPOINTS
+
+_WINDOW = 8  # errors that the integral and the derivative know, as published
+_STANDING_M_S = 0.6  # a path slower than that means: stop, as published
+_LEAST_WAY_M2 = 0.25  # squared; waypoints nearer than 0.5 m tell no direction
+
+
+class Errors(eqx.Module):
+    """The controller's state: what the desired speed was off by, the latest last."""
+
+    speed: Float[Array, " window"]  # [m/s]
+
+
+class Controller(eqx.Module):
+    """Gains of the speed controller, per second, per second squared, and without unit."""
+
+    proportional: float = 2.5
+    integral: float = 0.0
+    derivative: float = 0.0
+
+    def begin(self) -> Errors:
+        """No errors yet."""
+        return Errors(jnp.zeros(_WINDOW))
+
+    def steer(
+        self, errors: Errors, waypoints: Float[Array, "waypoint 2"], speed: Float[Array, ""]
+    ) -> tuple[Controls, Errors]:
+        """Controls along `waypoints` [m, ego frame, x ahead] at the present `speed` [m/s]."""
+        steps = jnp.diff(waypoints, axis=0, prepend=jnp.zeros((1, 2)))
+        desired = jnp.hypot(steps[:, 0], steps[:, 1]).sum() / (WAYPOINTS * WAYPOINT_S)
+        desired = jnp.where((desired < _STANDING_M_S) | (waypoints[-1, 0] < 0.0), 0.0, desired)
+        errors = Errors(jnp.append(errors.speed[1:], desired - speed))
+        accel = (
+            self.proportional * errors.speed[-1]
+            + self.integral * errors.speed.mean()
+            + self.derivative * (errors.speed[-1] - errors.speed[-2])
+        )
+        accel = jnp.where(desired == 0.0, -jnp.minimum(speed / WAYPOINT_S, ACCEL_LIMIT), accel)
+        ahead, left = waypoints[-1]
+        return Controls(accel, 2.0 * left / jnp.maximum(ahead**2 + left**2, _LEAST_WAY_M2)), errors

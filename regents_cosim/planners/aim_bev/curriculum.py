@@ -1,0 +1,158 @@
+"""Which lessons are taught: balanced over what vehicles do, from states beside the log.
+
+Imitation of the log alone drifts: an ego that is once beside its log has never seen what to do
+there. So every lesson starts from a perturbed state, and states that the network itself drove
+into are added (DAgger, Ross et al. 2011).
+"""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from regents_cosim.frames import wrap
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
+from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
+
+KINDS = ("stopping", "merging", "turning", "following", "cruising")  # the first that holds counts
+_AHEAD_STEPS = 30  # how far the log is looked ahead to say what a vehicle does
+_TURN_RAD = np.deg2rad(15.0)
+_ASIDE_M = 1.2  # to the side while hardly turning: a change of lanes
+_HARDLY_RAD = np.deg2rad(10.0)
+_STOP_M_S = 1.0
+_LEADER_M = 22.0
+_BESIDE_M = 1.5
+_SEEN_M = 60.0  # around a window's ego, where its neighbours are in the window too
+_PERTURBED = 0.75  # of the lessons
+_LATE = 0.35  # of them: from where the log would be had it kept its speed ...
+_LATE_STEPS = 20  # ... for up to 2 s,
+_LATE_M = 7.0  # or up to this far
+
+
+@dataclass(frozen=True, eq=False)
+class Curriculum:
+    """Lessons by kind, as rows (scene, agent, step)."""
+
+    rows: dict[str, Int[np.ndarray, "lesson 3"]]
+    last: Int[np.ndarray, "scene agent"]
+    log: tuple[Float[np.ndarray, "scene agent time"], ...]  # x, y [m], yaw [rad], speed [m/s]
+    valid: Bool[np.ndarray, "scene agent time"]
+    dt: float  # [s]
+
+    def draw(self, count: int, rng: np.random.Generator) -> Lesson:
+        """`count` lessons, as many of each kind, from perturbed states."""
+        kinds = rng.choice([kind for kind in KINDS if len(self.rows[kind])], count)
+        rows = np.array([self.rows[kind][rng.integers(len(self.rows[kind]))] for kind in kinds])
+        late = rng.random(count) < _LATE
+        states = self.states(rows)
+        states[late] = [self._too_late(row, rng) for row in rows[late]]
+        return self.lessons(rows, _perturbed(states, rng), rng)
+
+    def lessons(self, rows: Int[np.ndarray, "lesson 3"], states: np.ndarray, rng: np.random.Generator) -> Lesson:
+        """Lessons from given states (x, y, yaw, speed), each with a target: the end of the log, or a step before it."""
+        scene, agent, step = rows.T
+        last = self.last[scene, agent]
+        soonest = np.minimum(step + WAYPOINTS, last)
+        goal = np.where(rng.random(len(rows)) < 0.5, last, rng.integers(soonest, last + 1))
+        scene, agent, step, goal = (jnp.asarray(values, jnp.int32) for values in (scene, agent, step, goal))
+        x, y, yaw, speed = (jnp.asarray(values, jnp.float32) for values in states.T)
+        return Lesson(scene, agent, step, goal, Motion(x, y, yaw, speed))
+
+    def _too_late(self, row: Int[np.ndarray, " 3"], rng: np.random.Generator) -> Float[np.ndarray, " 4"]:
+        """The state (x, y, yaw, speed) of an ego that kept its speed for some time when its log did not.
+
+        Without these, the network brakes too little for what comes into view late.
+        """
+        scene, agent, step = row
+        x, y, yaw, speed = (values[scene, agent, : self.last[scene, agent] + 1] for values in self.log)
+        before = max(step - rng.integers(1, _LATE_STEPS + 1), int(np.argmax(self.valid[scene, agent])))
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+        reached = along[before] + speed[before] * (step - before) * self.dt
+        reached = np.clip(reached, along[step] - _LATE_M, along[step] + _LATE_M)
+        near = min(int(np.searchsorted(along, reached)), len(x) - 1)
+        further = reached - along[near]
+        return np.array(
+            [x[near] + further * np.cos(yaw[near]), y[near] + further * np.sin(yaw[near]), yaw[near], speed[before]]
+        )
+
+    def states(self, rows: Int[np.ndarray, "lesson 3"]) -> Float[np.ndarray, "lesson 4"]:
+        """The logged states (x, y, yaw, speed)."""
+        return np.stack([values[tuple(rows.T)] for values in self.log], axis=-1)
+
+
+def plan(room: Classroom) -> Curriculum:
+    """All lessons that `room` holds: vehicles that stay for the next 0.8 s, near the window's ego."""
+    log = tuple(np.asarray(values) for values in (room.log.x, room.log.y, room.log.yaw, room.log.speed))
+    valid, half_width = np.asarray(room.valid), np.asarray(room.half_width)
+    found: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
+    for scene in range(len(valid)):
+        taught = _usable(log, valid, half_width, scene)
+        x, y, yaw, speed = (values[scene] for values in log)
+        kinds = _kinds(x, y, yaw, speed, valid[scene])
+        for kind in KINDS:
+            found[kind].append(np.insert(np.argwhere(taught & kinds[kind]), 0, scene, axis=1))
+            taught &= ~kinds[kind]
+    rows = {kind: np.concatenate(lessons) for kind, lessons in found.items()}
+    return Curriculum(rows, np.asarray(room.last), log, valid, room.dt)
+
+
+def _usable(log: tuple[np.ndarray, ...], valid: np.ndarray, half_width: np.ndarray, scene: int) -> np.ndarray:
+    x, y, _, speed = (values[scene] for values in log)
+    stays = np.zeros_like(valid[scene])
+    stays[:, :-WAYPOINTS] = valid[scene][:, :-WAYPOINTS] & valid[scene][:, WAYPOINTS:]
+    near = np.hypot(x - x[0], y - y[0]) < _SEEN_M
+    moves = (speed * valid[scene]).sum(axis=1, keepdims=True) > 10.0  # a metre in all
+    return stays & near & moves & (half_width[scene][:, None] > 0.5)
+
+
+def _kinds(
+    x: Float[np.ndarray, "agent time"],
+    y: Float[np.ndarray, "agent time"],
+    yaw: Float[np.ndarray, "agent time"],
+    speed: Float[np.ndarray, "agent time"],
+    valid: Bool[np.ndarray, "agent time"],
+) -> dict[str, Bool[np.ndarray, "agent time"]]:
+    """What each vehicle does at each step, from its next three seconds."""
+    later = np.minimum(np.arange(x.shape[1]) + _AHEAD_STEPS, x.shape[1] - 1)
+    turn = np.abs(wrap(yaw[:, later] - yaw))
+    aside = (y[:, later] - y) * np.cos(yaw) - (x[:, later] - x) * np.sin(yaw)
+    return {
+        "stopping": (speed[:, later] < _STOP_M_S) & (speed > 0.1) | (speed < _STOP_M_S),
+        "merging": (np.abs(aside) > _ASIDE_M) & (turn < _HARDLY_RAD),
+        "turning": turn > _TURN_RAD,
+        "following": _follows(x, y, yaw, valid),
+        "cruising": np.ones_like(valid),
+    }
+
+
+def _follows(x: np.ndarray, y: np.ndarray, yaw: np.ndarray, valid: np.ndarray) -> Bool[np.ndarray, "agent time"]:
+    """Whether somebody drives close ahead in the same direction."""
+    found = np.zeros_like(valid)
+    for other in range(len(x)):
+        dx, dy = x[other] - x, y[other] - y
+        ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
+        same = np.abs(wrap(yaw[other] - yaw)) < np.pi / 4
+        found |= valid[other] & same & (ahead > 1.0) & (ahead < _LEADER_M) & (np.abs(left) < _BESIDE_M)
+    return found
+
+
+def _perturbed(states: Float[np.ndarray, "lesson 4"], rng: np.random.Generator) -> Float[np.ndarray, "lesson 4"]:
+    """Most states moved off their log: along, aside, turned, faster or slower."""
+    count = len(states)
+    on = rng.random(count) < _PERTURBED
+    x, y, yaw, speed = states.T
+    along = on * np.clip(rng.normal(0.0, 1.0, count), -2.0, 2.0) * np.minimum(speed / 5.0, 1.0)
+    aside = on * np.clip(rng.normal(0.0, 0.4, count), -1.2, 1.2)
+    turned = on * np.clip(rng.normal(0.0, 0.1, count), -0.35, 0.35)
+    faster = on * rng.normal(0.0, 1.0, count) * (0.6 + 0.1 * speed)
+    return np.stack(
+        [
+            x + along * np.cos(yaw) - aside * np.sin(yaw),
+            y + along * np.sin(yaw) + aside * np.cos(yaw),
+            yaw + turned,
+            np.maximum(speed + faster, 0.0),
+        ],
+        axis=-1,
+    )

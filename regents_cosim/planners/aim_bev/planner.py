@@ -1,0 +1,93 @@
+"""AIM-BEV as a planner of the mirror: observer, network and controller in one step."""
+
+import functools
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, UInt8
+
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars, to_ground
+from regents_cosim.mirror.observe import REACH_M, View, observe
+from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.mirror.separation import Box
+from regents_cosim.planners.aim_bev.controller import Controller, Errors
+from regents_cosim.planners.aim_bev.network import Network, to_network
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
+from regents_cosim.planners.interface import JaxPlanner, Scene
+
+_BEYOND_M = 30.0  # how far the ego may get away from its log and still see the road
+
+
+class Memory(eqx.Module):
+    """What stays: the map and the target; and what changes: the time, the controller's errors."""
+
+    ground: Ground
+    bars: Box
+    lights: UInt8[Array, "time bar"]
+    target: Float[Array, " 2"]  # [m]
+    now: Int[Array, ""]
+    errors: Errors
+
+
+class Sight(eqx.Module):
+    """The other road users, turned into boxes for all steps at once."""
+
+    boxes: Box  # [time agent]
+    speed: Float[Array, "*time agent"]  # [m/s]
+    valid: Array
+
+
+class AimBev(JaxPlanner):
+    """Looks at its surroundings from above and drives to its last logged position. Source: ReGentS section 4, KING."""
+
+    network: Network
+    controller: Controller
+
+    def init(self, scene: Scene) -> Memory:
+        """Draw the map around the logged track."""
+        scenario = scene.scenario
+        tracks = scenario.tracks if scenario.original is None else scenario.original
+        track = np.stack([tracks.x[0], tracks.y[0]], axis=-1)
+        low = track.min(axis=0) - REACH_M - _BEYOND_M
+        cells = draw_cells(scenario.road, low, track.max(axis=0) + REACH_M + _BEYOND_M)
+        bars, lights = stop_bars(scenario.road, scenario.signals, scenario.tracks.steps, scene.origin)
+        return Memory(
+            ground=to_ground(cells, low, scene.origin),
+            bars=bars,
+            lights=lights,
+            target=scene.on_device(np.array([scenario.target]))[0],
+            now=jnp.int32(0),
+            errors=self.controller.begin(),
+        )
+
+    def look(self, memory: Memory, traffic: Traffic) -> Sight:
+        """Boxes of the others; the view itself depends on where the ego is."""
+        motion = traffic.motion
+        sizes = (jnp.broadcast_to(half[:, None], motion.x.shape) for half in (traffic.half_length, traffic.half_width))
+        boxes = Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *sizes)
+        return jax.tree.map(lambda values: values.T, Sight(boxes, motion.speed, traffic.valid))
+
+    def step(self, memory: Memory, sight: Sight, ego: Motion) -> tuple[Controls, Memory]:
+        """See, plan waypoints, steer along them."""
+        view = View(sight.boxes, sight.speed, sight.valid, memory.lights[memory.now])
+        dx, dy = memory.target - jnp.stack([ego.x, ego.y])
+        cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
+        target = jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
+        waypoints = self.network(observe(memory.ground, memory.bars, view, ego), ego.speed, target)
+        controls, errors = self.controller.steer(memory.errors, waypoints, ego.speed)
+        return controls, eqx.tree_at(lambda m: (m.now, m.errors), memory, (memory.now + 1, errors))
+
+
+def with_weights(path: Path) -> AimBev:
+    """AIM-BEV with the weights of a file. Raises RegentsError where it holds none."""
+    return AimBev(to_network(load_weights(path)), Controller())
+
+
+@functools.cache
+def aim_bev() -> AimBev:
+    """AIM-BEV with the weights that come with the package."""
+    return with_weights(SHIPPED)

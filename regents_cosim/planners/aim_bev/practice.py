@@ -1,0 +1,88 @@
+"""Closed-loop drives of a network that learns: where it gets by itself, and how well."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.mirror.bicycle import Motion, clip, step
+from regents_cosim.mirror.separation import Box, overlaps
+from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
+from regents_cosim.planners.aim_bev.controller import Controller, Errors
+from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
+
+_LOST_M = 8.0  # further from its log an ego has nothing to learn from it
+
+# Views [batch 192 192 3], speeds [batch], targets [batch 2] to waypoints [batch 8 2].
+Predict = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Practice:
+    """Where drives got to, as lessons yet to be given, and how they went."""
+
+    rows: Int[np.ndarray, "lesson 3"]  # scene, agent, step
+    states: Float[np.ndarray, "lesson 4"]  # x, y, yaw, speed
+    collision_rate: float
+    mean_away_m: float  # from the log, while it lasted
+
+
+def practise(
+    room: Classroom, predict: Predict, controller: Controller, scene: Int[np.ndarray, " drive"], every: int = 3
+) -> Practice:
+    """Drive the egos of some scenes from their first step with everybody else on their logs."""
+    drives = jnp.asarray(scene)
+    agent = jnp.zeros_like(drives)
+    last = room.last[drives, agent]
+    state = jax.tree.map(lambda values: values[drives, 0, 0], room.log)
+    errors = jax.vmap(lambda _: controller.begin())(drives)
+    alive, hit = np.ones(len(scene), bool), np.zeros(len(scene), bool)
+    rows, states, away = [], [], []
+    for now in range(room.log.x.shape[2] - WAYPOINTS):
+        lesson = Lesson(drives, agent, jnp.full_like(drives, now), last, state)
+        known = np.stack([np.asarray(value) for value in (state.x, state.y, state.yaw, state.speed)], axis=-1)
+        hits, gone = map(np.asarray, _mishaps(room, lesson))
+        hit |= alive & hits
+        alive &= ~(hits | gone)
+        away.append(np.asarray(_away(room, lesson))[alive])
+        if now % every == 0:
+            rows.append(np.stack([scene, 0 * scene, 0 * scene + now], axis=-1)[alive])
+            states.append(known[alive])
+        waypoints = predict(np.asarray(room.views(lesson)), known[:, 3], np.asarray(room.targets(lesson)))
+        state, errors = _advance(controller, errors, jnp.asarray(waypoints), state, room.dt)
+    everywhere = np.concatenate(away)
+    return Practice(np.concatenate(rows), np.concatenate(states), float(hit.mean()), float(everywhere.mean()))
+
+
+@eqx.filter_jit
+def _advance(
+    controller: Controller, errors: Errors, waypoints: Float[Array, "drive waypoint 2"], state: Motion, dt: float
+) -> tuple[Motion, Errors]:
+    controls, errors = jax.vmap(controller.steer)(errors, waypoints, state.speed)
+    return step(state, clip(controls), dt), errors
+
+
+@eqx.filter_jit
+def _away(room: Classroom, lesson: Lesson) -> Float[Array, " drive"]:
+    at = (lesson.scene, lesson.agent, lesson.step)
+    return jnp.hypot(room.log.x[at] - lesson.state.x, room.log.y[at] - lesson.state.y)
+
+
+@eqx.filter_jit
+def _mishaps(room: Classroom, lesson: Lesson) -> tuple[Bool[Array, " drive"], Bool[Array, " drive"]]:
+    """Which egos overlap somebody, and which are lost."""
+
+    def touches(one: Lesson) -> Bool[Array, ""]:
+        now = jax.tree.map(lambda values: values[one.scene, :, one.step], room.log)
+        sizes = (room.half_length[one.scene], room.half_width[one.scene])
+        boxes = Box(now.x, now.y, jnp.cos(now.yaw), jnp.sin(now.yaw), *sizes)
+        mine = (sizes[0][one.agent], sizes[1][one.agent])
+        ego = Box(one.state.x, one.state.y, jnp.cos(one.state.yaw), jnp.sin(one.state.yaw), *mine)
+        others = room.valid[one.scene, :, one.step] & (jnp.arange(now.x.shape[0]) != one.agent)
+        return (others & overlaps(ego, boxes)).any()
+
+    return jax.vmap(touches)(lesson), _away(room, lesson) > _LOST_M

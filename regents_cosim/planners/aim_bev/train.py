@@ -1,0 +1,258 @@
+"""`regents train aim-bev`: recorded traffic in, weights out. The only door to torch."""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.planners.aim_bev.controller import Controller
+from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, plan
+from regents_cosim.planners.aim_bev.lessons import Classroom, gather
+from regents_cosim.planners.aim_bev.practice import Predict, practise
+from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
+from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
+from regents_cosim.scenario import Scenario
+
+_FROM_PRACTICE = 0.4  # share of the lessons, once there is any
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How long and how fast to learn."""
+
+    epochs: int = 40
+    seed: int = 0
+    lessons: int = 4096  # that are new in an epoch
+    kept: int = 4  # epochs that a lesson is repeated in
+    batch: int = 64
+    learning_rate: float = 1e-3  # of Adam; falls to a hundredth of it along a cosine
+    frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
+    warm_up: int = 3  # epochs before the network drives by itself
+    drives: int = 40  # of the network by itself, per epoch
+    threads: int = 2  # of torch
+
+    def __post_init__(self) -> None:
+        for name in ("epochs", "lessons", "kept", "batch", "threads"):
+            require(getattr(self, name) >= 1, f"{name} {getattr(self, name)}, expected at least 1", RegentsError)
+        require(0 <= self.frozen <= 13, f"{self.frozen} frozen layers, expected 0 to 13", RegentsError)
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """How an epoch went."""
+
+    epoch: int
+    loss_m: float  # mean absolute error of the waypoints' coordinates
+    held_back_m: float  # the same on windows that are not taught
+    practice_collision_rate: float | None
+    practice_away_m: float | None  # from the log
+
+
+@dataclass
+class _Course:
+    """Everything that a resumed run needs."""
+
+    network: AimBevNetwork
+    adam: torch.optim.Adam
+    done: list[Epoch]
+    rows: Int[np.ndarray, "lesson 3"]  # states met in practice
+    states: Float[np.ndarray, "lesson 4"]
+    known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, label
+
+
+def train(
+    scenarios: Sequence[Scenario], output: Path, config: TrainConfig, resume: Path | None = None
+) -> Iterator[list[Epoch]]:
+    """Teach the network epoch by epoch; yields all epochs so far, those before a resumption included.
+
+    The weights and a checkpoint are written after each.
+
+    `resume` goes on from a checkpoint, or from weights alone (a warm start). Uninterrupted, the
+    same scenarios, configuration and machine give the same weights; a resumed run begins with new
+    lessons. Raises RegentsError where the scenarios hold too few.
+    """
+    torch.set_num_threads(config.threads)
+    torch.manual_seed(config.seed)
+    room = gather(scenarios)
+    curriculum = plan(room)
+    total = sum(map(len, curriculum.rows.values()))
+    require(total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError)
+    taught, held_back = _split(curriculum)
+    course = _begin(config, resume)
+    for epoch in range(len(course.done), config.epochs):
+        rng = np.random.default_rng((config.seed, epoch))
+        driven = (None, None)
+        if epoch >= config.warm_up and config.drives:
+            driven = _practise(course, room, taught, rng, config)
+        course.known.append(_prepare(course, room, taught, rng, config))
+        loss = _teach(course, rng, config, epoch)
+        check = _check(course, room, held_back, config)
+        course.done.append(Epoch(epoch, loss, check, *driven))
+        save_weights(_weights(course.network), output)
+        _save_checkpoint(course, output)
+        yield list(course.done)
+
+
+def checkpoint_path(output: Path) -> Path:
+    """Where the checkpoint of a training lies that writes its weights to `output`."""
+    return output.with_suffix(".checkpoint.safetensors")
+
+
+def _split(curriculum: Curriculum) -> tuple[Curriculum, Curriculum]:
+    """Every tenth window is held back."""
+    taught = {kind: rows[rows[:, 0] % 10 != 9] for kind, rows in curriculum.rows.items()}
+    held_back = {kind: rows[rows[:, 0] % 10 == 9] for kind, rows in curriculum.rows.items()}
+    if not all(len(rows) for rows in held_back.values()):
+        held_back = {kind: held_back[kind] if len(held_back[kind]) else taught[kind] for kind in KINDS}
+    return replace(curriculum, rows=taught), replace(curriculum, rows=held_back)
+
+
+def _prepare(
+    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
+) -> list[Tensor]:
+    """New lessons, as the first layer that learns gets them."""
+    course.network.eval()
+    parts = []
+    with torch.inference_mode():
+        for _ in range(config.lessons // config.batch):
+            views, *others = _lessons(course, room, taught, rng, config.batch)
+            begun = course.network.encoder.begin(_pictures(views), config.frozen) if config.frozen else views
+            parts.append([begun.half() if config.frozen else begun, *others])
+    return [torch.cat(columns).clone() for columns in zip(*parts, strict=True)]
+
+
+def _teach(course: _Course, rng: np.random.Generator, config: TrainConfig, epoch: int) -> float:
+    """One pass over the lessons kept; returns the mean loss [m]."""
+    network, frozen = course.network.train(), config.frozen
+    network.encoder.features[:frozen].eval().requires_grad_(False)
+    columns = [torch.cat(parts) for parts in zip(*course.known, strict=True)]
+    batches = len(columns[0]) // config.batch
+    order = torch.from_numpy(rng.permutation(len(columns[0]))[: batches * config.batch].reshape(batches, -1))
+    losses = []
+    for number, chosen in enumerate(order):
+        begun, speed, target, label = (column[chosen] for column in columns)
+        begun = begun.float().contiguous(memory_format=torch.channels_last) if frozen else _pictures(begun)
+        _set_rate(course.adam, config, epoch + number / batches)
+        features = network.encoder.finish(begun, frozen)
+        loss = (network.plan(features, speed, target) - label).abs().mean()
+        course.adam.zero_grad()
+        loss.backward()
+        course.adam.step()
+        losses.append(loss.item())
+    return float(np.mean(losses))
+
+
+def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None:
+    share = 0.5 * (1.0 + np.cos(np.pi * epoch / config.epochs))
+    for group in adam.param_groups:
+        group["lr"] = config.learning_rate * (0.01 + 0.99 * share)
+
+
+def _lessons(
+    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, count: int
+) -> tuple[Tensor, ...]:
+    """Views, speeds, targets and labels of `count` lessons."""
+    lesson = taught.draw(count, rng)
+    if len(course.rows):
+        met = rng.random(count) < _FROM_PRACTICE
+        drawn = rng.integers(len(course.rows), size=count)
+        rows = np.where(met[:, None], course.rows[drawn], np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1))
+        own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
+        lesson = taught.lessons(rows, np.where(met[:, None], course.states[drawn], own.T), rng)
+    found = (room.views(lesson), lesson.state.speed, room.targets(lesson), room.labels(lesson))
+    return tuple(torch.from_numpy(np.array(values)) for values in found)
+
+
+def _pictures(views: Tensor) -> Tensor:
+    """Views as the network takes them; their memory layout is the one that torch is fastest with."""
+    return (views.float() / 255.0).permute(0, 3, 1, 2)
+
+
+def _check(course: _Course, room: Classroom, held_back: Curriculum, config: TrainConfig) -> float:
+    """Loss [m] on windows that are not taught, the same lessons in every epoch."""
+    lesson = held_back.draw(min(256, config.lessons), np.random.default_rng(config.seed))
+    found = _predict(course.network)(
+        np.asarray(room.views(lesson)), np.asarray(lesson.state.speed), np.asarray(room.targets(lesson))
+    )
+    return float(np.abs(found - np.asarray(room.labels(lesson))).mean())
+
+
+def _practise(
+    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
+) -> tuple[float, float]:
+    """Let the network drive, keep the states that it met, return its collision rate and distance to the log."""
+    scenes = np.unique(np.concatenate([rows[:, 0] for rows in taught.rows.values()]))
+    chosen = rng.choice(scenes, config.drives, replace=len(scenes) < config.drives)
+    found = practise(room, _predict(course.network), Controller(), chosen)
+    course.rows = np.concatenate([course.rows, found.rows])
+    course.states = np.concatenate([course.states, found.states])
+    return found.collision_rate, found.mean_away_m
+
+
+def _predict(network: AimBevNetwork) -> Predict:
+    def predict(views: np.ndarray, speed: np.ndarray, target: np.ndarray) -> np.ndarray:
+        network.eval()
+        with torch.inference_mode():
+            parts = [
+                network(
+                    _pictures(torch.tensor(views[i : i + 64])),
+                    torch.tensor(speed[i : i + 64]),
+                    torch.tensor(target[i : i + 64]),
+                )
+                for i in range(0, len(views), 64)
+            ]
+        return torch.cat(parts).numpy()
+
+    return predict
+
+
+def _begin(config: TrainConfig, resume: Path | None) -> _Course:
+    network = AimBevNetwork()
+    network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+    adam = torch.optim.Adam(network.parameters(), config.learning_rate)
+    course = _Course(network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept))
+    if resume is not None:
+        _restore(course, load_weights(resume))
+    return course
+
+
+def _weights(network: AimBevNetwork) -> dict[str, np.ndarray]:
+    return {
+        name: values.detach().numpy() for name, values in network.state_dict().items() if values.is_floating_point()
+    }
+
+
+def _save_checkpoint(course: _Course, output: Path) -> None:
+    """Weights, Adam's moments, the epochs so far and the states met in practice."""
+    saved = {f"network.{name}": values for name, values in _weights(course.network).items()}
+    for index, state in course.adam.state_dict()["state"].items():
+        saved |= {f"adam.{index}.{name}": np.asarray(value) for name, value in state.items()}
+    saved["epochs"] = np.array([[np.nan if v is None else v for v in asdict(e).values()] for e in course.done])
+    saved |= {"rows": course.rows, "states": course.states}
+    save_weights(saved, checkpoint_path(output))
+
+
+def _restore(course: _Course, saved: dict[str, np.ndarray]) -> None:
+    own = {name.removeprefix("network."): torch.tensor(v) for name, v in saved.items() if not name.startswith("adam.")}
+    known = course.network.state_dict()
+    missing = [name for name in known if name not in own and not name.endswith("num_batches_tracked")]
+    require(not missing, f"the file to resume from lacks {len(missing)} weights, {missing[:1]} first", RegentsError)
+    course.network.load_state_dict({name: own[name].float() for name in known if name in own}, strict=False)
+    if "epochs" not in saved:
+        return
+    state: dict[int, dict[str, Tensor]] = {}
+    for name, values in saved.items():
+        if name.startswith("adam."):
+            _, index, moment = name.split(".")
+            state.setdefault(int(index), {})[moment] = torch.tensor(values)
+    course.adam.load_state_dict({"state": state, "param_groups": course.adam.state_dict()["param_groups"]})
+    course.rows, course.states = saved["rows"], saved["states"]
+    for epoch, loss, held_back, *driven in saved["epochs"].tolist():
+        rate, away = (None if np.isnan(value) else value for value in driven)
+        course.done.append(Epoch(int(epoch), loss, held_back, rate, away))

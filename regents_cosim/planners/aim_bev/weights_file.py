@@ -1,0 +1,25 @@
+"""Weights on disk: safetensors, which hold numbers and nothing that could run."""
+
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from regents_cosim.atomic import write_atomic
+from regents_cosim.errors import RegentsError, require_file
+
+SHIPPED = Path(__file__).parent / "weights" / "aim_bev.safetensors"
+
+
+def load_weights(path: Path) -> dict[str, np.ndarray]:
+    """Arrays by name. Raises RegentsError where the file is missing or no safetensors."""
+    try:
+        return load(require_file(path, "weights").read_bytes())
+    except SafetensorError as error:
+        raise RegentsError(f"{path} cannot be read as safetensors: {error}") from error
+
+
+def save_weights(weights: dict[str, np.ndarray], path: Path) -> None:
+    """Write arrays as a whole or not at all."""
+    write_atomic(path, save({name: np.ascontiguousarray(values) for name, values in weights.items()}))

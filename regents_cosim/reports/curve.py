@@ -1,0 +1,47 @@
+"""How a training went: one line per measure over its epochs."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.palette import ADVERSARY, EGO, FAINT_INK, HAIRLINE, INK, OTHER, PANEL
+
+_SIZE = (720, 400)
+_LEFT, _TOP, _RIGHT, _BOTTOM = 64, 56, 24, 44  # margins [px]
+_COLOURS = (EGO, ADVERSARY, OTHER)
+_TICKS = 4
+_ZOOM = 2
+
+
+def draw_curve(title: str, lines: Mapping[str, Sequence[float]], path: Path) -> None:
+    """Write a PNG of up to three `lines`, each a value per epoch, on one axis that begins at 0."""
+    canvas = Canvas.blank(_SIZE, _ZOOM, PANEL)
+    canvas.text((_LEFT, 24), title, 15, INK, bold=True)
+    epochs = max(map(len, lines.values()))
+    highest = 1.05 * max(max(values) for values in lines.values())
+    for tick in range(_TICKS + 1):
+        value = highest * tick / _TICKS
+        _, y = _place(0.0, value / highest)
+        canvas.line(np.array([[_LEFT, y], [_SIZE[0] - _RIGHT, y]]), HAIRLINE, 1)
+        canvas.text((_LEFT - 8, y + 4), f"{value:.2g}", 11, FAINT_INK, anchor="rs")
+    for epoch in sorted({0, (epochs - 1) // 2, epochs - 1}):
+        x, y = _place(epoch / max(epochs - 1, 1), 0.0)
+        canvas.text((x, y + 18), f"epoch {epoch + 1}", 11, FAINT_INK, anchor="ms")
+    name_x = float(_LEFT)
+    for (name, values), colour in zip(lines.items(), _COLOURS, strict=False):
+        name_x += canvas.text((name_x, 46), name, 12, colour) + 20
+        share = np.arange(len(values)) / max(epochs - 1, 1)
+        points = np.array([_place(x, y / highest) for x, y in zip(share, values, strict=True)])
+        canvas.line(points, colour, 2)
+        for point in points:
+            canvas.disc(point, 2.5, colour)
+    canvas.finish().save(path)
+
+
+def _place(across: float, up: float) -> Float[np.ndarray, " 2"]:
+    """Pixels of a point given as shares of the axes."""
+    width, height = _SIZE[0] - _LEFT - _RIGHT, _SIZE[1] - _TOP - _BOTTOM
+    return np.array([_LEFT + across * width, _SIZE[1] - _BOTTOM - up * height])

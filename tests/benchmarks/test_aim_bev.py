@@ -1,0 +1,75 @@
+"""What the neural ego costs: a view, and a drive of 80 steps, alone and with both cores busy."""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+
+from regents_cosim.mirror.observe import View, observe
+from regents_cosim.mirror.rollout import drive
+from regents_cosim.mirror.separation import Box
+from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.aim_bev.planner import aim_bev
+from regents_cosim.planners.interface import Scene
+from regents_cosim.shipped import shipped
+from regents_cosim.suite import load_cases
+
+CASE = "signals"
+FRAMES = 64
+ROUNDS = 15
+
+
+@pytest.fixture(scope="module")
+def driven():
+    made = next(case.before_attack() for case in load_cases(shipped("scenarios") / "quickstart") if CASE in case.id)
+    world = to_world(made)
+    return world, aim_bev().init(Scene(made, world))
+
+
+def least_seconds(call) -> float:
+    call()
+    found = []
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        call()
+        found.append(time.perf_counter() - start)
+    return min(found)
+
+
+def test_views(benchmark, driven):
+    world, memory = driven
+    now = jax.tree.map(lambda v: jnp.broadcast_to(v, world.log.x.shape)[1:, 0], world.boxes(world.log))
+    view = View(Box(*jax.tree.leaves(now)), world.log.speed[1:, 0], world.valid[1:, 0], memory.lights[0])
+    egos = jax.tree.map(lambda v: v[0, :FRAMES], world.log)
+    render = jax.jit(jax.vmap(observe, (None, None, None, 0)))
+    halves = [jax.tree.map(lambda v, part=part: v[part], egos) for part in (slice(0, None, 2), slice(1, None, 2))]
+
+    def both_cores():
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(lambda e: render(memory.ground, memory.bars, view, e).block_until_ready(), halves))
+
+    benchmark.pedantic(both_cores, rounds=3, warmup_rounds=1)
+    frame_ms = least_seconds(both_cores) / FRAMES * 1e3
+    benchmark.extra_info["ms_per_frame"] = frame_ms
+    print(f"\n{frame_ms:.3f} ms per view, in batches on two threads (least of {ROUNDS})")
+
+
+def test_drives(benchmark, driven):
+    world, memory = driven
+    planner = aim_bev()
+    run = eqx.filter_jit(lambda memory: drive(planner, memory, world, world.log))
+
+    def alone():
+        jax.block_until_ready(run(memory))
+
+    def two():
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(lambda _: jax.block_until_ready(run(memory)), range(4)))
+
+    benchmark.pedantic(alone, rounds=3, warmup_rounds=1)
+    seconds = {"alone": least_seconds(alone), "per_scenario_on_two_threads": least_seconds(two) / 4}
+    benchmark.extra_info |= seconds
+    print("\n" + ", ".join(f"{name}: {value:.3f} s" for name, value in seconds.items()) + " for 80 steps")
