@@ -127,7 +127,7 @@ def test_an_attacked_case_is_not_attacked_again():
 
 
 def test_an_unknown_planner():
-    with pytest.raises(PlannerError, match="expected one of constant_velocity, idm, log_replay"):
+    with pytest.raises(PlannerError, match="expected one of aim-bev, constant_velocity, idm, log_replay"):
         attack_one(platoon(), planner="nobody")
 
 
