@@ -8,12 +8,13 @@ from regents_cosim.errors import PlannerError
 from regents_cosim.mirror.rollout import drive, roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.driver import LoopDriver
-from regents_cosim.planners.interface import Scene, find_planner
+from regents_cosim.planners.jax_planner import LoopScene
+from regents_cosim.planners.systems import find_planner
 
 MINE = """
 import jax.numpy as jnp
 from regents_cosim.mirror.bicycle import Controls
-from regents_cosim.planners.interface import JaxPlanner
+from regents_cosim.planners.jax_planner import JaxPlanner
 
 class Cautious(JaxPlanner):
     def step(self, memory, sight, ego):
@@ -52,7 +53,9 @@ def mine(tmp_path):
 
 def driven(scenario, name):
     planner, world = find_planner(name), to_world(scenario)
-    return drive(planner, planner.init(Scene(scenario, world)), world, roll_out_background(world, world.controls))[0]
+    return drive(planner, planner.init(LoopScene(scenario, world)), world, roll_out_background(world, world.controls))[
+        0
+    ]
 
 
 def test_log_replay_follows_the_log():
@@ -111,7 +114,7 @@ def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
         seen.append(ego)
         ego = list(driver.advance(step, *states, tracks.valid[:, step]))
     seen.append(ego)
-    origin = Scene(made, to_world(made)).origin
+    origin = LoopScene(made, to_world(made)).origin
     assert np.array(seen)[:, 0] - origin[0] == pytest.approx(np.asarray(mirror.x), abs=0.02)
     assert np.array(seen)[:, 1] - origin[1] == pytest.approx(np.asarray(mirror.y), abs=0.02)
 

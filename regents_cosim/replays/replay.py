@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from regents_cosim.errors import PlannerError, RegentsError
-from regents_cosim.planners.driver import LoopDriver
-from regents_cosim.planners.interface import find_planner
+from regents_cosim.planners.driver import driver_for
+from regents_cosim.planners.systems import find_planner
 from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.replays.sumo import replay_in_sumo
 from regents_cosim.replays.verify import Replay, compare, failed
@@ -68,7 +68,7 @@ class _SumoJob:
 
 def _in_sumo(job: _SumoJob) -> Replay:
     """Run in a worker process."""
-    driver = LoopDriver(job.planner) if job.planner else None
+    driver = driver_for(job.planner) if job.planner else None
     seen = replay_in_sumo(job.scenario, driver, job.gui)
     return compare(job.scenario, seen.tracks, seen.collisions, ego_is_free=driver is not None)
 
@@ -93,7 +93,7 @@ def _in_highway(scenario: Scenario, planner: str | None, mode: Mode) -> Replay:
     if planner and planner.startswith(_AGENT):
         seen = drive_in_highway(scenario, planner.removeprefix(_AGENT), mode)
     else:
-        seen = replay_in_highway(scenario, LoopDriver(planner) if planner else None, mode)
+        seen = replay_in_highway(scenario, driver_for(planner) if planner else None, mode)
     return compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
 
 
