@@ -165,8 +165,13 @@ def _serve(pipe: Connection, name: str, stacks: str) -> None:
 
 
 def _raised(error: BaseException) -> _Raised:
+    """The error, and the part of its traceback that is the planner's own."""
     summary = " ".join(f"{type(error).__name__}: {error}".split())
-    return _Raised(summary, "".join(traceback.format_exception(error)))
+    place = error.__traceback__
+    while place is not None and place.tb_frame.f_code.co_filename == __file__:
+        place = place.tb_next
+    trace = "".join(traceback.format_exception(type(error), error, place)) if place is not None else ""
+    return _Raised(summary, trace)
 
 
 class _Seat:
