@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scenes import scene
 
-from regents_cosim.evaluation.driving import drive_case, driving_rows
+from regents_cosim.evaluation.driving import drive_each, driving_rows
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.statistics import mean_interval
 
@@ -51,7 +51,7 @@ def test_the_interval_of_a_mean():
 
 def test_a_drive_ends_at_its_collision():
     made = scene((0, 0, 10.0), (45.1, 0, 0.0))  # 40.5 m between the bumpers, 80 m of route
-    drive = drive_case(made, "constant_velocity")
+    (drive,) = drive_each([made], "constant_velocity")
     assert drive.hits == "car01"
     assert drive.step == 41
     assert drive.completion == pytest.approx(41 / 80, abs=1e-3)
@@ -61,7 +61,7 @@ def test_a_drive_ends_at_its_collision():
 def test_scores_over_sources():
     made = scene((0, 0, 10.0), (45.1, 0, 0.0))
     free = replace(scene((0, 0, 10.0), name="free"), provenance=replace(made.provenance, file="elsewhere"))
-    rows = driving_rows([drive_case(case, "constant_velocity") for case in (made, free)])
+    rows = driving_rows(list(drive_each([made, free], "constant_velocity")))
     assert [(row.source, row.n, row.collisions) for row in rows] == [
         ("elsewhere", 1, 0), ("made by hand", 1, 1), ("all", 2, 1),
     ]  # fmt: skip

@@ -143,7 +143,8 @@ class _Attack:
             return [self.failed(scenario, jobs)]
         if self.config.replan_every > 1:
             return self.pursued([(scenario, jobs)], in_compiled_loop(self.planner))[0]
-        found = [descend(job.world, self.planner, job.memory, self.config, job.movers, self.extra_cost) for job in jobs]
+        config = replace(self.config, replan_every=0)  # compiled programs do not depend on it
+        found = [descend(job.world, self.planner, job.memory, config, job.movers, self.extra_cost) for job in jobs]
         return self.results(scenario, jobs, found)
 
     def pursued(self, many: list[tuple[Scenario, list[Job]]], drives: Drives) -> list[list[Scenario]]:

@@ -6,6 +6,7 @@ collision counts only once a fresh closed loop has confirmed it.
 """
 
 from collections.abc import Generator
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -34,7 +35,8 @@ def searching(
 
     `every` is the number of iterations between two closed loops.
     """
-    given = (world, config, movers, extra_cost)
+    # Compiled programs do not depend on how often the planner drives.
+    given = (world, replace(config, replan_every=0), movers, extra_cost)
     ego = yield _logged(given)
     search, goes_on = _begin(given, ego)
     while goes_on:

@@ -13,10 +13,12 @@ from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners
 from regents_cosim.collisions import first_contact
+from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.statistics import mean_interval, wilson
-from regents_cosim.replays.mirror import replay_in_mirror
+from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import Scenario, Tracks
 
 
@@ -32,6 +34,8 @@ class Drive:
     hits: str | None  # agent that the ego collides with
     step: int | None  # of the collision
     off_road: float  # share of the way driven
+    act_s: tuple[float, ...] = ()  # time of each decision of a planner outside the mirror
+    error: str = ""  # how the planner failed; it got nowhere then
 
 
 @dataclass(frozen=True)
@@ -49,17 +53,24 @@ class DrivingRow:
     driving_score_percent: float
     driving_interval_percent: tuple[float, float]
     off_road_percent: float  # of the way driven
+    planner_errors: int  # cases in which the planner failed: they count as no way driven
+    act_median_ms: float | None  # of planners outside the mirror
+    act_p99_ms: float | None
 
 
-def drive_each(scenarios: Sequence[Scenario], planner: str) -> Iterator[Drive]:
-    """Let `planner` drive every case, in order. Raises PlannerError where it cannot be found or fails."""
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        yield from pool.map(partial(drive_case, planner=planner), scenarios)
+def drive_each(scenarios: Sequence[Scenario], planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> Iterator[Drive]:
+    """Let `planner` drive every case, in order. Raises PlannerError where it cannot be found."""
+    with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
 
 
-def drive_case(scenario: Scenario, planner: str) -> Drive:
-    """Let `planner` drive one case to the end of its horizon or its first collision."""
-    tracks = replay_in_mirror(scenario, planner)
+def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
+    """Let the planner at the wheel drive one case to the end of its horizon or its first collision."""
+    try:
+        lap = wheel.drive(scenario)
+    except DriveError as failure:
+        return Drive(scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0, error=str(failure))
+    tracks = lap.tracks
     contact = first_contact(scenario.agents, tracks)
     end = tracks.steps if contact is None else contact[1] + 1
     log = scenario.tracks if scenario.original is None else scenario.original
@@ -76,6 +87,7 @@ def drive_case(scenario: Scenario, planner: str) -> Drive:
         hits=scenario.agents[contact[0]].id if contact else None,
         step=contact[1] if contact else None,
         off_road=off_road,
+        act_s=tuple(lap.act_seconds),
     )
 
 
@@ -89,6 +101,8 @@ def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
 def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
     """Means and rates of some drives."""
     collisions = sum(drive.hits is not None for drive in drives)
+    act_s = [second for drive in drives for second in drive.act_s]
+    median, p99 = (round(1e3 * float(v), 3) for v in np.percentile(act_s, [50, 99])) if act_s else (None, None)
     completions, scores = [drive.completion for drive in drives], [drive.score for drive in drives]
     return DrivingRow(
         source=source,
@@ -102,6 +116,9 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
         driving_score_percent=_percent(fmean(scores)),
         driving_interval_percent=_interval(mean_interval(scores)),
         off_road_percent=_percent(fmean(drive.off_road for drive in drives)),
+        planner_errors=sum(bool(drive.error) for drive in drives),
+        act_median_ms=median,
+        act_p99_ms=p99,
     )
 
 

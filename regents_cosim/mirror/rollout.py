@@ -83,11 +83,11 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
 
 
 class Instant(eqx.Module):
-    """What the background does at one step, and was to do."""
+    """What the background was to do at one step, or [time, agent] at all of them."""
 
     log: Motion  # [agent] its own track
-    present: Bool[Array, " agent"]
-    moving: Bool[Array, " agent"]  # has entered before the next step
+    present: Bool[Array, "*time agent"]
+    moving: Bool[Array, "*time agent"]  # has entered before the next step
 
 
 def drive_among_reacting(

@@ -101,7 +101,11 @@ class HostProcess:
         with main_hidden():
             self._process.start()
         theirs.close()
-        self._batches = self._ask(("start",), START_S, "when it was made")
+        try:
+            self._batches = self._ask(("start",), START_S, "when it was made")
+        except DriveError:
+            self.close()
+            raise
 
     def _ask(self, question: tuple[Any, ...], timeout_s: float, when: str) -> Any:
         assert self._pipe is not None
