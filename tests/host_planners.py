@@ -57,7 +57,9 @@ class Witness(Cautious):
             return Control(0.0, 0.0)
         near = {lane.id for lane in observation.lanes_within(4.0)}
         others = {other.id: round(other.x, 1) for other in observation.others}
-        raise RuntimeError(f"{observation.time_s:.1f} {observation.ego.id} {others} {sorted(near)} {observation.target}")
+        raise RuntimeError(
+            f"{observation.time_s:.1f} {observation.ego.id} {others} {sorted(near)} {observation.target}"
+        )
 
 
 class FailsLate(Cautious):

@@ -84,9 +84,7 @@ def test_an_attack_finds_what_it_finds_on_the_twin():
     [
         pytest.param(named("Cautious"), QUICK, id="outside"),
         pytest.param(IN_JAX, QUICK, id="inside"),
-        pytest.param(
-            named("Cautious"), replace(REGENTS_FOCUSED, iterations=40), id="reacting", marks=pytest.mark.slow
-        ),
+        pytest.param(named("Cautious"), replace(REGENTS_FOCUSED, iterations=40), id="reacting", marks=pytest.mark.slow),
     ],
 )
 def test_a_collision_that_counts_is_one_of_a_fresh_closed_loop(name, config):
