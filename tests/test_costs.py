@@ -166,6 +166,12 @@ def test_corners_that_began_off_the_road_are_left_out():
     assert road_deviation(world, boxes, movers) == pytest.approx(0, abs=0.1)
 
 
+@eqx.filter_jit
+def cost_along(amount, direction, world, movers):
+    controls = jax.tree.map(lambda v, d: v + amount * 1e-3 * d, world.controls, direction)
+    return total_cost(world, world.boxes(roll_out_background(world, controls)), movers, KING).total
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_gradient_of_the_whole_cost_is_that_of_finite_differences(x64, seed):
     world, _, movers = prepared(platoon(seed=seed))
@@ -174,10 +180,8 @@ def test_the_gradient_of_the_whole_cost_is_that_of_finite_differences(x64, seed)
         lambda v, s=seed: jnp.asarray(np.random.default_rng(s).normal(size=v.shape)), world.controls
     )
 
-    @eqx.filter_jit
     def cost(amount):
-        controls = jax.tree.map(lambda v, d: v + jnp.asarray(amount) * 1e-3 * d, world.controls, direction)
-        return total_cost(world, world.boxes(roll_out_background(world, controls)), movers, KING).total
+        return cost_along(jnp.asarray(amount), direction, world, movers)
 
     check_grads(cost, (jnp.asarray(0.3),), order=1, modes=["rev"], eps=1e-5, rtol=1e-4)
 

@@ -24,6 +24,7 @@ def test_the_gradient_through_the_planner_is_that_of_finite_differences(x64):
     world = jax.tree.map(lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, world)
     direction = jax.tree.map(lambda v: jnp.asarray(np.random.default_rng(0).normal(size=v.shape)), world.controls)
 
+    @jax.jit
     def where_the_ego_ends(amount):
         controls = jax.tree.map(lambda v, d: v + jnp.asarray(amount) * 1e-2 * d, world.controls, direction)
         ego, _ = drive(Follows(), (), world, roll_out_background(world, controls))

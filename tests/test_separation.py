@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
@@ -88,6 +88,7 @@ def distance_of(x, y, yaw):
     return distance(device(host.Boxes(0.0, 0.0, 0.3, 5.0, 2.0)), moved)
 
 
+@settings(max_examples=40)
 @given(st.floats(4, 20), st.floats(-3, 3), st.floats(-3, 3))
 def test_gradients_are_those_of_finite_differences(x64, radius, bearing, yaw):
     point = tuple(jnp.asarray(v) for v in (radius * np.cos(bearing), radius * np.sin(bearing), yaw))

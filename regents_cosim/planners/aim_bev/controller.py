@@ -28,6 +28,7 @@ class Controller(eqx.Module):
     """Gains of the speed controller, per second, per second squared, and without unit."""
 
     proportional: float = 2.5
+    brake_ratio: float = 1.1  # faster than the path by this factor means: full brake, as published
     integral: float = 0.0
     derivative: float = 0.0
 
@@ -48,6 +49,7 @@ class Controller(eqx.Module):
             + self.integral * errors.speed.mean()
             + self.derivative * (errors.speed[-1] - errors.speed[-2])
         )
+        accel = jnp.where(speed > self.brake_ratio * desired, -ACCEL_LIMIT, accel)
         accel = jnp.where(desired == 0.0, -jnp.minimum(speed / WAYPOINT_S, ACCEL_LIMIT), accel)
         ahead, left = waypoints[-1]
         return Controls(accel, 2.0 * left / jnp.maximum(ahead**2 + left**2, _LEAST_WAY_M2)), errors
