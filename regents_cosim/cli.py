@@ -305,7 +305,7 @@ def replay(
         who drives the ego; default the planner that was attacked; in highway-env also its own agents:
         highway:idm, highway:mdp, highway:random, highway:package.module:attribute
     gui
-        show it in sumo-gui
+        show it in the simulator's own window, sumo-gui or highway-env's
     record
         file for a picture of one case: .gif moves, .png is a still
     beside_original

@@ -7,6 +7,7 @@ import warnings
 
 import gymnasium
 import numpy as np
+import pygame
 import pytest
 from gymnasium.utils.env_checker import check_env
 
@@ -130,6 +131,24 @@ def test_pictures_need_no_screen():
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 3  # road, lines, vehicles
     env.close()
     env.close()
+
+
+@pytest.mark.parametrize(("driver", "drawn"), [("dummy", False), ("offscreen", True)])
+def test_the_window_opens_and_closes(monkeypatch, driver, drawn):
+    """Both drivers of SDL's need no display; with `dummy` highway-env opens its window but draws nothing."""
+    pygame.quit()
+    monkeypatch.setenv("SDL_VIDEODRIVER", driver)
+    env = gymnasium.make(ID, render_mode="human", config={"case": crossing_paths()}, disable_env_checker=True)
+    env.reset(seed=0)
+    env.step(np.zeros(2, np.float32))
+    seen = pygame.surfarray.array3d(pygame.display.get_surface())
+    assert pygame.display.get_driver() == driver
+    assert seen.shape == (600, 600, 3)
+    assert (len(np.unique(seen.reshape(-1, 3), axis=0)) > 3) == drawn
+    assert env.render() is None
+    env.close()
+    env.close()
+    assert not pygame.display.get_init()
 
 
 def test_vector_environments():
