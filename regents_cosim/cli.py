@@ -340,28 +340,45 @@ def replay(
 
 
 @app.command
-def evaluate(cases: Path, *, planner: str, compile_cache: bool = True, talk: Talk = Talk()) -> int:
-    """How well a planner drives: route completion, collision rate and driving score, in the mirror.
+def evaluate(
+    cases: Path,
+    *,
+    planner: str,
+    where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
+    executor: str = "local",
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """How well a planner drives: route completion, collision rate and driving score.
 
     Parameters
     ----------
     cases
         a case or a folder of cases; attacked ones are driven among their adversaries
     planner
-        system under test: aim-bev, idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
+        system under test: aim-bev, idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute;
+        in highway-env also its own agents: highway:idm, highway:mdp, highway:random, highway:package.module:attribute
+    where
+        in the mirror, in SUMO, or in highway-env
+    executor
+        where SUMO runs: local, or dask:ADDRESS
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.evaluation.driving import drive_each, driving_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.suite import load_cases
+    from regents_cosim.workers import executor_for
 
     terminal = _terminal(talk)
     if compile_cache:
         keep_compiled_programs()
     scenarios = load_cases(cases)
-    drives = list(terminal.each(drive_each(scenarios, planner), f"driving {planner}", len(scenarios)))
-    terminal.show(f"{planner} on {len(drives)} cases", [dataclasses.asdict(row) for row in driving_rows(drives)])
+    with executor_for(executor) as pool:
+        driven = drive_each(scenarios, planner, where, pool)
+        drives = list(terminal.each(driven, f"driving {planner}", len(scenarios)))
+    rows = [dataclasses.asdict(row) for row in driving_rows(drives)]
+    terminal.show(f"{planner} on {len(drives)} cases in {where}", rows)
     return 0
 
 

@@ -1,8 +1,8 @@
-"""`regents evaluate`: how well a planner drives in the mirror, case by case and in all."""
+"""`regents evaluate`: how well a planner drives, case by case and in all."""
 
 import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from statistics import fmean
@@ -13,10 +13,12 @@ from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners
 from regents_cosim.collisions import first_contact
+from regents_cosim.errors import RegentsError, require
 from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.statistics import mean_interval, wilson
-from regents_cosim.replays.mirror import replay_in_mirror
+from regents_cosim.replays.replay import Simulator, replay, replay_each
+from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario, Tracks
 
 
@@ -51,32 +53,25 @@ class DrivingRow:
     off_road_percent: float  # of the way driven
 
 
-def drive_each(scenarios: Sequence[Scenario], planner: str) -> Iterator[Drive]:
-    """Let `planner` drive every case, in order. Raises PlannerError where it cannot be found or fails."""
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        yield from pool.map(partial(drive_case, planner=planner), scenarios)
+def drive_each(
+    scenarios: Sequence[Scenario], planner: str, where: Simulator = "mirror", executor: Executor | None = None
+) -> Iterator[Drive]:
+    """Let `planner` drive every case, in order; SUMO runs in processes of its own, or those of `executor`.
+
+    Raises PlannerError where the planner cannot be found or fails, RegentsError where a simulator
+    cannot replay a case.
+    """
+    if where == "mirror":
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            yield from pool.map(partial(drive_case, planner=planner), scenarios)
+        return
+    replays = replay_each(scenarios, where, planner, executor=executor)
+    yield from map(_score, scenarios, replays)
 
 
-def drive_case(scenario: Scenario, planner: str) -> Drive:
+def drive_case(scenario: Scenario, planner: str, where: Simulator = "mirror") -> Drive:
     """Let `planner` drive one case to the end of its horizon or its first collision."""
-    tracks = replay_in_mirror(scenario, planner)
-    contact = first_contact(scenario.agents, tracks)
-    end = tracks.steps if contact is None else contact[1] + 1
-    log = scenario.tracks if scenario.original is None else scenario.original
-    driven = np.stack([tracks.x[0, :end], tracks.y[0, :end]], axis=-1)
-    completion = route_completion(np.stack([log.x[0], log.y[0]], axis=-1), driven)
-    off_road = off_road_share(driven, _off_road(scenario, tracks)[:end])
-    infraction = infraction_score(scenario.agents[contact[0]].kind if contact else None, off_road)
-    return Drive(
-        case=scenario.id,
-        source=scenario.provenance.file,
-        completion=completion,
-        infraction=infraction,
-        score=driving_score(completion, infraction),
-        hits=scenario.agents[contact[0]].id if contact else None,
-        step=contact[1] if contact else None,
-        off_road=off_road,
-    )
+    return _score(scenario, replay(scenario, where, planner))
 
 
 def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
@@ -102,6 +97,29 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
         driving_score_percent=_percent(fmean(scores)),
         driving_interval_percent=_interval(mean_interval(scores)),
         off_road_percent=_percent(fmean(drive.off_road for drive in drives)),
+    )
+
+
+def _score(scenario: Scenario, replayed: Replay) -> Drive:
+    require(replayed.replayed is not None, f"case {scenario.id}: {replayed.reason}", RegentsError)
+    assert replayed.replayed is not None
+    tracks = replayed.replayed.tracks
+    contact = first_contact(scenario.agents, tracks)
+    end = tracks.steps if contact is None else contact[1] + 1
+    log = scenario.tracks if scenario.original is None else scenario.original
+    driven = np.stack([tracks.x[0, :end], tracks.y[0, :end]], axis=-1)
+    completion = route_completion(np.stack([log.x[0], log.y[0]], axis=-1), driven)
+    off_road = off_road_share(driven, _off_road(scenario, tracks)[:end])
+    infraction = infraction_score(scenario.agents[contact[0]].kind if contact else None, off_road)
+    return Drive(
+        case=scenario.id,
+        source=scenario.provenance.file,
+        completion=completion,
+        infraction=infraction,
+        score=driving_score(completion, infraction),
+        hits=scenario.agents[contact[0]].id if contact else None,
+        step=contact[1] if contact else None,
+        off_road=off_road,
     )
 
 
