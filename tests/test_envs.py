@@ -181,7 +181,7 @@ def test_vector_environments_in_processes(tmp_path):
 
 
 def cut_in():
-    """On merge-v1's road, which begins at x = 0 and y = 0: an adversary stands in the ego's lane, somebody drives ahead."""
+    """On merge-v1's road, which begins at x = y = 0: an adversary stands in the ego's lane, somebody drives ahead."""
     made = scene((30.0, -4.0, 30.0), (120.0, -4.0, 0.0), (300.0, 0.0, 20.0), steps=81, name="in_the_way")
     ego, adversary, other = made.agents
     return replace(made, agents=(ego, replace(adversary, role="adversary"), other))
