@@ -71,7 +71,7 @@ def test_on_your_own_traffic(tmp_path):
 
 def test_with_highway_env(tmp_path):
     """The commands, on one window, and the environments that they make cases for."""
-    (block,) = (block for block in blocks("bash") if "--from highway" in block)
+    (block,) = (block for block in blocks("bash") if "--from highway:merge-v1" in block)
     record, attack, replay, _, evaluate = [line.split("#")[0].strip() for line in block.splitlines()]
     run(f"{record} --count 1", tmp_path)
     run(f"{attack} --no-pictures", tmp_path)
