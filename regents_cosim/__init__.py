@@ -15,7 +15,11 @@ if TYPE_CHECKING:
     from regents_cosim.files import load_case as load_case
     from regents_cosim.files import save_case as save_case
     from regents_cosim.mirror.bicycle import Controls as Controls
-    from regents_cosim.planners.interface import JaxPlanner as JaxPlanner
+    from regents_cosim.planners.interface import Control as Control
+    from regents_cosim.planners.interface import Observation as Observation
+    from regents_cosim.planners.interface import Planner as Planner
+    from regents_cosim.planners.interface import Waypoints as Waypoints
+    from regents_cosim.planners.jax_planner import JaxPlanner as JaxPlanner
     from regents_cosim.replays.replay import replay as replay
     from regents_cosim.scenario import Scenario as Scenario
     from regents_cosim.shipped import network_config as network_config
@@ -26,9 +30,13 @@ if TYPE_CHECKING:
     from regents_cosim.sources.sumo_config import SumoInput as SumoInput
 
 _HOMES = {
+    "Waypoints": "planners.interface",
+    "Planner": "planners.interface",
+    "Observation": "planners.interface",
+    "Control": "planners.interface",
     "AttackConfig": "attacks.presets",
     "Controls": "mirror.bicycle",
-    "JaxPlanner": "planners.interface",
+    "JaxPlanner": "planners.jax_planner",
     "KING": "attacks.presets",
     "LogFormat": "sources.logs.formats",
     "LoggedScene": "sources.logs.scene",

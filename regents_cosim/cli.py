@@ -1,7 +1,7 @@
 """The command line: options in, calls of the package, tables out. Nothing else lives here.
 
 Heavy imports happen inside the commands, so that `--help` answers at once. What follows `--`
-goes to SUMO. Exit codes: 0 clean, 1 a failed verification, 2 wrong usage or input.
+goes to SUMO. Exit codes: 0 clean, 1 a failed verification or planner, 2 wrong usage or input.
 """
 
 import dataclasses
@@ -102,6 +102,8 @@ class Search:
     """do as the public ReGentS code where it departs from its paper (king and regents only)"""
     iterations: int | None = None
     """updates at most"""
+    replan_every: int | None = None
+    """iterations between two closed loops of the planner; 1 in the compiled loop, 10 for planners outside it"""
     max_deviation: float | None = None
     """of an action from the logged one, as a share of its limit; 0: no bound"""
     max_lateral_accel: float | None = None
@@ -214,6 +216,7 @@ def attack(
     search: Search = Search(),
     batch: int = 32,
     engine: Literal["auto", "threads", "lanes"] = "auto",
+    act_timeout: float = 10.0,
     executor: str = "local",
     verify: bool = True,
     pictures: bool = True,
@@ -235,6 +238,8 @@ def attack(
         scenarios held on the device at once
     engine
         one scenario per core (threads), or `batch` searches in one program (lanes); auto: lanes where there is a GPU
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
     executor
         where SUMO runs: local, or dask:ADDRESS
     verify
@@ -261,7 +266,7 @@ def attack(
     suite = SuiteWriter(output, traffic.seed)
     scenarios = load_cases(cases) if cases else _record(traffic, sumo, executor, terminal)
     attacked = []
-    runs = run_attack_each(scenarios, config, planner, batch, engine=engine)
+    runs = run_attack_each(scenarios, config, planner, batch, engine=engine, act_timeout_s=act_timeout)
     for results in terminal.each(runs, "attacking", len(scenarios)):
         for scenario in results:
             suite.add(scenario)
@@ -271,7 +276,7 @@ def attack(
         _draw_stills(attacked, output, terminal)
     rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
     terminal.show(f"{config.label} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
-    return _exit_code(replays.values(), terminal)
+    return max(_exit_code(replays.values(), terminal), _planner_errors(attacked, terminal))
 
 
 @app.command
@@ -345,6 +350,7 @@ def evaluate(
     *,
     planner: str,
     where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
+    act_timeout: float = 10.0,
     executor: str = "local",
     compile_cache: bool = True,
     talk: Talk = Talk(),
@@ -360,6 +366,8 @@ def evaluate(
         in highway-env also its own agents: highway:idm, highway:mdp, highway:random, highway:package.module:attribute
     where
         in the mirror, in SUMO, or in highway-env
+    act_timeout
+        in the mirror, a planner outside JAX that takes longer over one decision has failed [s]
     executor
         where SUMO runs: local, or dask:ADDRESS
     compile_cache
@@ -375,11 +383,14 @@ def evaluate(
         keep_compiled_programs()
     scenarios = load_cases(cases)
     with executor_for(executor) as pool:
-        driven = drive_each(scenarios, planner, where, pool)
-        drives = list(terminal.each(driven, f"driving {planner}", len(scenarios)))
+        found = drive_each(scenarios, planner, act_timeout, where, pool)
+        drives = list(terminal.each(found, f"driving {planner}", len(scenarios)))
     rows = [dataclasses.asdict(row) for row in driving_rows(drives)]
     terminal.show(f"{planner} on {len(drives)} cases in {where}", rows)
-    return 0
+    errors = [drive for drive in drives if drive.error]
+    for drive in errors:
+        terminal.say(f"{drive.case}: {drive.error}")
+    return 1 if errors else 0
 
 
 @training.command(name="aim-bev")
@@ -786,6 +797,14 @@ def _draw(scenario: "Scenario", path: Path, beside_original: bool, terminal: "Te
             animate_pair(scenario.before_attack(), scenario, path)
         else:
             (animate if path.suffix == ".gif" else draw_still)(scenario, path)
+
+
+def _planner_errors(attacked: "list[Scenario]", terminal: "Terminal") -> int:
+    """1 where the planner failed; says how."""
+    records = [scenario.attack for scenario in attacked if scenario.attack and scenario.attack.planner_error]
+    for record in records:
+        terminal.say(f"{record.case}: {record.planner_error.partition(chr(10))[0]}")
+    return 1 if records else 0
 
 
 def _exit_code(replays: "Iterable[Replay]", terminal: "Terminal") -> int:

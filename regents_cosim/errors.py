@@ -36,6 +36,14 @@ class PlannerError(RegentsError):
     """A planner that cannot be found or that failed."""
 
 
+class DriveError(PlannerError):
+    """A planner that failed in one scene, and its own traceback."""
+
+    def __init__(self, message: str, trace: str = "") -> None:
+        super().__init__(message)
+        self.trace = trace
+
+
 def require(condition: bool, message: str, error: type[RegentsError] = ScenarioError) -> None:
     """Raise `error(message)` unless `condition` holds."""
     if not condition:

@@ -114,11 +114,12 @@ def load_case(folder: Path) -> Scenario:
 
 
 def content_hash(scenario: Scenario) -> str:
-    """SHA-256 of everything that a replay depends on: all but the provenance."""
+    """SHA-256 of everything that a replay depends on: all but the provenance and the time that planners took."""
     digest = hashlib.sha256()
     content = _header(scenario, map_files(scenario.road), "")
-    for name in ("id", "dt", "target", "agents", "map", "signals", "overlaps", "attack"):
+    for name in ("id", "dt", "target", "agents", "map", "signals", "overlaps"):
         digest.update(msgspec.json.encode(getattr(content, name), order="deterministic"))
+    digest.update(_attack_content(scenario.attack))
     for tracks in filter(None, (scenario.tracks, scenario.original)):
         for item in fields(tracks):
             value = getattr(tracks, item.name)
@@ -168,6 +169,16 @@ def _header(scenario: Scenario, files: MapFiles, digest: str) -> _Header:
         provenance=scenario.provenance,
         attack=scenario.attack,
     )
+
+
+def _attack_content(attack: AttackRecord | None) -> bytes:
+    """What is hashed of an attack: not how long the planner took, and of its errors only those that happened."""
+    values = msgspec.json.decode(msgspec.json.encode(attack, order="deterministic"))
+    if values is not None:
+        values.pop("act_time", None)  # a record that was read lacks what its file does not say
+        if not values.get("planner_error"):
+            values.pop("planner_error", None)
+    return msgspec.json.encode(values)
 
 
 def _load_header(folder: Path) -> _Header:

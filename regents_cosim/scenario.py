@@ -18,7 +18,7 @@ from regents_cosim.roadmap import RoadMap
 
 Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
 Role = Literal["ego", "background", "adversary"]
-Outcome = Literal["collision", "no_collision", "no_candidate", "already_colliding", "diverged"]
+Outcome = Literal["collision", "no_collision", "no_candidate", "already_colliding", "diverged", "planner_error"]
 Dynamics = Literal["bicycle", "highway"]  # how controls move a vehicle: the mirror's own model, or highway-env's
 CollisionKind = Literal["rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on"]
 
@@ -157,6 +157,15 @@ class Collision:
 
 
 @dataclass(frozen=True)
+class ActTime:
+    """How long a planner outside the mirror took for its decisions: measured, so never twice the same."""
+
+    median_ms: float
+    p99_ms: float
+    decisions: int
+
+
+@dataclass(frozen=True)
 class AttackRecord:
     """How an attack went."""
 
@@ -169,6 +178,8 @@ class AttackRecord:
     candidates: tuple[str, ...] = ()  # agents whose controls the attack was allowed to change
     settings: dict[str, float | int | str | bool] = field(default_factory=dict)
     cost_history: dict[str, tuple[float, ...]] = field(default_factory=dict)  # per term and iteration
+    planner_error: str = ""  # how the planner failed, with its own traceback
+    act_time: ActTime | None = None
 
 
 @dataclass(frozen=True, eq=False)

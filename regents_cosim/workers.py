@@ -53,7 +53,7 @@ def local_processes(workers: int) -> ProcessPoolExecutor:
 
 def submit(executor: Executor, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
     """Submit without letting new processes import the caller's script."""
-    with _main_hidden():
+    with main_hidden():
         return executor.submit(function, *args, **kwargs)
 
 
@@ -160,7 +160,7 @@ def _leave_quietly_when_interrupted() -> None:
 
 
 @contextmanager
-def _main_hidden() -> Iterator[None]:
+def main_hidden() -> Iterator[None]:
     """Spawned processes import the parent's main script again unless it has no file and no spec."""
     main = sys.modules["__main__"]
     with _MAIN:

@@ -116,10 +116,10 @@ def test_weights_of_something_else_are_refused(tmp_path):
 
 
 def test_it_drives_without_torch():
-    from regents_cosim.evaluation.driving import drive_case
+    from regents_cosim.evaluation.driving import drive_each
 
     assert SHIPPED.stat().st_size < 12e6
-    drive = drive_case(scene((0, 3.2, 10.0), (40, 3.2, 10.0), (-20, 0.0, 10.0)), NAME)
+    (drive,) = drive_each([scene((0, 3.2, 10.0), (40, 3.2, 10.0), (-20, 0.0, 10.0))], NAME)
     assert drive.hits is None
     assert drive.completion > 0.8
     if "torch" in sys.modules:

@@ -9,7 +9,7 @@ from scenes import PROVENANCE, scene, straight_road
 from regents_cosim.mirror.rollout import drive, roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM
-from regents_cosim.planners.interface import Scene
+from regents_cosim.planners.jax_planner import LoopScene
 from regents_cosim.planners.route import plan_route
 from regents_cosim.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
@@ -18,7 +18,7 @@ from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 def driven(scenario, planner=None):
     """The ego's motion when IDM drives it."""
     planner, world = planner or IDM(), to_world(scenario)
-    memory = planner.init(Scene(scenario, world))
+    memory = planner.init(LoopScene(scenario, world))
     motion, controls = drive(planner, memory, world, roll_out_background(world, world.controls))
     return motion, controls, world
 
@@ -127,7 +127,7 @@ def test_what_it_sees_does_not_depend_on_the_future():
     made = scene((0, 0, 12), (40, 0, 5), (70, 3.2, 8))
     world = to_world(made)
     planner, background = IDM(), roll_out_background(world, world.controls)
-    memory = planner.init(Scene(made, world))
+    memory = planner.init(LoopScene(made, world))
     changed = type(background)(background.x.at[:, 50:].add(-30.0), background.y, background.yaw, background.speed)
     before, after = (drive(planner, memory, world, b)[0] for b in (background, changed))
     assert jnp.array_equal(before.x[:51], after.x[:51])

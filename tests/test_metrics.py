@@ -7,7 +7,7 @@ import pytest
 from scenes import scene
 
 from regents_cosim.errors import PlannerError, RegentsError
-from regents_cosim.evaluation.driving import drive_case, drive_each, driving_rows
+from regents_cosim.evaluation.driving import drive_each, driving_rows
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.statistics import mean_interval
 
@@ -53,7 +53,7 @@ def test_the_interval_of_a_mean():
 
 def test_a_drive_ends_at_its_collision():
     made = scene((0, 0, 10.0), (45.1, 0, 0.0))  # 40.5 m between the bumpers, 80 m of route
-    drive = drive_case(made, "constant_velocity")
+    (drive,) = drive_each([made], "constant_velocity")
     assert drive.hits == "car01"
     assert drive.step == 41
     assert drive.completion == pytest.approx(41 / 80, abs=1e-3)
@@ -63,25 +63,25 @@ def test_a_drive_ends_at_its_collision():
 def test_agents_of_highway_env_are_scored_there(tmp_path):
     made = scene((0, 0, 10.0), (45.1, 0, 0.0))
     (tmp_path / "bold.py").write_text("def keeps_its_speed(observation):\n    return [0.0, 0.0]\n")
-    bold = drive_case(made, f"highway:{tmp_path / 'bold.py'}:keeps_its_speed", "highway")
+    (bold,) = drive_each([made], f"highway:{tmp_path / 'bold.py'}:keeps_its_speed", where="highway")
     assert (bold.hits, bold.step) == ("car01", 41)
     assert bold.score == pytest.approx(0.6 * 41 / 80, abs=4e-3)  # highway-env pushes it back a little
-    careful = drive_case(made, "highway:idm", "highway")
+    (careful,) = drive_each([made], "highway:idm", where="highway")
     assert careful.hits is None
     assert 0.3 < careful.completion < 0.6  # it stops behind the one that stands
 
 
 def test_simulators_that_cannot_drive_a_case_say_why():
     with pytest.raises(PlannerError, match="--in highway"):
-        drive_case(scene((0, 0, 10.0)), "highway:idm")
+        list(drive_each([scene((0, 0, 10.0))], "highway:idm"))
     with ThreadPoolExecutor(1) as pool, pytest.raises(RegentsError, match="no SUMO network"):
-        list(drive_each([scene((0, 0, 10.0))], "constant_velocity", "sumo", pool))
+        list(drive_each([scene((0, 0, 10.0))], "constant_velocity", where="sumo", executor=pool))
 
 
 def test_scores_over_sources():
     made = scene((0, 0, 10.0), (45.1, 0, 0.0))
     free = replace(scene((0, 0, 10.0), name="free"), provenance=replace(made.provenance, file="elsewhere"))
-    rows = driving_rows([drive_case(case, "constant_velocity") for case in (made, free)])
+    rows = driving_rows(list(drive_each([made, free], "constant_velocity")))
     assert [(row.source, row.n, row.collisions) for row in rows] == [
         ("elsewhere", 1, 0), ("made by hand", 1, 1), ("all", 2, 1),
     ]  # fmt: skip

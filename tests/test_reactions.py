@@ -8,7 +8,7 @@ from regents_cosim.mirror.reactions import begin, place, react
 from regents_cosim.mirror.rollout import drive, drive_among_reacting, roll_out_background, with_ego
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.constant_velocity import ConstantVelocity
-from regents_cosim.planners.interface import JaxPlanner, Scene
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.planners.log_replay import LogReplay
 
 
@@ -24,7 +24,7 @@ class Brakes(JaxPlanner):
 def driven(scenario, planner, reacting=True):
     world = to_world(scenario)
     background = roll_out_background(world, world.controls)
-    memory = planner.init(Scene(scenario, world))
+    memory = planner.init(LoopScene(scenario, world))
     if not reacting:
         return world, with_ego(background, drive(planner, memory, world, background)[0])
     who = jnp.arange(world.valid.shape[0]) > 0

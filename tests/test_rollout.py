@@ -7,7 +7,7 @@ from scenes import scene
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.rollout import drive, roll_out_background
 from regents_cosim.mirror.world import to_world
-from regents_cosim.planners.interface import JaxPlanner
+from regents_cosim.planners.jax_planner import JaxPlanner
 
 
 class Follows(JaxPlanner):

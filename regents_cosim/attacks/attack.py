@@ -22,13 +22,17 @@ from regents_cosim.attacks.descent import ExtraCost, Found
 from regents_cosim.attacks.lanes import Job, search_in_lanes
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.pursuit import Drives, in_compiled_loop, in_process, pursue
 from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.search import descend
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.world import World, to_tracks, to_world
-from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner, start
-from regents_cosim.scenario import AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
+from regents_cosim.planners.host_pool import HostPool
+from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.planners.systems import ACT_TIMEOUT_S, HostPlanner, find_planner
+from regents_cosim.scenario import ActTime, AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
 
 _COST_TERMS = ("ego", "pair", "road")
 
@@ -42,9 +46,10 @@ def attack(
     batch: int = 32,
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
+    act_timeout_s: float = ACT_TIMEOUT_S,
 ) -> Iterator[Scenario]:
     """All results of `attack_each`, one after the other."""
-    for results in attack_each(scenarios, config, planner, batch, extra_cost, engine):
+    for results in attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s):
         yield from results
 
 
@@ -55,6 +60,7 @@ def attack_each(
     batch: int = 32,
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
+    act_timeout_s: float = ACT_TIMEOUT_S,
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
 
@@ -65,16 +71,32 @@ def attack_each(
     before.
 
     `engine` is "threads", one scenario per core, or "lanes", `batch` searches in one program;
-    "auto" takes threads on a CPU and lanes on an accelerator.
+    "auto" takes threads on a CPU and lanes on an accelerator. Lanes are for planners in JAX that
+    drive in every iteration; others go by threads.
+
+    A planner that is not in JAX drives in a process of its own, every `config.replan_every`
+    iterations; one that fails, or takes more than `act_timeout_s` for a decision, costs its
+    scenario only.
 
     `extra_cost` of (World, Motion [agent, time] with the ego in row 0, Controls [agent, step]) is
     added to the cost, to ask for more than a collision; it must be differentiable by JAX.
     """
     under_test = find_planner(planner)
+    batch = max(batch, 1)
+    if isinstance(under_test, HostPlanner):
+        yield from _in_processes(
+            scenarios, _Attack(_replanning(config, 10), under_test, planner, extra_cost), batch, act_timeout_s
+        )
+        return
+    under_attack = _Attack(_replanning(config, 1), under_test, planner, extra_cost)
     if engine == "auto":
         engine = "threads" if jax.default_backend() == "cpu" else "lanes"
-    run = _in_threads if engine == "threads" else _in_lanes
-    yield from run(scenarios, _Attack(config, under_test, planner, extra_cost), max(batch, 1))
+    run = _in_threads if engine == "threads" or under_attack.config.replan_every > 1 else _in_lanes
+    yield from run(scenarios, under_attack, batch)
+
+
+def _replanning(config: AttackConfig, default: int) -> AttackConfig:
+    return config if config.replan_every else replace(config, replan_every=default)
 
 
 @dataclass(frozen=True)
@@ -82,7 +104,7 @@ class _Attack:
     """What is the same for all scenarios of an attack."""
 
     config: AttackConfig
-    planner: JaxPlanner
+    planner: JaxPlanner | HostPlanner
     planner_name: str
     extra_cost: ExtraCost | None
 
@@ -97,24 +119,55 @@ class _Attack:
                 f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
             )
         world = to_world(scenario, self.dynamics(scenario))
-        memory = start(self.planner, Scene(scenario, world), self.planner_name)
+        memory = None
+        if isinstance(self.planner, JaxPlanner):
+            memory = start(self.planner, LoopScene(scenario, world), self.planner_name)
         allowed = np.asarray(_candidates(world, self.config))
         if self.config.search == "joint" or not allowed.any():
             return [Job(world, memory, Movers.among(jnp.asarray(allowed)))]
         nearest = _nearest(world, allowed, self.config)
         return [Job(world, memory, Movers.only(agent, len(allowed))) for agent in nearest]
 
+    def jobs_or_failure(self, scenario: Scenario) -> "list[Job] | DriveError":
+        """The same, or why the planner cannot drive there."""
+        try:
+            return self.jobs(scenario)
+        except DriveError as failure:
+            return failure
+
     def run(self, scenario: Scenario) -> list[Scenario]:
-        """One result, or one for every distinct adversary."""
-        jobs = self.jobs(scenario)
-        found = [descend(job.world, self.planner, job.memory, self.config, job.movers, self.extra_cost) for job in jobs]
+        """One result, or one for every distinct adversary, against a planner in JAX."""
+        assert isinstance(self.planner, JaxPlanner)
+        jobs = self.jobs_or_failure(scenario)
+        if isinstance(jobs, DriveError):
+            return [self.failed(scenario, jobs)]
+        if self.config.replan_every > 1:
+            return self.pursued([(scenario, jobs)], in_compiled_loop(self.planner))[0]
+        config = replace(self.config, replan_every=0)  # compiled programs do not depend on it
+        found = [descend(job.world, self.planner, job.memory, config, job.movers, self.extra_cost) for job in jobs]
         return self.results(scenario, jobs, found)
+
+    def pursued(self, many: list[tuple[Scenario, list[Job]]], drives: Drives) -> list[list[Scenario]]:
+        """The results of several scenarios whose planner drives every few iterations."""
+        flat = [(scenario, job) for scenario, jobs in many for job in jobs]
+        ended = iter(pursue(flat, self.config, self.config.replan_every, drives, self.extra_cost))
+        results = []
+        for scenario, jobs in many:
+            mine = [next(ended) for _ in jobs]
+            time = _act_time([second for one in mine for second in one.seconds])
+            found = [one.found for one in mine if isinstance(one.found, Found)]
+            failures = [one.found for one in mine if isinstance(one.found, DriveError)]
+            cases = [self.failed(scenario, failures[0])] if failures else self.results(scenario, jobs, found)
+            results.append([replace(case, attack=replace(case.attack, act_time=time)) for case in cases if case.attack])
+        return results
 
     def results(self, scenario: Scenario, jobs: list[Job], found: list[Found]) -> list[Scenario]:
         """What the descents found, as cases."""
-        config = replace(self.config, dynamics=self.dynamics(scenario))
+        failure = next((found_out for one in found if (found_out := _planner_failure(self.planner_name, one))), None)
+        if failure is not None:
+            return [self.failed(scenario, failure)]
         attacked = [
-            _attacked(scenario, config, self.planner_name, one, np.flatnonzero(job.movers.candidate))
+            self.attacked(scenario, one, np.flatnonzero(job.movers.candidate))
             for job, one in zip(jobs, found, strict=True)
         ]
         by_adversary: dict[str, Scenario] = {}
@@ -125,6 +178,46 @@ class _Attack:
             by_adversary.setdefault(record.collision.agent if record.collision else "", case)
         missed = by_adversary.pop("", scenario)
         return [_named_after_adversary(hit) for hit in by_adversary.values()] or [missed]
+
+    def attacked(self, scenario: Scenario, found: Found, candidate: Int[np.ndarray, " candidate"]) -> Scenario:
+        """What a descent found, as a case."""
+        outcome = _outcome(found)
+        present = published.stay(scenario) if self.config.as_published else scenario
+        tracks = scenario.tracks if outcome == "diverged" else to_tracks(found.motion, found.controls, present)
+        collision = _collision(scenario, tracks, found) if found.hit else None
+        struck = collision.agent if collision and outcome == "collision" else None
+        agents = tuple(replace(a, role="adversary") if a.id == struck else a for a in scenario.agents)
+        record = replace(
+            self.record(scenario, outcome),
+            iterations=int(found.iterations),
+            collision=collision,
+            candidates=tuple(scenario.agents[index].id for index in candidate),
+            cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
+        )
+        return replace(
+            scenario, id=self.name(scenario), agents=agents, tracks=tracks, attack=record, original=scenario.tracks
+        )
+
+    def failed(self, scenario: Scenario, failure: DriveError) -> Scenario:
+        """The case of a planner that failed: the traffic as it was, and what the planner said."""
+        record = replace(self.record(scenario, "planner_error"), planner_error=f"{failure}\n{failure.trace}".strip())
+        return replace(scenario, id=self.name(scenario), attack=record, original=scenario.tracks)
+
+    def record(self, scenario: Scenario, outcome: Outcome) -> AttackRecord:
+        """What is known of an attack before it has done anything."""
+        config = replace(self.config, dynamics=self.dynamics(scenario))
+        return AttackRecord(
+            case=scenario.id,
+            method=config.method,
+            planner=self.planner_name,
+            outcome=outcome,
+            iterations=0,
+            settings={k: v for k, v in dataclasses.asdict(config).items() if k != "method"},
+        )
+
+    def name(self, scenario: Scenario) -> str:
+        """The id of an attacked case."""
+        return f"{scenario.id}-{self.config.label}-{_label(self.planner_name)}"
 
 
 def _in_threads(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> Iterator[list[Scenario]]:
@@ -138,15 +231,49 @@ def _in_threads(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> I
             yield waiting.popleft().result()
 
 
+def _in_processes(
+    scenarios: Iterable[Scenario], attack: _Attack, batch: int, act_timeout_s: float
+) -> Iterator[list[Scenario]]:
+    """Planners outside the mirror: batches side by side in one process, or a process for each core."""
+    with HostPool(attack.planner_name, act_timeout_s) as processes:
+        with processes.lend() as process:
+            side_by_side = _takes_batches(process)
+        rest = iter(scenarios)
+        with ThreadPoolExecutor(1 if side_by_side else os.cpu_count() or 1) as pool:
+            waiting: deque[Future[list[list[Scenario]]]] = deque()
+            while some := list(itertools.islice(rest, batch if side_by_side else 1)):
+                waiting.append(pool.submit(_driven_in_process, attack, some, processes))
+                if len(waiting) >= batch:
+                    yield from waiting.popleft().result()
+            while waiting:
+                yield from waiting.popleft().result()
+
+
+def _takes_batches(process: HostProcess) -> bool:
+    try:
+        return process.batches()
+    except DriveError:
+        return False  # each case will say so
+
+
+def _driven_in_process(attack: _Attack, some: list[Scenario], processes: HostPool) -> list[list[Scenario]]:
+    with processes.lend() as process:
+        return attack.pursued([(scenario, attack.jobs(scenario)) for scenario in some], in_process(process))
+
+
 def _in_lanes(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> Iterator[list[Scenario]]:
     rest = iter(scenarios)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         while some := list(itertools.islice(rest, batch)):
-            jobs = list(pool.map(attack.jobs, some))
-            in_a_row = list(itertools.chain.from_iterable(jobs))
+            jobs = list(pool.map(attack.jobs_or_failure, some))
+            in_a_row = [job for mine in jobs if not isinstance(mine, DriveError) for job in mine]
+            assert isinstance(attack.planner, JaxPlanner)
             found = iter(search_in_lanes(in_a_row, attack.planner, attack.config, batch, attack.extra_cost))
             for scenario, mine in zip(some, jobs, strict=True):
-                yield attack.results(scenario, mine, list(itertools.islice(found, len(mine))))
+                if isinstance(mine, DriveError):
+                    yield [attack.failed(scenario, mine)]
+                else:
+                    yield attack.results(scenario, mine, list(itertools.islice(found, len(mine))))
 
 
 def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:
@@ -170,31 +297,6 @@ def _logged_distances(world: World, config: AttackConfig) -> Float[Array, " agen
 def _named_after_adversary(attacked: Scenario) -> Scenario:
     adversary = next(agent.id for agent in attacked.agents if agent.role == "adversary")
     return replace(attacked, id=f"{attacked.id}-{_label(adversary)}")
-
-
-def _attacked(
-    scenario: Scenario, config: AttackConfig, planner_name: str, found: Found, candidate: Int[np.ndarray, " candidate"]
-) -> Scenario:
-    outcome = _outcome(found)
-    present = published.stay(scenario) if config.as_published else scenario
-    tracks = scenario.tracks if outcome == "diverged" else to_tracks(found.motion, found.controls, present)
-    collision = _collision(scenario, tracks, found) if found.hit else None
-    struck = collision.agent if collision and outcome == "collision" else None
-    agents = tuple(replace(a, role="adversary") if a.id == struck else a for a in scenario.agents)
-    iterations = int(found.iterations)
-    record = AttackRecord(
-        case=scenario.id,
-        method=config.method,
-        planner=planner_name,
-        outcome=outcome,
-        iterations=iterations,
-        collision=collision,
-        candidates=tuple(scenario.agents[index].id for index in candidate),
-        settings={k: v for k, v in dataclasses.asdict(config).items() if k != "method"},
-        cost_history=dict(zip(_COST_TERMS, _history(found, iterations), strict=True)),
-    )
-    name = f"{scenario.id}-{config.label}-{_label(planner_name)}"
-    return replace(scenario, id=name, agents=agents, tracks=tracks, attack=record, original=scenario.tracks)
 
 
 def _label(planner: str) -> str:
@@ -226,8 +328,28 @@ def _collision(scenario: Scenario, tracks: Tracks, found: Found) -> Collision:
     )
 
 
-def _history(found: Found, iterations: int) -> list[tuple[float, ...]]:
+def _history(found: Found) -> list[tuple[float, ...]]:
     """Costs before each update; those that blew up, which JSON cannot hold, are left out."""
-    rounded = np.asarray(found.history, float)[:iterations].round(6)
+    rounded = np.asarray(found.history, float)[: int(found.iterations)].round(6)
     rounded = rounded[np.isfinite(rounded).all(axis=1)]
     return [tuple(term.tolist()) for term in rounded.T]
+
+
+def _planner_failure(name: str, found: Found) -> DriveError | None:
+    """Where a planner in JAX answered what is no number; others are checked as they answer."""
+    answers = np.stack([np.asarray(values)[0] for values in (found.controls.accel, found.controls.curvature)])
+    bad = np.flatnonzero(~np.isfinite(answers).all(axis=0))
+    if not len(bad):
+        return None
+    accel, curvature = answers[:, bad[0]].tolist()
+    return DriveError(
+        f"planner {name!r} answered accel {accel}, curvature {curvature} at step {bad[0]}, expected finite numbers"
+    )
+
+
+def _act_time(seconds: list[float]) -> ActTime | None:
+    """Median and 99th percentile of how long decisions took; None for a planner in JAX."""
+    if not seconds:
+        return None
+    median, p99 = (round(1e3 * float(value), 4) for value in np.percentile(seconds, [50, 99]))
+    return ActTime(median, p99, len(seconds))

@@ -119,7 +119,7 @@ class Descent(eqx.Module):
             history=jnp.zeros((self.config.iterations, 3), jnp.float32),
         )
 
-    def advance(self, search: Search, passes: int) -> Search:
+    def advance(self, search: Search, passes: int | Int[Array, ""]) -> Search:
         """At most so many updates more."""
         last = search.iterations + passes
         # Lambdas, because JAX hashes the functions of a loop, and a bound method hashes its object.
@@ -169,15 +169,23 @@ class Descent(eqx.Module):
     def drive(self, actions: Controls) -> tuple[Motion, Controls]:
         """Everybody's motion [agent time] and the ego's controls [step] under the movers' actions."""
         world, movers = self.world, self.movers
-        rows = movers.rows
-        start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
-        own = roll_out(world.dynamics, start, to_controls(actions), moving, half_length, world.dt)
+        own = self.own_motion(actions)
         background = movers.put(self.undisturbed, own)
         if self.config.background == "log":
             ego, controls = drive(self.planner, self.memory, world, background)
             return with_ego(background, ego), controls
         motion, controls = drive_among_reacting(self.planner, self.memory, world, background, self.reacting())
         return movers.put(motion, own), controls
+
+    def own_motion(self, actions: Controls) -> Motion:
+        """Where the movers go [mover time]."""
+        world, rows = self.world, self.movers.rows
+        start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
+        return roll_out(world.dynamics, start, to_controls(actions), moving, half_length, world.dt)
+
+    def background(self, actions: Controls) -> Motion:
+        """Everybody's own track [agent time]: of those that react, before they do."""
+        return self.movers.put(self.undisturbed, self.own_motion(actions))
 
     def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
         """The cost, its terms, and its gradient with respect to the actions [mover step].

@@ -42,12 +42,23 @@ class AttackConfig:
     nearest: int = 5  # candidates that get a descent of their own
     dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"  # how vehicles move; recorded: as in their source
     background: Literal["log", "reactive"] = "log"  # do agents that are no candidates brake for what is in their way?
+    replan_every: int = 0  # iterations between two closed loops of the planner; 0: 1 in the compiled loop, 10 outside
     as_published: bool = False  # where the public ReGentS code departs from the paper, do as the code does
 
     def __post_init__(self) -> None:
         require(
             self.gradient == "adversary" or self.background == "log",
             "a gradient through the planner needs background `log`: reactions are not differentiated",
+            RegentsError,
+        )
+        require(
+            self.replan_every >= 0,
+            f"replan_every is {self.replan_every}, expected the iterations between two closed loops, 1 or more",
+            RegentsError,
+        )
+        require(
+            self.gradient == "adversary" or self.replan_every <= 1,
+            "a gradient through the planner needs it in every iteration: replan_every 1",
             RegentsError,
         )
         ours = self.softmin_m > 0.0 or not self.pull_from_behind or (self.search, self.background) != ("joint", "log")

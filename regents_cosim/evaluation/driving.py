@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from statistics import fmean
 
@@ -13,12 +13,13 @@ from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners
 from regents_cosim.collisions import first_contact
-from regents_cosim.errors import RegentsError, require
+from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.statistics import mean_interval, wilson
-from regents_cosim.replays.replay import Simulator, replay, replay_each
-from regents_cosim.replays.verify import Replay
+from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import Scenario, Tracks
 
 
@@ -34,6 +35,8 @@ class Drive:
     hits: str | None  # agent that the ego collides with
     step: int | None  # of the collision
     off_road: float  # share of the way driven
+    act_s: tuple[float, ...] = ()  # time of each decision of a planner outside the mirror
+    error: str = ""  # how the planner failed; it got nowhere then
 
 
 @dataclass(frozen=True)
@@ -51,27 +54,41 @@ class DrivingRow:
     driving_score_percent: float
     driving_interval_percent: tuple[float, float]
     off_road_percent: float  # of the way driven
+    planner_errors: int  # cases in which the planner failed: they count as no way driven
+    act_median_ms: float | None  # of planners outside the mirror
+    act_p99_ms: float | None
 
 
 def drive_each(
-    scenarios: Sequence[Scenario], planner: str, where: Simulator = "mirror", executor: Executor | None = None
+    scenarios: Sequence[Scenario],
+    planner: str,
+    act_timeout_s: float = ACT_TIMEOUT_S,
+    where: Simulator = "mirror",
+    executor: Executor | None = None,
 ) -> Iterator[Drive]:
-    """Let `planner` drive every case, in order; SUMO runs in processes of its own, or those of `executor`.
+    """Let `planner` drive every case, in order, to the end of its horizon or its first collision.
 
-    Raises PlannerError where the planner cannot be found or fails, RegentsError where a simulator
-    cannot replay a case.
+    SUMO runs in processes of its own, or those of `executor`. Raises PlannerError where the planner
+    cannot be found, RegentsError where a simulator cannot replay a case.
     """
+    check(where, planner)
     if where == "mirror":
-        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            yield from pool.map(partial(drive_case, planner=planner), scenarios)
+        with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
         return
-    replays = replay_each(scenarios, where, planner, executor=executor)
-    yield from map(_score, scenarios, replays)
+    for scenario, replay in zip(scenarios, replay_each(scenarios, where, planner, executor=executor), strict=True):
+        if replay.replayed is None:
+            raise RegentsError(f"case {scenario.id}: {replay.reason}")
+        yield _score(scenario, replay.replayed.tracks)
 
 
-def drive_case(scenario: Scenario, planner: str, where: Simulator = "mirror") -> Drive:
-    """Let `planner` drive one case to the end of its horizon or its first collision."""
-    return _score(scenario, replay(scenario, where, planner))
+def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
+    """Let the planner at the wheel drive one case to the end of its horizon or its first collision."""
+    try:
+        lap = wheel.drive(scenario)
+    except DriveError as failure:
+        return Drive(scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0, error=str(failure))
+    return replace(_score(scenario, lap.tracks), act_s=tuple(lap.act_seconds))
 
 
 def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
@@ -84,6 +101,8 @@ def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
 def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
     """Means and rates of some drives."""
     collisions = sum(drive.hits is not None for drive in drives)
+    act_s = [second for drive in drives for second in drive.act_s]
+    median, p99 = (round(1e3 * float(v), 3) for v in np.percentile(act_s, [50, 99])) if act_s else (None, None)
     completions, scores = [drive.completion for drive in drives], [drive.score for drive in drives]
     return DrivingRow(
         source=source,
@@ -97,13 +116,13 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
         driving_score_percent=_percent(fmean(scores)),
         driving_interval_percent=_interval(mean_interval(scores)),
         off_road_percent=_percent(fmean(drive.off_road for drive in drives)),
+        planner_errors=sum(bool(drive.error) for drive in drives),
+        act_median_ms=median,
+        act_p99_ms=p99,
     )
 
 
-def _score(scenario: Scenario, replayed: Replay) -> Drive:
-    require(replayed.replayed is not None, f"case {scenario.id}: {replayed.reason}", RegentsError)
-    assert replayed.replayed is not None
-    tracks = replayed.replayed.tracks
+def _score(scenario: Scenario, tracks: Tracks) -> Drive:
     contact = first_contact(scenario.agents, tracks)
     end = tracks.steps if contact is None else contact[1] + 1
     log = scenario.tracks if scenario.original is None else scenario.original

@@ -46,8 +46,29 @@ def roll_out_background(world: World, controls: Controls) -> Motion:
     return roll_out(world.dynamics, world.start, controls, world.moving, world.half_length, world.dt)
 
 
+class EgoTrack(eqx.Module):
+    """Where a closed loop outside the compiled one has put the ego."""
+
+    motion: Motion  # [time]
+    controls: Controls  # [step] that made it, or come closest to it
+
+
+class Held(eqx.Module):
+    """In a planner's place: the ego stays on the `EgoTrack` that is its memory, whatever the others do."""
+
+    def look(self, memory: EgoTrack, traffic: Traffic) -> Any:
+        """Nothing."""
+        return ()
+
+    def step(self, memory: EgoTrack, sight: Any, ego: Motion) -> tuple[Controls, Any]:
+        """Never asked: its motion is known."""
+        raise NotImplementedError
+
+
 def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -> tuple[Motion, Controls]:
     """The ego's motion [time] and controls [step] when `planner` drives among `background` [agent, time]."""
+    if isinstance(planner, Held):
+        return memory.motion, memory.controls
     sight = planner.look(memory, others(world, background, world.valid))
 
     def advance(carry: tuple[Motion, Any], sight_now: Any) -> tuple[tuple[Motion, Any], tuple[Motion, Controls]]:
@@ -57,8 +78,16 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
         return (move_ego(world, ego, control), recalled), (ego, control)
 
     decisions = jax.tree.map(lambda values: values[:-1], sight)
-    (last, _), (motion, controls) = jax.lax.scan(advance, (_ego_start(world), memory), decisions)
+    (last, _), (motion, controls) = jax.lax.scan(advance, (ego_start(world), memory), decisions)
     return jax.tree.map(lambda values, end: jnp.append(values, end), motion, last), controls
+
+
+class Instant(eqx.Module):
+    """What the background was to do at one step, or [time, agent] at all of them."""
+
+    log: Motion  # [agent] its own track
+    present: Bool[Array, "*time agent"]
+    moving: Bool[Array, "*time agent"]  # has entered before the next step
 
 
 def drive_among_reacting(
@@ -70,30 +99,50 @@ def drive_among_reacting(
     price against `drive`: everybody is moved step by step, and the planner looks step by step.
     """
 
-    def advance(carry: tuple[Motion, Any, Progress], inputs: Any) -> tuple[Any, tuple[Motion, Controls]]:
+    def advance(
+        carry: tuple[Motion, Any, Progress], inputs: tuple[Instant, Any]
+    ) -> tuple[Any, tuple[Motion, Controls]]:
         ego, recalled, progress = carry
-        log_now, present, moving = inputs
-        placed = place(background, progress)
-        now = with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b), placed, log_now), ego)
-        seen = jax.tree.map(lambda values: values[:, None], now)
-        control, recalled = decide(planner, recalled, others(world, seen, present[:, None]), ego)
-        further = react(
-            progress, now, background, world.controls.curvature, log_now, present,
-            world.half_length, world.half_width, world.dt,
-        )  # fmt: skip
-        # Whoever has not entered yet is as far as time is.
-        further = Progress(
-            jnp.where(moving, further.step, progress.step + 1.0), jnp.where(moving, further.speed, progress.speed)
-        )
-        return (move_ego(world, ego, control), recalled, further), (now, control)
+        instant, held = inputs
+        now = placed(background, reacting, progress, instant.log, ego)
+        further = reacted(world, background, progress, now, instant)
+        if held is not None:
+            control, ahead = held
+        else:
+            seen = jax.tree.map(lambda values: values[:, None], now)
+            control, recalled = decide(planner, recalled, others(world, seen, instant.present[:, None]), ego)
+            ahead = move_ego(world, ego, control)
+        return (ahead, recalled, further), (now, control)
 
-    in_time = jax.tree.map(lambda values: values.T, (background, world.valid))
-    steps = jax.tree.map(lambda values: values[:-1], in_time)
-    start = (_ego_start(world), memory, begin(background))
-    (ego, _, progress), (motion, controls) = jax.lax.scan(advance, start, (*steps, world.moving.T))
-    placed = place(background, progress)
-    last = with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b[:, -1]), placed, background), ego)
+    log, present = jax.tree.map(lambda values: values.T[:-1], (background, world.valid))
+    held = None
+    if isinstance(planner, Held):
+        held = memory.controls, jax.tree.map(lambda values: values[1:], memory.motion)
+    start = (ego_start(world), None if held else memory, begin(background))
+    (ego, _, progress), (motion, controls) = jax.lax.scan(advance, start, (Instant(log, present, world.moving.T), held))
+    last = placed(background, reacting, progress, jax.tree.map(lambda values: values[:, -1], background), ego)
     return jax.tree.map(lambda values, end: jnp.concatenate([values.T, end[:, None]], axis=1), motion, last), controls
+
+
+def placed(
+    background: Motion, reacting: Bool[Array, " agent"], progress: Progress, log_now: Motion, ego: Motion
+) -> Motion:
+    """Where everybody is [agent]: the `reacting` as far as they have got, the rest where `log_now` has them."""
+    as_far = place(background, progress)
+    return with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b), as_far, log_now), ego)
+
+
+def reacted(world: World, background: Motion, progress: Progress, now: Motion, instant: Instant) -> Progress:
+    """How far everybody gets by the next step."""
+    further = react(
+        progress, now, background, world.controls.curvature, instant.log, instant.present,
+        world.half_length, world.half_width, world.dt,
+    )  # fmt: skip
+    # Whoever has not entered yet is as far as time is.
+    return Progress(
+        jnp.where(instant.moving, further.step, progress.step + 1.0),
+        jnp.where(instant.moving, further.speed, progress.speed),
+    )
 
 
 def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> tuple[Controls, Any]:
@@ -119,5 +168,6 @@ def with_ego(background: Motion, ego: Motion) -> Motion:
     return jax.tree.map(lambda values, mine: values.at[0].set(mine), background, ego)
 
 
-def _ego_start(world: World) -> Motion:
+def ego_start(world: World) -> Motion:
+    """The ego at the first step."""
     return jax.tree.map(lambda values: values[0], world.start)

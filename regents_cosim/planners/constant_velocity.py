@@ -5,7 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from regents_cosim.mirror.bicycle import Controls, Motion
-from regents_cosim.planners.interface import JaxPlanner
+from regents_cosim.planners.jax_planner import JaxPlanner
 
 
 class ConstantVelocity(JaxPlanner):

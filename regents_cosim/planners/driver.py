@@ -1,4 +1,8 @@
-"""A planner of the mirror at the wheel of a host simulator: one decision per step."""
+"""A planner at the wheel of a host simulator: one decision per step, by the simulator's own states.
+
+The ego moves by the mirror's model; what the planner reacts to is what the simulator reports,
+step by step, so that nothing of the future can leak in.
+"""
 
 from typing import Any
 
@@ -8,28 +12,37 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Motion
 from regents_cosim.mirror.rollout import decide, move_ego, others
-from regents_cosim.mirror.world import World, to_world
-from regents_cosim.planners.interface import JaxPlanner, Scene, find_planner, start
+from regents_cosim.mirror.world import World, scene_origin, to_world
+from regents_cosim.planners.closed_loop import move
+from regents_cosim.planners.host_process import HostProcess, Seen
+from regents_cosim.planners.interface import Placement, Scene
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
 from regents_cosim.scenario import Scenario
 
 
-class LoopDriver:
-    """Drives the ego by the simulator's own states instead of the mirror's.
+def driver_for(planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> "LoopDriver | HostDriver":
+    """A driver for the planner of that name. Raises PlannerError where there is none."""
+    if isinstance(find_planner(planner), JaxPlanner):
+        return LoopDriver(planner)
+    return HostDriver(planner, act_timeout_s)
 
-    Picklable until `start`. The ego moves by the mirror's model; what it reacts to is what the
-    simulator reports, step by step, so that nothing of the future can leak in.
-    """
+
+class LoopDriver:
+    """A planner of the mirror's compiled loop. Picklable until `start`, like the other."""
 
     def __init__(self, planner: str) -> None:
         self.planner = planner
 
     def start(self, scenario: Scenario) -> None:
-        """Prepare for `scenario`. Raises PlannerError where the planner cannot be found."""
-        self._loop = find_planner(self.planner)
+        """Prepare for `scenario`. Raises PlannerError where the planner fails."""
+        loop = find_planner(self.planner)
+        assert isinstance(loop, JaxPlanner)
+        self._loop = loop
         self._world = to_world(scenario)
-        self._scene = Scene(scenario, self._world)
+        self._scene = LoopScene(scenario, self._world)
         self._memory = start(self._loop, self._scene, self.planner)
 
     def advance(
@@ -50,6 +63,37 @@ class LoopDriver:
         ego, self._memory = _move(self._loop, self._memory, self._world, seen, present)
         ahead = [float(value) for value in (ego.x, ego.y, ego.yaw, ego.speed)]
         return ahead[0] + float(east), ahead[1] + float(north), ahead[2], ahead[3]
+
+
+class HostDriver:
+    """A planner in a process of its own."""
+
+    def __init__(self, planner: str, act_timeout_s: float) -> None:
+        self.planner, self.act_timeout_s = planner, act_timeout_s
+
+    def start(self, scenario: Scenario) -> None:
+        """Prepare for `scenario`. Raises DriveError where the planner fails."""
+        self._world, self._origin = to_world(scenario), np.array([*scene_origin(scenario), 0.0, 0.0])
+        self._process = HostProcess(self.planner, self.act_timeout_s)
+        self._process.reset([Scene.of(scenario, ACCEL_LIMIT, CURVATURE_LIMIT)])
+
+    def advance(
+        self,
+        step: int,
+        x: Float[np.ndarray, " agent"],
+        y: Float[np.ndarray, " agent"],
+        yaw: Float[np.ndarray, " agent"],
+        speed: Float[np.ndarray, " agent"],
+        valid: Bool[np.ndarray, " agent"],
+    ) -> tuple[float, float, float, float]:
+        """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame)."""
+        (answer,) = self._process.act(step, [Seen(x, y, yaw, speed, valid)])
+        decision = answer.decision
+        if isinstance(decision, Placement):
+            return decision.x, decision.y, decision.yaw, decision.speed
+        ego = np.array([x[0], y[0], yaw[0], speed[0]]) - self._origin
+        ahead = move(self._world, ego, (decision.accel, decision.curvature)) + self._origin
+        return float(ahead[0]), float(ahead[1]), float(ahead[2]), float(ahead[3])
 
 
 @eqx.filter_jit

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.rollout import Traffic
-from regents_cosim.planners.interface import JaxPlanner, Scene
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.planners.route import SPACING_M, Route, plan_route
 
 _POINTS = 384  # route points kept, one every metre
@@ -67,7 +67,7 @@ class IDM(JaxPlanner):
     look_ahead: float = 0.5  # [s] of pure pursuit
     min_look_ahead: float = 3.0  # [m]
 
-    def init(self, scene: Scene) -> Memory:
+    def init(self, scene: LoopScene) -> Memory:
         """The route of the ego: its logged path, extended along the lanes."""
         route = plan_route(scene.scenario)
         points = _pad_line(route.points)

@@ -1,143 +1,234 @@
-"""What a planner is, and how one is found by name.
+"""What a planner is: it is told the scene once, then asked at every step what to do. No JAX here.
 
-A planner written in JAX is an `eqx.Module` that runs inside the compiled loop. Ten lines do:
+Ten lines do:
 
-    class Cautious(JaxPlanner):
-        def step(self, memory, sight, ego):
-            ahead = (sight.motion.x - ego.x) * jnp.cos(ego.yaw) + (sight.motion.y - ego.y) * jnp.sin(ego.yaw)
-            near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
-            return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
+    class Cautious:
+        def reset(self, scene):
+            pass
+
+        def act(self, observation):
+            ahead = [other.seen_from(observation.ego)[0] for other in observation.others]
+            return Control(accel=-4.0 if any(0.0 < gap < 15.0 for gap in ahead) else 1.0, curvature=0.0)
+
+Such a planner runs in a process of its own (`host_process`), so it may be anything: torch, a C++ binding, a
+client of a server. One written in JAX (`jax_planner`) runs inside the compiled loop of the attack instead.
 """
 
-import importlib
-import importlib.util
-from dataclasses import dataclass
-from importlib.metadata import entry_points
-from pathlib import Path
-from types import ModuleType
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol, runtime_checkable
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+import shapely
+from jaxtyping import Bool, Float
 
-from regents_cosim.errors import PlannerError
-from regents_cosim.mirror.bicycle import Controls, Motion
-from regents_cosim.mirror.rollout import Traffic, decide, others
-from regents_cosim.mirror.world import World, scene_origin
-from regents_cosim.scenario import Scenario
+from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.scenario import Agent, Kind, Scenario, Signal
+
+# Frame of everything here: the map's own (x east, y north, metres), box centres, yaw counter-clockwise from +x.
 
 
 @dataclass(frozen=True)
+class Control:
+    """What the ego does until the next step, within `Scene.max_accel` and `Scene.max_curvature`."""
+
+    accel: float  # [m/s^2]
+    curvature: float  # [1/m] positive turns left
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """Where the ego should be after 1, 2, ... times `spacing_s`; `waypoints.follow` steers along them."""
+
+    points: Float[np.ndarray, "point 2"]  # [m]
+    spacing_s: float = 0.5
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the ego is at the next step, from a simulator that moves it by a model of its own."""
+
+    x: float  # [m]
+    y: float  # [m]
+    yaw: float  # [rad]
+    speed: float  # [m/s] never negative
+
+
+@dataclass(frozen=True)
+class AgentState:
+    """One road user at one instant."""
+
+    id: str
+    kind: Kind
+    x: float  # [m]
+    y: float  # [m]
+    yaw: float  # [rad]
+    speed: float  # [m/s]
+    length: float  # [m]
+    width: float  # [m]
+
+    def seen_from(self, ego: "AgentState") -> tuple[float, float]:
+        """How far ahead of `ego` and to the left of it, centre to centre [m]."""
+        dx, dy = self.x - ego.x, self.y - ego.y
+        cos, sin = float(np.cos(ego.yaw)), float(np.sin(ego.yaw))
+        return dx * cos + dy * sin, dy * cos - dx * sin
+
+
+@dataclass(frozen=True, eq=False)
+class Others:
+    """The other road users as arrays in one order throughout a scene; iterating gives those that are there."""
+
+    agents: tuple[Agent, ...]
+    x: Float[np.ndarray, " agent"]  # [m] 0 where absent, like all below
+    y: Float[np.ndarray, " agent"]  # [m]
+    yaw: Float[np.ndarray, " agent"]  # [rad]
+    speed: Float[np.ndarray, " agent"]  # [m/s]
+    valid: Bool[np.ndarray, " agent"]  # is there
+
+    def __iter__(self) -> Iterator[AgentState]:
+        for index in np.flatnonzero(self.valid).tolist():
+            yield self.state(index)
+
+    def state(self, index: int) -> AgentState:
+        """One of them."""
+        agent = self.agents[index]
+        x, y, yaw, speed = (float(values[index]) for values in (self.x, self.y, self.yaw, self.speed))
+        return AgentState(agent.id, agent.kind, x, y, yaw, speed, agent.length, agent.width)
+
+    @cached_property
+    def length(self) -> Float[np.ndarray, " agent"]:
+        """[m]."""
+        return np.array([agent.length for agent in self.agents])
+
+    @cached_property
+    def width(self) -> Float[np.ndarray, " agent"]:
+        """[m]."""
+        return np.array([agent.width for agent in self.agents])
+
+
+@dataclass(frozen=True)
+class Light:
+    """A traffic light at the end of a lane, for one way on from there."""
+
+    lane: str
+    to_lane: str
+    x: float  # [m] of the stop line, in the middle of the lane
+    y: float  # [m]
+    shows: str  # SUMO's letter: r red, y yellow, g/G green, u red-yellow, s stop, o/O off
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
-    """What a planner is told before the first step: the scenario, and the same on the device.
+    """What a planner is told before the first step. Nothing in it tells what the others will do."""
 
-    The device's coordinates are the map's less `origin`. A planner that looks at later steps of
-    the tracks knows the future; only `log_replay` is meant to.
-    """
+    id: str
+    dt: float  # [s] between two questions
+    steps: int  # instants of the scene, one more than the decisions
+    ego: AgentState  # at the first step
+    others: tuple[Agent, ...]  # everybody else who may turn up, in the order of `Observation.others`
+    target: tuple[float, float]  # [m] where the ego wants to go
+    road: RoadMap
+    max_accel: float  # [m/s^2] of a Control, in either direction
+    max_curvature: float  # [1/m] of a Control, to either side
+    _signals: tuple[Signal, ...] = field(default=(), repr=False)
 
-    scenario: Scenario
-    world: World
+    @classmethod
+    def of(cls, scenario: Scenario, max_accel: float, max_curvature: float) -> "Scene":
+        """The scene of `scenario`; the limits are those of whatever moves the ego."""
+        tracks, ego = scenario.tracks, scenario.ego
+        x, y, yaw, speed = (float(values[0, 0]) for values in (tracks.x, tracks.y, tracks.yaw, tracks.speed))
+        return cls(
+            id=scenario.id,
+            dt=scenario.dt,
+            steps=tracks.steps,
+            ego=AgentState(ego.id, ego.kind, x, y, yaw, speed, ego.length, ego.width),
+            others=scenario.agents[1:],
+            target=scenario.target,
+            road=scenario.road,
+            max_accel=max_accel,
+            max_curvature=max_curvature,
+            _signals=scenario.signals,
+        )
+
+    def lights(self, step: int) -> tuple[Light, ...]:
+        """All traffic lights as they are at `step`."""
+        letters = {signal.id: signal.letters(step) for signal in self._signals}
+        return tuple(
+            Light(source, target, x, y, letters[signal][link])
+            for source, target, x, y, signal, link in self._stop_lines
+            if signal in letters
+        )
+
+    @cached_property
+    def _stop_lines(self) -> list[tuple[str, str, float, float, str, int]]:
+        found = []
+        for connection in self.road.connections:
+            if connection.signal is not None:
+                x, y = self.road.lane[connection.source].centre[-1].tolist()
+                found.append((connection.source, connection.target, x, y, connection.signal, connection.link))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What a planner sees at one step."""
+
+    scene: Scene
+    step: int
+    ego: AgentState
+    others: Others
 
     @property
-    def origin(self) -> Float[np.ndarray, " 2"]:
-        """Origin [m, map frame] of the device's coordinates."""
-        return scene_origin(self.scenario)
+    def time_s(self) -> float:
+        """Since the beginning of the scene."""
+        return self.step * self.scene.dt
 
-    def on_device(self, points: Float[np.ndarray, "point 2"]) -> Float[Array, "point 2"]:
-        """Points of the map frame in the device's coordinates [m]."""
-        return jnp.asarray(points - self.origin, jnp.float32)
+    @property
+    def target(self) -> tuple[float, float]:
+        """Where the ego wants to go [m]."""
+        return self.scene.target
+
+    @cached_property
+    def lights(self) -> tuple[Light, ...]:
+        """The traffic lights of the map as they are now."""
+        return self.scene.lights(self.step)
+
+    def lanes_within(self, radius_m: float) -> list[Lane]:
+        """Lanes of the map that come as close as that to the ego, the nearest first."""
+        road, here = self.scene.road, shapely.Point(self.ego.x, self.ego.y)
+        found = road.centre_lines.query(here, predicate="dwithin", distance=radius_m)
+        away = shapely.distance(road.centre_lines.geometries[found], here)
+        return [road.lanes[index] for index in found[np.argsort(away, kind="stable")].tolist()]
 
 
-class JaxPlanner(eqx.Module):
-    """A planner inside the compiled loop: override `step`, and `init` or `look` where needed.
+Decision = Control | Waypoints | Placement
 
-    `init` runs once per scenario on the host. Everything else must be traceable by JAX. Memory
-    of equal shapes over scenarios saves compilations.
+
+@runtime_checkable
+class Planner(Protocol):
+    """A planner on the host. `reset` is called before every drive, also of a scene that was driven before.
+
+    One that also has `act_batch(observations) -> decisions` and `reset_batch(scenes)` drives many scenes at once.
     """
 
-    def init(self, scene: Scene) -> Any:
-        """Memory at the first step, any pytree."""
-        return ()
+    def reset(self, scene: Scene) -> None:
+        """Prepare for a drive from the first step on."""
+        ...
 
-    def look(self, memory: Any, traffic: Traffic) -> Any:
-        """What is seen of the others, time first; by default the `Traffic` of each step.
-
-        Each row comes from its own step of `traffic` alone: it is called for all steps at once
-        where the others do not depend on the ego, and step by step where they do.
-        """
-        steps = traffic.valid.shape[-1]
-        in_time = jax.tree.map(lambda v: jnp.moveaxis(v, -1, 0), (traffic.motion, traffic.valid))
-        sizes = (traffic.half_length, traffic.half_width)
-        return Traffic(*in_time, *(jnp.broadcast_to(v, (steps, *v.shape)) for v in sizes))
-
-    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
-        """Scalar controls for one step and the next memory. They are clipped to the mirror's limits."""
-        raise NotImplementedError
+    def act(self, observation: Observation) -> Control | Waypoints | Placement:
+        """What the ego does until the next step."""
+        ...
 
 
-def find_planner(name: str) -> JaxPlanner:
-    """A planner by its name, as `package.module:attribute` or as `path/to/file.py:attribute`.
+@runtime_checkable
+class BatchPlanner(Planner, Protocol):
+    """A planner that drives many scenes at once: answers in the order of the questions."""
 
-    The attribute is a JaxPlanner or something that makes one without arguments. Names come from
-    the entry points `regents_cosim.planners`. Raises PlannerError.
-    """
-    known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
-    module_name, _, attribute = known.get(name, name).partition(":")
-    if not attribute:
-        raise PlannerError(
-            f"planner {name!r} not found, expected one of {', '.join(sorted(known))}, "
-            "`package.module:attribute` or `file.py:attribute`"
-        )
-    found = getattr(_import(module_name, name), attribute, None)
-    if found is None:
-        raise PlannerError(f"planner {name!r}: {module_name} has no {attribute!r}")
-    planner = found() if callable(found) and not isinstance(found, JaxPlanner) else found
-    if not isinstance(planner, JaxPlanner):
-        raise PlannerError(f"planner {name!r} is a {type(planner).__name__}, expected a JaxPlanner")
-    return planner
+    def reset_batch(self, scenes: Sequence[Scene]) -> None:
+        """Prepare for drives from the first step on, one in each scene."""
+        ...
 
-
-def start(planner: JaxPlanner, scene: Scene, name: str) -> Any:
-    """The planner's memory of `scene`, once it has shown that it can take a step there.
-
-    Raises PlannerError with what the planner itself said where it fails, and with what was
-    expected where its answer has the wrong form. Values that are not finite show later.
-    """
-    world = scene.world
-    now = jax.tree.map(lambda values: values[:, :1], world.log)
-    traffic, ego = others(world, now, world.valid[:, :1]), jax.tree.map(lambda values: values[0, 0], now)
-    try:
-        memory = planner.init(scene)
-        control, after = jax.eval_shape(lambda *given: decide(planner, *given), memory, traffic, ego)
-    except Exception as error:  # somebody else's code: whatever it raises is an answer
-        said = str(error).strip().partition("\n")[0]
-        raise PlannerError(
-            f"planner {name!r} failed on case {scene.scenario.id}: {type(error).__name__}: {said}"
-        ) from error
-    if any(value.shape != () for value in jax.tree.leaves(control)):
-        shapes = [list(value.shape) for value in jax.tree.leaves(control)]
-        raise PlannerError(f"planner {name!r}: controls of shapes {shapes}, expected two scalars (accel, curvature)")
-    if jax.tree.map(_form, memory) != jax.tree.map(_form, after):
-        raise PlannerError(f"planner {name!r}: `step` returns another kind of memory than it was given")
-    return memory
-
-
-def _form(value: Any) -> tuple[tuple[int, ...], str]:
-    return jnp.shape(value), str(jnp.result_type(value))
-
-
-def _import(module_name: str, name: str) -> ModuleType:
-    try:
-        if not module_name.endswith(".py"):
-            return importlib.import_module(module_name)
-        spec = importlib.util.spec_from_file_location(Path(module_name).stem, module_name)
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{module_name} is not a Python file")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    except Exception as error:  # whatever a user's module raises is the user's answer
-        raise PlannerError(f"planner {name!r} cannot be imported: {type(error).__name__}: {error}") from error
-    return module
+    def act_batch(self, observations: Sequence[Observation]) -> Sequence[Control | Waypoints | Placement]:
+        """What each ego does until the next step; observation i belongs to scene i."""
+        ...

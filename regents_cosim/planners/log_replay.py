@@ -6,13 +6,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from regents_cosim.mirror.bicycle import Controls, Motion
-from regents_cosim.planners.interface import JaxPlanner, Scene
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
 
 class LogReplay(JaxPlanner):
     """Applies the controls of the smooth fit of the ego's own track, one after the other."""
 
-    def init(self, scene: Scene) -> tuple[Int[Array, ""], Controls]:
+    def init(self, scene: LoopScene) -> tuple[Int[Array, ""], Controls]:
         """The step to come, and all controls."""
         logged = scene.world.controls
         return jnp.int32(0), Controls(logged.accel[0], logged.curvature[0])

@@ -1,17 +1,54 @@
-"""A Scenario in the mirror again: the ego driven anew among the case's own background."""
+"""Scenarios in the mirror again: the ego driven anew among each case's own background."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import equinox as eqx
 import jax
 import numpy as np
 
-from regents_cosim.mirror.rollout import drive, with_ego
-from regents_cosim.mirror.world import to_tracks, to_world
-from regents_cosim.planners.interface import Scene, find_planner, start
+from regents_cosim.mirror.rollout import EgoTrack, drive, with_ego
+from regents_cosim.mirror.world import World, to_tracks, to_world
+from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
+from regents_cosim.planners.host_pool import HostPool
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
 from regents_cosim.scenario import Scenario, Tracks
 
 _drive = eqx.filter_jit(drive)
+
+
+@dataclass(frozen=True, eq=False)
+class Lap:
+    """What a drive gave."""
+
+    tracks: Tracks
+    act_seconds: list[float] = field(default_factory=list)  # of a planner outside the mirror
+
+
+class Wheel:
+    """One planner at the wheel of one scenario after the other, from several threads. A context manager."""
+
+    def __init__(self, planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
+        """Raises PlannerError where the planner cannot be found."""
+        self._name, self._planner = planner, find_planner(planner)
+        self._processes = HostPool(planner, act_timeout_s)
+
+    def __enter__(self) -> "Wheel":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._processes.__exit__(*error)
+
+    def drive(self, scenario: Scenario) -> Lap:
+        """The tracks of `scenario`, its ego driven in closed loop. Raises DriveError."""
+        world = to_world(scenario)
+        if isinstance(self._planner, JaxPlanner):
+            memory = start(self._planner, LoopScene(scenario, world), self._name)
+            return Lap(_with_ego(scenario, world, EgoTrack(*_drive(self._planner, memory, world, world.log))))
+        with self._processes.lend() as process:
+            loop = ClosedLoop(scenario, world, world.log, None)
+            seconds = drive_on_host(process, [loop])
+        return Lap(_with_ego(scenario, world, loop.track), seconds)
 
 
 def replay_in_mirror(scenario: Scenario, planner: str | None = None) -> Tracks:
@@ -21,10 +58,13 @@ def replay_in_mirror(scenario: Scenario, planner: str | None = None) -> Tracks:
     """
     if planner is None:
         return scenario.tracks
-    loop, world = find_planner(planner), to_world(scenario)
-    ego, ego_controls = _drive(loop, start(loop, Scene(scenario, world), planner), world, world.log)
-    controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), world.controls, ego_controls)
-    driven = to_tracks(with_ego(world.log, ego), controls, scenario)
+    with Wheel(planner) as wheel:
+        return wheel.drive(scenario).tracks
+
+
+def _with_ego(scenario: Scenario, world: World, ego: EgoTrack) -> Tracks:
+    controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), world.controls, ego.controls)
+    driven = to_tracks(with_ego(world.log, ego.motion), controls, scenario)
     is_ego = np.arange(len(scenario.agents))[:, None] == 0
     changed = {
         name: np.where(is_ego, getattr(driven, name), getattr(scenario.tracks, name))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from regents_cosim.errors import PlannerError, RegentsError
-from regents_cosim.planners.driver import LoopDriver
-from regents_cosim.planners.interface import find_planner
+from regents_cosim.planners.driver import driver_for
+from regents_cosim.planners.systems import find_planner
 from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.replays.sumo import replay_in_sumo
 from regents_cosim.replays.verify import Replay, compare, failed
@@ -48,7 +48,7 @@ def replay_each(
     mode: Mode = "track",
 ) -> Iterator[Replay]:
     """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`."""
-    _check(where, planner, gui)
+    check(where, planner, gui)
     if where == "highway":
         yield from (_in_highway(scenario, planner, mode, gui) for scenario in scenarios)
         return
@@ -69,13 +69,13 @@ class _SumoJob:
 
 def _in_sumo(job: _SumoJob) -> Replay:
     """Run in a worker process."""
-    driver = LoopDriver(job.planner) if job.planner else None
+    driver = driver_for(job.planner) if job.planner else None
     seen = replay_in_sumo(job.scenario, driver, job.gui)
     return compare(job.scenario, seen.tracks, seen.collisions, ego_is_free=driver is not None)
 
 
-def _check(where: Simulator, planner: str | None, gui: bool) -> None:
-    """Complain here rather than once per case."""
+def check(where: Simulator, planner: str | None, gui: bool = False) -> None:
+    """Complain here rather than once per case. Raises PlannerError, or RegentsError for a window of the mirror."""
     if gui and where == "mirror":
         raise RegentsError("the mirror has no window; --gui shows that of --in sumo or --in highway, or use --record")
     if planner is None:
@@ -96,7 +96,7 @@ def _in_highway(scenario: Scenario, planner: str | None, mode: Mode, gui: bool) 
     if planner and planner.startswith(_AGENT):
         seen = drive_in_highway(scenario, planner.removeprefix(_AGENT), mode, gui=gui)
     else:
-        seen = replay_in_highway(scenario, LoopDriver(planner) if planner else None, mode, gui)
+        seen = replay_in_highway(scenario, driver_for(planner) if planner else None, mode, gui)
     return compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
 
 

@@ -39,6 +39,7 @@ _OUTCOMES: dict[Outcome, str] = {
     "no_candidate": "nobody may attack",
     "already_colliding": "collides without an attack",
     "diverged": "attack diverged",
+    "planner_error": "planner failed",
 }
 _SCALES_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 

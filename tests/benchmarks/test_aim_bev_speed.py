@@ -13,7 +13,7 @@ from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.planner import aim_bev
-from regents_cosim.planners.interface import Scene
+from regents_cosim.planners.jax_planner import LoopScene
 from regents_cosim.shipped import shipped
 from regents_cosim.suite import load_cases
 
@@ -26,7 +26,7 @@ ROUNDS = 15
 def driven():
     made = next(case.before_attack() for case in load_cases(shipped("scenarios") / "quickstart") if CASE in case.id)
     world = to_world(made)
-    return world, aim_bev().init(Scene(made, world))
+    return world, aim_bev().init(LoopScene(made, world))
 
 
 def least_seconds(call) -> float:

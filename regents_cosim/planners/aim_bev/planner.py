@@ -17,7 +17,7 @@ from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.controller import Controller, Errors
 from regents_cosim.planners.aim_bev.network import Network, to_network
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
-from regents_cosim.planners.interface import JaxPlanner, Scene
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
 _BEYOND_M = 30.0  # how far the ego may get away from its log and still see the road
 
@@ -47,7 +47,7 @@ class AimBev(JaxPlanner):
     network: Network
     controller: Controller
 
-    def init(self, scene: Scene) -> Memory:
+    def init(self, scene: LoopScene) -> Memory:
         """Draw the map around the logged track."""
         scenario = scene.scenario
         tracks = scenario.tracks if scenario.original is None else scenario.original

@@ -1,0 +1,126 @@
+"""Searches whose planner drives every few iterations, taken to their ends: by a compiled loop, or by a process.
+
+Several at a time go side by side where the planner takes batches of scenes.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import equinox as eqx
+import jax
+
+from regents_cosim.attacks.descent import ExtraCost, Found
+from regents_cosim.attacks.lanes import Job
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.replanned import Traffic, searching
+from regents_cosim.errors import DriveError
+from regents_cosim.mirror.rollout import EgoTrack, LoopPlanner, drive, drive_among_reacting
+from regents_cosim.mirror.world import World
+from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
+from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.scenario import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """A closed loop that a search wants."""
+
+    scenario: Scenario
+    job: Job
+    traffic: Traffic
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """The ego's track in a closed loop, and how long its decisions took [s]."""
+
+    ego: EgoTrack
+    seconds: list[float] = field(default_factory=list)
+
+
+# Answers in the order of the requests.
+Drives = Callable[[Sequence[Request]], list[Driven | DriveError]]
+
+
+@dataclass(frozen=True, eq=False)
+class Pursued:
+    """How a search ended, and how long all decisions took [s]."""
+
+    found: Found | DriveError
+    seconds: list[float]
+
+
+def pursue(
+    jobs: Sequence[tuple[Scenario, Job]],
+    config: AttackConfig,
+    every: int,
+    drives: Drives,
+    extra_cost: ExtraCost | None = None,
+) -> list[Pursued]:
+    """Search all `jobs` side by side, a closed loop every so many iterations."""
+    searches = [searching(job.world, config, job.movers, every, extra_cost) for _, job in jobs]
+    seconds: list[list[float]] = [[] for _ in jobs]
+    ended: dict[int, Found | DriveError] = {}
+    waiting = {index: next(search) for index, search in enumerate(searches)}
+    while waiting:
+        answers = drives([Request(*jobs[index], traffic) for index, traffic in waiting.items()])
+        after: dict[int, Traffic] = {}
+        for index, answer in zip(waiting, answers, strict=True):
+            if isinstance(answer, DriveError):
+                ended[index] = answer
+                continue
+            seconds[index] += answer.seconds
+            try:
+                after[index] = searches[index].send(answer.ego)
+            except StopIteration as end:
+                ended[index] = end.value
+        waiting = after
+    return [Pursued(ended[index], seconds[index]) for index in range(len(jobs))]
+
+
+def in_compiled_loop(planner: LoopPlanner) -> Drives:
+    """Closed loops of a planner in JAX."""
+
+    def answer(requests: Sequence[Request]) -> list[Driven | DriveError]:
+        return [Driven(_drive(planner, r.job.memory, r.job.world, r.traffic)) for r in requests]
+
+    return answer
+
+
+def in_process(process: HostProcess) -> Drives:
+    """Closed loops of the planner that `process` hosts."""
+
+    def answer(requests: Sequence[Request]) -> list[Driven | DriveError]:
+        by_length: dict[int, list[int]] = {}
+        for index, request in enumerate(requests):
+            by_length.setdefault(request.scenario.tracks.steps, []).append(index)
+        found: dict[int, Driven | DriveError] = {}
+        for group in by_length.values():
+            found.update(zip(group, _side_by_side(process, [requests[index] for index in group]), strict=True))
+        return [found[index] for index in range(len(requests))]
+
+    return answer
+
+
+def _side_by_side(process: HostProcess, requests: list[Request]) -> list[Driven | DriveError]:
+    if len(requests) > 1 and not process.batches():
+        return [_side_by_side(process, [request])[0] for request in requests]
+    loops = [ClosedLoop(r.scenario, r.job.world, r.traffic.background, r.traffic.reacting) for r in requests]
+    try:
+        seconds = drive_on_host(process, loops)
+    except DriveError as failure:
+        if len(requests) == 1:
+            return [failure]
+        # Somebody in the batch made it fail; alone, each answers for itself.
+        return [_side_by_side(process, [request])[0] for request in requests]
+    share = len(seconds) // len(loops)
+    return [Driven(loop.track, seconds[:share]) for loop in loops]
+
+
+@eqx.filter_jit
+def _drive(planner: LoopPlanner, memory: Any, world: World, traffic: Traffic) -> EgoTrack:
+    if traffic.reacting is None:
+        return EgoTrack(*drive(planner, memory, world, traffic.background))
+    motion, controls = drive_among_reacting(planner, memory, world, traffic.background, traffic.reacting)
+    return EgoTrack(jax.tree.map(lambda values: values[0], motion), controls)

@@ -1,0 +1,91 @@
+"""A search whose planner drives only every few iterations: for planners outside the compiled loop, or slow ones.
+
+In between the ego stays where the last closed loop put it. That is one more term of the
+approximation that the method makes anyway, whose gradient takes the ego's track as constant; a
+collision counts only once a fresh closed loop has confirmed it.
+"""
+
+from collections.abc import Generator
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from regents_cosim.attacks.descent import Descent, ExtraCost, Found, Search
+from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.search import set_up
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.rollout import EgoTrack, Held
+from regents_cosim.mirror.world import World
+
+
+class Traffic(eqx.Module):
+    """What a closed loop is asked to drive among."""
+
+    background: Motion  # [agent time] everybody's own track
+    reacting: Bool[Array, " agent"] | None  # who brakes for what is in the way; None: nobody
+
+
+def searching(
+    world: World, config: AttackConfig, movers: Movers, every: int, extra_cost: ExtraCost | None = None
+) -> Generator[Traffic, EgoTrack, Found]:
+    """The search: yields traffic, wants the ego's track among it, returns what was found.
+
+    `every` is the number of iterations between two closed loops.
+    """
+    # Compiled programs do not depend on how often the planner drives.
+    given = (world, replace(config, replan_every=0), movers, extra_cost)
+    ego = yield _logged(given)
+    search, goes_on = _begin(given, ego)
+    while goes_on:
+        search, traffic = _advance(given, ego, search, jnp.int32(every))
+        ego = yield traffic
+        search, goes_on = _look_again(given, ego, search)
+    return _result(given, ego, search)
+
+
+_Given = tuple[World, AttackConfig, Movers, ExtraCost | None]
+
+
+def _descent(given: _Given, ego: EgoTrack | None) -> Descent:
+    world, config, movers, extra_cost = given
+    return set_up(world, Held(), ego, config, movers, extra_cost)
+
+
+@eqx.filter_jit
+def _logged(given: _Given) -> Traffic:
+    descent = _descent(given, None)
+    return _traffic(descent, descent.logged())
+
+
+@eqx.filter_jit
+def _begin(given: _Given, ego: EgoTrack) -> tuple[Search, Bool[Array, ""]]:
+    descent = _descent(given, ego)
+    search = descent.begin()
+    return search, descent.goes_on(search)
+
+
+@eqx.filter_jit
+def _advance(given: _Given, ego: EgoTrack, search: Search, passes: Int[Array, ""]) -> tuple[Search, Traffic]:
+    descent = _descent(given, ego)
+    search = descent.advance(search, passes)
+    return search, _traffic(descent, search.actions)
+
+
+@eqx.filter_jit
+def _look_again(given: _Given, ego: EgoTrack, search: Search) -> tuple[Search, Bool[Array, ""]]:
+    descent = _descent(given, ego)
+    search = eqx.tree_at(lambda now: now.seen, search, descent.look(search.actions))
+    return search, descent.goes_on(search)
+
+
+@eqx.filter_jit
+def _result(given: _Given, ego: EgoTrack, search: Search) -> Found:
+    return _descent(given, ego).result(search)
+
+
+def _traffic(descent: Descent, actions: Controls) -> Traffic:
+    reacts = descent.config.background == "reactive"
+    return Traffic(descent.background(actions), descent.reacting() if reacts else None)

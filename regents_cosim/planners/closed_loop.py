@@ -1,0 +1,158 @@
+"""The mirror step by step, for a planner that lives outside it: everybody as in `rollout`, the ego as it decides."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.frames import wrap
+from regents_cosim.mirror import dynamics as models
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip
+from regents_cosim.mirror.reactions import Progress, begin
+from regents_cosim.mirror.rollout import EgoTrack, Instant, placed, reacted
+from regents_cosim.mirror.world import World, scene_origin
+from regents_cosim.planners.host_process import HostProcess, Seen
+from regents_cosim.planners.interface import Control, Placement, Scene
+from regents_cosim.scenario import Dynamics, Scenario
+
+State = Float[np.ndarray, " 4"]  # x, y [m], yaw [rad], speed [m/s], in the device's coordinates
+
+
+class ClosedLoop:
+    """One scene. Look at `seen`, then `go` on with a decision, once per step."""
+
+    def __init__(
+        self, scenario: Scenario, world: World, background: Motion, reacting: Bool[Array, " agent"] | None
+    ) -> None:
+        """`background` [agent, time] is everybody's own track; `reacting` agents brake on theirs."""
+        self._scenario, self._world, self._background, self._reacting = scenario, world, background, reacting
+        self._origin = np.array([*scene_origin(scenario), 0.0, 0.0])
+        self._log = np.stack(_leaves(background))  # [4, agent, time]
+        self._progress = begin(background) if reacting is not None else None
+        self._now = self._log[:, :, 0].copy()
+        self._now[:, 0] = [float(values[0]) for values in _leaves(world.start)]
+        self._states, self._controls = [self._now[:, 0].copy()], list[tuple[float, float]]()
+
+    @property
+    def scene(self) -> Scene:
+        """What a planner is told of it."""
+        return Scene.of(self._scenario, ACCEL_LIMIT, CURVATURE_LIMIT)
+
+    @property
+    def seen(self) -> Seen:
+        """All agents now."""
+        valid = self._scenario.tracks.valid[:, len(self._controls)]
+        x, y, yaw, speed = np.where(valid, self._now[:, : len(valid)] + self._origin[:, None], 0.0)
+        return Seen(x, y, yaw, speed, valid)
+
+    def go(self, decision: Control | Placement) -> None:
+        """One step on."""
+        step, ego = len(self._controls), self._states[-1]
+        if isinstance(decision, Control):
+            control = decision.accel, decision.curvature
+            ahead = move(self._world, ego, control)
+        else:
+            ahead = self._placed(decision, ego)
+            control = control_between(self._world, ego, ahead)
+        if self._reacting is None:
+            now = self._log[:, :, step + 1].copy()
+            now[:, 0] = ahead
+        else:
+            self._progress, moved = _advance(
+                self._world, self._background, self._reacting, self._progress, ego, ahead, step
+            )
+            now = np.array(moved, float)
+        self._now = now
+        self._states.append(ahead)
+        self._controls.append(control)
+
+    @property
+    def track(self) -> EgoTrack:
+        """Where the ego has been, up to the last step."""
+        motion, controls = np.array(self._states, np.float32).T, np.array(self._controls, np.float32).T
+        return EgoTrack(Motion(*jnp.asarray(motion)), Controls(*jnp.asarray(controls)))
+
+    def _placed(self, at: Placement, before: State) -> State:
+        """The ego at a place, its yaw continuous."""
+        state = np.array([at.x, at.y, at.yaw, at.speed]) - self._origin
+        state[2] = before[2] + float(wrap(np.asarray(at.yaw - before[2])))
+        return state
+
+
+def drive_on_host(process: HostProcess, loops: Sequence[ClosedLoop]) -> list[float]:
+    """Drive all `loops` to their ends; returns how long each decision took [s]. Raises DriveError.
+
+    More than one loop at a time is for planners that take batches, and for loops of equal length.
+    """
+    scenes = [loop.scene for loop in loops]
+    process.reset(scenes)
+    took = []
+    for step in range(scenes[0].steps - 1):
+        answers = process.act(step, [loop.seen for loop in loops])
+        for loop, answer in zip(loops, answers, strict=True):
+            loop.go(answer.decision)
+            took.append(answer.seconds)
+    return took
+
+
+def move(world: World, ego: State, control: tuple[float, float]) -> State:
+    """The ego one step later, under acceleration [m/s^2] and curvature [1/m]."""
+    ahead = _move(
+        world.dynamics, np.asarray(ego, np.float32), np.array(control, np.float32), world.half_length, world.dt
+    )
+    return np.array(ahead, float)
+
+
+def control_between(world: World, ego: State, ahead: State) -> tuple[float, float]:
+    """The control within the limits that comes closest to leading from one state to the next."""
+    found = np.asarray(_between(world.dynamics, np.stack([ego, ahead]).astype(np.float32), world.dt))
+    return float(found[0]), float(found[1])
+
+
+@partial(jax.jit, static_argnums=0)
+def _move(
+    dynamics: Dynamics, ego: Float[Array, " 4"], control: Float[Array, " 2"], half_length: Array, dt: Array
+) -> Float[Array, " 4"]:
+    ahead = models.step(dynamics, Motion(*ego), clip(Controls(*control)), half_length[0], dt)
+    return jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
+
+
+@partial(jax.jit, static_argnums=0)
+def _between(dynamics: Dynamics, states: Float[Array, "2 4"], dt: Array) -> Float[Array, " 2"]:
+    alone = Motion(*states.T[:, None])
+    found = clip(models.controls_between(dynamics, alone, dt))
+    return jnp.stack([found.accel[0, 0], found.curvature[0, 0]])
+
+
+@eqx.filter_jit
+def _advance_traced(
+    world: World,
+    background: Motion,
+    reacting: Bool[Array, " agent"],
+    progress: Progress,
+    egos: Float[Array, "2 4"],
+    step: Int[Array, ""],
+) -> tuple[Progress, Float[Array, "4 agent"]]:
+    """Everybody's progress, and states at the next step, the ego's states at this and the next being known."""
+    log, later = (jax.tree.map(lambda values, k=k: values[:, k], background) for k in (step, step + 1))
+    now = placed(background, reacting, progress, log, Motion(*egos[0]))
+    instant = Instant(log, world.valid[:, step], world.moving[:, step])
+    further = reacted(world, background, progress, now, instant)
+    ahead = placed(background, reacting, further, later, Motion(*egos[1]))
+    return further, jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
+
+
+def _advance(
+    world: World, background: Motion, reacting: Array, progress: Progress | None, ego: State, ahead: State, step: int
+) -> tuple[Progress, Float[Array, "4 agent"]]:
+    assert progress is not None
+    egos = jnp.asarray(np.stack([ego, ahead]), jnp.float32)
+    return _advance_traced(world, background, reacting, progress, egos, jnp.int32(step))
+
+
+def _leaves(motion: Motion) -> list[np.ndarray]:
+    return [np.asarray(values, float) for values in (motion.x, motion.y, motion.yaw, motion.speed)]

@@ -1,0 +1,73 @@
+"""Planners by name: an entry point, `package.module:attribute`, `path/to/file.py:attribute`, or a bridge.
+
+No JAX here: processes that host a planner need none.
+"""
+
+import importlib
+import importlib.util
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from regents_cosim.errors import PlannerError
+from regents_cosim.planners.interface import Planner
+
+# Somebody else's kind of planner behind a prefix: `exec:./my_planner --fast`. What the factory gets is the rest.
+BRIDGES: dict[str, str] = {}
+
+
+def find_attribute(name: str) -> Any:
+    """What a name stands for: a planner, or something that makes one without arguments. Raises PlannerError."""
+    bridge, _, rest = name.partition(":")
+    if bridge in BRIDGES:
+        factory: Callable[[str], Planner] = find_attribute(BRIDGES[bridge])
+        return lambda: factory(rest)
+    known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
+    module_name, _, attribute = known.get(name, name).rpartition(":")
+    if not module_name:
+        raise PlannerError(
+            f"planner {name!r} not found, expected one of {', '.join(sorted(known))}, "
+            "`package.module:attribute` or `file.py:attribute`"
+        )
+    found = getattr(_import(module_name, name), attribute, None)
+    if found is None:
+        raise PlannerError(f"planner {name!r}: {module_name} has no {attribute!r}")
+    return found
+
+
+def make_planner(name: str) -> Planner:
+    """The host planner that `name` stands for. Raises PlannerError where there is none, or what the planner raises."""
+    found: Any = find_attribute(name)
+    planner: Any = found if _is_planner(found) else found() if callable(found) else found
+    if not _is_planner(planner):
+        raise no_planner(name, planner)
+    return planner
+
+
+def no_planner(name: str, found: Any) -> PlannerError:
+    """What to say of something that is no planner."""
+    return PlannerError(
+        f"planner {name!r} is a {type(found).__name__}, expected a JaxPlanner, "
+        "or an object with `reset(scene)` and `act(observation)`"
+    )
+
+
+def _is_planner(found: Any) -> bool:
+    """An object, not the class of it: that has `reset` and `act` too."""
+    return isinstance(found, Planner) and not isinstance(found, type)
+
+
+def _import(module_name: str, name: str) -> ModuleType:
+    try:
+        if not module_name.endswith(".py"):
+            return importlib.import_module(module_name)
+        spec = importlib.util.spec_from_file_location(Path(module_name).stem, module_name)
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{module_name} is not a Python file")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever a user's module raises is the user's answer
+        raise PlannerError(f"planner {name!r} cannot be imported: {type(error).__name__}: {error}") from error
+    return module

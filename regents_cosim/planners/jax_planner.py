@@ -1,0 +1,104 @@
+"""A planner written in JAX: an `eqx.Module` that runs inside the compiled loop.
+
+Ten lines do:
+
+class Cautious(JaxPlanner):
+def step(self, memory, sight, ego):
+ahead = (sight.motion.x - ego.x) * jnp.cos(ego.yaw) + (sight.motion.y - ego.y) * jnp.sin(ego.yaw)
+near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
+return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
+"""
+
+import traceback
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from regents_cosim.errors import DriveError
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.rollout import Traffic, decide, others
+from regents_cosim.mirror.world import World, scene_origin
+from regents_cosim.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class LoopScene:
+    """What a planner is told before the first step: the scenario, and the same on the device.
+
+    The device's coordinates are the map's less `origin`. A planner that looks at later steps of
+    the tracks knows the future; only `log_replay` is meant to.
+    """
+
+    scenario: Scenario
+    world: World
+
+    @property
+    def origin(self) -> Float[np.ndarray, " 2"]:
+        """Origin [m, map frame] of the device's coordinates."""
+        return scene_origin(self.scenario)
+
+    def on_device(self, points: Float[np.ndarray, "point 2"]) -> Float[Array, "point 2"]:
+        """Points of the map frame in the device's coordinates [m]."""
+        return jnp.asarray(points - self.origin, jnp.float32)
+
+
+class JaxPlanner(eqx.Module):
+    """A planner inside the compiled loop: override `step`, and `init` or `look` where needed.
+
+    `init` runs once per scenario on the host. Everything else must be traceable by JAX. Memory
+    of equal shapes over scenarios saves compilations.
+    """
+
+    def init(self, scene: LoopScene) -> Any:
+        """Memory at the first step, any pytree."""
+        return ()
+
+    def look(self, memory: Any, traffic: Traffic) -> Any:
+        """What is seen of the others, time first; by default the `Traffic` of each step.
+
+        Each row comes from its own step of `traffic` alone: it is called for all steps at once
+        where the others do not depend on the ego, and step by step where they do.
+        """
+        steps = traffic.valid.shape[-1]
+        in_time = jax.tree.map(lambda v: jnp.moveaxis(v, -1, 0), (traffic.motion, traffic.valid))
+        sizes = (traffic.half_length, traffic.half_width)
+        return Traffic(*in_time, *(jnp.broadcast_to(v, (steps, *v.shape)) for v in sizes))
+
+    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
+        """Scalar controls for one step and the next memory. They are clipped to the mirror's limits."""
+        raise NotImplementedError
+
+
+def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
+    """The planner's memory of `scene`, once it has shown that it can take a step there.
+
+    Raises DriveError with what the planner itself said where it fails, and with what was
+    expected where its answer has the wrong form. Values that are not finite show later.
+    """
+    world = scene.world
+    now = jax.tree.map(lambda values: values[:, :1], world.log)
+    traffic, ego = others(world, now, world.valid[:, :1]), jax.tree.map(lambda values: values[0, 0], now)
+    try:
+        memory = planner.init(scene)
+        control, after = jax.eval_shape(lambda *given: decide(planner, *given), memory, traffic, ego)
+    except Exception as error:  # somebody else's code: whatever it raises is an answer
+        said = str(error).strip().partition("\n")[0]
+        raise DriveError(
+            f"planner {name!r} failed on case {scene.scenario.id}: {type(error).__name__}: {said}",
+            "".join(traceback.format_exception(error)),
+        ) from error
+    if any(value.shape != () for value in jax.tree.leaves(control)):
+        shapes = [list(value.shape) for value in jax.tree.leaves(control)]
+        raise DriveError(f"planner {name!r}: controls of shapes {shapes}, expected two scalars (accel, curvature)")
+    if jax.tree.map(_form, memory) != jax.tree.map(_form, after):
+        raise DriveError(f"planner {name!r}: `step` returns another kind of memory than it was given")
+    return memory
+
+
+def _form(value: Any) -> tuple[tuple[int, ...], str]:
+    return jnp.shape(value), str(jnp.result_type(value))

@@ -1,0 +1,43 @@
+"""Systems under test by name: planners in JAX as they are, all others by the name that their process is told."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from regents_cosim.planners.find import find_attribute, no_planner
+from regents_cosim.planners.jax_planner import JaxPlanner
+
+ACT_TIMEOUT_S = 10.0  # a planner that takes longer over one decision has failed
+
+
+@dataclass(frozen=True)
+class HostPlanner:
+    """A planner that is not in JAX; a process of its own makes it (`host_process`)."""
+
+    name: str
+
+
+def find_planner(name: str) -> JaxPlanner | HostPlanner:
+    """A planner by its name, as `package.module:attribute` or as `path/to/file.py:attribute`.
+
+    The attribute is a planner or something that makes one without arguments. Names come from the
+    entry points `regents_cosim.planners`. Raises PlannerError.
+    """
+    found = find_attribute(name)
+    if isinstance(found, JaxPlanner):
+        return found
+    if _acts(found):  # an object, or a class that only its own process is to call
+        return HostPlanner(name)
+    if not callable(found):
+        raise no_planner(name, found)
+    made = found()
+    if isinstance(made, JaxPlanner):
+        return made
+    if not _acts(made):
+        raise no_planner(name, made)
+    return HostPlanner(name)
+
+
+def _acts(found: Any) -> bool:
+    return not (isinstance(found, type) and issubclass(found, JaxPlanner)) and all(
+        callable(getattr(found, name, None)) for name in ("reset", "act")
+    )
