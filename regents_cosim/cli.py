@@ -310,7 +310,7 @@ def replay(
         who drives the ego; default the planner that was attacked; in highway-env also its own agents:
         highway:idm, highway:mdp, highway:random, highway:package.module:attribute
     gui
-        show it in sumo-gui
+        show it in the simulator's own window, sumo-gui or highway-env's
     record
         file for a picture of one case: .gif moves, .png is a still
     beside_original
@@ -346,32 +346,47 @@ def replay(
 
 @app.command
 def evaluate(
-    cases: Path, *, planner: str, act_timeout: float = 10.0, compile_cache: bool = True, talk: Talk = Talk()
+    cases: Path,
+    *,
+    planner: str,
+    where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
+    act_timeout: float = 10.0,
+    executor: str = "local",
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
 ) -> int:
-    """How well a planner drives: route completion, collision rate and driving score, in the mirror.
+    """How well a planner drives: route completion, collision rate and driving score.
 
     Parameters
     ----------
     cases
         a case or a folder of cases; attacked ones are driven among their adversaries
     planner
-        system under test: aim-bev, idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute
+        system under test: aim-bev, idm, log_replay, constant_velocity, package.module:attribute or file.py:attribute;
+        in highway-env also its own agents: highway:idm, highway:mdp, highway:random, highway:package.module:attribute
+    where
+        in the mirror, in SUMO, or in highway-env
     act_timeout
-        a planner outside JAX that takes longer over one decision has failed [s]
+        in the mirror, a planner outside JAX that takes longer over one decision has failed [s]
+    executor
+        where SUMO runs: local, or dask:ADDRESS
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.evaluation.driving import drive_each, driving_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.suite import load_cases
+    from regents_cosim.workers import executor_for
 
     terminal = _terminal(talk)
     if compile_cache:
         keep_compiled_programs()
     scenarios = load_cases(cases)
-    found = drive_each(scenarios, planner, act_timeout)
-    drives = list(terminal.each(found, f"driving {planner}", len(scenarios)))
-    terminal.show(f"{planner} on {len(drives)} cases", [dataclasses.asdict(row) for row in driving_rows(drives)])
+    with executor_for(executor) as pool:
+        found = drive_each(scenarios, planner, act_timeout, where, pool)
+        drives = list(terminal.each(found, f"driving {planner}", len(scenarios)))
+    rows = [dataclasses.asdict(row) for row in driving_rows(drives)]
+    terminal.show(f"{planner} on {len(drives)} cases in {where}", rows)
     errors = [drive for drive in drives if drive.error]
     for drive in errors:
         terminal.say(f"{drive.case}: {drive.error}")

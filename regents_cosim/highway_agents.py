@@ -47,7 +47,15 @@ class IDMAgent:
         lane: Any = getattr(old, "target_lane_index", None)
         route: Any = getattr(old, "route", None)
         new = IDMVehicle(road, old.position, old.heading, old.speed, lane, wish, route)
-        new.LENGTH, new.WIDTH, new.diagonal = old.LENGTH, old.WIDTH, old.diagonal
+        for name in (
+            "LENGTH",
+            "WIDTH",
+            "diagonal",
+            "target_speeds",
+            "speed_index",
+        ):  # the last two for two-way's reward
+            if hasattr(old, name):
+                setattr(new, name, getattr(old, name))
         road.vehicles[road.vehicles.index(old)] = new
         env.controlled_vehicles[env.controlled_vehicles.index(old)] = new
         env.observation_type.observer_vehicle = new

@@ -4,7 +4,7 @@ pip install 'regents_cosim[sb3]'
 python tests/highway_dqn.py                 # trains for a few minutes, writes highway_dqn.zip beside this file
 regents record --from highway:highway-fast-v0 --policy tests/highway_dqn.py:Trained -o cases/
 regents attack cases/ --planner log_replay -o suite/
-regents replay suite/ --in highway --planner highway:tests/highway_dqn.py:Trained
+regents evaluate suite/ --in highway --planner highway:tests/highway_dqn.py:Trained
 """
 
 import argparse
@@ -62,5 +62,5 @@ def train(steps: int, model: Path = MODEL) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument("--steps", type=int, default=10_000)
     train(parser.parse_args().steps)

@@ -13,7 +13,7 @@ PACKAGE = Path(regents_cosim.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LIBSUMO_DOOR = PACKAGE / "sumo_process.py"
 HIGHWAY_DOORS = {"highway_agents.py", "sources/highway.py", "sources/highway_net.py", "envs.py"} | {
-    f"replays/highway{part}.py" for part in ("", "_cast", "_gym", "_inject", "_road")
+    f"replays/highway{part}.py" for part in ("", "_cast", "_gym", "_inject", "_road", "_window")
 }
 TORCH_DOORS = {PACKAGE / "planners" / "aim_bev" / name for name in ("train.py", "torch_network.py")}
 

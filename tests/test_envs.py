@@ -4,9 +4,11 @@ import hashlib
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
+import pygame
 import pytest
 from gymnasium.utils.env_checker import check_env
 
@@ -14,6 +16,7 @@ from regents_cosim.envs import HighwayReplayEnv, InjectScenario
 from regents_cosim.errors import RegentsError
 from regents_cosim.files import save_case
 from regents_cosim.shipped import shipped
+from regents_cosim.suite import SuiteWriter
 from tests.scenes import scene
 
 ID = "regents/HighwayReplay-v0"
@@ -132,6 +135,24 @@ def test_pictures_need_no_screen():
     env.close()
 
 
+@pytest.mark.parametrize(("driver", "drawn"), [("dummy", False), ("offscreen", True)])
+def test_the_window_opens_and_closes(monkeypatch, driver, drawn):
+    """Both drivers of SDL's need no display; with `dummy` highway-env opens its window but draws nothing."""
+    pygame.quit()
+    monkeypatch.setenv("SDL_VIDEODRIVER", driver)
+    env = gymnasium.make(ID, render_mode="human", config={"case": crossing_paths()}, disable_env_checker=True)
+    env.reset(seed=0)
+    env.step(np.zeros(2, np.float32))
+    seen = pygame.surfarray.array3d(pygame.display.get_surface())
+    assert pygame.display.get_driver() == driver
+    assert seen.shape == (600, 600, 3)
+    assert (len(np.unique(seen.reshape(-1, 3), axis=0)) > 3) == drawn
+    assert env.render() is None
+    env.close()
+    env.close()
+    assert not pygame.display.get_init()
+
+
 def test_vector_environments():
     both = gymnasium.make_vec(ID, num_envs=2, vectorization_mode="sync", config={"suite": str(QUICKSTART)})
     observation, info = both.reset(seed=[1, 2])
@@ -160,14 +181,14 @@ def test_vector_environments_in_processes(tmp_path):
 
 
 def cut_in():
-    """On merge-v1's road, which begins at x = 0 and y = 0: somebody who stands in the ego's lane."""
-    made = scene((30.0, -4.0, 30.0), (120.0, -4.0, 0.0), steps=81, name="in_the_way")
-    adversary = made.agents[1].__class__("car01", "car", 5.0, 2.0, "background")
-    return made.__class__(**{**made.__dict__, "agents": (made.agents[0], adversary)})
+    """On merge-v1's road, which begins at x = y = 0: an adversary stands in the ego's lane, somebody drives ahead."""
+    made = scene((30.0, -4.0, 30.0), (120.0, -4.0, 0.0), (300.0, 0.0, 20.0), steps=81, name="in_the_way")
+    ego, adversary, other = made.agents
+    return replace(made, agents=(ego, replace(adversary, role="adversary"), other))
 
 
 def test_a_recorded_adversary_is_put_into_another_environment():
-    env = InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=cut_in(), who="background")
+    env = InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=cut_in())
     _, info = env.reset(seed=0)
     (injected,) = env.injected
     assert info["case"] == "in_the_way"
@@ -178,6 +199,21 @@ def test_a_recorded_adversary_is_put_into_another_environment():
     assert info["crashed"]
     assert injected.crashed
     np.testing.assert_allclose(injected.position, [120.0, 4.0], atol=1e-9)  # nothing moved it
+
+
+def test_the_options_say_who_is_injected(tmp_path):
+    folder = SuiteWriter(tmp_path, seed=0).add(cut_in())
+    host = gymnasium.make("merge-v1", disable_env_checker=True)
+    env = InjectScenario(host)
+    assert "case" not in env.reset(seed=0)[1]
+    assert env.injected == []
+    for options in ({"case": folder}, {"suite": tmp_path, "config": {"duration": 20}}):
+        assert env.reset(seed=0, options=options)[1]["case"] == "in_the_way"
+        assert [vehicle.name for vehicle in env.injected] == ["car01"]
+    assert env.unwrapped.config["duration"] == 20
+    everybody = InjectScenario(host, suite=tmp_path, who="background")
+    everybody.reset(seed=0)
+    assert [vehicle.name for vehicle in everybody.injected] == ["car01", "car02"]
 
 
 def test_between_two_steps_of_the_track_it_is_in_between():

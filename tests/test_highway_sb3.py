@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from regents_cosim.evaluation.driving import drive_each
 from regents_cosim.replays.replay import replay
 from regents_cosim.sources.highway import RecordingJob, record_episodes
 from regents_cosim.sources.windows import Windows
@@ -22,6 +23,8 @@ def test_a_trained_policy_drives_and_is_put_to_the_test(tmp_path):
     code["train"](300)
     policy = f"{example}:Trained"
     (case,) = record_episodes(RecordingJob("highway-fast-v0", policy, Windows(1, 0, 3.0, company=1)))
+    (drive,) = drive_each([case], f"highway:{policy}", where="highway")
+    assert drive.completion > 0.5
     result = replay(case, "highway", planner=f"highway:{policy}")
     assert result.position_error_m[1:].max() == 0.0
     assert result.replayed.tracks.steps == 31

@@ -1,3 +1,4 @@
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf
 
@@ -5,6 +6,7 @@ import numpy as np
 import pytest
 from scenes import scene
 
+from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.evaluation.driving import drive_each, driving_rows
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.statistics import mean_interval
@@ -56,6 +58,24 @@ def test_a_drive_ends_at_its_collision():
     assert drive.step == 41
     assert drive.completion == pytest.approx(41 / 80, abs=1e-3)
     assert drive.score == pytest.approx(0.6 * 41 / 80, abs=1e-3)
+
+
+def test_agents_of_highway_env_are_scored_there(tmp_path):
+    made = scene((0, 0, 10.0), (45.1, 0, 0.0))
+    (tmp_path / "bold.py").write_text("def keeps_its_speed(observation):\n    return [0.0, 0.0]\n")
+    (bold,) = drive_each([made], f"highway:{tmp_path / 'bold.py'}:keeps_its_speed", where="highway")
+    assert (bold.hits, bold.step) == ("car01", 41)
+    assert bold.score == pytest.approx(0.6 * 41 / 80, abs=4e-3)  # highway-env pushes it back a little
+    (careful,) = drive_each([made], "highway:idm", where="highway")
+    assert careful.hits is None
+    assert 0.3 < careful.completion < 0.6  # it stops behind the one that stands
+
+
+def test_simulators_that_cannot_drive_a_case_say_why():
+    with pytest.raises(PlannerError, match="--in highway"):
+        list(drive_each([scene((0, 0, 10.0))], "highway:idm"))
+    with ThreadPoolExecutor(1) as pool, pytest.raises(RegentsError, match="no SUMO network"):
+        list(drive_each([scene((0, 0, 10.0))], "constant_velocity", where="sumo", executor=pool))
 
 
 def test_scores_over_sources():

@@ -75,7 +75,8 @@ def test_the_same_seed_gives_the_same_cases_in_any_process():
 
 
 @pytest.mark.parametrize(
-    ("environment", "policy"), [("merge-v1", "mdp"), ("racetrack-v1", "idm"), ("two-way-v0", "random")]
+    ("environment", "policy"),
+    [("merge-v1", "mdp"), ("racetrack-v1", "idm"), ("two-way-v0", "random"), ("two-way-v0", "idm")],
 )
 def test_other_environments_and_policies(environment, policy):
     found = record_episodes(RecordingJob(environment, policy, replace(WINDOWS, count=1)))
@@ -93,6 +94,16 @@ def test_a_policy_of_the_user_s(tmp_path):
     )
     job = RecordingJob("merge-v1", f"{tmp_path / 'mine.py'}:Fast", replace(WINDOWS, count=1))
     assert record_episodes(job)[0].tracks.speed[0, -1] > 29.0
+
+
+def test_who_cannot_drive_is_named(tmp_path):
+    (tmp_path / "mine.py").write_text("def breaks(observation):\n    raise KeyError('lost')\n")
+    with pytest.raises(PlannerError, match=r"breaks cannot drive in merge-v1 \(KeyError: 'lost'\)"):
+        record_episodes(RecordingJob("merge-v1", f"{tmp_path / 'mine.py'}:breaks", WINDOWS))
+    with pytest.raises(PlannerError, match="policy idm cannot drive in parking-v0"):
+        record_episodes(RecordingJob("parking-v0", "idm", WINDOWS))
+    with pytest.raises(RegentsError, match="parking-parked-v0 cannot be configured"):
+        record_episodes(RecordingJob("parking-parked-v0", "idm", WINDOWS))
 
 
 def test_wrong_names_are_explained():

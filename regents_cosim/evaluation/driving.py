@@ -1,9 +1,9 @@
-"""`regents evaluate`: how well a planner drives in the mirror, case by case and in all."""
+"""`regents evaluate`: how well a planner drives, case by case and in all."""
 
 import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from functools import partial
 from statistics import fmean
 
@@ -13,12 +13,13 @@ from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners
 from regents_cosim.collisions import first_contact
-from regents_cosim.errors import DriveError
+from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import Scenario, Tracks
 
 
@@ -58,10 +59,27 @@ class DrivingRow:
     act_p99_ms: float | None
 
 
-def drive_each(scenarios: Sequence[Scenario], planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> Iterator[Drive]:
-    """Let `planner` drive every case, in order. Raises PlannerError where it cannot be found."""
-    with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
+def drive_each(
+    scenarios: Sequence[Scenario],
+    planner: str,
+    act_timeout_s: float = ACT_TIMEOUT_S,
+    where: Simulator = "mirror",
+    executor: Executor | None = None,
+) -> Iterator[Drive]:
+    """Let `planner` drive every case, in order, to the end of its horizon or its first collision.
+
+    SUMO runs in processes of its own, or those of `executor`. Raises PlannerError where the planner
+    cannot be found, RegentsError where a simulator cannot replay a case.
+    """
+    check(where, planner)
+    if where == "mirror":
+        with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
+        return
+    for scenario, replay in zip(scenarios, replay_each(scenarios, where, planner, executor=executor), strict=True):
+        if replay.replayed is None:
+            raise RegentsError(f"case {scenario.id}: {replay.reason}")
+        yield _score(scenario, replay.replayed.tracks)
 
 
 def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
@@ -70,25 +88,7 @@ def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
         lap = wheel.drive(scenario)
     except DriveError as failure:
         return Drive(scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0, error=str(failure))
-    tracks = lap.tracks
-    contact = first_contact(scenario.agents, tracks)
-    end = tracks.steps if contact is None else contact[1] + 1
-    log = scenario.tracks if scenario.original is None else scenario.original
-    driven = np.stack([tracks.x[0, :end], tracks.y[0, :end]], axis=-1)
-    completion = route_completion(np.stack([log.x[0], log.y[0]], axis=-1), driven)
-    off_road = off_road_share(driven, _off_road(scenario, tracks)[:end])
-    infraction = infraction_score(scenario.agents[contact[0]].kind if contact else None, off_road)
-    return Drive(
-        case=scenario.id,
-        source=scenario.provenance.file,
-        completion=completion,
-        infraction=infraction,
-        score=driving_score(completion, infraction),
-        hits=scenario.agents[contact[0]].id if contact else None,
-        step=contact[1] if contact else None,
-        off_road=off_road,
-        act_s=tuple(lap.act_seconds),
-    )
+    return replace(_score(scenario, lap.tracks), act_s=tuple(lap.act_seconds))
 
 
 def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
@@ -119,6 +119,26 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
         planner_errors=sum(bool(drive.error) for drive in drives),
         act_median_ms=median,
         act_p99_ms=p99,
+    )
+
+
+def _score(scenario: Scenario, tracks: Tracks) -> Drive:
+    contact = first_contact(scenario.agents, tracks)
+    end = tracks.steps if contact is None else contact[1] + 1
+    log = scenario.tracks if scenario.original is None else scenario.original
+    driven = np.stack([tracks.x[0, :end], tracks.y[0, :end]], axis=-1)
+    completion = route_completion(np.stack([log.x[0], log.y[0]], axis=-1), driven)
+    off_road = off_road_share(driven, _off_road(scenario, tracks)[:end])
+    infraction = infraction_score(scenario.agents[contact[0]].kind if contact else None, off_road)
+    return Drive(
+        case=scenario.id,
+        source=scenario.provenance.file,
+        completion=completion,
+        infraction=infraction,
+        score=driving_score(completion, infraction),
+        hits=scenario.agents[contact[0]].id if contact else None,
+        step=contact[1] if contact else None,
+        off_road=off_road,
     )
 
 

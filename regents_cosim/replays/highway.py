@@ -12,7 +12,9 @@ from regents_cosim.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.highway_agents import find_agent
 from regents_cosim.replays.highway_cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway_gym import HighwayReplayEnv, Mode, make_cast, network_of
-from regents_cosim.replays.sumo import Driver, SumoCollision
+from regents_cosim.replays.highway_window import Window, opened
+from regents_cosim.replays.sumo import Driver
+from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
 
 _OWN_KIND = "crashed"  # highway-env's word for a collision
@@ -23,56 +25,66 @@ class HighwayReplay:
     """What highway-env reports after each step, in the order of the scenario's agents."""
 
     tracks: Tracks  # box centres in the map's frame
-    collisions: tuple[SumoCollision, ...]  # of the ego, where highway-env says that it crashed
+    collisions: tuple[ReportedCollision, ...]  # of the ego, where highway-env says that it crashed
 
 
-def replay_in_highway(scenario: Scenario, driver: Driver | None = None, mode: Mode = "track") -> HighwayReplay:
-    """Replay `scenario`; `driver` places the ego step by step, without one it is scripted like the others."""
+def replay_in_highway(
+    scenario: Scenario, driver: Driver | None = None, mode: Mode = "track", gui: bool = False
+) -> HighwayReplay:
+    """Replay `scenario`; `driver` places the ego step by step, without one it is scripted like the others.
+
+    With `gui` in highway-env's own window, in real time.
+    """
     if driver is not None:
         _ask(lambda: driver.start(scenario), "before the first step")
     road = ReplayRoad(network_of(scenario), np.random.default_rng(0))
     cast = make_cast(road, scenario, "track" if driver else mode)[:1] + make_cast(road, scenario, mode)[1:]
     road.enter(cast[0], cast[1:])
-    film = _Film(scenario)
-    film.take(road)
-    for step in range(scenario.tracks.steps - 1):
-        if driver is not None:
-            x, y, yaw, speed = _ask(lambda step=step: driver.advance(step, *film.last()), f"at step {step}")
-            cast[0].states[:, step + 1] = *to_highway(Pose(x, y, yaw)), speed
-        road.step(scenario.dt)
+    with opened(road, scenario.dt, gui) as window:
+        film = _Film(scenario, window)
         film.take(road)
+        for step in range(scenario.tracks.steps - 1):
+            if driver is not None:
+                x, y, yaw, speed = _ask(lambda step=step: driver.advance(step, *film.last()), f"at step {step}")
+                cast[0].states[:, step + 1] = *to_highway(Pose(x, y, yaw)), speed
+            road.step(scenario.dt)
+            film.take(road)
     return film.finish(road)
 
 
-def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track", seed: int = 0) -> HighwayReplay:
+def drive_in_highway(
+    scenario: Scenario, agent_name: str, mode: Mode = "track", seed: int = 0, gui: bool = False
+) -> HighwayReplay:
     """Replay `scenario`, the ego driven by an agent of highway-env's among its scripted vehicles.
 
-    The episode goes on after a crash, to its end. Raises PlannerError where the agent cannot be found or fails.
+    The episode goes on after a crash, to its end. With `gui` in highway-env's own window, in real
+    time. Raises PlannerError where the agent cannot be found or fails.
     """
     agent = find_agent(agent_name)
     env = HighwayReplayEnv({"case": scenario, "mode": mode, **agent.config})
     observation, _ = env.reset(seed=seed)
     agent.start(env, seed)
-    film = _Film(scenario)
-    film.take(env.road)
-    step = env.road.step
-
-    def step_and_take(dt: float) -> None:
-        step(dt)
+    with opened(env.road, scenario.dt, gui) as window:
+        film = _Film(scenario, window)
         film.take(env.road)
+        step = env.road.step
 
-    env.road.step = step_and_take
-    while len(film.frames) < scenario.tracks.steps:
-        observation = _ask(lambda seen=observation: env.step(agent.act(seen))[0], f"at step {len(film.frames) - 1}")
+        def step_and_take(dt: float) -> None:
+            step(dt)
+            film.take(env.road)
+
+        env.road.step = step_and_take
+        while len(film.frames) < scenario.tracks.steps:
+            observation = _ask(lambda seen=observation: env.step(agent.act(seen))[0], f"at step {len(film.frames) - 1}")
     film.frames = film.frames[: scenario.tracks.steps]
     return film.finish(env.road)
 
 
 class _Film:
-    """Everybody's states [4, agent] and presence, step by step, in the map's frame."""
+    """Everybody's states [4, agent] and presence, step by step, in the map's frame; shown in the window, if any."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+    def __init__(self, scenario: Scenario, window: Window | None) -> None:
+        self._scenario, self._window = scenario, window
         self._row = {agent.id: row for row, agent in enumerate(scenario.agents)}
         self.frames: list[tuple[Float[np.ndarray, "4 agent"], np.ndarray]] = []
 
@@ -86,6 +98,8 @@ class _Film:
             states[:, row] = *pose, max(float(vehicle.speed), 0.0)
             valid[row] = True
         self.frames.append((states, valid))
+        if self._window is not None:
+            self._window.show()
 
     def last(self) -> tuple[np.ndarray, ...]:
         """x, y, yaw, speed and presence of all agents now."""
@@ -97,7 +111,7 @@ class _Film:
         x, y, yaw, speed = np.stack([states for states, _ in self.frames], axis=-1)
         valid = np.stack([there for _, there in self.frames], axis=-1)
         ego = self._scenario.ego.id
-        hits = tuple(SumoCollision(step, ego, other, _OWN_KIND) for step, other in road.contacts)
+        hits = tuple(ReportedCollision(step, ego, other, _OWN_KIND) for step, other in road.contacts)
         return HighwayReplay(Tracks(x, y, yaw, speed, valid), hits)
 
 

@@ -30,10 +30,11 @@ def replay(
 
     In highway-env the others follow their tracks, or by `mode` actions are moved by its own
     physics; there the ego may also be driven by an agent of highway-env's: `highway:idm`, `highway:mdp`,
-    `highway:random`, or a policy as `highway:package.module:attribute`.
+    `highway:random`, or a policy as `highway:package.module:attribute`. `gui` opens the simulator's own window.
 
     A simulator that refuses or dies gives a Replay that is not verified and says why. Raises
-    PlannerError for a planner that cannot be found.
+    PlannerError for a planner that cannot be found, RegentsError for a window of the mirror, or of
+    highway-env without a display.
     """
     return next(replay_each([scenario], where, planner, gui, mode=mode))
 
@@ -47,9 +48,9 @@ def replay_each(
     mode: Mode = "track",
 ) -> Iterator[Replay]:
     """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`."""
-    _check(where, planner)
+    check(where, planner, gui)
     if where == "highway":
-        yield from (_in_highway(scenario, planner, mode) for scenario in scenarios)
+        yield from (_in_highway(scenario, planner, mode, gui) for scenario in scenarios)
         return
     if where == "mirror":
         yield from (_in_mirror(scenario, planner) for scenario in scenarios)
@@ -73,8 +74,10 @@ def _in_sumo(job: _SumoJob) -> Replay:
     return compare(job.scenario, seen.tracks, seen.collisions, ego_is_free=driver is not None)
 
 
-def _check(where: Simulator, planner: str | None) -> None:
-    """Complain here rather than once per case."""
+def check(where: Simulator, planner: str | None, gui: bool = False) -> None:
+    """Complain here rather than once per case. Raises PlannerError, or RegentsError for a window of the mirror."""
+    if gui and where == "mirror":
+        raise RegentsError("the mirror has no window; --gui shows that of --in sumo or --in highway, or use --record")
     if planner is None:
         return
     if not planner.startswith(_AGENT):
@@ -87,13 +90,13 @@ def _check(where: Simulator, planner: str | None) -> None:
     find_agent(planner.removeprefix(_AGENT))
 
 
-def _in_highway(scenario: Scenario, planner: str | None, mode: Mode) -> Replay:
+def _in_highway(scenario: Scenario, planner: str | None, mode: Mode, gui: bool) -> Replay:
     from regents_cosim.replays.highway import drive_in_highway, replay_in_highway
 
     if planner and planner.startswith(_AGENT):
-        seen = drive_in_highway(scenario, planner.removeprefix(_AGENT), mode)
+        seen = drive_in_highway(scenario, planner.removeprefix(_AGENT), mode, gui=gui)
     else:
-        seen = replay_in_highway(scenario, driver_for(planner) if planner else None, mode)
+        seen = replay_in_highway(scenario, driver_for(planner) if planner else None, mode, gui)
     return compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
 
 

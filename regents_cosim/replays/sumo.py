@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, SumoError
 from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo
+from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 from regents_cosim.sumo_process import running_sumo
 
@@ -70,21 +71,12 @@ class Driver(Protocol):
         ...
 
 
-class SumoCollision(NamedTuple):
-    """One entry of SUMO's own collision list."""
-
-    step: int
-    collider: str  # agent id
-    victim: str  # agent id
-    kind: str  # SUMO's word: "collision", "junction", "frontal", ...; side-swipes it never reports
-
-
 @dataclass(frozen=True, eq=False)
 class SumoReplay:
     """What SUMO reports after each step, in the order of the scenario's agents and signals."""
 
     tracks: Tracks  # box centres in the map's frame; speeds as SUMO was told them
-    collisions: tuple[SumoCollision, ...]
+    collisions: tuple[ReportedCollision, ...]  # its own list, which never holds side-swipes
     signals: tuple[Signal, ...]
 
 
@@ -193,7 +185,7 @@ class _Stage:
         self._names: dict[int, str] = {}  # SUMO's name of every agent on the road
         self._agent: dict[str, int] = {}  # and back; names are never used twice
         self._seen: list[_Seen] = []
-        self._collisions: list[SumoCollision] = []
+        self._collisions: list[ReportedCollision] = []
         self._letters: dict[str, list[str]] = {signal.id: [] for signal in scenario.signals}
         self._check_signals()
         sumo.route.add("replay", [_some_edge(scenario)])
@@ -278,7 +270,7 @@ class _Stage:
         self._seen.append(_Seen(x, y, yaw, speed, valid))
         for found in self._sumo.simulation.getCollisions():
             collider, victim = (agents[self._agent[name]].id for name in (found.collider, found.victim))
-            self._collisions.append(SumoCollision(step, collider, victim, found.type))
+            self._collisions.append(ReportedCollision(step, collider, victim, found.type))
         for name, letters in self._letters.items():
             letters.append(self._sumo.trafficlight.getRedYellowGreenState(name))
 

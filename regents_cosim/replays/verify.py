@@ -1,19 +1,28 @@
 """Did the crash survive the transfer? A replay held against its case, by the exact boxes."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.frames import wrap
-from regents_cosim.replays.sumo import SumoCollision
 from regents_cosim.scenario import Scenario, Tracks
 
 POSITION_BOUND_M = 1e-3
 YAW_BOUND_DEG = 0.01
 
 Contact = tuple[str, int]  # agent id, step
+
+
+class ReportedCollision(NamedTuple):
+    """A collision by the judgement of a simulator."""
+
+    step: int
+    collider: str  # agent id
+    victim: str  # agent id
+    kind: str  # the simulator's word: "collision", "junction", "frontal", ... in SUMO, "crashed" in highway-env
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +36,7 @@ class Replay:
     found: Contact | None = None
     position_error_m: Float[np.ndarray, "agent time"] | None = None  # 0 where absent
     yaw_error_deg: Float[np.ndarray, "agent time"] | None = None
-    own_collisions: tuple[SumoCollision, ...] = ()  # the simulator's own list
+    own_collisions: tuple[ReportedCollision, ...] = ()  # the simulator's own list
     replayed: Scenario | None = None  # with the tracks that the simulator reported
 
     @property
@@ -40,7 +49,7 @@ class Replay:
 
 
 def compare(
-    scenario: Scenario, tracks: Tracks, own_collisions: tuple[SumoCollision, ...] = (), ego_is_free: bool = False
+    scenario: Scenario, tracks: Tracks, own_collisions: tuple[ReportedCollision, ...] = (), ego_is_free: bool = False
 ) -> Replay:
     """Hold `tracks`, as a simulator reported them, against the case.
 

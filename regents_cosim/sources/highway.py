@@ -19,7 +19,7 @@ from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
 
-from regents_cosim.errors import NoWindowError, RegentsError
+from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.frames import HighwayPose, from_highway
 from regents_cosim.highway_agents import HighwayAgent, find_agent
 from regents_cosim.scenario import Scenario
@@ -88,7 +88,7 @@ def record_episodes(job: RecordingJob) -> list[Scenario]:
     road = to_road_map(_road(env).network)  # the same in all episodes
     kept, refused = [], []
     for episode in range(most):
-        recording = _run_episode(env, agent, job, episode)
+        recording = _drive(env, agent, job, episode)
         if recording is None:
             continue
         try:
@@ -122,9 +122,12 @@ def _make(job: RecordingJob) -> AbstractEnv:
     """The environment at 10 Hz."""
     environments()
     config: dict[str, Any] = {"simulation_frequency": round(1.0 / STEP_S), **find_agent(job.policy).config}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # older versions of an environment say that there is a newer one
-        env = gymnasium.make(job.environment, config=config, disable_env_checker=True).unwrapped
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # older versions of an environment say that there is a newer one
+            env = gymnasium.make(job.environment, config=config, disable_env_checker=True).unwrapped
+    except TypeError as error:
+        raise RegentsError(f"{job.environment} cannot be configured, so nothing can be recorded there") from error
     assert isinstance(env, AbstractEnv)
     return env
 
@@ -200,8 +203,18 @@ class _Film:
         return self._names[id(item)]
 
 
-def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episode: int) -> Recording | None:
+def _drive(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episode: int) -> Recording | None:
     """The window of one episode, None where it ended too early."""
+    try:
+        return _run_episode(env, agent, job, episode)
+    except RegentsError:
+        raise
+    except Exception as error:  # of somebody else's code, policy or environment: whatever it raises is an answer
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise PlannerError(f"policy {job.policy} cannot drive in {job.environment} ({said})") from error
+
+
+def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episode: int) -> Recording | None:
     rng = np.random.default_rng([job.windows.seed, episode])
     seed = int(rng.integers(2**31))
     observation, _ = env.reset(seed=seed)
