@@ -575,6 +575,63 @@ def success(
 
 
 @bench.command
+def replan(
+    *,
+    planner: str,
+    count: int = 9,
+    seed: int = 0,
+    nets: tuple[str, ...] = (),
+    every: tuple[int, ...] = (1, 10),
+    method: Literal["king", "regents"] = "regents",
+    act_timeout: float = 10.0,
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """What it changes, and saves, to let the planner drive in every k-th iteration of the search only.
+
+    Parameters
+    ----------
+    planner
+        system under test
+    count
+        windows per network
+    nets
+        shipped networks, or .sumocfg files; all shipped ones by default
+    every
+        values of --replan-every; the first is what the others are compared with
+    method
+        preset
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from time import perf_counter
+
+    from regents_cosim.attacks.attack import attack as run_attack
+    from regents_cosim.evaluation.replanning import replan_row
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+
+    terminal = _terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    windows = [scenario for found in _bench_traffic(nets, count, seed, terminal).values() for scenario in found]
+    runs = {}
+    for one in every:
+        config = Search(method, replan_every=one).config()
+        for _ in run_attack(_one_of_each_shape(windows), config, planner, act_timeout_s=act_timeout):
+            pass  # compiles
+        begin = perf_counter()
+        results = run_attack(windows, config, planner, act_timeout_s=act_timeout)
+        attacked = list(terminal.each(results, f"every {one}", len(windows)))
+        runs[one] = attacked, perf_counter() - begin
+    first = runs[every[0]][0]
+    rows = [replan_row(one, attacked, first, seconds) for one, (attacked, seconds) in runs.items()]
+    terminal.show(f"{planner} on {len(windows)} windows", [dataclasses.asdict(row) for row in rows])
+    return 0
+
+
+@bench.command
 def logs(paths: tuple[Path, ...], *, count: int = 8, talk: Talk = Talk()) -> int:
     """How well logs are read: vehicles on the road, error of the smooth fit, time.
 
@@ -753,6 +810,13 @@ def _bench_traffic(nets: tuple[str, ...], count: int, seed: int, terminal: "Term
         net: run_record(config, count=count, seed=seed)
         for net, config in terminal.each(configs.items(), "recording traffic", len(configs))
     }
+
+
+def _one_of_each_shape(windows: "list[Scenario]") -> "list[Scenario]":
+    """A scenario for each of the shapes that programs are compiled for."""
+    from regents_cosim.mirror.world import padded_agents
+
+    return list({(padded_agents(len(w.agents)), w.tracks.steps): w for w in windows}.values())
 
 
 def _bench_logs(logs: tuple[Path, ...], count: int, seed: int, terminal: "Terminal") -> "dict[Path, list[Scenario]]":

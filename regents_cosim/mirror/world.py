@@ -54,6 +54,11 @@ def scene_origin(scenario: Scenario) -> Float[np.ndarray, " 2"]:
     return np.round(0.5 * (track.min(axis=1) + track.max(axis=1)))
 
 
+def padded_agents(agents: int) -> int:
+    """How many agents a World has that holds so many real ones."""
+    return next((size for size in AGENT_BUCKETS if size >= agents), agents)
+
+
 def to_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
     """Move a Scenario to the device; controls are the smooth fit of its tracks (`actions`).
 
@@ -62,7 +67,7 @@ def to_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
     dynamics = dynamics or scenario.dynamics
     tracks, origin = scenario.tracks, scene_origin(scenario)
     real = len(scenario.agents)
-    padded = next((size for size in AGENT_BUCKETS if size >= real), real)
+    padded = padded_agents(real)
     extra = padded - real
     valid = np.pad(tracks.valid, ((0, extra), (0, 0)))
     filled = fill_gaps(tracks)
