@@ -528,6 +528,7 @@ def success(
     as_published: bool = False,
     searches: tuple[Literal["joint", "per-candidate"], ...] = (),
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
+    replan_every: int | None = None,
     compile_cache: bool = True,
     talk: Talk = Talk(),
 ) -> int:
@@ -551,6 +552,8 @@ def success(
         one search over all candidates, one for each of the nearest, or both; the preset's by default
     backgrounds
         others replay their log, or brake for what stands in their way, or both; the preset's by default
+    replan_every
+        iterations between two closed loops of the planners
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
@@ -565,7 +568,7 @@ def success(
     windows = [scenario for found in traffic.values() for scenario in found]
     rows = []
     for planner, method, search, background in product(planners, methods, searches or (None,), backgrounds or (None,)):
-        config = Search(method, search, background, as_published=as_published).config()
+        config = Search(method, search, background, as_published=as_published, replan_every=replan_every).config()
         results = attack_each(windows, config, planner)
         attacked = list(terminal.each(results, f"{method} against {planner}", len(windows)))
         replays = _verify([case for found in attacked for case in found], "local", terminal)
