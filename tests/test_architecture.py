@@ -15,8 +15,9 @@ LIBSUMO_DOOR = PACKAGE / "sumo_process.py"
 HIGHWAY_DOORS = {"highway_agents.py", "sources/highway.py", "sources/highway_net.py", "envs.py"} | {
     f"replays/highway{part}.py" for part in ("", "_cast", "_gym", "_inject", "_road")
 }
-TORCH_DOORS = {PACKAGE / "planners" / "torch_bridge.py"} | {
-    PACKAGE / "planners" / "aim_bev" / name for name in ("train.py", "torch_network.py")
+TORCH_DOORS = {
+    *(PACKAGE / "planners").glob("torch_*.py"),
+    *(PACKAGE / "planners" / "aim_bev" / name for name in ("train.py", "torch_network.py")),
 }
 
 

@@ -10,8 +10,7 @@ in float32, in the ego's frame (x ahead, y to the left, from box centre to box c
 - ego: speed [m/s], length [m], width [m], the target ahead [m], the target to the left [m];
 - others: the nearest 16, the nearest first, rows of zeros where there are fewer: 1 for somebody there, ahead [m],
   to the left [m], cosine and sine of their yaw less the ego's, speed [m/s], length [m], width [m];
-- answer: acceleration [m/s^2], curvature [1/m] positive to the left. Beyond the limits (6 m/s^2, 0.3 1/m) is a failure
-  as with any planner: end with a scaled tanh, or a clamp.
+- answer: acceleration [m/s^2], curvature [1/m] positive to the left, cut off at 6 m/s^2 and 0.3 1/m.
 
 A module that wants lanes, lights or memory needs `reset` and `act` around it (`interface`).
 """
@@ -35,7 +34,7 @@ NEAREST = 16  # others that a module sees
 
 
 class TorchPlanner:
-    """The planner that a module is."""
+    """The planner that a module is, on the host."""
 
     def __init__(self, name: str) -> None:
         """Raises PlannerError where there is nothing of that name; the module is made with the first scene."""
@@ -54,26 +53,30 @@ class TorchPlanner:
 
     def reset_batch(self, scenes: Sequence[Scene]) -> None:
         """Make the module, unless it is there: it keeps nothing of a scene."""
-        _ = self._module
+        import torch
+
+        torch.set_num_threads(1)  # one process per core already, and networks of planners are small
+        _ = self.module
 
     def act_batch(self, observations: Sequence[Observation]) -> list[Control]:
-        """Its answers. Raises ValueError where they are not [batch, 2]."""
+        """Its answers, within the limits. Raises ValueError where they are not [batch, 2]."""
         import torch
 
         with torch.inference_mode():
-            answer = self._module(*(torch.from_numpy(values) for values in features(observations)))
+            answer = self.module(*(torch.from_numpy(values) for values in features(observations)))
         shape = list(answer.shape) if isinstance(answer, torch.Tensor) else type(answer).__name__
         if shape != [len(observations), 2]:
             raise ValueError(
                 f"the module answered {shape}, expected a tensor [{len(observations)}, 2] (batch, control)"
             )
-        return [Control(accel, curvature) for accel, curvature in answer.tolist()]
+        limits = np.array([[o.scene.max_accel, o.scene.max_curvature] for o in observations])
+        return [Control(*pair) for pair in np.clip(answer.double().numpy(), -limits, limits).tolist()]
 
     @cached_property
-    def _module(self) -> "nn.Module":
+    def module(self) -> "nn.Module":
+        """The module, ready to drive. Raises PlannerError where it is none, and what making it raises."""
         import torch
 
-        torch.set_num_threads(1)  # one process per core already, and networks of planners are small
         found: Any = self._found
         made = found if isinstance(found, torch.nn.Module) else found() if callable(found) else found
         if not isinstance(made, torch.nn.Module):
