@@ -30,7 +30,8 @@ def in_loop(planner: TorchPlanner) -> "TorchInLoop | None":
         module = translate(planner.module, *examples)
     except Exception:  # its process will say what is wrong with a module that cannot be made
         return None
-    return TorchInLoop(module)
+    answer = eqx.filter_eval_shape(module, jnp.zeros((1, 5)), jnp.zeros((1, NEAREST, 8)))
+    return TorchInLoop(module) if answer.shape == (1, 2) else None  # and of one that does not fit
 
 
 class TorchInLoop(JaxPlanner):

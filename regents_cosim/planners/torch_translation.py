@@ -3,6 +3,9 @@
 `torch.export` reduces a module to the core operations of ATen, GRUs, LSTMs and attention included, and
 refuses what depends on values (an `if` on a tensor). Those that networks of planners are made of are
 here; whatever else there is, or computes something else than torch does, raises NotTranslatedError.
+
+Of the translators on PyPI, torchax 0.0.13 cannot be imported with torch 2.13, and torch2jax 0.1.0 knows neither the
+division of a tensor by a number nor convolutions, GRU cells or `amax`.
 """
 
 import io
@@ -104,7 +107,7 @@ def _translated(program: Any) -> Translated:
         if node.op == "placeholder" and specs[node.name].kind.name == "USER_INPUT":
             inputs.append(node.name)
         elif node.op == "placeholder":
-            weights[node.name] = jnp.asarray(held[specs[node.name].target].detach().numpy())
+            weights[node.name] = jnp.asarray(held[specs[node.name].target].detach().cpu().numpy())
         elif node.op == "call_function":
             steps.append(_step(node))
         elif node.op == "output":
