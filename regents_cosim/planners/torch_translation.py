@@ -172,7 +172,7 @@ def _expand(x: Array, shape: tuple[int, ...]) -> Array:
     return jnp.broadcast_to(x, [before if wanted == -1 else wanted for wanted, before in zip(shape, old, strict=True)])
 
 
-def _norm(x: Array, order: float = 2.0, dim: Any = None, keepdim: bool = False) -> Array:
+def _norm(x: Array, order: float | int = 2, dim: Any = None, keepdim: bool = False) -> Array:
     return (jnp.abs(x) ** order).sum(dim, keepdims=keepdim) ** (1.0 / order)
 
 
@@ -206,7 +206,7 @@ def _convolution(
     return found if bias is None else found + bias.reshape((-1,) + (1,) * (x.ndim - 2))
 
 
-def _pad(x: Array, pads: tuple[int, ...], value: float = 0.0) -> Array:
+def _pad(x: Array, pads: tuple[int, ...], value: float | int = 0) -> Array:
     pairs = list(zip(pads[::2], pads[1::2], strict=True))[::-1]  # torch begins with the last axis
     return jnp.pad(x, [(0, 0)] * (x.ndim - len(pairs)) + pairs, constant_values=value)
 
