@@ -300,8 +300,8 @@ def _named_after_adversary(attacked: Scenario) -> Scenario:
 
 
 def _label(planner: str) -> str:
-    """The last part of a planner's name, in letters that every file system takes."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", planner.rpartition(":")[2])
+    """The last part of a planner's name, in letters and of a length that every file system takes."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", planner.rpartition(":")[2])[:40]
 
 
 def _outcome(found: Found) -> Outcome:

@@ -15,7 +15,10 @@ from regents_cosim.errors import PlannerError
 from regents_cosim.planners.interface import Planner
 
 # Somebody else's kind of planner behind a prefix: `exec:./my_planner --fast`. What the factory gets is the rest.
-BRIDGES: dict[str, str] = {}
+BRIDGES: dict[str, str] = {
+    "exec": "regents_cosim.planners.exec_planner:ExecPlanner",
+    "torch": "regents_cosim.planners.torch_bridge:TorchPlanner",
+}
 
 
 def find_attribute(name: str) -> Any:
@@ -29,7 +32,8 @@ def find_attribute(name: str) -> Any:
     if not module_name:
         raise PlannerError(
             f"planner {name!r} not found, expected one of {', '.join(sorted(known))}, "
-            "`package.module:attribute` or `file.py:attribute`"
+            "`package.module:attribute`, `file.py:attribute`, "
+            f"or one behind {', '.join(f'`{prefix}:`' for prefix in sorted(BRIDGES))}"
         )
     found = getattr(_import(module_name, name), attribute, None)
     if found is None:

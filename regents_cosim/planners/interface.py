@@ -15,7 +15,7 @@ client of a server. One written in JAX (`jax_planner`) runs inside the compiled 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
@@ -143,7 +143,7 @@ class Scene:
             dt=scenario.dt,
             steps=tracks.steps,
             ego=AgentState(ego.id, ego.kind, x, y, yaw, speed, ego.length, ego.width),
-            others=scenario.agents[1:],
+            others=tuple(replace(agent, role="background") for agent in scenario.agents[1:]),  # no word of adversaries
             target=scenario.target,
             road=scenario.road,
             max_accel=max_accel,

@@ -5,6 +5,8 @@ from typing import Any
 
 from regents_cosim.planners.find import find_attribute, no_planner
 from regents_cosim.planners.jax_planner import JaxPlanner
+from regents_cosim.planners.torch_bridge import TorchPlanner
+from regents_cosim.planners.torch_in_loop import in_loop
 
 ACT_TIMEOUT_S = 10.0  # a planner that takes longer over one decision has failed
 
@@ -32,6 +34,8 @@ def find_planner(name: str) -> JaxPlanner | HostPlanner:
     made = found()
     if isinstance(made, JaxPlanner):
         return made
+    if isinstance(made, TorchPlanner):
+        return in_loop(made) or HostPlanner(name)
     if not _acts(made):
         raise no_planner(name, made)
     return HostPlanner(name)

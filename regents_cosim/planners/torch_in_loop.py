@@ -1,0 +1,69 @@
+"""A translated torch module at the wheel inside the compiled loop: sees and answers as in `torch_bridge`."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
+from regents_cosim.planners.torch_bridge import NEAREST, TorchPlanner
+from regents_cosim.planners.torch_translation import Translated, translate
+
+
+class Memory(eqx.Module):
+    """What stays throughout a scene."""
+
+    target: Float[Array, " 2"]  # [m]
+    size: Float[Array, " 2"]  # [m] length and width
+
+
+def in_loop(planner: TorchPlanner) -> "TorchInLoop | None":
+    """The same planner inside the compiled loop; None where its module does not run in JAX, or not at all."""
+    import torch
+
+    chance = torch.Generator().manual_seed(0)
+    examples = (10.0 * torch.randn(shape, generator=chance) for shape in ((1, 5), (1, NEAREST, 8)))
+    try:
+        module = translate(planner.module, *examples)
+    except Exception:  # its process will say what is wrong with a module that cannot be made
+        return None
+    answer = eqx.filter_eval_shape(module, jnp.zeros((1, 5)), jnp.zeros((1, NEAREST, 8)))
+    return TorchInLoop(module) if answer.shape == (1, 2) else None  # and of one that does not fit
+
+
+class TorchInLoop(JaxPlanner):
+    """The planner that a translated module is."""
+
+    module: Translated
+
+    def init(self, scene: LoopScene) -> Memory:
+        """Where to go, and how large the ego is."""
+        sizes = (scene.world.half_length[0], scene.world.half_width[0])
+        return Memory(scene.on_device(np.array([scene.scenario.target]))[0], 2.0 * jnp.stack(sizes))
+
+    def step(self, memory: Memory, sight: Traffic, ego: Motion) -> tuple[Controls, Memory]:
+        """Look, and ask the module."""
+        at = jnp.stack([ego.speed, *memory.size, *_from(ego, *memory.target)])
+        accel, curvature = self.module(at[None], _others(sight, ego)[None])[0]
+        return Controls(accel, curvature), memory
+
+
+def _others(sight: Traffic, ego: Motion) -> Float[Array, "nearest 8"]:
+    motion, turn = sight.motion, sight.motion.yaw - ego.yaw
+    ahead, left = _from(ego, motion.x, motion.y)
+    sizes = (2.0 * sight.half_length, 2.0 * sight.half_width)
+    table = jnp.stack([jnp.ones_like(turn), ahead, left, jnp.cos(turn), jnp.sin(turn), motion.speed, *sizes], axis=-1)
+    table = jnp.where(sight.valid[:, None], table, 0.0)
+    away = jnp.where(sight.valid, jnp.hypot(ahead, left), jnp.inf)
+    count = min(NEAREST, len(away))
+    _, order = jax.lax.top_k(-away, count)
+    return jnp.pad(table[order], ((0, NEAREST - count), (0, 0)))
+
+
+def _from(ego: Motion, x: Array, y: Array) -> tuple[Array, Array]:
+    """How far ahead of the ego and to its left [m]."""
+    dx, dy, cos, sin = x - ego.x, y - ego.y, jnp.cos(ego.yaw), jnp.sin(ego.yaw)
+    return dx * cos + dy * sin, dy * cos - dx * sin
