@@ -13,7 +13,7 @@ from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners
 from regents_cosim.collisions import first_contact
-from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.statistics import mean_interval, wilson
@@ -68,8 +68,8 @@ def drive_each(
 ) -> Iterator[Drive]:
     """Let `planner` drive every case, in order, to the end of its horizon or its first collision.
 
-    SUMO runs in processes of its own, or those of `executor`. Raises PlannerError where the planner
-    cannot be found, RegentsError where a simulator cannot replay a case.
+    SUMO runs in processes of its own, or those of `executor`. A case in which the planner or the
+    simulator fails says so. Raises PlannerError where the planner cannot be found.
     """
     check(where, planner)
     if where == "mirror":
@@ -77,9 +77,7 @@ def drive_each(
             yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
         return
     for scenario, replay in zip(scenarios, replay_each(scenarios, where, planner, executor=executor), strict=True):
-        if replay.replayed is None:
-            raise RegentsError(f"case {scenario.id}: {replay.reason}")
-        yield _score(scenario, replay.replayed.tracks)
+        yield _score(scenario, replay.replayed.tracks) if replay.replayed else _nowhere(scenario, replay.reason)
 
 
 def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
@@ -87,7 +85,7 @@ def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
     try:
         lap = wheel.drive(scenario)
     except DriveError as failure:
-        return Drive(scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0, error=str(failure))
+        return _nowhere(scenario, str(failure))
     return replace(_score(scenario, lap.tracks), act_s=tuple(lap.act_seconds))
 
 
@@ -120,6 +118,11 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
         act_median_ms=median,
         act_p99_ms=p99,
     )
+
+
+def _nowhere(scenario: Scenario, error: str) -> Drive:
+    """A drive that could not be made."""
+    return Drive(scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0, error=error)
 
 
 def _score(scenario: Scenario, tracks: Tracks) -> Drive:
