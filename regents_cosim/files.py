@@ -175,9 +175,9 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
     """What is hashed of an attack: not how long the planner took, and of its errors only those that happened."""
     values = msgspec.json.decode(msgspec.json.encode(attack, order="deterministic"))
     if values is not None:
-        del values["act_time"]
-        if not values["planner_error"]:
-            del values["planner_error"]
+        values.pop("act_time", None)  # cases of before there was one lack it
+        if not values.get("planner_error"):
+            values.pop("planner_error", None)
     return msgspec.json.encode(values)
 
 
