@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Literal
 
-from regents_cosim.errors import PlannerError, RegentsError
+from regents_cosim.errors import RegentsError
 from regents_cosim.planners.driver import driver_for
 from regents_cosim.planners.systems import find_planner
 from regents_cosim.replays.mirror import replay_in_mirror
@@ -16,7 +16,7 @@ from regents_cosim.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]
 Mode = Literal["track", "actions"]
-_AGENT = "highway:"  # in front of the names of agents that drive inside highway-env
+_AGENT = "highway:"  # in front of the names of highway-env's agents, which need no bridge there
 
 
 def replay(
@@ -29,8 +29,7 @@ def replay(
     """Replay one case; the ego follows its track, or `planner` in closed loop.
 
     In highway-env the others follow their tracks, or by `mode` actions are moved by its own
-    physics; there the ego may also be driven by an agent of highway-env's: `highway:idm`, `highway:mdp`,
-    `highway:random`, or a policy as `highway:package.module:attribute`.
+    physics.
 
     A simulator that refuses or dies gives a Replay that is not verified and says why. Raises
     PlannerError for a planner that cannot be found.
@@ -47,7 +46,8 @@ def replay_each(
     mode: Mode = "track",
 ) -> Iterator[Replay]:
     """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`."""
-    _check(where, planner)
+    if planner is not None:
+        find_planner(planner)  # complain here rather than once per case
     if where == "highway":
         yield from (_in_highway(scenario, planner, mode) for scenario in scenarios)
         return
@@ -71,20 +71,6 @@ def _in_sumo(job: _SumoJob) -> Replay:
     driver = driver_for(job.planner) if job.planner else None
     seen = replay_in_sumo(job.scenario, driver, job.gui)
     return compare(job.scenario, seen.tracks, seen.collisions, ego_is_free=driver is not None)
-
-
-def _check(where: Simulator, planner: str | None) -> None:
-    """Complain here rather than once per case."""
-    if planner is None:
-        return
-    if not planner.startswith(_AGENT):
-        find_planner(planner)
-        return
-    if where != "highway":
-        raise PlannerError(f"planner {planner!r} drives inside highway-env; replay it there (--in highway)")
-    from regents_cosim.highway_agents import find_agent  # imports pygame
-
-    find_agent(planner.removeprefix(_AGENT))
 
 
 def _in_highway(scenario: Scenario, planner: str | None, mode: Mode) -> Replay:
