@@ -32,12 +32,16 @@ class HighwayAgent(Protocol):
         ...
 
 
+# For agents that look at the road itself: making observations takes longer than all else, and
+# some types of them fail on an IDM vehicle.
+_NOTHING: dict[str, Any] = {"type": "AttributesObservation", "attributes": []}
+
+
 class IDMAgent:
     """highway-env's own driver model, IDM with MOBIL lane changes, in place of the controlled vehicle."""
 
     def __init__(self) -> None:
-        # It looks at nothing, and some types of observation fail on an IDM vehicle.
-        self.config: dict[str, Any] = {"observation": {"type": "Kinematics"}}
+        self.config: dict[str, Any] = {"observation": _NOTHING}
 
     def start(self, env: AbstractEnv, seed: int) -> None:
         """Put an IDM vehicle where the controlled one is."""
@@ -66,7 +70,7 @@ class MDPAgent:
     """
 
     def __init__(self) -> None:
-        self.config: dict[str, Any] = {"action": {"type": "DiscreteMetaAction"}}
+        self.config: dict[str, Any] = {"action": {"type": "DiscreteMetaAction"}, "observation": _NOTHING}
 
     def start(self, env: AbstractEnv, seed: int) -> None:
         """Remember the environment, whose grid is asked for at every step."""

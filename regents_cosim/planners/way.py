@@ -1,4 +1,4 @@
-"""The lanes from where the ego is to its target and on, for planners that route themselves along a road network."""
+"""The lanes from where the ego is to its target and on, for drivers that need a route through a network."""
 
 import heapq
 from itertools import pairwise
@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from regents_cosim.planners.interface import AgentState, Scene
+from regents_cosim.frames import Pose
 from regents_cosim.planners.lane_matching import lanes_near
 from regents_cosim.planners.route import lanes_ahead
 from regents_cosim.roadmap import Lane, RoadMap
@@ -16,16 +16,16 @@ _OFF_CENTRE_COST = 10.0  # [m] of way that being 1 m off the centre line costs, 
 _CHANGE_COST_M = 20.0  # to the lane beside
 
 
-def way_to_target(scene: Scene) -> list[Lane]:
+def way_to_target(road: RoadMap, ego: Pose, target: tuple[float, float]) -> list[Lane]:
     """Lanes that continue each other, past the target straight on; those that are left sideways are left out.
 
     Where no lane leads to the target, straight on from the lane nearest to the ego.
     """
-    starts = _under_ego(scene.road, scene.ego)
-    way = _shortest(scene.road, starts, _under_target(scene)) or [min(starts, key=lambda name: starts[name])]
-    driven = [lane for lane, after in pairwise(way) if after not in _beside(scene.road.lane[lane])]
-    lanes = [scene.road.lane[name] for name in driven]
-    onward = [lane for lane in lanes_ahead(scene.road, scene.road.lane[way[-1]]) if lane not in lanes]
+    starts = _under_ego(road, ego)
+    way = _shortest(road, starts, _under_target(road, target)) or [min(starts, key=lambda name: starts[name])]
+    driven = [lane for lane, after in pairwise(way) if after not in _beside(road.lane[lane])]
+    lanes = [road.lane[name] for name in driven]
+    onward = [lane for lane in lanes_ahead(road, road.lane[way[-1]]) if lane not in lanes]
     return lanes + onward
 
 
@@ -55,7 +55,7 @@ def _beside(lane: Lane) -> list[str]:
     return [name for name in (lane.left, lane.right) if name is not None]
 
 
-def _under_ego(road: RoadMap, ego: AgentState) -> dict[str, float]:
+def _under_ego(road: RoadMap, ego: Pose) -> dict[str, float]:
     """Lanes that run the ego's way where it is, or the nearest of all, and what each costs [m]."""
     here = np.array([ego.x, ego.y])
     ahead = here + 0.5 * np.array([np.cos(ego.yaw), np.sin(ego.yaw)])
@@ -63,8 +63,8 @@ def _under_ego(road: RoadMap, ego: AgentState) -> dict[str, float]:
     return found or {road.lanes[int(road.centre_lines.nearest(shapely.Point(here)))].id: 0.0}
 
 
-def _under_target(scene: Scene) -> dict[str, float]:
-    road, target = scene.road, shapely.Point(scene.target)
-    found = road.centre_lines.query(target, predicate="dwithin", distance=_REACH_M)
-    away = shapely.distance(road.centre_lines.geometries[found], target)
+def _under_target(road: RoadMap, target: tuple[float, float]) -> dict[str, float]:
+    there = shapely.Point(target)
+    found = road.centre_lines.query(there, predicate="dwithin", distance=_REACH_M)
+    away = shapely.distance(road.centre_lines.geometries[found], there)
     return {road.lanes[i].id: _OFF_CENTRE_COST * float(off) for i, off in zip(found, away, strict=True)}

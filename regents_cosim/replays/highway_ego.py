@@ -8,15 +8,12 @@ says (`policy_frequency`), highway-env's controllers and physics do the rest, an
 from typing import Any
 
 import numpy as np
-import shapely
-from highway_env.road.road import LaneIndex, RoadNetwork
 
-from regents_cosim.frames import HighwayPose, Pose, from_highway, points_to_highway, to_highway
+from regents_cosim.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.highway_agents import find_agent
 from regents_cosim.planners.interface import Observation, Others, Placement, Scene
 from regents_cosim.planners.way import way_to_target
 from regents_cosim.replays.highway_gym import HighwayReplayEnv
-from regents_cosim.replays.highway_road import route_along
 from regents_cosim.roadmap import Lane
 from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
 
@@ -33,7 +30,8 @@ class HighwayEgo:
 
     def reset(self, scene: Scene) -> None:
         """Begin anew; what the environment needs is known when everybody has been seen, at the first step."""
-        self._way = way_to_target(scene)
+        ego = scene.ego
+        self._way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), scene.target)
 
     def act(self, observation: Observation) -> Placement:
         """Where highway-env puts the ego."""
@@ -62,7 +60,6 @@ class HighwayEgo:
         env = self._env
         seen, _ = env.reset(seed=_SEED, options={"case": case})
         self._decides_every = env.config["simulation_frequency"] // env.config["policy_frequency"]
-        env.vehicle.route = _route(env.road.network, self._way)
         self._agent.start(env, _SEED)
         return seen
 
@@ -96,12 +93,3 @@ def _case(observation: Observation, way: list[Lane]) -> Scenario:
         road=scene.road,
         provenance=Provenance(source="", file="", sha256="", begin_s=0.0),
     )
-
-
-def _route(network: RoadNetwork, way: list[Lane]) -> list[LaneIndex]:
-    """The way in highway-env's words, found by the middle of every lane."""
-    lines = np.array([shapely.LineString(lane.centre) for lane in way])
-    ends = (shapely.get_coordinates(shapely.line_interpolate_point(lines, share, True)) for share in (0.5, 0.55))
-    middle, further = map(points_to_highway, ends)
-    ahead = further - middle
-    return route_along(network, middle, np.arctan2(ahead[:, 1], ahead[:, 0]))

@@ -83,8 +83,10 @@ class _Stage:
     def __init__(self, sumo: ModuleType, scene: Scene) -> None:
         self._sumo, self._scene = sumo, scene
         self._there: set[int] = set()  # of the others, those who are on the road
-        sumo.route.add(_ROUTE, _edges(scene.road, way_to_target(scene)))
-        add_type(sumo, _EGO, scene.ego)
+        ego = scene.ego
+        way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), scene.target)
+        sumo.route.add(_ROUTE, _edges(scene.road, way))
+        add_type(sumo, _EGO, ego)
         sumo.vehicletype.setSpeedDeviation(_EGO, 0.0)  # as fast as the signs say, not by SUMO's dice
         for index, agent in enumerate(scene.others):
             add_type(sumo, _name(index), agent)
