@@ -133,9 +133,12 @@ class PolicyAgent:
     def __init__(self, policy: Any, name: str) -> None:
         self.config: dict[str, Any] = dict(getattr(policy, "config", {}))
         self._decide = _decision(policy, name)
+        self._forget = getattr(policy, "reset", None)
 
     def start(self, env: AbstractEnv, seed: int) -> None:
-        """Nothing to prepare: the policy sees observations alone."""
+        """A policy that remembers is asked to forget; else it sees observations alone."""
+        if callable(self._forget):
+            self._forget()
 
     def act(self, observation: Any) -> Any:
         """What the policy says."""

@@ -41,7 +41,9 @@ def route_along(network: RoadNetwork, way: Sequence[Lane]) -> list[LaneIndex]:
     """The lanes of `way`, found by their middles, as far as they connect in the cropped network."""
     route: list[LaneIndex] = []
     lines = np.array([shapely.LineString(lane.centre) for lane in way])
-    ends = (shapely.get_coordinates(shapely.line_interpolate_point(lines, share, True)) for share in (0.5, 0.55))
+    ends = (
+        shapely.get_coordinates(shapely.line_interpolate_point(lines, share, normalized=True)) for share in (0.5, 0.55)
+    )
     middles, further = map(points_to_highway, ends)
     for point, ahead in zip(middles, further - middles, strict=True):
         index = network.get_closest_lane_index(point, float(np.arctan2(ahead[1], ahead[0])))

@@ -23,6 +23,7 @@ _EGO, _ROUTE = "ego", "way"
 _ON_ROUTE = 1  # keepRoute of moveToXY: on the lane of the route that is nearest
 _JUMP_M = 1.0  # sideways in one step: a lane change
 _ACROSS_S = 3.0  # that a lane change takes
+_CLEAR_M = 0.5  # off its lane that the ego may be without being in the way on the next
 _STEEPEST = 0.35  # sideways per metre ahead, about 20 degrees: nobody slides sideways while standing
 
 _Drive = Generator[Placement | None, Observation, None]
@@ -114,6 +115,7 @@ class _Stage:
         self._show_lights(observation)
         # SUMO lets the ego react to where everybody was before the step, and places them after it.
         self._place_others(observation, dt)
+        self._mind_the_lane_left()
         self._step(observation)
         self._last = self._read(dt) if _EGO in self._sumo.vehicle.getIDList() else _straight_on(self._last, dt)
         return self._last
@@ -128,9 +130,27 @@ class _Stage:
         x, y = pose.x - offset * np.sin(pose.yaw), pose.y + offset * np.cos(pose.yaw)
         return Placement(float(x), float(y), float(wrap(pose.yaw + np.arctan(slope))), speed)
 
+    def _mind_the_lane_left(self) -> None:
+        """Follow whoever is ahead on the lane beside too, while the ego is partly there.
+
+        As SUMO has it with `--lanechange.duration`; without, it takes the ego for gone from there at once.
+        """
+        vehicle, offset = self._sumo.vehicle, self._beside.offset
+        if _EGO not in vehicle.getIDList():
+            return
+        ahead = vehicle.getLeftLeaders(_EGO) if offset > 0 else vehicle.getRightLeaders(_EGO)
+        speed, least_gap = vehicle.getSpeed(_EGO), vehicle.getMinGap(_EGO)
+        allowed = [
+            vehicle.getFollowSpeed(_EGO, speed, gap, vehicle.getSpeed(name), vehicle.getDecel(name), name)
+            for name, gap in ahead
+            if abs(offset) > _CLEAR_M and gap > -least_gap  # the others are alongside
+        ]
+        slowest = min(allowed, default=speed)
+        vehicle.setSpeed(_EGO, slowest if slowest < speed else -1.0)  # -1: as SUMO likes
+
     def _pose(self) -> Pose:
-        vehicle = self._sumo.vehicle
-        return from_sumo(SumoPose(*vehicle.getPosition(_EGO), vehicle.getAngle(_EGO)), self._scene.ego.length)
+        x, y = self._sumo.vehicle.getPosition(_EGO)
+        return from_sumo(SumoPose(x, y, self._sumo.vehicle.getAngle(_EGO)), self._scene.ego.length)
 
     def _place_others(self, observation: Observation, ahead_s: float) -> None:
         """Everybody where they will be in `ahead_s` if they go straight on."""
@@ -170,24 +190,24 @@ class _Stage:
 
 
 class _Beside:
-    """How far the ego is from the lane that SUMO has it on, less and less."""
+    """How far to the left the ego is of the lane that SUMO has it on [m]; less and less."""
 
     def __init__(self, offset: float) -> None:
-        self._offset = 0.0
+        self.offset = 0.0
         self.begin(offset)
 
     def begin(self, further: float) -> None:
         """Be `further` m further to the left of the lane than before."""
-        self._offset += further
-        self._rate = abs(self._offset) / _ACROSS_S
+        self.offset += further
+        self._rate = abs(self.offset) / _ACROSS_S
 
     def advance(self, speed: float, dt: float) -> tuple[float, float]:
         """The offset [m, to the left] after one step, and how much it changed per metre ahead."""
         ahead = max(speed * dt, 1e-6)
-        nearer = min(self._rate * dt, _STEEPEST * ahead, abs(self._offset))
-        change = -np.sign(self._offset) * nearer
-        self._offset += change
-        return self._offset, change / ahead
+        nearer = min(self._rate * dt, _STEEPEST * ahead, abs(self.offset))
+        change = -np.sign(self.offset) * nearer
+        self.offset += change
+        return self.offset, change / ahead
 
 
 def _name(index: int) -> str:
