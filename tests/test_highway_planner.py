@@ -75,6 +75,7 @@ def test_an_agent_that_cannot_be_found():
         find_planner("highway:idmm")
 
 
+@pytest.mark.slow
 def test_an_attack_runs_to_an_outcome():
     config = replace(REGENTS, iterations=20)
     (attacked,) = attack([platoon()], config, "highway:idm")

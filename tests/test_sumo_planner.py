@@ -26,16 +26,12 @@ def sumo():
 @pytest.mark.parametrize("name", ["grid-00218", "merge-00064", "roundabout-00064", "signals-00064"])
 def test_in_ordinary_traffic_it_comes_to_its_target_without_a_contact(sumo, name):
     case = shipped_window(name)
-    x, y, yaw, speed = bridged_drive(sumo, case)
-    tracks = case.tracks
-    ego = {
-        k: np.concatenate([v[None], getattr(tracks, k)[1:]])
-        for k, v in zip(("x", "y", "yaw", "speed"), (x, y, yaw, speed), strict=True)
-    }
-    assert first_contact(case.agents, replace(tracks, **ego, accel=None, curvature=None)) is None
-    assert np.hypot(x - case.target[0], y - case.target[1]).min() < 1.0
-    went = np.hypot(np.diff(x), np.diff(y)) / case.dt
-    assert went == pytest.approx(speed[1:], abs=0.5)
+    tracks, ego = case.tracks, dict(zip(("x", "y", "yaw", "speed"), bridged_drive(sumo, case), strict=True))
+    driven = {name: np.concatenate([own[None], getattr(tracks, name)[1:]]) for name, own in ego.items()}
+    assert first_contact(case.agents, replace(tracks, **driven, accel=None, curvature=None)) is None
+    assert np.hypot(ego["x"] - case.target[0], ego["y"] - case.target[1]).min() < 1.0
+    went = np.hypot(np.diff(ego["x"]), np.diff(ego["y"])) / case.dt
+    assert went == pytest.approx(ego["speed"][1:], abs=0.5)
 
 
 def test_every_drive_is_the_same(sumo):
@@ -77,13 +73,13 @@ def test_a_lane_change_takes_its_time(sumo):
     assert heading == pytest.approx(yaw[1:], abs=0.01)
 
 
-def test_it_stops_at_a_red_light(sumo):
-    case = shipped_window("signals-00064")
-    green = bridged_drive(sumo, case)
-    red = tuple(Signal(signal.id, ((0, "r" * len(signal.letters(0))),)) for signal in case.signals)
-    stopped = bridged_drive(sumo, replace(case, signals=red))
-    assert green[3, -1] > 5.0
-    assert stopped[3, -1] < 0.1
+@pytest.mark.parametrize(("letter", "stops"), [("r", True), ("G", False)])
+def test_it_stops_at_a_red_light(sumo, letter, stops):
+    case = shipped_window("signals-00218")  # the light is at x = -16
+    alone = only(case, 0, x=[-100.0], y=[case.tracks.y[0, 0]], speed=[10.0])
+    lights = tuple(Signal(light.id, ((0, letter * len(light.letters(0))),)) for light in case.signals)
+    x, _, _, speed = bridged_drive(sumo, replace(alone, signals=lights))
+    assert (speed[-1] < 1.0) == (x[-1] < -16.0) == stops
 
 
 def test_a_map_that_is_not_sumo_s(sumo):
@@ -96,6 +92,7 @@ def test_a_name_too_long():
         find_planner("sumo:fast")
 
 
+@pytest.mark.slow
 def test_an_attack_runs_to_an_outcome():
     config = replace(REGENTS, iterations=20)
     (attacked,) = attack([shipped_window("merge-00064")], config, "sumo")
