@@ -307,7 +307,7 @@ def replay(
     ego
         track: as in the case; planner: driven in closed loop by the planner (default where --planner is given)
     planner
-        who drives the ego; default the planner that was attacked; in highway-env also its own agents:
+        who drives the ego; default the planner that was attacked; also sumo, and highway-env's agents:
         highway:idm, highway:mdp, highway:random, highway:package.module:attribute
     gui
         show it in the simulator's own window, sumo-gui or highway-env's

@@ -32,12 +32,16 @@ class HighwayAgent(Protocol):
         ...
 
 
+# For agents that look at the road itself: making observations takes longer than all else, and
+# some types of them fail on an IDM vehicle.
+_NOTHING: dict[str, Any] = {"type": "AttributesObservation", "attributes": []}
+
+
 class IDMAgent:
     """highway-env's own driver model, IDM with MOBIL lane changes, in place of the controlled vehicle."""
 
     def __init__(self) -> None:
-        # It looks at nothing, and some types of observation fail on an IDM vehicle.
-        self.config: dict[str, Any] = {"observation": {"type": "Kinematics"}}
+        self.config: dict[str, Any] = {"observation": _NOTHING}
 
     def start(self, env: AbstractEnv, seed: int) -> None:
         """Put an IDM vehicle where the controlled one is."""
@@ -74,7 +78,7 @@ class MDPAgent:
     """
 
     def __init__(self) -> None:
-        self.config: dict[str, Any] = {"action": {"type": "DiscreteMetaAction"}}
+        self.config: dict[str, Any] = {"action": {"type": "DiscreteMetaAction"}, "observation": _NOTHING}
 
     def start(self, env: AbstractEnv, seed: int) -> None:
         """Remember the environment, whose grid is asked for at every step."""
@@ -137,9 +141,12 @@ class PolicyAgent:
     def __init__(self, policy: Any, name: str) -> None:
         self.config: dict[str, Any] = dict(getattr(policy, "config", {}))
         self._decide = _decision(policy, name)
+        self._forget = getattr(policy, "reset", None)
 
     def start(self, env: AbstractEnv, seed: int) -> None:
-        """Nothing to prepare: the policy sees observations alone."""
+        """A policy that remembers is asked to forget; else it sees observations alone."""
+        if callable(self._forget):
+            self._forget()
 
     def act(self, observation: Any) -> Any:
         """What the policy says."""

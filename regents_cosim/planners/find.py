@@ -15,8 +15,11 @@ from regents_cosim.errors import PlannerError
 from regents_cosim.planners.interface import Planner
 
 # Somebody else's kind of planner behind a prefix: `exec:./my_planner --fast`. What the factory gets is the rest.
+# Modules by name, as entry points are: those that need the simulators of `replays` are found there.
 BRIDGES: dict[str, str] = {
     "exec": "regents_cosim.planners.exec_planner:ExecPlanner",
+    "highway": "regents_cosim.replays.highway_ego:HighwayEgo",
+    "sumo": "regents_cosim.replays.sumo_ego:SumoEgo",
     "torch": "regents_cosim.planners.torch_bridge:TorchPlanner",
 }
 
@@ -31,9 +34,8 @@ def find_attribute(name: str) -> Any:
     module_name, _, attribute = known.get(name, name).rpartition(":")
     if not module_name:
         raise PlannerError(
-            f"planner {name!r} not found, expected one of {', '.join(sorted(known))}, "
-            "`package.module:attribute`, `file.py:attribute`, "
-            f"or one behind {', '.join(f'`{prefix}:`' for prefix in sorted(BRIDGES))}"
+            f"planner {name!r} not found, expected one of {', '.join(sorted(known))}, sumo, "
+            "highway:AGENT, torch:MODULE, exec:COMMAND, `package.module:attribute` or `file.py:attribute`"
         )
     found = getattr(_import(module_name, name), attribute, None)
     if found is None:

@@ -26,7 +26,9 @@ def match_lanes(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[Lan
     Viterbi over the lanes within 3 m and 45 degrees: distance to the centre line at each point,
     plus the cost of changing between lanes that do not continue each other.
     """
-    options = _options(road, points)
+    options: list[list[tuple[Lane | None, float]]] = [
+        [(None, _NOWHERE_COST_M), *near] for near in lanes_near(road, points)
+    ]
     follows = {(link.source, link.target) for link in road.connections}
     best = [cost for _, cost in options[0]]
     came_from: list[list[int]] = []
@@ -40,8 +42,8 @@ def match_lanes(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[Lan
     return [options[k][index][0] for k, index in enumerate(reversed(chosen))]
 
 
-def _options(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[list[tuple[Lane | None, float]]]:
-    """For every point the lanes it may be on with the distance to their centre lines [m]."""
+def lanes_near(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[list[tuple[Lane, float]]]:
+    """For every point of a path the lanes it may be on with the distance to their centre lines [m]."""
     where = np.asarray(shapely.points(points))
     step = np.diff(points, axis=0, append=points[-1:] + (points[-1:] - points[-2:-1]))
     heading = np.arctan2(step[:, 1], step[:, 0])
@@ -52,7 +54,7 @@ def _options(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[list[t
     along = ends[1] - ends[0]
     turn = np.abs(wrap(np.arctan2(along[:, 1], along[:, 0]) - heading[index]))
     away = shapely.distance(line, where[index])
-    found: list[list[tuple[Lane | None, float]]] = [[(None, _NOWHERE_COST_M)] for _ in points]
+    found: list[list[tuple[Lane, float]]] = [[] for _ in points]
     for i in np.flatnonzero(turn < _SAME_WAY_RAD):
         found[index[i]].append((road.lanes[lane[i]], float(away[i])))
     return found

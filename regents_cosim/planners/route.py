@@ -37,7 +37,7 @@ class Route:
 def plan_route(scenario: Scenario) -> Route:
     """The ego's logged path, then straight on along connected lanes, with limits and lights."""
     logged = _logged_path(scenario)
-    lanes = _lanes_ahead(scenario.road, match_lanes(scenario.road, logged)[-1])
+    lanes = lanes_ahead(scenario.road, match_lanes(scenario.road, logged)[-1])
     points = _evenly(np.concatenate([logged, _extension(logged, lanes)]))
     on_lane = match_lanes(scenario.road, points)
     return Route(points, _limits(on_lane), _stop_lines(scenario, points, on_lane))
@@ -71,7 +71,7 @@ def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float
     return np.concatenate([path[2:], straight])
 
 
-def _lanes_ahead(road: RoadMap, lane: Lane | None) -> list[Lane]:
+def lanes_ahead(road: RoadMap, lane: Lane | None) -> list[Lane]:
     """`lane` and those that follow it, always the straightest one."""
     found, length = [], 0.0
     while lane is not None and lane not in found and length < 2.0 * _EXTENSION_M:

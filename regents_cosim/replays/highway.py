@@ -1,19 +1,16 @@
 """A Scenario replayed in highway-env: everybody on their tracks, or driven by its own physics."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.highway_agents import find_agent
 from regents_cosim.replays.highway_cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway_gym import HighwayReplayEnv, Mode, make_cast, network_of
 from regents_cosim.replays.highway_window import Window, opened
-from regents_cosim.replays.sumo import Driver
+from regents_cosim.replays.sumo import Driver, ask
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
 
@@ -36,7 +33,7 @@ def replay_in_highway(
     With `gui` in highway-env's own window, in real time.
     """
     if driver is not None:
-        _ask(lambda: driver.start(scenario), "before the first step")
+        ask(lambda: driver.start(scenario), "before the first step")
     road = ReplayRoad(network_of(scenario), np.random.default_rng(0))
     cast = make_cast(road, scenario, "track" if driver else mode)[:1] + make_cast(road, scenario, mode)[1:]
     road.enter(cast[0], cast[1:])
@@ -45,7 +42,7 @@ def replay_in_highway(
         film.take(road)
         for step in range(scenario.tracks.steps - 1):
             if driver is not None:
-                x, y, yaw, speed = _ask(lambda step=step: driver.advance(step, *film.last()), f"at step {step}")
+                x, y, yaw, speed = ask(lambda step=step: driver.advance(step, *film.last()), f"at step {step}")
                 cast[0].states[:, step + 1] = *to_highway(Pose(x, y, yaw)), speed
             road.step(scenario.dt)
             film.take(road)
@@ -75,7 +72,7 @@ def drive_in_highway(
 
         env.road.step = step_and_take
         while len(film.frames) < scenario.tracks.steps:
-            observation = _ask(lambda seen=observation: env.step(agent.act(seen))[0], f"at step {len(film.frames) - 1}")
+            observation = ask(lambda seen=observation: env.step(agent.act(seen))[0], f"at step {len(film.frames) - 1}")
     film.frames = film.frames[: scenario.tracks.steps]
     return film.finish(env.road)
 
@@ -113,13 +110,3 @@ class _Film:
         ego = self._scenario.ego.id
         hits = tuple(ReportedCollision(step, ego, other, _OWN_KIND) for step, other in road.contacts)
         return HighwayReplay(Tracks(x, y, yaw, speed, valid), hits)
-
-
-def _ask(question: Callable[[], Any], when: str) -> Any:
-    try:
-        return question()
-    except RegentsError:
-        raise
-    except Exception as error:  # somebody else's code: whatever it raises is an answer
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise PlannerError(f"the planner failed {when} ({said})") from error

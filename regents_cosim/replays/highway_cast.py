@@ -147,21 +147,18 @@ class ReplayRoad(Road):
         """Everybody who is there at the first step."""
         self.cast = cast
         self.vehicles = [ego]
-        self._call()
-        self._note_contacts(0.0)
+        self.look(0.0)
 
     def step(self, dt: float) -> None:
         """Move everybody, see who comes and goes, and who touches the ego."""
         self.moment += 1
         for vehicle in (self.vehicles[0], *self.cast):
             vehicle.step(dt)
-        self._call()
-        self._note_contacts(dt)
+        self.look(dt)
 
-    def _call(self) -> None:
+    def look(self, dt: float) -> None:
+        """See who is there, and who touches the ego."""
         self.vehicles = [self.vehicles[0], *(vehicle for vehicle in self.cast if vehicle.present)]
-
-    def _note_contacts(self, dt: float) -> None:
         ego = self.vehicles[0]
         for other in self.vehicles[1:]:
             if isinstance(other, ScriptedVehicle) and _touch(ego, other, dt):

@@ -13,6 +13,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.files import find_cases, load_case
 from regents_cosim.frames import Pose, points_to_highway, to_highway
+from regents_cosim.planners.way import way_to_target
 from regents_cosim.replays.highway_actions import actions
 from regents_cosim.replays.highway_cast import ActionVehicle, ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway_road import build_network, route_along
@@ -21,7 +22,7 @@ from regents_cosim.shipped import shipped
 
 Mode = Literal["track", "actions"]
 MODES: tuple[Mode, ...] = ("track", "actions")
-_ROUTE_EVERY = 5  # steps of the ego's track between points of its route
+_LOOK_EVERY = 5  # points of the tracks that lanes are looked for around
 
 
 class HighwayReplayEnv(AbstractEnv):
@@ -90,12 +91,12 @@ class HighwayReplayEnv(AbstractEnv):
     def _make_ego(self, road: ReplayRoad) -> Vehicle:
         """The vehicle that the action type drives, where the case has the ego, and with its route."""
         tracks, agent = self.scenario.tracks, self.scenario.ego
-        x, y, heading = map(np.asarray, to_highway(Pose(tracks.x[0], tracks.y[0], tracks.yaw[0])))
-        ego = self.action_type.vehicle_class(road, [x[0], y[0]], float(heading[0]), float(tracks.speed[0, 0]))
+        start = Pose(*(float(values[0, 0]) for values in (tracks.x, tracks.y, tracks.yaw)))
+        x, y, heading = to_highway(start)
+        ego = self.action_type.vehicle_class(road, [x, y], float(heading), float(tracks.speed[0, 0]))
         ego.LENGTH, ego.WIDTH = agent.length, agent.width
         ego.diagonal = float(np.hypot(agent.length, agent.width))
-        points = np.stack([x, y], axis=-1)[::_ROUTE_EVERY]
-        ego.route = route_along(road.network, points, heading[::_ROUTE_EVERY])
+        ego.route = route_along(road.network, way_to_target(self.scenario.road, start, self.scenario.target))
         return ego
 
     def _simulate(self, action: Any = None) -> None:
@@ -130,7 +131,7 @@ class HighwayReplayEnv(AbstractEnv):
 def network_of(scenario: Scenario) -> RoadNetwork:
     """The map around everybody's track."""
     tracks = scenario.tracks
-    return build_network(scenario.road, np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid][::_ROUTE_EVERY])
+    return build_network(scenario.road, np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid][::_LOOK_EVERY])
 
 
 def make_cast(road: ReplayRoad, scenario: Scenario, mode: Mode) -> list[ScriptedVehicle]:

@@ -5,7 +5,7 @@ right way. Its own polyline lanes fail below 1 m and misplace vehicles at kinks 
 a lane of our own.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,13 +37,16 @@ def build_network(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> RoadNe
     return network
 
 
-def route_along(
-    network: RoadNetwork, points: Float[np.ndarray, "point 2"], headings: Float[np.ndarray, " point"]
-) -> list[LaneIndex]:
-    """Lanes that connect to each other along points and headings of highway-env's plane."""
+def route_along(network: RoadNetwork, way: Sequence[Lane]) -> list[LaneIndex]:
+    """The lanes of `way`, found by their middles, as far as they connect in the cropped network."""
     route: list[LaneIndex] = []
-    for point, heading in zip(points, headings, strict=True):
-        index = network.get_closest_lane_index(point, float(heading))
+    lines = np.array([shapely.LineString(lane.centre) for lane in way])
+    ends = (
+        shapely.get_coordinates(shapely.line_interpolate_point(lines, share, normalized=True)) for share in (0.5, 0.55)
+    )
+    middles, further = map(points_to_highway, ends)
+    for point, ahead in zip(middles, further - middles, strict=True):
+        index = network.get_closest_lane_index(point, float(np.arctan2(ahead[1], ahead[0])))
         if not route or index[0] == route[-1][1]:
             route.append(index)
     return route

@@ -1,11 +1,11 @@
 """`replay`: a case in a simulator, and whether the same crash happens there."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Literal
 
-from regents_cosim.errors import PlannerError, RegentsError
+from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.planners.driver import driver_for
 from regents_cosim.planners.systems import find_planner
 from regents_cosim.replays.mirror import replay_in_mirror
@@ -16,7 +16,7 @@ from regents_cosim.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]
 Mode = Literal["track", "actions"]
-_AGENT = "highway:"  # in front of the names of agents that drive inside highway-env
+_AGENT = "highway:"  # in front of the names of highway-env's agents, which need no bridge there
 
 
 def replay(
@@ -29,8 +29,7 @@ def replay(
     """Replay one case; the ego follows its track, or `planner` in closed loop.
 
     In highway-env the others follow their tracks, or by `mode` actions are moved by its own
-    physics; there the ego may also be driven by an agent of highway-env's: `highway:idm`, `highway:mdp`,
-    `highway:random`, or a policy as `highway:package.module:attribute`. `gui` opens the simulator's own window.
+    physics. `gui` opens the simulator's own window.
 
     A simulator that refuses or dies gives a Replay that is not verified and says why. Raises
     PlannerError for a planner that cannot be found, RegentsError for a window of the mirror, or of
@@ -50,10 +49,10 @@ def replay_each(
     """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`."""
     check(where, planner, gui)
     if where == "highway":
-        yield from (_in_highway(scenario, planner, mode, gui) for scenario in scenarios)
+        yield from (_or_failed(s, lambda s: _in_highway(s, planner, mode, gui)) for s in scenarios)
         return
     if where == "mirror":
-        yield from (_in_mirror(scenario, planner) for scenario in scenarios)
+        yield from (_or_failed(s, lambda s: _in_mirror(s, planner)) for s in scenarios)
         return
     jobs = [_SumoJob(scenario, planner, gui) for scenario in scenarios]
     for scenario, found in zip(scenarios, run_each(_in_sumo, jobs, executor), strict=True):
@@ -78,16 +77,16 @@ def check(where: Simulator, planner: str | None, gui: bool = False) -> None:
     """Complain here rather than once per case. Raises PlannerError, or RegentsError for a window of the mirror."""
     if gui and where == "mirror":
         raise RegentsError("the mirror has no window; --gui shows that of --in sumo or --in highway, or use --record")
-    if planner is None:
-        return
-    if not planner.startswith(_AGENT):
+    if planner is not None:
         find_planner(planner)
-        return
-    if where != "highway":
-        raise PlannerError(f"planner {planner!r} drives inside highway-env; replay it there (--in highway)")
-    from regents_cosim.highway_agents import find_agent  # imports pygame
 
-    find_agent(planner.removeprefix(_AGENT))
+
+def _or_failed(scenario: Scenario, replay_it: Callable[[Scenario], Replay]) -> Replay:
+    """A planner that fails costs its own case only."""
+    try:
+        return replay_it(scenario)
+    except DriveError as failure:
+        return failed(scenario, str(failure))
 
 
 def _in_highway(scenario: Scenario, planner: str | None, mode: Mode, gui: bool) -> Replay:

@@ -12,21 +12,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from traceback import format_exception
 from types import ModuleType
 from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, SumoError
+from regents_cosim.errors import DriveError, PlannerError, RegentsError, ScenarioError, SumoError
 from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo
+from regents_cosim.planners.interface import AgentState
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 from regents_cosim.sumo_process import running_sumo
 
 _R = TypeVar("_R")
 
-_EXACT = 2  # keepRoute of moveToXY: this very position, on any edge or on none
+EXACT = 2  # keepRoute of moveToXY: this very position, on any edge or on none
 _COLOURS = {"ego": (0, 114, 178, 255), "adversary": (213, 94, 0, 255), "background": (150, 150, 150, 255)}
 _LETTERS = "rygGuosOY"
 _IN_SIGHT_M = 40.0  # around the ego, in sumo-gui
@@ -89,7 +91,7 @@ def replay_in_sumo(scenario: Scenario, driver: Driver | None = None, gui: bool =
     the driver fails.
     """
     if driver is not None:
-        _ask(lambda: driver.start(scenario), "before the first step")
+        ask(lambda: driver.start(scenario), "before the first step")
     with _network(scenario) as net, running_sumo(_options(scenario, net, gui), gui) as sumo:
         stage = _Stage(sumo, scenario)
         for step in range(scenario.tracks.steps):
@@ -108,10 +110,17 @@ def _network(scenario: Scenario) -> Iterator[Path]:
             f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}); "
             "only cases recorded in SUMO can be replayed there, use --in mirror"
         )
+    with network_file(scenario.road.sumo_net) as path:
+        yield path
+
+
+@contextmanager
+def network_file(net: bytes) -> Iterator[Path]:
+    """A network (gzip) where SUMO can read it."""
     with tempfile.TemporaryDirectory() as folder:
-        net = Path(folder) / "replay.net.xml.gz"
-        net.write_bytes(scenario.road.sumo_net)
-        yield net
+        path = Path(folder) / "replay.net.xml.gz"
+        path.write_bytes(net)
+        yield path
 
 
 def _options(scenario: Scenario, net: Path, gui: bool) -> list[str]:
@@ -145,7 +154,7 @@ class _Seen(NamedTuple):
 
 
 def _decision(driver: Driver, step: int, seen: _Seen) -> EgoState:
-    found = _ask(lambda: driver.advance(step, *(values.copy() for values in seen)), f"at step {step}")
+    found = ask(lambda: driver.advance(step, *(values.copy() for values in seen)), f"at step {step}")
     try:
         ego = EgoState(*(float(value) for value in found))
     except (TypeError, ValueError) as error:
@@ -159,14 +168,15 @@ def _decision(driver: Driver, step: int, seen: _Seen) -> EgoState:
     return ego
 
 
-def _ask(question: Callable[[], _R], when: str) -> _R:
+def ask(question: Callable[[], _R], when: str) -> _R:
+    """The answer of somebody else's code. Raises DriveError where it fails."""
     try:
         return question()
     except RegentsError:
         raise
     except Exception as error:  # somebody else's code: whatever it raises is an answer
         said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise PlannerError(f"the planner failed {when} ({said})") from error
+        raise DriveError(f"the planner failed {when} ({said})", "".join(format_exception(error))) from error
 
 
 # --- SUMO -------------------------------------------------------------------------------------
@@ -190,7 +200,7 @@ class _Stage:
         self._check_signals()
         sumo.route.add("replay", [_some_edge(scenario)])
         for index, agent in enumerate(scenario.agents):
-            _add_type(sumo, _type_name(index), agent)
+            add_type(sumo, _type_name(index), agent)
 
     @property
     def seen(self) -> _Seen:
@@ -236,7 +246,7 @@ class _Stage:
             self._enter(index)
         name = self._names[index]
         x, y, angle = self._pose[:, index, step].tolist()
-        vehicle.moveToXY(name, "", -1, x, y, angle, _EXACT)
+        vehicle.moveToXY(name, "", -1, x, y, angle, EXACT)
         vehicle.setSpeed(name, float(self._speed[index, step]))
 
     def _enter(self, index: int) -> None:
@@ -304,7 +314,8 @@ def _some_edge(scenario: Scenario) -> str:
     return lane.id.rpartition("_")[0]
 
 
-def _add_type(sumo: ModuleType, name: str, agent: Agent) -> None:
+def add_type(sumo: ModuleType, name: str, agent: Agent | AgentState) -> None:
+    """A type of vehicle of the size and looks of `agent`."""
     kinds = sumo.vehicletype
     kinds.copy("DEFAULT_VEHTYPE", name)
     kinds.setLength(name, agent.length)

@@ -1,0 +1,70 @@
+"""The lanes from where the ego is to its target and on, for drivers that need a route through a network."""
+
+import heapq
+from itertools import pairwise
+
+import numpy as np
+import shapely
+
+from regents_cosim.frames import Pose
+from regents_cosim.planners.lane_matching import lanes_near
+from regents_cosim.planners.route import lanes_ahead
+from regents_cosim.roadmap import Lane, RoadMap
+
+_REACH_M = 3.0  # of the target from the centre line of its lane
+_OFF_CENTRE_COST = 10.0  # [m] of way that being 1 m off the centre line costs, at either end
+_CHANGE_COST_M = 20.0  # to the lane beside
+
+
+def way_to_target(road: RoadMap, ego: Pose, target: tuple[float, float]) -> list[Lane]:
+    """Lanes that continue each other, past the target straight on; those that are left sideways are left out.
+
+    Where no lane leads to the target, straight on from the lane nearest to the ego.
+    """
+    starts = _under_ego(road, ego)
+    way = _shortest(road, starts, _under_target(road, target)) or [min(starts, key=lambda name: starts[name])]
+    driven = [lane for lane, after in pairwise(way) if after not in _beside(road.lane[lane])]
+    lanes = [road.lane[name] for name in driven]
+    onward = [lane for lane in lanes_ahead(road, road.lane[way[-1]]) if lane not in lanes]
+    return lanes + onward
+
+
+def _shortest(road: RoadMap, starts: dict[str, float], goals: dict[str, float]) -> list[str]:
+    """The cheapest way from a start to a goal, given what each costs (Dijkstra 1959); [] where there is none."""
+    waiting: list[tuple[float, tuple[str, ...], bool]] = [(cost, (name,), False) for name, cost in starts.items()]
+    heapq.heapify(waiting)
+    done: set[str] = set()
+    while waiting:
+        cost, way, arrived = heapq.heappop(waiting)
+        if arrived:
+            return list(way)
+        here = road.lane[way[-1]]
+        if here.id in done:
+            continue
+        done.add(here.id)
+        if here.id in goals:
+            heapq.heappush(waiting, (cost + goals[here.id], way, True))
+        for link in road.exits[here.id]:
+            heapq.heappush(waiting, (cost + here.length, (*way, link.target), False))
+        for name in _beside(here):
+            heapq.heappush(waiting, (cost + _CHANGE_COST_M, (*way, name), False))
+    return []
+
+
+def _beside(lane: Lane) -> list[str]:
+    return [name for name in (lane.left, lane.right) if name is not None]
+
+
+def _under_ego(road: RoadMap, ego: Pose) -> dict[str, float]:
+    """Lanes that run the ego's way where it is, or the nearest of all, and what each costs [m]."""
+    here = np.array([ego.x, ego.y])
+    ahead = here + 0.5 * np.array([np.cos(ego.yaw), np.sin(ego.yaw)])
+    found = {lane.id: _OFF_CENTRE_COST * away for lane, away in lanes_near(road, np.stack([here, ahead]))[0]}
+    return found or {road.lanes[int(road.centre_lines.nearest(shapely.Point(here)))].id: 0.0}
+
+
+def _under_target(road: RoadMap, target: tuple[float, float]) -> dict[str, float]:
+    there = shapely.Point(target)
+    found = road.centre_lines.query(there, predicate="dwithin", distance=_REACH_M)
+    away = shapely.distance(road.centre_lines.geometries[found], there)
+    return {road.lanes[i].id: _OFF_CENTRE_COST * float(off) for i, off in zip(found, away, strict=True)}

@@ -1,0 +1,95 @@
+"""The bridge `highway:AGENT`: the ego driven by an agent of highway-env's, moved by its own vehicles.
+
+An environment of its own runs beside the host's, in the process that hosts the planner: the case's
+map, everybody else placed where they are seen. The agent decides as often as its configuration
+says (`policy_frequency`), highway-env's controllers and physics do the rest, and the answer is where they put the ego.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from regents_cosim.frames import HighwayPose, Pose, from_highway, to_highway
+from regents_cosim.highway_agents import find_agent
+from regents_cosim.planners.interface import Observation, Others, Placement, Scene
+from regents_cosim.planners.way import way_to_target
+from regents_cosim.replays.highway_gym import HighwayReplayEnv
+from regents_cosim.roadmap import Lane
+from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
+
+_SEED = 0  # of agents that draw lots: every drive the same
+
+
+class HighwayEgo:
+    """Drives as the agent would in highway-env."""
+
+    def __init__(self, agent: str) -> None:
+        """`agent`: idm, mdp, random, or a policy by name. Raises PlannerError."""
+        self._agent = find_agent(agent)
+        self._env: Any = None
+
+    def reset(self, scene: Scene) -> None:
+        """Begin anew; what the environment needs is known when everybody has been seen, at the first step."""
+        ego = scene.ego
+        self._way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), scene.target)
+
+    def act(self, observation: Observation) -> Placement:
+        """Where highway-env puts the ego."""
+        if observation.step == 0:
+            seen = self._begin(observation)
+        else:
+            seen = None
+            self._place_others(observation.others, observation.scene.dt)
+        env, dt = self._env, observation.scene.dt
+        if observation.step % self._decides_every == 0:
+            seen = env.observation_type.observe() if seen is None else seen
+            env.action_type.act(self._agent.act(seen))
+        env.road.act()
+        ego: Any = env.vehicle
+        ego.step(dt)
+        env.steps, env.time = observation.step + 1, (observation.step + 1) * dt
+        x, y = ego.position.tolist()
+        pose = from_highway(HighwayPose(x, y, float(ego.heading)))
+        return Placement(float(pose.x), float(pose.y), float(pose.yaw), max(float(ego.speed), 0.0))
+
+    def _begin(self, observation: Observation) -> Any:
+        """Everybody at the start, and the agent's first observation."""
+        case = _case(observation, self._way)
+        if self._env is None:
+            self._env = HighwayReplayEnv({"case": case, **self._agent.config})
+        env = self._env
+        seen, _ = env.reset(seed=_SEED, options={"case": case})
+        self._decides_every = env.config["simulation_frequency"] // env.config["policy_frequency"]
+        self._agent.start(env, _SEED)
+        return seen
+
+    def _place_others(self, others: Others, dt: float) -> None:
+        road = self._env.road
+        x, y, heading = to_highway(Pose(others.x, others.y, others.yaw))
+        states = np.stack([x, y, heading, others.speed])
+        for index, vehicle in enumerate(road.cast):
+            vehicle.states, vehicle.valid = states[:, [index]], others.valid[[index]]
+            vehicle.place()
+        road.look(dt)
+
+
+def _case(observation: Observation, way: list[Lane]) -> Scenario:
+    """What is known at the start as a case: where everybody is, and instead of its track the ego's way ahead."""
+    scene, ego, others = observation.scene, observation.ego, observation.others
+    ahead = np.concatenate([[[ego.x, ego.y]], *(lane.centre for lane in way)])
+    first = np.arange(len(ahead)) == 0
+    x, y, yaw, speed = (
+        np.concatenate([[np.full(len(ahead), mine)], theirs[:, None] * first])
+        for mine, theirs in ((ego.x, others.x), (ego.y, others.y), (ego.yaw, others.yaw), (ego.speed, others.speed))
+    )
+    x[0], y[0] = ahead.T
+    valid = np.concatenate([[np.ones(len(ahead), bool)], others.valid[:, None] & first])
+    return Scenario(
+        id=scene.id,
+        dt=scene.dt,
+        agents=(Agent(ego.id, ego.kind, ego.length, ego.width, "ego"), *others.agents),
+        tracks=Tracks(x, y, yaw, speed, valid),
+        target=scene.target,
+        road=scene.road,
+        provenance=Provenance(source="", file="", sha256="", begin_s=0.0),
+    )

@@ -1,0 +1,239 @@
+"""The bridge `sumo`: the ego driven by SUMO's own car-following and lane-changing model.
+
+A simulation of its own runs beside the host's, in the process that hosts the planner. There SUMO
+drives the ego, everybody else is placed where they are seen, and the answer is where SUMO puts
+the ego. SUMO changes lanes in one step; here the way across takes 3 s, as with
+`--lanechange.duration 3` (which moveToXY does not survive, see `sumo`).
+"""
+
+from collections.abc import Generator
+from types import ModuleType
+
+import numpy as np
+
+from regents_cosim.errors import PlannerError, require
+from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
+from regents_cosim.planners.interface import Observation, Placement, Scene
+from regents_cosim.planners.way import way_to_target
+from regents_cosim.replays.sumo import EXACT, add_type, network_file
+from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.sumo_process import running_sumo
+
+_EGO, _ROUTE = "ego", "way"
+_ON_ROUTE = 1  # keepRoute of moveToXY: on the lane of the route that is nearest
+_JUMP_M = 1.0  # sideways in one step: a lane change
+_ACROSS_S = 3.0  # that a lane change takes
+_CLEAR_M = 0.5  # off its lane that the ego may be without being in the way on the next
+_STEEPEST = 0.35  # sideways per metre ahead, about 20 degrees: nobody slides sideways while standing
+
+_Drive = Generator[Placement | None, Observation, None]
+
+
+class SumoEgo:
+    """Drives as SUMO would, in cases that were recorded there."""
+
+    def __init__(self, options: str) -> None:
+        """`options` is what follows `sumo:`, and must be empty. Raises PlannerError."""
+        require(not options, f"planner 'sumo:{options}' not found, expected `sumo`", PlannerError)
+        self._drive: _Drive | None = None
+
+    def reset(self, scene: Scene) -> None:
+        """Start SUMO anew. Raises PlannerError where the scene has no network of SUMO's."""
+        if self._drive is not None:
+            self._drive.close()
+        self._drive = _drive(scene)
+        next(self._drive)
+
+    def act(self, observation: Observation) -> Placement:
+        """Where SUMO puts the ego."""
+        assert self._drive is not None
+        placed = self._drive.send(observation)
+        assert placed is not None
+        return placed
+
+
+def _drive(scene: Scene) -> _Drive:
+    """A simulation that takes observations and answers where the ego is next; closing it closes SUMO."""
+    net = scene.road.sumo_net
+    if net is None:
+        raise PlannerError(f"planner 'sumo' needs a case recorded in SUMO, the map of {scene.id} has no SUMO network")
+    with network_file(net) as path, running_sumo(_options(str(path), scene.dt)) as sumo:
+        stage = _Stage(sumo, scene)
+        observation = yield None
+        stage.begin(observation)
+        while True:
+            observation = yield stage.go(observation)
+
+
+def _options(net: str, dt: float) -> list[str]:
+    """The network alone; whoever is hit goes on."""
+    options = {
+        "net-file": net,
+        "step-length": repr(dt),
+        "time-to-teleport": "-1",
+        "collision.action": "none",
+        "no-step-log": "true",
+        "no-warnings": "true",
+    }
+    return [word for name, value in options.items() for word in (f"--{name}", value)]
+
+
+class _Stage:
+    """The running simulation."""
+
+    def __init__(self, sumo: ModuleType, scene: Scene) -> None:
+        self._sumo, self._scene = sumo, scene
+        self._there: set[int] = set()  # of the others, those who are on the road
+        ego = scene.ego
+        way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), scene.target)
+        sumo.route.add(_ROUTE, _edges(scene.road, way))
+        add_type(sumo, _EGO, ego)
+        sumo.vehicletype.setSpeedDeviation(_EGO, 0.0)  # as fast as the signs say, not by SUMO's dice
+        for index, agent in enumerate(scene.others):
+            add_type(sumo, _name(index), agent)
+        self._lights = {(link.source, link.target): link for link in scene.road.connections if link.signal is not None}
+        self._shown: dict[Connection, str] = {}
+
+    def begin(self, observation: Observation) -> None:
+        """Put everybody where they are; the ego onto its lane, which it may be beside."""
+        ego, vehicle = observation.ego, self._sumo.vehicle
+        self._place_others(observation, 0.0)
+        vehicle.add(_EGO, _ROUTE, _EGO)
+        x, y, angle = to_sumo(Pose(ego.x, ego.y, ego.yaw), ego.length)
+        vehicle.moveToXY(_EGO, "", -1, float(x), float(y), float(angle), _ON_ROUTE)
+        self._step(observation)
+        if _EGO not in vehicle.getIDList():
+            raise PlannerError(f"SUMO finds no lane for the ego at x {ego.x:.1f}, y {ego.y:.1f}")
+        vehicle.setPreviousSpeed(_EGO, ego.speed)
+        self._on_lane = self._pose()
+        self._beside = _Beside(_sideways(self._on_lane, Pose(ego.x, ego.y, ego.yaw)))
+        self._last = Placement(ego.x, ego.y, ego.yaw, ego.speed)
+
+    def go(self, observation: Observation) -> Placement:
+        """Where the ego is one step after what it observes."""
+        dt = self._scene.dt
+        self._show_lights(observation)
+        # SUMO lets the ego react to where everybody was before the step, and places them after it.
+        self._place_others(observation, dt)
+        self._mind_the_lane_left()
+        self._step(observation)
+        self._last = self._read(dt) if _EGO in self._sumo.vehicle.getIDList() else _straight_on(self._last, dt)
+        return self._last
+
+    def _read(self, dt: float) -> Placement:
+        pose, speed = self._pose(), float(self._sumo.vehicle.getSpeed(_EGO))
+        jump = _sideways(self._on_lane, pose)
+        if abs(jump) > _JUMP_M:
+            self._beside.begin(-jump)
+        self._on_lane = pose
+        offset, slope = self._beside.advance(speed, dt)
+        x, y = pose.x - offset * np.sin(pose.yaw), pose.y + offset * np.cos(pose.yaw)
+        return Placement(float(x), float(y), float(wrap(pose.yaw + np.arctan(slope))), speed)
+
+    def _mind_the_lane_left(self) -> None:
+        """Follow whoever is ahead on the lane beside too, while the ego is partly there.
+
+        As SUMO has it with `--lanechange.duration`; without, it takes the ego for gone from there at once.
+        """
+        vehicle, offset = self._sumo.vehicle, self._beside.offset
+        if _EGO not in vehicle.getIDList():
+            return
+        ahead = vehicle.getLeftLeaders(_EGO) if offset > 0 else vehicle.getRightLeaders(_EGO)
+        speed, least_gap = vehicle.getSpeed(_EGO), vehicle.getMinGap(_EGO)
+        allowed = [
+            vehicle.getFollowSpeed(_EGO, speed, gap, vehicle.getSpeed(name), vehicle.getDecel(name), name)
+            for name, gap in ahead
+            if abs(offset) > _CLEAR_M and gap > -least_gap  # the others are alongside
+        ]
+        slowest = min(allowed, default=speed)
+        vehicle.setSpeed(_EGO, slowest if slowest < speed else -1.0)  # -1: as SUMO likes
+
+    def _pose(self) -> Pose:
+        x, y = self._sumo.vehicle.getPosition(_EGO)
+        return from_sumo(SumoPose(x, y, self._sumo.vehicle.getAngle(_EGO)), self._scene.ego.length)
+
+    def _place_others(self, observation: Observation, ahead_s: float) -> None:
+        """Everybody where they will be in `ahead_s` if they go straight on."""
+        others, vehicle = observation.others, self._sumo.vehicle
+        for index in range(len(others.agents)):
+            name = _name(index)
+            if not others.valid[index]:
+                if index in self._there:
+                    vehicle.remove(name)
+                    self._there.remove(index)
+                continue
+            if index not in self._there:
+                vehicle.add(name, _ROUTE, name)
+                vehicle.setSpeedMode(name, 0)
+                vehicle.setLaneChangeMode(name, 0)
+                self._there.add(index)
+            other = others.state(index)
+            travelled = other.speed * ahead_s
+            centre = Pose(other.x + travelled * np.cos(other.yaw), other.y + travelled * np.sin(other.yaw), other.yaw)
+            x, y, angle = to_sumo(centre, other.length)
+            vehicle.moveToXY(name, "", -1, float(x), float(y), float(angle), EXACT)
+            vehicle.setSpeed(name, other.speed)
+
+    def _step(self, observation: Observation) -> None:
+        self._sumo.simulationStep()
+        there = set(self._sumo.vehicle.getIDList())
+        for index in self._there:
+            if _name(index) in there:  # SUMO forgets the speed of those who come onto another lane
+                self._sumo.vehicle.setPreviousSpeed(_name(index), float(observation.others.speed[index]))
+
+    def _show_lights(self, observation: Observation) -> None:
+        for light in observation.lights:
+            link = self._lights[light.lane, light.to_lane]
+            if self._shown.get(link) != light.shows:
+                self._sumo.trafficlight.setLinkState(link.signal, link.link, light.shows)
+                self._shown[link] = light.shows
+
+
+class _Beside:
+    """How far to the left the ego is of the lane that SUMO has it on [m]; less and less."""
+
+    def __init__(self, offset: float) -> None:
+        self.offset = 0.0
+        self.begin(offset)
+
+    def begin(self, further: float) -> None:
+        """Be `further` m further to the left of the lane than before."""
+        self.offset += further
+        self._rate = abs(self.offset) / _ACROSS_S
+
+    def advance(self, speed: float, dt: float) -> tuple[float, float]:
+        """The offset [m, to the left] after one step, and how much it changed per metre ahead."""
+        ahead = max(speed * dt, 1e-6)
+        nearer = min(self._rate * dt, _STEEPEST * ahead, abs(self.offset))
+        change = -np.sign(self.offset) * nearer
+        self.offset += change
+        return self.offset, change / ahead
+
+
+def _name(index: int) -> str:
+    return f"other{index}"
+
+
+def _edges(road: RoadMap, lanes: list[Lane]) -> list[str]:
+    """The edges of the network that `lanes` belong to, from the one before a junction that the ego is in."""
+    first = lanes[0]
+    before = {link.target: link.source for link in road.connections}
+    while first.junction and first.id in before:
+        first = road.lane[before[first.id]]
+        lanes = [first, *lanes]
+    names = [lane.id.rpartition("_")[0] for lane in lanes if not lane.junction]
+    return [name for index, name in enumerate(names) if index == 0 or name != names[index - 1]]
+
+
+def _sideways(before: Pose, after: Pose) -> float:
+    """How far `after` is to the left of where `before` heads [m]."""
+    dx, dy = after.x - before.x, after.y - before.y
+    return float(dy * np.cos(before.yaw) - dx * np.sin(before.yaw))
+
+
+def _straight_on(last: Placement, dt: float) -> Placement:
+    """For an ego that has left the network."""
+    travelled = last.speed * dt
+    return Placement(
+        last.x + travelled * float(np.cos(last.yaw)), last.y + travelled * float(np.sin(last.yaw)), last.yaw, last.speed
+    )

@@ -1,0 +1,27 @@
+"""Drives of planners behind a bridge among the tracks of a case, without the mirror."""
+
+import numpy as np
+
+from regents_cosim.files import load_case
+from regents_cosim.planners.host_process import HostProcess, Seen
+from regents_cosim.planners.interface import Placement, Scene
+from regents_cosim.scenario import Scenario
+from regents_cosim.shipped import shipped
+
+
+def shipped_window(start: str) -> Scenario:
+    """A case that comes with the package, as it was before its attack."""
+    return load_case(next((shipped("scenarios") / "quickstart").glob(f"{start}*"))).before_attack()
+
+
+def bridged_drive(process: HostProcess, case: Scenario) -> np.ndarray:
+    """The ego's x, y, yaw and speed [4, time]."""
+    tracks = case.tracks
+    states = np.stack([tracks.x, tracks.y, tracks.yaw, tracks.speed])
+    process.reset([Scene.of(case, 8.0, 0.3)])
+    for step in range(tracks.steps - 1):
+        (answer,) = process.act(step, [Seen(*states[..., step].copy(), tracks.valid[:, step])])
+        placed = answer.decision
+        assert isinstance(placed, Placement)
+        states[:, 0, step + 1] = placed.x, placed.y, placed.yaw, placed.speed
+    return states[:, 0]

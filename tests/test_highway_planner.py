@@ -1,0 +1,83 @@
+"""Agents of highway-env as planners under test, in any simulator."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bridged_drives import bridged_drive, shipped_window
+from scenes import platoon
+
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.errors import PlannerError
+from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.systems import find_planner
+from regents_cosim.replays.highway import drive_in_highway
+
+SLOW_POLICY = """
+class Zigzag:
+    config = {"action": {"type": "DiscreteMetaAction", "target_speeds": [0, 5, 10, 15]}, "policy_frequency": 2}
+
+    def __init__(self):
+        self.asked = 0
+
+    def reset(self):
+        self.asked = 0
+
+    def act(self, observation):
+        assert observation.shape == (5, 5)
+        self.asked += 1
+        return [0, 3, 2, 4][self.asked % 4]
+"""
+
+
+@pytest.fixture
+def process(request):
+    hosted = HostProcess(request.param, 60.0)
+    yield hosted
+    hosted.close()
+
+
+@pytest.mark.parametrize("process", ["highway:idm"], indirect=True)
+def test_it_drives_as_in_highway_env(process):
+    for name in ("grid-00218", "multilane-00218", "roundabout-00218", "signals-00064"):
+        case = shipped_window(name)
+        native = drive_in_highway(case, "idm").tracks
+        x, y, _, speed = bridged_drive(process, case)
+        assert np.hypot(x - native.x[0], y - native.y[0]).max() < 1e-6
+        assert speed == pytest.approx(native.speed[0], abs=1e-6)
+        assert np.hypot(x[-1] - x[0], y[-1] - y[0]) > 20.0
+
+
+@pytest.mark.parametrize("process", ["highway:random"], indirect=True)
+def test_every_drive_is_the_same(process):
+    case = platoon()
+    first = bridged_drive(process, case)
+    np.testing.assert_array_equal(bridged_drive(process, case), first)
+    assert np.ptp(first[1]) > 0.01  # it steers
+
+
+def test_a_policy_decides_as_often_as_it_wants(tmp_path):
+    file = tmp_path / "policy.py"
+    file.write_text(SLOW_POLICY)
+    process = HostProcess(f"highway:{file}:Zigzag", 60.0)
+    case = platoon()
+    drives = [bridged_drive(process, case) for _ in range(2)]
+    process.close()
+    native = drive_in_highway(case, f"{file}:Zigzag").tracks
+    for x, y, _, _ in drives:
+        assert np.hypot(x - native.x[0], y - native.y[0]).max() < 1e-6
+    assert np.ptp(native.y[0]) > 2.0  # it changes lanes
+
+
+def test_an_agent_that_cannot_be_found():
+    with pytest.raises(PlannerError, match="'idmm' not found, expected one of idm, mdp, random"):
+        find_planner("highway:idmm")
+
+
+@pytest.mark.slow
+def test_an_attack_runs_to_an_outcome():
+    config = replace(REGENTS, iterations=20)
+    (attacked,) = attack([platoon()], config, "highway:idm")
+    assert attacked.attack.outcome in ("collision", "no_collision")
+    assert attacked.attack.planner == "highway:idm"
