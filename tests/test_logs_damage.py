@@ -50,7 +50,8 @@ def logs(tmp_path_factory):
 def test_what_fuzzing_found(path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        use(path)
+        error = use(path)
+    assert error is None or len(str(error)) < 500, "a message is read by somebody"
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -253,6 +254,12 @@ def test_deep_nesting_and_long_lines(tmp_path, name):
     }[name]
     (tmp_path / "deep").write_bytes(content)
     assert isinstance(use(tmp_path / "deep", name), LogError)
+
+
+def test_a_mapping_with_a_key_of_endless_parts_is_not_parsed(tmp_path):
+    path = log_files.write_table(tmp_path)
+    (tmp_path / "mine.toml").write_text(".".join(["a"] * 50_000) + " = 1")
+    assert "expected a mapping of columns" in str(use(path))
 
 
 def test_entities_are_refused(tmp_path):

@@ -95,7 +95,7 @@ def _numbers(values: list[str], name: str, path: Path) -> Float[np.ndarray, " ro
     try:
         return np.array([float(v.replace(",", "")) if v.strip() else np.nan for v in values])
     except ValueError as error:
-        raise LogError(f"{path}: column {name}: {error}") from error
+        raise LogError(f"{path}: column {name}: {str(error)[:200]}") from error
 
 
 def _separator(line: str) -> str:
