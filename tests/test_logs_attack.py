@@ -18,7 +18,7 @@ EGO, TRAILER, WALKER = "11", "15", log_files.WALKER[0]
 
 
 def logged(folder, *, ahead_m, speed, others=True):
-    """A log whose ego shares its lane with one more car that starts `ahead_m` of it."""
+    """A log whose ego shares its lane with one more car that starts `ahead_m` before it."""
     content = log_files.gpudrive(3)
     ego, *rest = content["objects"]
     way = ahead_m + (speed - log_files.SPEED) * 0.1 * np.arange(len(ego["position"]))
@@ -38,12 +38,12 @@ def attacked(scenario, config=REGENTS, planner="log_replay"):
 
 
 def test_somebody_who_overlaps_the_ego_from_the_start_is_no_success(tmp_path):
-    alone = attacked(logged(tmp_path, ahead_m=3.0, speed=log_files.SPEED, others=False))
+    alone = attacked(logged(tmp_path, ahead_m=-3.0, speed=log_files.SPEED, others=False))
     assert (alone.attack.outcome, alone.attack.collision) == ("no_candidate", None)
 
 
 def test_an_attack_succeeds_by_somebody_who_did_not_overlap_before(tmp_path):
-    scenario = logged(tmp_path, ahead_m=3.0, speed=log_files.SPEED)
+    scenario = logged(tmp_path, ahead_m=-3.0, speed=log_files.SPEED)
     assert first_contact(scenario.agents, scenario.tracks) is None
     found = attacked(scenario).attack
     assert found.outcome == "collision"
