@@ -203,6 +203,17 @@ def test_interaction_reads_a_folder_too(logs):
     assert {track.agent.id for track in scene.tracks} == {*CARS, "P14"}
 
 
+def test_interaction_with_cases_is_a_scene_per_case(tmp_path):
+    path = log_files.write_interaction(tmp_path)
+    header, *rows = path.read_text().splitlines()
+    every = [f"{case},{row}" for row in rows for case in (2.0, 1.0) if case == 1.0 or not row.startswith("13,")]
+    (path.parent / "DR_TEST_train.csv").write_text("\n".join([f"case_id,{header}", *every]))
+    scenes = [scene for _, _, scene in scenes_of(path.parent / "DR_TEST_train.csv")]
+    assert [scene.name.rpartition("-")[2] for scene in scenes] == ["case1", "case2"]
+    assert [len(scene.tracks) for scene in scenes] == [3, 2]
+    assert {len(track.step) for scene in scenes for track in scene.tracks} == {91}
+
+
 def test_highd_has_two_carriageways_that_run_opposite_ways(scenes):
     lanes = {lane.id: lane for lane in scenes["highd"].road.lanes}
     assert lanes["upper-0"].centre[0, 0] > lanes["upper-0"].centre[1, 0]
