@@ -18,6 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from regents_cosim.errors import LogError, RegentsError
+from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import Beside, find_logs, formats, read_log, unpacked
 from regents_cosim.sources.logs.record import record_log
@@ -165,6 +166,18 @@ def test_damaged_parquet_and_feather(tmp_path, name):
     for damaged in (content[: len(content) // 2], content[:8] + b"\xff" * 300, content[:-300] + b"\xff" * 300):
         file.write_bytes(damaged)
         assert isinstance(use(folder), LogError)
+
+
+@pytest.mark.parametrize(("part", "number"), [("left_lane_boundary", 99_999_999.0), ("area_boundary", 1e300)])
+def test_an_argoverse2_map_to_the_end_of_the_world(tmp_path, part, number):
+    log_files.argoverse2_map(tmp_path)
+    (file,) = tmp_path.iterdir()
+    content = json.loads(file.read_text())
+    owner = content["lane_segments" if "lane" in part else "drivable_areas"]
+    next(iter(owner.values()))[part][0]["y"] = number
+    file.write_text(json.dumps(content))
+    with pytest.raises(LogError, match=r"jumps by|beyond 1e\+08"):
+        read_map(tmp_path)
 
 
 # --- bombs and traps ------------------------------------------------------------------------------
