@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import pickle
 from collections import Counter
 from pathlib import Path
 
@@ -188,6 +189,12 @@ def test_a_tf_example_is_the_same_scenario(tmp_path):
     assert len(scenario.agents) == 4
     np.testing.assert_allclose(scenario.tracks.speed[0], SPEED, atol=0.01)
     assert scenario.road.contains(np.array([[50.0, 0.0]])).all()
+
+
+def test_the_index_of_a_folder_of_scenarionet_is_no_scenario(tmp_path):
+    path = log_files.write_scenarionet(tmp_path)
+    (tmp_path / "dataset_summary.pkl").write_bytes(pickle.dumps({path.name: {"id": "sn"}}))
+    assert [file for file, _ in find_logs(tmp_path)] == [path]
 
 
 def test_commonroad_2018b(tmp_path):

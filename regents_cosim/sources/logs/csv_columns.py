@@ -75,7 +75,7 @@ def read_columns(
 
 def _short(piece: list[list[str]], path: Path) -> list[str]:
     shortest = min(piece, key=len)
-    raise LogError(f"{path}: truncated or damaged CSV, a row of {len(shortest)} fields ({','.join(shortest)[:60]})")
+    raise LogError(f"{path}: truncated or damaged CSV, a row of {len(shortest)} fields ({','.join(shortest)[:60]!r})")
 
 
 def _pieces(rows: Iterator[list[str]], path: Path) -> Iterator[list[list[str]]]:
