@@ -208,8 +208,8 @@ def test_hostile_pickles_run_nothing(tmp_path, protocol):
 @pytest.mark.parametrize(
     "content",
     [
-        b"\x80\x04" + b"(" * 100_000 + b".",  # marks that never end
-        b"\x80\x04)" + b"\x85" * 300_000 + b"K\x01\x86.",  # a deep tuple
+        b"\x80\x04" + b"(" * 30_000 + b".",  # marks that never end
+        b"\x80\x04)" + b"\x85" * 100_000 + b"K\x01\x86.",  # a deep tuple
         b"\x80\x04}(" + b")" + b"\x85" * 300_000 + b"K\x01u.",  # as a key, whose hash would overflow the stack
         b"\x80\x04]r\xff\xff\xff\x7f.",  # place 2 147 483 647 of the memo
         b"\x80\x04\x8e\xff\xff\xff\xff\xff\xff\xff\x0f.",  # bytes of an absurd length
