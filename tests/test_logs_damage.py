@@ -1,5 +1,6 @@
 """Damaged, mislabelled and hostile logs: one clear error each, at once, and nothing runs."""
 
+import contextlib
 import gzip
 import json
 import os
@@ -21,7 +22,8 @@ from regents_cosim.errors import LogError, RegentsError
 from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import Beside, find_logs, formats, read_log, unpacked
-from regents_cosim.sources.logs.record import record_log
+from regents_cosim.sources.logs.inspection import inspect_scene
+from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.windows import Origin
 
@@ -52,6 +54,9 @@ def test_what_fuzzing_found(path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         error = use(path)
+        with contextlib.suppress(RegentsError):
+            for _, name, scene in scenes_of(path):
+                inspect_scene(scene, name)
     assert error is None or len(str(error)) < 500, "a message is read by somebody"
 
 
