@@ -27,6 +27,7 @@ from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.windows import Origin
 
+# What ten minutes of mutated logs per reader have found, reduced to what it takes.
 CORPUS = sorted((Path(__file__).parent / "damaged_logs").iterdir())
 FILES = ("waymo", "gpudrive", "scenarionet", "commonroad", "interaction", "levelx", "highd", "ngsim", "table")
 WITH_POLARS = ("argoverse2_motion", "argoverse2_sensor")
