@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import pickle
 from collections import Counter
 from pathlib import Path
 
@@ -190,6 +191,12 @@ def test_a_tf_example_is_the_same_scenario(tmp_path):
     assert scenario.road.contains(np.array([[50.0, 0.0]])).all()
 
 
+def test_the_index_of_a_folder_of_scenarionet_is_no_scenario(tmp_path):
+    path = log_files.write_scenarionet(tmp_path)
+    (tmp_path / "dataset_summary.pkl").write_bytes(pickle.dumps({path.name: {"id": "sn"}}))
+    assert [file for file, _ in find_logs(tmp_path)] == [path]
+
+
 def test_commonroad_2018b(tmp_path):
     (scenario,) = record_log(log_files.write_commonroad(tmp_path, "2018b"), tell=str)
     assert scenario.ego.id == "ego_99"
@@ -201,6 +208,17 @@ def test_interaction_reads_a_folder_too(logs):
     assert found[0].is_dir()
     (scene,) = read_log(*found, Beside())
     assert {track.agent.id for track in scene.tracks} == {*CARS, "P14"}
+
+
+def test_interaction_with_cases_is_a_scene_per_case(tmp_path):
+    path = log_files.write_interaction(tmp_path)
+    header, *rows = path.read_text().splitlines()
+    every = [f"{case},{row}" for row in rows for case in (2.0, 1.0) if case == 1.0 or not row.startswith("13,")]
+    (path.parent / "DR_TEST_train.csv").write_text("\n".join([f"case_id,{header}", *every]))
+    scenes = [scene for _, _, scene in scenes_of(path.parent / "DR_TEST_train.csv")]
+    assert [scene.name.rpartition("-")[2] for scene in scenes] == ["case1", "case2"]
+    assert [len(scene.tracks) for scene in scenes] == [3, 2]
+    assert {len(track.step) for scene in scenes for track in scene.tracks} == {91}
 
 
 def test_highd_has_two_carriageways_that_run_opposite_ways(scenes):

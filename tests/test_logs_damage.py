@@ -1,5 +1,6 @@
 """Damaged, mislabelled and hostile logs: one clear error each, at once, and nothing runs."""
 
+import contextlib
 import gzip
 import json
 import os
@@ -18,12 +19,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from regents_cosim.errors import LogError, RegentsError
+from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import Beside, find_logs, formats, read_log, unpacked
-from regents_cosim.sources.logs.record import record_log
+from regents_cosim.sources.logs.inspection import inspect_scene
+from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.windows import Origin
 
+# What ten minutes of mutated logs per reader have found, reduced to what it takes.
 CORPUS = sorted((Path(__file__).parent / "damaged_logs").iterdir())
 FILES = ("waymo", "gpudrive", "scenarionet", "commonroad", "interaction", "levelx", "highd", "ngsim", "table")
 WITH_POLARS = ("argoverse2_motion", "argoverse2_sensor")
@@ -50,7 +54,11 @@ def logs(tmp_path_factory):
 def test_what_fuzzing_found(path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        use(path)
+        error = use(path)
+        with contextlib.suppress(RegentsError):
+            for _, name, scene in scenes_of(path):
+                inspect_scene(scene, name)
+    assert error is None or len(str(error)) < 500, "a message is read by somebody"
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -166,6 +174,18 @@ def test_damaged_parquet_and_feather(tmp_path, name):
         assert isinstance(use(folder), LogError)
 
 
+@pytest.mark.parametrize(("part", "number"), [("left_lane_boundary", 99_999_999.0), ("area_boundary", 1e300)])
+def test_an_argoverse2_map_to_the_end_of_the_world(tmp_path, part, number):
+    log_files.argoverse2_map(tmp_path)
+    (file,) = tmp_path.iterdir()
+    content = json.loads(file.read_text())
+    owner = content["lane_segments" if "lane" in part else "drivable_areas"]
+    next(iter(owner.values()))[part][0]["y"] = number
+    file.write_text(json.dumps(content))
+    with np.errstate(all="ignore"), pytest.raises(LogError, match=r"jumps by|beyond 1e\+08"):  # as `read_log` does
+        read_map(tmp_path)
+
+
 # --- bombs and traps ------------------------------------------------------------------------------
 
 
@@ -194,8 +214,8 @@ def test_hostile_pickles_run_nothing(tmp_path, protocol):
 @pytest.mark.parametrize(
     "content",
     [
-        b"\x80\x04" + b"(" * 100_000 + b".",  # marks that never end
-        b"\x80\x04)" + b"\x85" * 300_000 + b"K\x01\x86.",  # a deep tuple
+        b"\x80\x04" + b"(" * 30_000 + b".",  # marks that never end
+        b"\x80\x04)" + b"\x85" * 100_000 + b"K\x01\x86.",  # a deep tuple
         b"\x80\x04}(" + b")" + b"\x85" * 300_000 + b"K\x01u.",  # as a key, whose hash would overflow the stack
         b"\x80\x04]r\xff\xff\xff\x7f.",  # place 2 147 483 647 of the memo
         b"\x80\x04\x8e\xff\xff\xff\xff\xff\xff\xff\x0f.",  # bytes of an absurd length
@@ -253,6 +273,12 @@ def test_deep_nesting_and_long_lines(tmp_path, name):
     }[name]
     (tmp_path / "deep").write_bytes(content)
     assert isinstance(use(tmp_path / "deep", name), LogError)
+
+
+def test_a_mapping_with_a_key_of_endless_parts_is_not_parsed(tmp_path):
+    path = log_files.write_table(tmp_path)
+    (tmp_path / "mine.toml").write_text(".".join(["a"] * 50_000) + " = 1")
+    assert "expected a mapping of columns" in str(use(path))
 
 
 def test_entities_are_refused(tmp_path):

@@ -75,7 +75,7 @@ def read_columns(
 
 def _short(piece: list[list[str]], path: Path) -> list[str]:
     shortest = min(piece, key=len)
-    raise LogError(f"{path}: truncated or damaged CSV, a row of {len(shortest)} fields ({','.join(shortest)[:60]})")
+    raise LogError(f"{path}: truncated or damaged CSV, a row of {len(shortest)} fields ({','.join(shortest)[:60]!r})")
 
 
 def _pieces(rows: Iterator[list[str]], path: Path) -> Iterator[list[list[str]]]:
@@ -95,7 +95,7 @@ def _numbers(values: list[str], name: str, path: Path) -> Float[np.ndarray, " ro
     try:
         return np.array([float(v.replace(",", "")) if v.strip() else np.nan for v in values])
     except ValueError as error:
-        raise LogError(f"{path}: column {name}: {error}") from error
+        raise LogError(f"{path}: column {name}: {str(error)[:200]}") from error
 
 
 def _separator(line: str) -> str:

@@ -15,6 +15,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
+from shapely.errors import ShapelyError
 
 from regents_cosim.errors import LogError, RegentsError
 from regents_cosim.sources.logs.scene import LoggedScene
@@ -150,7 +151,9 @@ def explained(path: Path, what: str) -> Iterator[None]:
         if str(path) in str(error):
             raise
         raise LogError(f"{path}: {error}") from error
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, ArithmeticError) as error:
+    except (
+        ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, ArithmeticError, ShapelyError
+    ) as error:  # fmt: skip
         said = f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__
         raise LogError(f"{path}: damaged, or no {what} ({said[:300]})") from error
     except (OSError, EOFError, gzip.BadGzipFile, zlib.error) as error:

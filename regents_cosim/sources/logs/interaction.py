@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Int
 
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
@@ -47,24 +48,33 @@ def _table(path: Path) -> Columns:
 
 def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[LoggedScene]:
     """One scene per case, or one of all rows."""
-    cases = np.unique(np.concatenate([t.numbers.get("case_id", np.zeros(len(t))) for t in tables]))
+    rows = [_rows_by_case(table, path) for table in tables]
+    cases = sorted(set().union(*rows))
     times = np.concatenate([t.numbers["timestamp_ms"] for t in tables])
     begin_s = 1e-3 * float(times.min())
-    for case in cases.tolist():
-        tracks = [track for table in tables for track in _tracks(table, case, 1e3 * begin_s)]
+    for case in cases:
+        mine = [(table, of[case]) for table, of in zip(tables, rows, strict=True) if case in of]
+        tracks = [track for table, here in mine for track in _tracks(table, here, 1e3 * begin_s)]
         name = f"{path.parent.name}-{path.stem}" + (f"-case{case:.0f}" if len(cases) > 1 else "")
         notes = ("pedestrians and cyclists have neither size nor heading in the log",) * (len(tables) > 1)
         yield LoggedScene(name=name, dt=_DT, tracks=_unique(tracks), road=road, begin_s=begin_s, notes=notes)
 
 
-def _tracks(table: Columns, case: float, begin_ms: float) -> Iterator[Track]:
-    mine = table.numbers.get("case_id", np.full(len(table), case)) == case
-    if not mine.any():
-        return
+def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " row"]]:
+    """The rows of each case; a file without cases is one."""
+    steps_of(table.numbers["timestamp_ms"] * 1e-3)  # complains of times that make no sense
+    case = table.numbers.get("case_id", np.zeros(len(table)))
+    if not np.isfinite(case).all():
+        raise LogError(f"{path}: a case_id is no number")
+    order = np.argsort(case, kind="stable")
+    starts = np.flatnonzero(np.diff(case[order], prepend=np.nan) != 0)
+    return dict(zip(case[order][starts].tolist(), np.split(order, starts[1:]), strict=True))
+
+
+def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Iterator[Track]:
     empty = np.full(len(table), np.nan)
     x, y, yaw, length, width = (table.numbers.get(key, empty)[mine] for key in ("x", "y", "psi_rad", "length", "width"))
     place = (table.numbers["timestamp_ms"][mine] - begin_ms) / (1e3 * _DT)
-    steps_of(table.numbers["timestamp_ms"] * 1e-3)  # complains of times that make no sense
     names, kinds = table.texts["track_id"], table.texts["agent_type"]
     kind = table.codes["agent_type"][mine]
     rows = Rows(table.codes["track_id"][mine], np.round(place).astype(int), x, y, yaw)

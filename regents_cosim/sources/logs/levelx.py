@@ -84,8 +84,10 @@ def _map(path: Path, beside: Beside, about: dict[str, float]) -> LoggedMap:
     file = beside.road or _map_file(path, about.get("locationId"))
     if file is None:
         return LoggedMap()
-    zone = int((about.get("lonLocation", 6.0) + 180.0) // 6.0) + 1
-    return read_lanelet2(file, UtmOrigin(zone, about.get("xUtmOrigin", 0.0), about.get("yUtmOrigin", 0.0)))
+    lon, x, y = about.get("lonLocation", 6.0), about.get("xUtmOrigin", 0.0), about.get("yUtmOrigin", 0.0)
+    if not (abs(lon) <= 180.0 and np.isfinite([x, y]).all()):
+        raise LogError(f"{path}: longitude {lon:g}, UTM origin ({x:g}, {y:g}) in its recordingMeta place no map")
+    return read_lanelet2(file, UtmOrigin(int((lon + 180.0) // 6.0) + 1, x, y))
 
 
 def _map_file(path: Path, location: float | None) -> Path | None:

@@ -83,8 +83,8 @@ def _swept(tracks: Iterable[Track]) -> BaseGeometry:
     return shapely.union_all(shapely.buffer(shapely.simplify(ways, 0.2), _WIDEN_M, quad_segs=3))
 
 
-def _polygons_of(area: BaseGeometry) -> BaseGeometry:
-    return shapely.multipolygons([part for part in shapely.get_parts(area) if part.geom_type == "Polygon"])
+def _polygons_of(area: BaseGeometry) -> shapely.MultiPolygon:
+    return shapely.MultiPolygon([part for part in shapely.get_parts(area) if part.geom_type == "Polygon"])
 
 
 # --- where the map ends -----------------------------------------------------------------------

@@ -194,8 +194,11 @@ def _letter(state: Any) -> str:
     return next((letter for word, letter in _LETTERS.items() if word in str(state)[:60]), UNKNOWN)
 
 
+_INDICES = ("dataset_summary.pkl", "dataset_mapping.pkl")  # lie in a folder of scenarios, and hold none
+
+
 def _recognises(path: Path, head: bytes) -> bool:
-    return len(head) > 2 and head[0] == 0x80 and head[1] in (2, 3, 4, 5)
+    return len(head) > 2 and head[0] == 0x80 and head[1] in (2, 3, 4, 5) and path.name not in _INDICES
 
 
 FORMAT = LogFormat("scenarionet", "ScenarioNet pickle", _recognises, read)

@@ -17,7 +17,7 @@ from regents_cosim.errors import LogError, require
 from regents_cosim.scenario import Agent, Kind
 
 _FARTHEST_M = 1e8
-_LONGEST_M = 5000.0  # of a straight piece of kerb
+_LONGEST_M = 5000.0  # of a straight piece of kerb or lane
 _COARSEST_S = 1.0  # between samples further apart the way of a vehicle is a guess
 _FINEST_S = 1e-3
 _LONGEST_STEPS = 10**9
@@ -60,6 +60,8 @@ def _check_line(name: str, points: np.ndarray, z: np.ndarray | None) -> None:
     for values in (points, *(() if z is None else (z,))):
         require(bool(np.isfinite(values).all()), f"{name}: NaN or infinite numbers", LogError)
         require(np.abs(values).max() < _FARTHEST_M, f"{name}: a number beyond {_FARTHEST_M:g}", LogError)
+    jump = float(np.hypot(*np.diff(points, axis=0).T).max())
+    require(jump < _LONGEST_M, f"{name} jumps by {jump:.0f} m, expected less than {_LONGEST_M:.0f} m", LogError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +94,7 @@ class RoadEdge:
     z: Float[np.ndarray, " point"] | None = None  # [m]
 
     def __post_init__(self) -> None:
-        _check_line("kerb", self.points, self.z)
-        jump = float(np.hypot(*np.diff(self.points, axis=0).T).max())
-        require(jump < _LONGEST_M, f"a kerb jumps by {jump:.0f} m, expected less than {_LONGEST_M:.0f} m", LogError)
+        _check_line("a kerb", self.points, self.z)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +104,10 @@ class LoggedMap:
     lanes: tuple[LoggedLane, ...] = ()
     edges: tuple[RoadEdge, ...] = ()
     areas: tuple[shapely.Polygon, ...] = ()
+
+    def __post_init__(self) -> None:
+        farthest = float(np.abs(shapely.total_bounds(self.areas)).max()) if self.areas else 0.0
+        require(farthest < _FARTHEST_M, f"an area to drive on: a number beyond {_FARTHEST_M:g}", LogError)
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, size
 
 _NEEDED = ("id", "time", "x", "y")
 _MORE = ("heading", "speed", "length", "width", "kind")
+_LARGEST_MAPPING = 1 << 14  # bytes: a key of 50 000 parts takes tomllib 2 GiB
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -101,10 +102,12 @@ def _mapping(path: Path, beside: Beside) -> _Mapping:
     if beside.columns is None and not file.is_file():
         return _Mapping()
     try:
+        if file.stat().st_size > _LARGEST_MAPPING:
+            raise LogError(f"{file}: more than {_LARGEST_MAPPING} bytes, expected a mapping of columns")
         return msgspec.convert(tomllib.loads(file.read_text()), _Mapping)
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
         raise LogError(
-            f"{file}: {error} (expected a mapping of columns, see regents_cosim.sources.logs.table)"
+            f"{file}: {str(error)[:200]} (expected a mapping of columns, see regents_cosim.sources.logs.table)"
         ) from None
 
 
