@@ -3,10 +3,7 @@
 The one place, besides the source, the replay and the environments, that knows highway-env.
 """
 
-import importlib
-import importlib.util
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -15,6 +12,7 @@ from highway_env.envs.common.finite_mdp import compute_ttc_grid
 from highway_env.vehicle.behavior import IDMVehicle
 
 from regents_cosim.errors import PlannerError
+from regents_cosim.user_code import import_named
 
 
 @runtime_checkable
@@ -169,7 +167,7 @@ def find_agent(name: str) -> HighwayAgent:
             f"highway-env agent {name!r} not found, expected one of {', '.join(sorted(AGENTS))}, "
             "`package.module:attribute` or `file.py:attribute`"
         )
-    found = getattr(_import(module_name, name), attribute, None)
+    found = getattr(import_named(module_name, f"agent {name!r}"), attribute, None)
     if found is None:
         raise PlannerError(f"highway-env agent {name!r}: {module_name} has no {attribute!r}")
     return PolicyAgent(found() if isinstance(found, type) else found, name)
@@ -210,17 +208,3 @@ def _idle_action(env: AbstractEnv) -> Any:
         return indexes["IDLE"]
     space: Any = env.action_space
     return np.zeros(space.shape, np.float32) if space.shape else int(space.n) // 2
-
-
-def _import(module_name: str, name: str) -> Any:
-    try:
-        if not module_name.endswith(".py"):
-            return importlib.import_module(module_name)
-        spec = importlib.util.spec_from_file_location(Path(module_name).stem, module_name)
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{module_name} is not a Python file")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    except Exception as error:  # whatever a user's module raises is the user's answer
-        raise PlannerError(f"agent {name!r} cannot be imported: {type(error).__name__}: {error}") from error
-    return module

@@ -345,7 +345,8 @@ class Straight:
         self.background = made.tracks
         self.last = None
 
-    def advance(self, step, x, y, yaw, speed, valid):
+    def advance(self, step, seen):
+        x, y, yaw, speed, valid = seen
         for seen, log in ((x, "x"), (y, "y"), (yaw, "yaw"), (speed, "speed"), (valid, "valid")):
             np.testing.assert_allclose(seen[1:], getattr(self.background, log)[1:, step], atol=1e-9)
         if self.last is not None:
@@ -363,7 +364,8 @@ class Inspector:
     def start(self, made):
         self.made = made
 
-    def advance(self, step, x, y, yaw, speed, valid):
+    def advance(self, step, seen):
+        x, y, yaw, speed, valid = seen
         vehicle = load_libsumo().vehicle
         sizes = sorted((vehicle.getLength(name), vehicle.getWidth(name)) for name in vehicle.getIDList())
         assert sizes == sorted((a.length, a.width) for a, v in zip(self.made.agents, valid, strict=True) if v)
@@ -380,9 +382,9 @@ class Faulty:
         if self.answer == "at once":
             raise KeyError("no\nmap")
 
-    def advance(self, step, x, y, yaw, speed, valid):
+    def advance(self, step, seen):
         if step < 2:
-            return x[0], y[0], yaw[0], speed[0]
+            return tuple(values[0] for values in seen[:4])
         if isinstance(self.answer, Exception):
             raise self.answer
         return self.answer

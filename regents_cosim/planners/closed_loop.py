@@ -15,8 +15,8 @@ from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls,
 from regents_cosim.mirror.reactions import Progress, begin
 from regents_cosim.mirror.rollout import EgoTrack, Instant, placed, reacted
 from regents_cosim.mirror.world import World, scene_origin
-from regents_cosim.planners.host_process import HostProcess, Seen
-from regents_cosim.planners.interface import Control, Placement, Scene
+from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.interface import Control, Placement, Scene, Seen
 from regents_cosim.scenario import Dynamics, Scenario
 
 State = Float[np.ndarray, " 4"]  # x, y [m], yaw [rad], speed [m/s], in the device's coordinates

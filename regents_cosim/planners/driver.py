@@ -10,14 +10,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Motion
 from regents_cosim.mirror.rollout import decide, move_ego, others
 from regents_cosim.mirror.world import World, scene_origin, to_world
 from regents_cosim.planners.closed_loop import move
-from regents_cosim.planners.host_process import HostProcess, Seen
-from regents_cosim.planners.interface import Placement, Scene
+from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.interface import Placement, Scene, Seen
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
 from regents_cosim.scenario import Scenario
@@ -45,22 +45,14 @@ class LoopDriver:
         self._scene = LoopScene(scenario, self._world)
         self._memory = start(self._loop, self._scene, self.planner)
 
-    def advance(
-        self,
-        step: int,
-        x: Float[np.ndarray, " agent"],
-        y: Float[np.ndarray, " agent"],
-        yaw: Float[np.ndarray, " agent"],
-        speed: Float[np.ndarray, " agent"],
-        valid: Bool[np.ndarray, " agent"],
-    ) -> tuple[float, float, float, float]:
+    def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame)."""
         east, north = self._scene.origin
-        missing = self._world.valid.shape[0] - len(x)
-        states = (np.pad(values, (0, missing)) for values in (x - east, y - north, yaw, speed))
-        seen = Motion(*(jnp.asarray(values, jnp.float32)[:, None] for values in states))
-        present = jnp.asarray(np.pad(valid, (0, missing)))[:, None]
-        ego, self._memory = _move(self._loop, self._memory, self._world, seen, present)
+        missing = self._world.valid.shape[0] - len(seen.x)
+        states = (np.pad(values, (0, missing)) for values in (seen.x - east, seen.y - north, seen.yaw, seen.speed))
+        motion = Motion(*(jnp.asarray(values, jnp.float32)[:, None] for values in states))
+        present = jnp.asarray(np.pad(seen.valid, (0, missing)))[:, None]
+        ego, self._memory = _move(self._loop, self._memory, self._world, motion, present)
         ahead = [float(value) for value in (ego.x, ego.y, ego.yaw, ego.speed)]
         return ahead[0] + float(east), ahead[1] + float(north), ahead[2], ahead[3]
 
@@ -77,21 +69,13 @@ class HostDriver:
         self._process = HostProcess(self.planner, self.act_timeout_s)
         self._process.reset([Scene.of(scenario, ACCEL_LIMIT, CURVATURE_LIMIT)])
 
-    def advance(
-        self,
-        step: int,
-        x: Float[np.ndarray, " agent"],
-        y: Float[np.ndarray, " agent"],
-        yaw: Float[np.ndarray, " agent"],
-        speed: Float[np.ndarray, " agent"],
-        valid: Bool[np.ndarray, " agent"],
-    ) -> tuple[float, float, float, float]:
+    def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame)."""
-        (answer,) = self._process.act(step, [Seen(x, y, yaw, speed, valid)])
+        (answer,) = self._process.act(step, [seen])
         decision = answer.decision
         if isinstance(decision, Placement):
             return decision.x, decision.y, decision.yaw, decision.speed
-        ego = np.array([x[0], y[0], yaw[0], speed[0]]) - self._origin
+        ego = np.array([values[0] for values in seen[:4]]) - self._origin
         ahead = move(self._world, ego, (decision.accel, decision.curvature)) + self._origin
         return float(ahead[0]), float(ahead[1]), float(ahead[2]), float(ahead[3])
 

@@ -3,16 +3,13 @@
 No JAX here: processes that host a planner need none.
 """
 
-import importlib
-import importlib.util
 from collections.abc import Callable
 from importlib.metadata import entry_points
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.interface import Planner
+from regents_cosim.user_code import import_named
 
 # Somebody else's kind of planner behind a prefix: `exec:./my_planner --fast`. What the factory gets is the rest.
 # Modules by name, as entry points are: those that need the simulators of `replays` are found there.
@@ -37,7 +34,7 @@ def find_attribute(name: str) -> Any:
             f"planner {name!r} not found, expected one of {', '.join(sorted(known))}, sumo, "
             "highway:AGENT, torch:MODULE, exec:COMMAND, `package.module:attribute` or `file.py:attribute`"
         )
-    found = getattr(_import(module_name, name), attribute, None)
+    found = getattr(import_named(module_name, f"planner {name!r}"), attribute, None)
     if found is None:
         raise PlannerError(f"planner {name!r}: {module_name} has no {attribute!r}")
     return found
@@ -63,17 +60,3 @@ def no_planner(name: str, found: Any) -> PlannerError:
 def _is_planner(found: Any) -> bool:
     """An object, not the class of it: that has `reset` and `act` too."""
     return isinstance(found, Planner) and not isinstance(found, type)
-
-
-def _import(module_name: str, name: str) -> ModuleType:
-    try:
-        if not module_name.endswith(".py"):
-            return importlib.import_module(module_name)
-        spec = importlib.util.spec_from_file_location(Path(module_name).stem, module_name)
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{module_name} is not a Python file")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    except Exception as error:  # whatever a user's module raises is the user's answer
-        raise PlannerError(f"planner {name!r} cannot be imported: {type(error).__name__}: {error}") from error
-    return module

@@ -15,10 +15,9 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.find import make_planner
@@ -31,6 +30,7 @@ from regents_cosim.planners.interface import (
     Placement,
     Planner,
     Scene,
+    Seen,
     Waypoints,
 )
 from regents_cosim.planners.waypoints import follow
@@ -38,16 +38,6 @@ from regents_cosim.workers import main_hidden
 
 START_S = 120.0  # the planner's imports, its construction and every `reset` may take so long
 _TOLERANCE = 1e-6  # rounding beyond a limit
-
-
-class Seen(NamedTuple):
-    """All agents at one instant, the ego first, 0 where absent: box centres in the map's frame."""
-
-    x: Float[np.ndarray, " agent"]  # [m]
-    y: Float[np.ndarray, " agent"]  # [m]
-    yaw: Float[np.ndarray, " agent"]  # [rad]
-    speed: Float[np.ndarray, " agent"]  # [m/s]
-    valid: Bool[np.ndarray, " agent"]
 
 
 @dataclass(frozen=True)

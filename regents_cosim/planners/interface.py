@@ -17,7 +17,7 @@ client of a server. One written in JAX (`jax_planner`) runs inside the compiled 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import shapely
@@ -73,6 +73,16 @@ class AgentState:
         dx, dy = self.x - ego.x, self.y - ego.y
         cos, sin = float(np.cos(ego.yaw)), float(np.sin(ego.yaw))
         return dx * cos + dy * sin, dy * cos - dx * sin
+
+
+class Seen(NamedTuple):
+    """All agents at one instant, the ego first, 0 where absent: box centres in the map's frame."""
+
+    x: Float[np.ndarray, " agent"]  # [m]
+    y: Float[np.ndarray, " agent"]  # [m]
+    yaw: Float[np.ndarray, " agent"]  # [rad]
+    speed: Float[np.ndarray, " agent"]  # [m/s]
+    valid: Bool[np.ndarray, " agent"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from regents_cosim.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.highway_agents import find_agent
+from regents_cosim.planners.interface import Seen
 from regents_cosim.replays.highway_cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway_gym import HighwayReplayEnv, Mode, make_cast, network_of
 from regents_cosim.replays.highway_window import Window, opened
@@ -42,7 +43,7 @@ def replay_in_highway(
         film.take(road)
         for step in range(scenario.tracks.steps - 1):
             if driver is not None:
-                x, y, yaw, speed = ask(lambda step=step: driver.advance(step, *film.last()), f"at step {step}")
+                x, y, yaw, speed = ask(lambda step=step: driver.advance(step, film.last()), f"at step {step}")
                 cast[0].states[:, step + 1] = *to_highway(Pose(x, y, yaw)), speed
             road.step(scenario.dt)
             film.take(road)
@@ -98,10 +99,11 @@ class _Film:
         if self._window is not None:
             self._window.show()
 
-    def last(self) -> tuple[np.ndarray, ...]:
-        """x, y, yaw, speed and presence of all agents now."""
+    def last(self) -> Seen:
+        """All agents now."""
         states, valid = self.frames[-1]
-        return (*states.copy(), valid.copy())
+        x, y, yaw, speed = states.copy()
+        return Seen(x, y, yaw, speed, valid.copy())
 
     def finish(self, road: ReplayRoad) -> HighwayReplay:
         """All that was seen."""

@@ -17,11 +17,10 @@ from types import ModuleType
 from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from regents_cosim.errors import DriveError, PlannerError, RegentsError, ScenarioError, SumoError
 from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo
-from regents_cosim.planners.interface import AgentState
+from regents_cosim.planners.interface import AgentState, Seen
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 from regents_cosim.sumo_process import running_sumo
@@ -60,15 +59,7 @@ class Driver(Protocol):
         """Prepare to drive through `scenario`."""
         ...
 
-    def advance(
-        self,
-        step: int,
-        x: Float[np.ndarray, " agent"],
-        y: Float[np.ndarray, " agent"],
-        yaw: Float[np.ndarray, " agent"],
-        speed: Float[np.ndarray, " agent"],
-        valid: Bool[np.ndarray, " agent"],
-    ) -> tuple[float, float, float, float]:
+    def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
         """An EgoState for `step` + 1 from what SUMO reports at `step`: box centres in the map's frame, 0 if absent."""
         ...
 
@@ -143,18 +134,8 @@ def _options(scenario: Scenario, net: Path, gui: bool) -> list[str]:
 # --- the driver -------------------------------------------------------------------------------
 
 
-class _Seen(NamedTuple):
-    """All agents as SUMO reports them, [agent]; 0 where absent."""
-
-    x: Float[np.ndarray, " agent"]  # [m]
-    y: Float[np.ndarray, " agent"]  # [m]
-    yaw: Float[np.ndarray, " agent"]  # [rad]
-    speed: Float[np.ndarray, " agent"]  # [m/s]
-    valid: Bool[np.ndarray, " agent"]
-
-
-def _decision(driver: Driver, step: int, seen: _Seen) -> EgoState:
-    found = ask(lambda: driver.advance(step, *(values.copy() for values in seen)), f"at step {step}")
+def _decision(driver: Driver, step: int, seen: Seen) -> EgoState:
+    found = ask(lambda: driver.advance(step, Seen(*(values.copy() for values in seen))), f"at step {step}")
     try:
         ego = EgoState(*(float(value) for value in found))
     except (TypeError, ValueError) as error:
@@ -194,7 +175,7 @@ class _Stage:
         self._speed = track.speed.copy()
         self._names: dict[int, str] = {}  # SUMO's name of every agent on the road
         self._agent: dict[str, int] = {}  # and back; names are never used twice
-        self._seen: list[_Seen] = []
+        self._seen: list[Seen] = []
         self._collisions: list[ReportedCollision] = []
         self._letters: dict[str, list[str]] = {signal.id: [] for signal in scenario.signals}
         self._check_signals()
@@ -203,7 +184,7 @@ class _Stage:
             add_type(sumo, _type_name(index), agent)
 
     @property
-    def seen(self) -> _Seen:
+    def seen(self) -> Seen:
         """The agents after the last step."""
         return self._seen[-1]
 
@@ -277,7 +258,7 @@ class _Stage:
                 states[:, index] = *pose, vehicle.getSpeed(name)
                 valid[index] = True
         x, y, yaw, speed = states
-        self._seen.append(_Seen(x, y, yaw, speed, valid))
+        self._seen.append(Seen(x, y, yaw, speed, valid))
         for found in self._sumo.simulation.getCollisions():
             collider, victim = (agents[self._agent[name]].id for name in (found.collider, found.victim))
             self._collisions.append(ReportedCollision(step, collider, victim, found.type))
