@@ -1,0 +1,53 @@
+"""The command line: options in, calls of the package, tables out. Nothing else lives here.
+
+Heavy imports happen inside the commands, so that `--help` answers at once. What follows `--`
+goes to SUMO. Exit codes: 0 clean, 1 a failed verification or planner, 2 wrong usage or input.
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+
+from cyclopts import CycloptsError
+
+from regents_cosim.cli.bench import bench
+from regents_cosim.cli.commands import app, training
+from regents_cosim.errors import RegentsError
+
+app.command(bench)
+app.command(training)
+
+
+def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Our words, and those after `--`, which are SUMO's."""
+    words = list(arguments)
+    at = words.index("--") if "--" in words else len(words)
+    return words[:at], words[at + 1 :]
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code."""
+    mine, for_sumo = _split(arguments)
+    words = [*mine, *(f"--sumo-option={word}" for word in for_sumo)]
+    try:
+        code = app(words, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        return _complain(f"{error} (see `regents {mine[0] if mine else ''} --help`)", 2)
+    except RegentsError as error:
+        return _complain(str(error), error.exit_code)
+    except BrokenPipeError:  # whoever read the table has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return _complain("interrupted; cases that were finished are saved", 130)
+    return code if isinstance(code, int) else 0
+
+
+def main() -> None:
+    """Entry point `regents`."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def _complain(message: str, code: int) -> int:
+    print(f"regents: {' '.join(message.split())}", file=sys.stderr)
+    return code

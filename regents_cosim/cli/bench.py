@@ -1,0 +1,252 @@
+"""`regents bench`: the tables of the README, on any traffic."""
+
+import dataclasses
+from itertools import product
+from pathlib import Path
+from typing import Literal
+
+from cyclopts import App
+
+from regents_cosim.cli.options import Search, Talk
+from regents_cosim.cli.shared import (
+    logged_traffic,
+    network_traffic,
+    one_of_each_shape,
+    open_terminal,
+    verify_in_sumo,
+)
+
+bench = App(name="bench", help="Measure, and print the tables of the README.")
+
+
+@bench.command
+def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = (), talk: Talk = Talk()) -> int:
+    """How well the mirror's controls reproduce SUMO's tracks, per network.
+
+    Parameters
+    ----------
+    count
+        windows per network
+    nets
+        shipped networks, or .sumocfg files; all shipped ones by default
+    """
+    from regents_cosim.evaluation.benchmark import reconstruction_row
+
+    terminal = open_terminal(talk)
+    traffic = network_traffic(nets, count, seed, terminal)
+    rows = [
+        dataclasses.asdict(reconstruction_row(net, scenarios))
+        for net, scenarios in terminal.each(traffic.items(), "fitting", len(traffic))
+    ]
+    terminal.show("position error of roll-outs against the recorded tracks", rows)
+    return 0
+
+
+@bench.command
+def success(
+    *,
+    count: int = 20,
+    seed: int = 0,
+    nets: tuple[str, ...] = (),
+    logs: tuple[Path, ...] = (),
+    planners: tuple[str, ...] = ("log_replay", "idm"),
+    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents", "focused"),
+    as_published: bool = False,
+    searches: tuple[Literal["joint", "per-candidate"], ...] = (),
+    backgrounds: tuple[Literal["log", "reactive"], ...] = (),
+    replan_every: int | None = None,
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """How often attacks make planners crash, each crash verified in SUMO.
+
+    Parameters
+    ----------
+    count
+        windows per network
+    nets
+        shipped networks, or .sumocfg files; all shipped ones by default
+    logs
+        logged traffic (files, or folders of them) in place of networks; `count` windows of each
+    planners
+        systems under test
+    methods
+        presets
+    as_published
+        do as the public ReGentS code where it departs from its paper (king and regents only)
+    searches
+        one search over all candidates, one for each of the nearest, or both; the preset's by default
+    backgrounds
+        others replay their log, or brake for what stands in their way, or both; the preset's by default
+    replan_every
+        iterations between two closed loops of the planners
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.attacks.attack import attack_each
+    from regents_cosim.evaluation.benchmark import success_row
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+
+    terminal = open_terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    traffic = logged_traffic(logs, count, seed, terminal) if logs else network_traffic(nets, count, seed, terminal)
+    windows = [scenario for found in traffic.values() for scenario in found]
+    rows = []
+    for planner, method, search, background in product(planners, methods, searches or (None,), backgrounds or (None,)):
+        config = Search(method, search, background, as_published=as_published, replan_every=replan_every).config()
+        results = attack_each(windows, config, planner)
+        attacked = list(terminal.each(results, f"{method} against {planner}", len(windows)))
+        replays = verify_in_sumo([case for found in attacked for case in found], "local", terminal)
+        rows.append(dataclasses.asdict(success_row(config, planner, attacked, list(replays.values()))))
+    terminal.show(f"attacks on {len(windows)} windows", rows)
+    return 0
+
+
+@bench.command
+def replan(
+    *,
+    planner: str,
+    count: int = 9,
+    seed: int = 0,
+    nets: tuple[str, ...] = (),
+    every: tuple[int, ...] = (1, 10),
+    method: Literal["king", "regents"] = "regents",
+    act_timeout: float = 10.0,
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """What it changes, and saves, to let the planner drive in every k-th iteration of the search only.
+
+    Parameters
+    ----------
+    planner
+        system under test
+    count
+        windows per network
+    nets
+        shipped networks, or .sumocfg files; all shipped ones by default
+    every
+        values of --replan-every; the first is what the others are compared with
+    method
+        preset
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from time import perf_counter
+
+    from regents_cosim.attacks.attack import attack as run_attack
+    from regents_cosim.evaluation.replanning import replan_row
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+
+    terminal = open_terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    windows = [scenario for found in network_traffic(nets, count, seed, terminal).values() for scenario in found]
+    runs = {}
+    for one in every:
+        config = Search(method, replan_every=one).config()
+        for _ in run_attack(one_of_each_shape(windows), config, planner, act_timeout_s=act_timeout):
+            pass  # compiles
+        begin = perf_counter()
+        results = run_attack(windows, config, planner, act_timeout_s=act_timeout)
+        attacked = list(terminal.each(results, f"every {one}", len(windows)))
+        runs[one] = attacked, perf_counter() - begin
+    first = runs[every[0]][0]
+    rows = [replan_row(one, attacked, first, seconds) for one, (attacked, seconds) in runs.items()]
+    terminal.show(f"{planner} on {len(windows)} windows", [dataclasses.asdict(row) for row in rows])
+    return 0
+
+
+@bench.command
+def logs(paths: tuple[Path, ...], *, count: int = 8, talk: Talk = Talk()) -> int:
+    """How well logs are read: vehicles on the road, error of the smooth fit, time.
+
+    Parameters
+    ----------
+    paths
+        logs, or folders of them
+    count
+        windows per scene at most
+    """
+    from regents_cosim.evaluation.log_benchmark import log_rows
+
+    terminal = open_terminal(talk)
+    with terminal.waiting("reading and fitting"):
+        rows = [dataclasses.asdict(row) for row in log_rows(list(paths), count)]
+    terminal.show("logged traffic, per format", rows)
+    return 0
+
+
+@bench.command
+def highway(
+    *,
+    count: int = 25,
+    seed: int = 0,
+    envs: tuple[str, ...] = ("merge-v1", "roundabout-v1", "intersection-v2", "highway-v0"),
+    policy: str = "idm",
+    planners: tuple[str, ...] = ("idm",),
+    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents"),
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """How often attacks on highway-env's own traffic succeed, and whether the crashes happen in highway-env.
+
+    Parameters
+    ----------
+    count
+        windows per environment
+    envs
+        environments of highway-env
+    policy
+        who drives the ego in the recordings
+    planners
+        systems under test
+    methods
+        presets
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.attacks.attack import attack_each
+    from regents_cosim.attacks.presets import METHODS
+    from regents_cosim.evaluation.transfer import highway_row
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.sources.record import record as run_record
+
+    terminal = open_terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    windows = {
+        env: run_record(f"highway:{env}", policy=policy, count=count, seed=seed)
+        for env in terminal.each(envs, "recording traffic", len(envs))
+    }
+    rows = []
+    for planner in planners:
+        for method in methods:
+            for env, found in windows.items():
+                results = attack_each(found, METHODS[method], planner)
+                attacked = [s for each in terminal.each(results, f"{method} in {env}", len(found)) for s in each]
+                rows.append(dataclasses.asdict(highway_row(env, METHODS[method], planner, attacked)))
+    terminal.show(f"attacks on {sum(map(len, windows.values()))} windows, replayed in highway-env", rows)
+    return 0
+
+
+@bench.command
+def transfer(cases: Path, *, talk: Talk = Talk()) -> int:
+    """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases
+    """
+    from regents_cosim.evaluation.transfer import transfer_rows
+    from regents_cosim.suite import load_cases
+
+    terminal = open_terminal(talk)
+    with terminal.waiting("replaying"):
+        rows = [dataclasses.asdict(row) for row in transfer_rows(load_cases(cases))]
+    terminal.show(f"transfer of {cases}", rows)
+    return 0

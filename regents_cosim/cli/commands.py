@@ -1,0 +1,393 @@
+"""The commands: options in, calls of the package, tables out."""
+
+import dataclasses
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+
+from regents_cosim.cli.options import Search, SumoOptions, Talk, Traffic
+from regents_cosim.cli.shared import (
+    attacked_planner,
+    draw,
+    draw_stills,
+    exit_code,
+    names_traffic,
+    open_terminal,
+    planner_errors,
+    record_traffic,
+    verify_in_sumo,
+)
+from regents_cosim.errors import RegentsError
+
+app = App(
+    name="regents",
+    help="Crash-test driving planners: ordinary traffic in, a verified crash out.",
+    help_format="plaintext",
+    version=lambda: version("regents_cosim"),
+)
+training = App(name="train", help="Teach a planner to drive.")
+
+
+@app.command
+def record(
+    traffic: Traffic = Traffic(),
+    *,
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    executor: str = "local",
+    talk: Talk = Talk(),
+    sumo: SumoOptions = (),
+) -> int:
+    """Cut windows of ordinary traffic into cases.
+
+    Parameters
+    ----------
+    output
+        folder for the cases
+    executor
+        where SUMO runs: local, or dask:ADDRESS
+    """
+    from regents_cosim.reports.tables import case_row
+    from regents_cosim.suite import SuiteWriter
+
+    terminal = open_terminal(talk)
+    suite = SuiteWriter(output, traffic.seed)
+    scenarios = record_traffic(traffic, sumo, executor, terminal)
+    for scenario in scenarios:
+        suite.add(scenario)
+    terminal.show(
+        f"{len(scenarios)} cases in {output}",
+        [case_row(scenario) for scenario in scenarios],
+    )
+    return 0
+
+
+@app.command
+def inspect(
+    log: Path,
+    *,
+    format: str = "auto",
+    map: Path | None = None,
+    columns: Path | None = None,
+    output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
+    talk: Talk = Talk(),
+) -> int:
+    """Say what logged traffic holds, and draw it.
+
+    Parameters
+    ----------
+    log
+        a file of logged traffic, or a folder of files
+    format
+        of the log; auto tells it by the content
+    map
+        lanelet2 map (.osm) that does not lie beside the log
+    columns
+        TOML file that names the columns of a table (csv, parquet)
+    output
+        folder for one picture per scenario
+    """
+    from regents_cosim.reports.log_picture import draw_scene
+    from regents_cosim.reports.tables import inspection_notes, inspection_row
+    from regents_cosim.sources.logs.formats import Beside
+    from regents_cosim.sources.logs.inspection import inspect_scene
+    from regents_cosim.sources.logs.record import scenes_of
+
+    terminal = open_terminal(talk)
+    found = []
+    for _, name, scene in scenes_of(log, format, Beside(map, columns)):
+        found.append(inspect_scene(scene, name))
+        if output is not None:
+            draw_scene(scene, output)
+    rows = [dataclasses.asdict(one) if talk.json else inspection_row(one) for one in found]
+    terminal.show(f"{len(rows)} scenarios in {log}", rows, inspection_notes(found))
+    return 0
+
+
+@app.command
+def attack(
+    cases: Annotated[Path | None, Parameter(show_default=False)] = None,
+    traffic: Traffic = Traffic(),
+    *,
+    planner: str = "idm",
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    search: Search = Search(),
+    batch: int = 32,
+    engine: Literal["auto", "threads", "lanes"] = "auto",
+    act_timeout: float = 10.0,
+    executor: str = "local",
+    verify: bool = True,
+    pictures: bool = True,
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+    sumo: SumoOptions = (),
+) -> int:
+    """Find how another road user could make the planner crash; verify every crash in SUMO.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases, as `regents record` makes them; or name traffic with -c
+    planner
+        system under test: aim-bev, idm, log_replay, constant_velocity, sumo, highway:AGENT, torch:MODULE, exec:COMMAND,
+        package.module:attribute or file.py:attribute
+    output
+        folder for the attacked cases
+    batch
+        scenarios held on the device at once
+    engine
+        one scenario per core (threads), or `batch` searches in one program (lanes); auto: lanes where there is a GPU
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    executor
+        where SUMO runs: local, or dask:ADDRESS
+    verify
+        replay every crash in SUMO
+    pictures
+        draw a still picture into every case
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.attacks.attack import attack_each as run_attack_each
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import attack_row, summary
+    from regents_cosim.suite import SuiteWriter, load_cases
+
+    terminal = open_terminal(talk)
+    if (cases is None) == (not names_traffic(traffic)):
+        raise RegentsError(
+            "expected either a folder of cases or traffic "
+            "(-c NAME.sumocfg, --from highway:ENVIRONMENT, --log PATH), not both"
+        )
+    if compile_cache:
+        keep_compiled_programs()
+    config = search.config()
+    suite = SuiteWriter(output, traffic.seed)
+    scenarios = load_cases(cases) if cases else record_traffic(traffic, sumo, executor, terminal)
+    attacked = []
+    runs = run_attack_each(scenarios, config, planner, batch, engine=engine, act_timeout_s=act_timeout)
+    for results in terminal.each(runs, "attacking", len(scenarios)):
+        for scenario in results:
+            suite.add(scenario)
+        attacked += results
+    replays = verify_in_sumo(attacked, executor, terminal) if verify else {}
+    if pictures:
+        draw_stills(attacked, output, terminal)
+    rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
+    terminal.show(f"{config.label} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
+    return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))
+
+
+@app.command
+def replay(
+    cases: Path,
+    *,
+    where: Annotated[Literal["sumo", "highway", "mirror"], Parameter("--in")] = "sumo",
+    mode: Literal["track", "actions"] = "track",
+    ego: Literal["track", "planner"] | None = None,
+    planner: str | None = None,
+    gui: bool = False,
+    record: Path | None = None,
+    beside_original: bool = False,
+    executor: str = "local",
+    talk: Talk = Talk(),
+    sumo: SumoOptions = (),
+) -> int:
+    """Replay a case, or every case of a folder, and say whether the same crash happens.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases
+    where
+        in SUMO, in highway-env, or in the mirror
+    mode
+        in highway-env the others are placed on their tracks, or moved by its own physics (actions)
+    ego
+        track: as in the case; planner: driven in closed loop by the planner (default where --planner is given)
+    planner
+        who drives the ego; default the planner that was attacked; also sumo, and highway-env's agents:
+        highway:idm, highway:mdp, highway:random, highway:package.module:attribute
+    gui
+        show it in the simulator's own window, sumo-gui or highway-env's
+    record
+        file for a picture of one case: .gif moves, .png is a still
+    beside_original
+        show the traffic before the attack beside it (.gif)
+    executor
+        where SUMO runs: local, or dask:ADDRESS
+    """
+    from regents_cosim.replays.replay import replay_each
+    from regents_cosim.reports.tables import replay_row
+    from regents_cosim.suite import load_cases
+    from regents_cosim.workers import executor_for
+
+    terminal = open_terminal(talk)
+    scenarios = load_cases(cases)
+    if (record or gui) and len(scenarios) > 1:
+        raise RegentsError(f"{cases} holds {len(scenarios)} cases; --record and --gui show one, name its folder")
+    if record and record.suffix not in (".gif", ".png"):
+        raise RegentsError(f"--record {record}: expected a name that ends in .gif (moves) or .png (a still)")
+    if beside_original and (record is None or record.suffix != ".gif" or scenarios[0].attack is None):
+        raise RegentsError("--beside-original shows an attacked case in the .gif that --record names")
+    driven_by = planner
+    if ego == "planner" and planner is None:
+        driven_by = attacked_planner(scenarios)
+    with executor_for(executor) as pool:
+        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode)
+        found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
+    if record and found[0].replayed:
+        draw(found[0].replayed, record, beside_original, terminal)
+    rows = [replay_row(result) for result in found]
+    terminal.show(f"replayed in {where}, the ego driven by {driven_by or 'its track'}", rows)
+    return exit_code(found, terminal)
+
+
+@app.command
+def evaluate(
+    cases: Path,
+    *,
+    planner: str,
+    where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
+    act_timeout: float = 10.0,
+    executor: str = "local",
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """How well a planner drives: route completion, collision rate and driving score.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases; attacked ones are driven among their adversaries
+    planner
+        system under test: aim-bev, idm, log_replay, constant_velocity, sumo, highway:AGENT, torch:MODULE, exec:COMMAND,
+        package.module:attribute or file.py:attribute
+    where
+        in the mirror, in SUMO, or in highway-env
+    act_timeout
+        in the mirror, a planner outside JAX that takes longer over one decision has failed [s]
+    executor
+        where SUMO runs: local, or dask:ADDRESS
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.driving import drive_each, driving_rows
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.suite import load_cases
+    from regents_cosim.workers import executor_for
+
+    terminal = open_terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    scenarios = load_cases(cases)
+    with executor_for(executor) as pool:
+        found = drive_each(scenarios, planner, act_timeout, where, pool)
+        drives = list(terminal.each(found, f"driving {planner}", len(scenarios)))
+    rows = [dataclasses.asdict(row) for row in driving_rows(drives)]
+    terminal.show(f"{planner} on {len(drives)} cases in {where}", rows)
+    errors = [drive for drive in drives if drive.error]
+    for drive in errors:
+        terminal.say(f"{drive.case}: {drive.error}")
+    return 1 if errors else 0
+
+
+@training.command(name="aim-bev")
+def train_aim_bev(
+    cases: Path,
+    *,
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    epochs: int = 40,
+    lessons: int = 4096,
+    drives: int = 40,
+    frozen: int = 0,
+    learning_rate: float = 1e-3,
+    threads: int = 2,
+    seed: int = 0,
+    resume: Path | None = None,
+    talk: Talk = Talk(),
+) -> int:
+    """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install 'regents_cosim[torch]').
+
+    Every vehicle near the ego of a case is a teacher. After each epoch the weights, a checkpoint and a picture of
+    the training are written.
+
+    Parameters
+    ----------
+    cases
+        a folder of cases, as `regents record` makes them
+    output
+        file for the weights (.safetensors)
+    epochs
+        passes; the learning rate falls to a hundredth over them
+    lessons
+        new ones per epoch; each is repeated in four epochs
+    drives
+        drives of the network by itself per epoch, from whose states it learns as well
+    frozen
+        first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8
+    learning_rate
+        of Adam, at the first epoch
+    threads
+        of torch
+    seed
+        of everything that is drawn
+    resume
+        a checkpoint to go on from, or weights for a warm start
+    """
+    from regents_cosim.atomic import require_writable
+    from regents_cosim.reports.curve import draw_curve
+    from regents_cosim.suite import load_cases
+
+    terminal = open_terminal(talk)
+    if output.suffix != ".safetensors":
+        raise RegentsError(f"--output {output}: expected a name that ends in .safetensors")
+    require_writable(output.parent)
+    try:
+        from regents_cosim.planners.aim_bev.train import TrainConfig, train
+    except ModuleNotFoundError as error:
+        raise RegentsError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
+    config = TrainConfig(
+        epochs, seed, lessons, learning_rate=learning_rate, frozen=frozen, drives=drives, threads=threads
+    )
+    scenarios = load_cases(cases)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    done = []
+    for done in terminal.each(train(scenarios, output, config, resume), "training", epochs):
+        last = done[-1]
+        terminal.say(f"epoch {len(done)} of {epochs}: loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m")
+        lines = {"loss [m]": [e.loss_m for e in done], "held back [m]": [e.held_back_m for e in done]}
+        draw_curve("AIM-BEV: error of the waypoints", lines, output.with_suffix(".png"))
+    terminal.show(f"weights in {output}", [dataclasses.asdict(epoch) for epoch in done])
+    return 0
+
+
+@app.command
+def gallery(
+    *,
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """Make the figures of the ReGentS paper anew: gradients around the ego, and how KING fails.
+
+    Parameters
+    ----------
+    output
+        folder for the pictures, their page README.md, and the cases behind them
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.gallery.make import make_gallery
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import attack_row
+
+    terminal = open_terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    with terminal.waiting("making the gallery"):
+        attacked = make_gallery(output)
+    rows = [attack_row(scenario, None) for scenario in attacked]
+    terminal.show(f"{len(rows)} attacked scenes", rows, f"pictures and what they show: {output / 'README.md'}")
+    return 0

@@ -1,0 +1,106 @@
+"""Options that several commands share."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from regents_cosim.attacks.presets import AttackConfig
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Traffic:
+    """Ordinary traffic, in SUMO's own option names, and the windows to cut out of it."""
+
+    config: Annotated[Path | None, Parameter(["--configuration-file", "-c"])] = None
+    """SUMO configuration (.sumocfg)"""
+    net: Annotated[Path | None, Parameter(["--net-file", "-n"])] = None
+    """SUMO network (.net.xml, .net.xml.gz)"""
+    routes: Annotated[str, Parameter(["--route-files", "-r"])] = ""
+    """route files, separated by commas"""
+    additional: Annotated[str, Parameter(["--additional-files", "-a"])] = ""
+    """additional files, separated by commas"""
+    begin: Annotated[float | None, Parameter(["--begin", "-b"])] = None
+    """begin of the simulation [s]"""
+    end: Annotated[float | None, Parameter(["--end", "-e"])] = None
+    """end of the simulation [s]"""
+    step_length: float = 0.1
+    """step of the simulation [s]; recordings are made at 0.1 s only"""
+    fcd: Path | None = None
+    """an fcd-output of SUMO (xml, xml.gz, csv) to read instead of running SUMO; needs -n"""
+    log: Path | None = None
+    """logged traffic to read instead: a file, or a folder of files"""
+    format: str = "auto"
+    """of the log; auto tells it by the content, a wrong name lists all"""
+    ego: str = "auto"
+    """id of a logged road user; auto: the recorder's vehicle or the planning problem's, else one drawn by seed"""
+    stride: float | None = None
+    """from one window of a log to the next [s]; the horizon by default"""
+    map: Path | None = None
+    """lanelet2 map (.osm) of a log that does not lie beside it"""
+    columns: Path | None = None
+    """TOML file that names the columns of a table (csv, parquet)"""
+    source: Annotated[str, Parameter("--from")] = ""
+    """highway:ENVIRONMENT instead of SUMO, e.g. highway:merge-v1"""
+    policy: str = "idm"
+    """who drives the ego in highway-env: idm, mdp, random, package.module:attribute or file.py:attribute"""
+    count: int = 8
+    """windows wanted"""
+    seed: int = 0
+    """of SUMO and of the choice of windows"""
+    horizon: float = 8.0
+    """length of a window [s]; of a log that is shorter, all of it"""
+    radius: float = 100.0
+    """agents that never come closer to the ego are left out [m]"""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Search:
+    """How the attack searches; what is not given is the preset's."""
+
+    method: Literal["regents", "king", "focused"] = "regents"
+    """preset: king and regents of the papers; focused, our own, finds more crashes that mean something"""
+    search: Literal["joint", "per-candidate"] | None = None
+    """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
+    background: Literal["log", "reactive"] | None = None
+    """do other agents replay their log, or brake for what stands in their way"""
+    dynamics: Literal["recorded", "bicycle", "highway"] | None = None
+    """how vehicles move: by the mirror's bicycle, or exactly as in highway-env; recorded: as where the case is from"""
+    gradient: Literal["adversary", "through-planner"] | None = None
+    """is the planner's track constant to the gradient, or is the planner (in JAX) differentiated as well"""
+    as_published: bool | None = None
+    """do as the public ReGentS code where it departs from its paper (king and regents only)"""
+    iterations: int | None = None
+    """updates at most"""
+    replan_every: int | None = None
+    """iterations between two closed loops of the planner; 1 in the compiled loop, 10 for planners outside it"""
+    max_deviation: float | None = None
+    """of an action from the logged one, as a share of its limit; 0: no bound"""
+    max_lateral_accel: float | None = None
+    """of the adversary, unless its log has more [m/s^2]; 0: no bound"""
+
+    def config(self) -> "AttackConfig":
+        """The preset with what was given in its place."""
+        from regents_cosim.attacks.presets import METHODS
+
+        given = {name: value for name, value in vars(self).items() if name != "method" and value is not None}
+        return dataclasses.replace(METHODS[self.method], **given)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Talk:
+    """How results are shown."""
+
+    quiet: bool = False
+    """no progress, only the result"""
+    json: bool = False
+    """print the result as JSON"""
+
+
+SumoOptions = Annotated[tuple[str, ...], Parameter("--sumo-option", show=False, allow_leading_hyphen=True)]

@@ -1,0 +1,174 @@
+"""What several commands do: get traffic, verify, draw, say what failed."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from regents_cosim.cli.options import Talk, Traffic
+from regents_cosim.errors import RegentsError
+
+if TYPE_CHECKING:
+    from regents_cosim.replays.verify import Replay
+    from regents_cosim.scenario import Scenario
+    from regents_cosim.terminal import Terminal
+
+
+def open_terminal(talk: Talk) -> "Terminal":
+    """Where results and progress go."""
+    from regents_cosim.terminal import Terminal
+
+    return Terminal(talk.quiet, talk.json)
+
+
+def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "Terminal") -> "list[Scenario]":
+    """The windows that `traffic` asks for, of whatever source."""
+    from regents_cosim.sources.record import record as run_record
+    from regents_cosim.sources.sumo_config import SumoInput
+    from regents_cosim.workers import executor_for
+
+    if not names_traffic(traffic):
+        raise RegentsError(
+            "no traffic named (expected -c NAME.sumocfg, -n NET with -r ROUTES or --fcd LOG, "
+            "--from highway:ENVIRONMENT, or --log PATH)"
+        )
+    if traffic.log is not None:
+        return _record_log(traffic, terminal)
+    if traffic.source and not traffic.source.startswith("highway:"):
+        raise RegentsError(f"--from {traffic.source}: expected highway:ENVIRONMENT, e.g. highway:merge-v1")
+    source = traffic.source or SumoInput(
+        config=traffic.config,
+        net=traffic.net,
+        routes=_files(traffic.routes),
+        additional=_files(traffic.additional),
+        begin_s=traffic.begin,
+        end_s=traffic.end,
+        extra=(*sumo, *(() if traffic.step_length == 0.1 else (f"--step-length={traffic.step_length}",))),
+    )
+    with executor_for(executor) as pool, terminal.waiting("recording traffic"):
+        found = run_record(
+            source,
+            fcd=traffic.fcd,
+            policy=traffic.policy,
+            count=traffic.count,
+            seed=traffic.seed,
+            horizon_s=traffic.horizon,
+            radius_m=traffic.radius,
+            executor=pool,
+        )
+    if len(found) < traffic.count:
+        terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
+    return found
+
+
+def _record_log(traffic: Traffic, terminal: "Terminal") -> "list[Scenario]":
+    from regents_cosim.sources.logs.formats import Beside
+    from regents_cosim.sources.logs.record import record_log
+
+    if traffic.config or traffic.net or traffic.fcd or traffic.source:
+        raise RegentsError("--log stands alone; SUMO's own fcd-output is read with --fcd LOG -n NET")
+    assert traffic.log is not None
+    with terminal.waiting("reading the log"):
+        return record_log(
+            traffic.log,
+            format=traffic.format,
+            ego=traffic.ego,
+            count=traffic.count,
+            seed=traffic.seed,
+            horizon_s=traffic.horizon,
+            stride_s=traffic.stride,
+            radius_m=traffic.radius,
+            beside=Beside(traffic.map, traffic.columns),
+            tell=terminal.say,
+        )
+
+
+def names_traffic(traffic: Traffic) -> bool:
+    """Whether the options name any traffic."""
+    return bool(traffic.config or traffic.net or traffic.source or traffic.log)
+
+
+def _files(names: str) -> tuple[Path, ...]:
+    return tuple(Path(name.strip()) for name in names.split(",") if name.strip())
+
+
+def network_traffic(nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal") -> "dict[str, list[Scenario]]":
+    """Windows of SUMO networks, by network: of all shipped ones where none is named."""
+    from regents_cosim.shipped import NETWORKS, network_config
+    from regents_cosim.sources.record import record as run_record
+
+    configs = {net: Path(net) if net.endswith(".sumocfg") else network_config(net) for net in nets or NETWORKS}
+    return {
+        net: run_record(config, count=count, seed=seed)
+        for net, config in terminal.each(configs.items(), "recording traffic", len(configs))
+    }
+
+
+def one_of_each_shape(windows: "list[Scenario]") -> "list[Scenario]":
+    """A scenario for each of the shapes that programs are compiled for."""
+    from regents_cosim.mirror.world import padded_agents
+
+    return list({(padded_agents(len(w.agents)), w.tracks.steps): w for w in windows}.values())
+
+
+def logged_traffic(logs: tuple[Path, ...], count: int, seed: int, terminal: "Terminal") -> "dict[Path, list[Scenario]]":
+    """Windows of logs, by log."""
+    from regents_cosim.sources.logs.record import record_log
+
+    return {
+        log: record_log(log, count=count, seed=seed, tell=terminal.say)
+        for log in terminal.each(logs, "reading logs", len(logs))
+    }
+
+
+def verify_in_sumo(attacked: "list[Scenario]", executor: str, terminal: "Terminal") -> "dict[str, Replay]":
+    """Replays in SUMO of the crashes among `attacked` that have a SUMO network, by case."""
+    from regents_cosim.replays.replay import replay_each
+    from regents_cosim.workers import executor_for
+
+    crashes = [s for s in attacked if s.attack and s.attack.outcome == "collision" and s.road.sumo_net]
+    with executor_for(executor) as pool:
+        replays = replay_each(crashes, "sumo", executor=pool)
+        return {replay.case: replay for replay in terminal.each(replays, "verifying in SUMO", len(crashes))}
+
+
+def attacked_planner(scenarios: "list[Scenario]") -> str:
+    """The one planner that the cases were attacked with."""
+    planners = {scenario.attack.planner for scenario in scenarios if scenario.attack}
+    if len(planners) != 1:
+        raise RegentsError("the cases do not name one planner that was attacked; name it with --planner")
+    return planners.pop()
+
+
+def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -> None:
+    """A picture into every case."""
+    from regents_cosim.reports.picture import draw_still
+
+    for scenario in terminal.each(attacked, "drawing", len(attacked)):
+        draw_still(scenario, suite / scenario.id / "still.png")
+
+
+def draw(scenario: "Scenario", path: Path, beside_original: bool, terminal: "Terminal") -> None:
+    """A picture of one case, still or moving."""
+    from regents_cosim.reports.picture import animate, animate_pair, draw_still
+
+    with terminal.waiting(f"drawing {path}"):
+        if beside_original:
+            animate_pair(scenario.before_attack(), scenario, path)
+        else:
+            (animate if path.suffix == ".gif" else draw_still)(scenario, path)
+
+
+def planner_errors(attacked: "list[Scenario]", terminal: "Terminal") -> int:
+    """1 where the planner failed; says how."""
+    records = [scenario.attack for scenario in attacked if scenario.attack and scenario.attack.planner_error]
+    for record in records:
+        terminal.say(f"{record.case}: {record.planner_error.partition(chr(10))[0]}")
+    return 1 if records else 0
+
+
+def exit_code(replays: "Iterable[Replay]", terminal: "Terminal") -> int:
+    """1 where a replay differs from its case; says why."""
+    failed = [replay for replay in replays if not replay.verified]
+    for replay in failed:
+        terminal.say(f"{replay.case}: {replay.reason}")
+    return 1 if failed else 0
