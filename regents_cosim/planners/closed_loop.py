@@ -1,7 +1,7 @@
 """The mirror step by step, for a planner that lives outside it: everybody as in `rollout`, the ego as it decides."""
 
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
 
 import equinox as eqx
 import jax
@@ -40,7 +40,7 @@ class ClosedLoop:
     @property
     def scene(self) -> Scene:
         """What a planner is told of it."""
-        return Scene.of(self._scenario, ACCEL_LIMIT, CURVATURE_LIMIT)
+        return scene_of(self._scenario)
 
     @property
     def seen(self) -> Seen:
@@ -81,6 +81,12 @@ class ClosedLoop:
         state = np.array([at.x, at.y, at.yaw, at.speed]) - self._origin
         state[2] = before[2] + float(wrap(np.asarray(at.yaw - before[2])))
         return state
+
+
+@lru_cache(maxsize=64)
+def scene_of(scenario: Scenario) -> Scene:
+    """What a planner is told of `scenario`: the same object every time, so that it is sent once."""
+    return Scene.of(scenario, ACCEL_LIMIT, CURVATURE_LIMIT)
 
 
 def drive_on_host(process: HostProcess, loops: Sequence[ClosedLoop]) -> list[float]:

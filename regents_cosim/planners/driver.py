@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Motion
+from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.rollout import decide, move_ego, others
 from regents_cosim.mirror.world import World, scene_origin, to_world
-from regents_cosim.planners.closed_loop import move
+from regents_cosim.planners.closed_loop import move, scene_of
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.planners.interface import Placement, Scene, Seen
+from regents_cosim.planners.interface import Placement, Seen
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
 from regents_cosim.scenario import Scenario
@@ -67,7 +67,7 @@ class HostDriver:
         """Prepare for `scenario`. Raises DriveError where the planner fails."""
         self._world, self._origin = to_world(scenario), np.array([*scene_origin(scenario), 0.0, 0.0])
         self._process = HostProcess(self.planner, self.act_timeout_s)
-        self._process.reset([Scene.of(scenario, ACCEL_LIMIT, CURVATURE_LIMIT)])
+        self._process.reset([scene_of(scenario)])
 
     def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame)."""
