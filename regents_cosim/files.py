@@ -22,7 +22,7 @@ import shapely
 from regents_cosim.atomic import explain_write, new_folder, write_atomic
 from regents_cosim.errors import CaseError, ScenarioError
 from regents_cosim.map_files import MapFiles, load_map, map_files, save_map
-from regents_cosim.scenario import Agent, AttackRecord, Overlap, Provenance, Scenario, Signal, Tracks
+from regents_cosim.scenario import Agent, AttackRecord, Judgement, Overlap, Provenance, Scenario, Signal, Tracks
 
 SCHEMA = 1
 _Kind = TypeVar("_Kind")
@@ -43,6 +43,7 @@ class _Header:
     overlaps: tuple[Overlap, ...]
     provenance: Provenance
     attack: AttackRecord | None
+    judgement: Judgement | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ def save_case(scenario: Scenario, suite: Path) -> Path:
             (folder / "tracks.npz").write_bytes(_pack_tracks(scenario.tracks))
             if scenario.original is not None:
                 (folder / "original.npz").write_bytes(_pack_tracks(scenario.original))
+            if scenario.evasion is not None:
+                (folder / "evasion.npz").write_bytes(_pack_tracks(scenario.evasion))
             header = _header(scenario, files, content_hash(scenario))
             text = msgspec.json.encode({"schema": SCHEMA} | msgspec.to_builtins(header))
             (folder / "scenario.json").write_bytes(msgspec.json.format(text, indent=1) + b"\n")
@@ -102,6 +105,8 @@ def load_case(folder: Path) -> Scenario:
             overlaps=header.overlaps,
             attack=header.attack,
             original=_load_tracks(folder / "original.npz") if header.attack else None,
+            judgement=header.judgement,
+            evasion=_load_tracks(folder / "evasion.npz") if _avoidable(header.judgement) else None,
         )
     if header.ego != scenario.ego.id:
         raise CaseError(f"{folder}: ego is {header.ego!r} but the first agent is {scenario.ego.id!r}")
@@ -120,7 +125,9 @@ def content_hash(scenario: Scenario) -> str:
     for name in ("id", "dt", "target", "agents", "map", "signals", "overlaps"):
         digest.update(msgspec.json.encode(getattr(content, name), order="deterministic"))
     digest.update(_attack_content(scenario.attack))
-    for tracks in filter(None, (scenario.tracks, scenario.original)):
+    if scenario.judgement is not None:
+        digest.update(msgspec.json.encode(scenario.judgement, order="deterministic"))
+    for tracks in filter(None, (scenario.tracks, scenario.original, scenario.evasion)):
         for item in fields(tracks):
             value = getattr(tracks, item.name)
             digest.update(item.name.encode() + (b"-" if value is None else value.tobytes()))
@@ -168,7 +175,13 @@ def _header(scenario: Scenario, files: MapFiles, digest: str) -> _Header:
         overlaps=scenario.overlaps,
         provenance=scenario.provenance,
         attack=scenario.attack,
+        judgement=scenario.judgement,
     )
+
+
+def _avoidable(judgement: Judgement | None) -> bool:
+    """Whether a case keeps the track that avoids its collision."""
+    return bool(judgement and judgement.avoidability and judgement.avoidability.avoidable)
 
 
 def _attack_content(attack: AttackRecord | None) -> bytes:

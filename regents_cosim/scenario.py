@@ -182,6 +182,55 @@ class AttackRecord:
     act_time: ActTime | None = None
 
 
+@dataclass(frozen=True)
+class Manoeuvre:
+    """One way to evade: the ego drives as it did up to `onset_step`, then accelerates and steers steadily."""
+
+    onset_step: int
+    accel: float  # [m/s^2] negative brakes
+    lateral_accel: float  # [m/s^2] positive to the left
+    friction_share: float  # of what the tyres can do, the greatest along the manoeuvre; the gentlest has the least
+
+
+@dataclass(frozen=True)
+class Avoidability:
+    """Whether the ego could have evaded a fixed adversary, by a bank of manoeuvres within tyre friction."""
+
+    avoidable: bool  # `Scenario.evasion` proves it
+    tried: int  # manoeuvres
+    evading: int  # of them reach the horizon without touching anybody, on the road
+    last_onset_step: int | None  # the latest at which one of them may begin
+    gentlest: Manoeuvre | None
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Who is to blame for a collision, by a rule with a source."""
+
+    at_fault: Literal["ego", "adversary", "both", "nobody"]
+    rule: str  # its name in the table of rules
+    reason: str  # in words, with the numbers that decided
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What a crash says about the planner."""
+
+    flaws: tuple[str, ...]  # what spoils it as a test: "unattributed", "off_road", "hits_others", ...; clean has none
+    avoidability: Avoidability | None = None
+    fault: Fault | None = None
+
+    @property
+    def clean(self) -> bool:
+        """Nothing spoils it."""
+        return not self.flaws
+
+    @property
+    def actionable(self) -> bool:
+        """Clean, and the planner could have avoided it."""
+        return self.clean and self.avoidability is not None and self.avoidability.avoidable
+
+
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """s = (g, v, w, q) of the ReGentS paper, section 3.1: map, agents, signals, tracks, target."""
@@ -197,6 +246,8 @@ class Scenario:
     overlaps: tuple[Overlap, ...] = ()
     attack: AttackRecord | None = None
     original: Tracks | None = None  # before the attack
+    judgement: Judgement | None = None  # of the collision
+    evasion: Tracks | None = None  # [1, time] how the ego could have avoided it: the gentlest manoeuvre, to the horizon
 
     def __post_init__(self) -> None:
         require(bool(np.isfinite(self.dt)) and self.dt > 0, f"dt is {self.dt} s, expected a positive number")
@@ -208,6 +259,7 @@ class Scenario:
             (self.attack is None) == (self.original is None),
             "an attacked scenario keeps its original tracks, and only an attacked one",
         )
+        self._check_evasion()
 
     def _check_agents(self) -> None:
         roles = [agent.role for agent in self.agents]
@@ -229,6 +281,18 @@ class Scenario:
         missing = np.flatnonzero(~tracks.valid[0])
         if len(missing):
             require(False, f"ego {self.agents[0].id!r} is absent at step {missing[0]}, expected throughout")
+
+    def _check_evasion(self) -> None:
+        evasion, avoidability = self.evasion, self.judgement.avoidability if self.judgement else None
+        require(
+            (evasion is not None) == (avoidability is not None and avoidability.avoidable),
+            "an avoidable collision keeps the track that avoids it, and only an avoidable one",
+        )
+        if evasion is not None:
+            require(
+                evasion.x.shape == (1, self.tracks.steps),
+                f"evasion of shape {list(evasion.x.shape)}, expected the ego alone: [1, {self.tracks.steps}]",
+            )
 
     @property
     def ego(self) -> Agent:
@@ -253,7 +317,9 @@ class Scenario:
         if self.original is None:
             return self
         agents = tuple(replace(a, role="ego" if i == 0 else "background") for i, a in enumerate(self.agents))
-        return replace(self, agents=agents, tracks=self.original, attack=None, original=None)
+        return replace(
+            self, agents=agents, tracks=self.original, attack=None, original=None, judgement=None, evasion=None
+        )
 
 
 def boxes_of(agents: tuple[Agent, ...], tracks: Tracks) -> Boxes:

@@ -11,7 +11,17 @@ from scenes import platoon, scene
 
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.files import content_hash, find_cases, load_case, load_suite, save_case
-from regents_cosim.scenario import AttackRecord, Collision, Overlap, Signal
+from regents_cosim.scenario import (
+    AttackRecord,
+    Avoidability,
+    Collision,
+    Fault,
+    Judgement,
+    Manoeuvre,
+    Overlap,
+    Signal,
+    Tracks,
+)
 from regents_cosim.suite import SuiteWriter, load_cases
 
 
@@ -44,10 +54,18 @@ def attacked():
     )
 
 
+def judged():
+    case = attacked()
+    ego = [getattr(case.tracks, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")]
+    avoidability = Avoidability(True, 700, 12, 31, Manoeuvre(8, -2.5, 0.3, 0.31))
+    fault = Fault("adversary", "unsafe_cut_in", "cut in 3.1 m ahead, 7.4 m were safe")
+    return replace(case, judgement=Judgement((), avoidability, fault), evasion=Tracks(*ego))
+
+
 def assert_equal(a, b):
-    for name in ("id", "dt", "agents", "target", "provenance", "signals", "overlaps", "attack"):
+    for name in ("id", "dt", "agents", "target", "provenance", "signals", "overlaps", "attack", "judgement"):
         assert getattr(a, name) == getattr(b, name)
-    for mine, theirs in ((a.tracks, b.tracks), (a.original, b.original)):
+    for mine, theirs in ((a.tracks, b.tracks), (a.original, b.original), (a.evasion, b.evasion)):
         assert (mine is None) == (theirs is None)
         for item in fields(mine) if mine else ():
             left, right = getattr(mine, item.name), getattr(theirs, item.name)
@@ -57,7 +75,7 @@ def assert_equal(a, b):
     assert all(np.array_equal(p.centre, q.centre) for p, q in zip(a.road.lanes, b.road.lanes, strict=True))
 
 
-@pytest.mark.parametrize("make", [platoon, attacked])
+@pytest.mark.parametrize("make", [platoon, attacked, judged])
 def test_what_is_saved_is_loaded_exactly(tmp_path, make):
     assert_equal(load_case(save_case(make(), tmp_path)), make())
 

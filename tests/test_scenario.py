@@ -5,7 +5,7 @@ import pytest
 from scenes import scene
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.scenario import Agent, AttackRecord, Signal, Tracks
+from regents_cosim.scenario import Agent, AttackRecord, Avoidability, Judgement, Manoeuvre, Signal, Tracks
 
 CARS = ((0.0, 0.0, 10.0), (20.0, 0.0, 8.0), (20.0, 3.2, 8.0))
 
@@ -106,3 +106,24 @@ def test_a_signal_shows_what_it_last_changed_to():
         Signal("tls", ((5, "r"),))
     with pytest.raises(ScenarioError, match="different numbers of lights"):
         Signal("tls", ((0, "r"), (5, "rr")))
+
+
+def test_an_evasion_comes_with_an_avoidable_collision_and_only_then():
+    case = scene(*CARS)
+    ego = Tracks(*(getattr(case.tracks, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
+    avoidable = Judgement((), Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, 0.0, 0.4)))
+    assert replace(case, judgement=avoidable, evasion=ego).judgement.actionable
+    with pytest.raises(ScenarioError, match="keeps the track that avoids it"):
+        replace(case, judgement=avoidable)
+    with pytest.raises(ScenarioError, match="keeps the track that avoids it"):
+        replace(case, evasion=ego)
+    with pytest.raises(ScenarioError, match="expected the ego alone"):
+        replace(case, judgement=avoidable, evasion=case.tracks)
+
+
+def test_only_a_clean_and_avoidable_collision_is_actionable():
+    avoidable = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, 0.0, 0.4))
+    assert Judgement((), avoidable).actionable
+    assert not Judgement(("off_road",), avoidable).actionable
+    assert not Judgement((), replace(avoidable, avoidable=False)).actionable
+    assert not Judgement(()).actionable
