@@ -5,8 +5,8 @@ import itertools
 import os
 import re
 from collections import deque
-from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,12 +14,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks import published
+from regents_cosim.attacks.attempts import Search, attempt
 from regents_cosim.attacks.costs import pooled_ego_distances
-from regents_cosim.attacks.descent import ExtraCost, Found
-from regents_cosim.attacks.lanes import Job, search_in_lanes
+from regents_cosim.attacks.descent import ExtraCost, Found, to_actions
+from regents_cosim.attacks.job import Ended, Job
+from regents_cosim.attacks.lanes import search_in_lanes
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import Drives, in_compiled_loop, in_process, pursue
@@ -125,8 +127,11 @@ class _Attack:
         allowed = np.asarray(_candidates(world, self.config))
         if self.config.search == "joint" or not allowed.any():
             return [Job(world, memory, Movers.among(jnp.asarray(allowed)))]
-        nearest = _nearest(world, allowed, self.config)
-        return [Job(world, memory, Movers.only(agent, len(allowed))) for agent in nearest]
+        nearest = [Movers.only(agent, len(allowed)) for agent in _nearest(world, allowed, self.config)]
+        if self.config.attempts == 1:
+            return [Job(world, memory, mover) for mover in nearest]
+        # Given as a start, for one compiled program with the attempts that start elsewhere.
+        return [Job(world, memory, mover, mover.rows(to_actions(world.controls))) for mover in nearest]
 
     def jobs_or_failure(self, scenario: Scenario) -> "list[Job] | DriveError":
         """The same, or why the planner cannot drive there."""
@@ -138,40 +143,63 @@ class _Attack:
     def run(self, scenario: Scenario) -> list[Scenario]:
         """One result, or one for every distinct adversary, against a planner in JAX."""
         assert isinstance(self.planner, JaxPlanner)
-        jobs = self.jobs_or_failure(scenario)
-        if isinstance(jobs, DriveError):
-            return [self.failed(scenario, jobs)]
-        if self.config.replan_every > 1:
-            return self.pursued([(scenario, jobs)], in_compiled_loop(self.planner))[0]
-        config = replace(self.config, replan_every=0)  # compiled programs do not depend on it
-        found = [descend(job.world, self.planner, job.memory, config, job.movers, self.extra_cost) for job in jobs]
-        return self.results(scenario, jobs, found)
+        pursued = self.config.replan_every > 1
+        return self.search([scenario], self.pursuit(in_compiled_loop(self.planner)) if pursued else self.descend)[0]
 
-    def pursued(self, many: list[tuple[Scenario, list[Job]]], drives: Drives) -> list[list[Scenario]]:
-        """The results of several scenarios whose planner drives every few iterations."""
-        flat = [(scenario, job) for scenario, jobs in many for job in jobs]
-        ended = iter(pursue(flat, self.config, self.config.replan_every, drives, self.extra_cost))
-        results = []
-        for scenario, jobs in many:
-            mine = [next(ended) for _ in jobs]
-            time = _act_time([second for one in mine for second in one.seconds])
-            found = [one.found for one in mine if isinstance(one.found, Found)]
-            failures = [one.found for one in mine if isinstance(one.found, DriveError)]
-            cases = [self.failed(scenario, failures[0])] if failures else self.results(scenario, jobs, found)
-            results.append([replace(case, attack=replace(case.attack, act_time=time)) for case in cases if case.attack])
-        return results
-
-    def results(self, scenario: Scenario, jobs: list[Job], found: list[Found]) -> list[Scenario]:
-        """What the descents found, as cases."""
-        failure = next((found_out for one in found if (found_out := _planner_failure(self.planner_name, one))), None)
-        if failure is not None:
-            return [self.failed(scenario, failure)]
-        attacked = [
-            self.attacked(scenario, one, np.flatnonzero(job.movers.candidate))
-            for job, one in zip(jobs, found, strict=True)
+    def search(self, scenarios: list[Scenario], run: Search, pool: Executor | None = None) -> list[list[Scenario]]:
+        """The results of several scenarios whose descents are made together; `pool` prepares them."""
+        jobs = list((pool.map if pool else map)(self.jobs_or_failure, scenarios))
+        made = [
+            (scenario, job)
+            for scenario, mine in zip(scenarios, jobs, strict=True)
+            if not isinstance(mine, DriveError)
+            for job in mine
         ]
+        ended = iter(attempt(made, run, self.config))
+        return [
+            [self.failed(scenario, mine)]
+            if isinstance(mine, DriveError)
+            else self.results(scenario, mine, list(itertools.islice(ended, len(mine))))
+            for scenario, mine in zip(scenarios, jobs, strict=True)
+        ]
+
+    def descend(self, jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
+        """One descent after the other, with a planner in JAX that drives in every iteration."""
+        assert isinstance(self.planner, JaxPlanner)
+        config = self.config.compiled()
+        return [
+            Ended(descend(job.world, self.planner, job.memory, config, job.movers, job.start, self.extra_cost))
+            for _, job in jobs
+        ]
+
+    def pursuit(self, drives: Drives) -> Search:
+        """Descents whose planner drives every few iterations."""
+        return lambda jobs: pursue(jobs, self.config, self.config.replan_every, drives, self.extra_cost)
+
+    def lanes(self, batch: int) -> Search:
+        """Descents in `batch` lanes of one program."""
+        assert isinstance(self.planner, JaxPlanner)
+        planner = self.planner
+
+        def run(jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
+            config = self.config.compiled()
+            found = search_in_lanes((job for _, job in jobs), planner, config, batch, self.extra_cost)
+            return [Ended(one) for one in found]
+
+        return run
+
+    def results(self, scenario: Scenario, jobs: list[Job], ended: list[Ended]) -> list[Scenario]:
+        """What the descents found, as cases."""
+        failures = [failure for one in ended if (failure := _failure(self.planner_name, one))]
+        cases = [self.failed(scenario, failures[0])] if failures else self.distinct(scenario, jobs, ended)
+        time = _act_time([second for one in ended for second in one.seconds])
+        return [replace(case, attack=replace(case.attack, act_time=time)) for case in cases if case.attack]
+
+    def distinct(self, scenario: Scenario, jobs: list[Job], ended: list[Ended]) -> list[Scenario]:
+        """A case for every adversary, the accepted before the others; or one without a collision."""
+        attacked = [self.attacked(scenario, job, one) for job, one in zip(jobs, ended, strict=True)]
         by_adversary: dict[str, Scenario] = {}
-        for case in attacked:
+        for case, _ in sorted(zip(attacked, ended, strict=True), key=lambda pair: not pair[1].accepted):
             record = case.attack
             if len(attacked) == 1 or record is None or record.outcome == "already_colliding":
                 return [case]
@@ -179,19 +207,23 @@ class _Attack:
         missed = by_adversary.pop("", scenario)
         return [_named_after_adversary(hit) for hit in by_adversary.values()] or [missed]
 
-    def attacked(self, scenario: Scenario, found: Found, candidate: Int[np.ndarray, " candidate"]) -> Scenario:
+    def attacked(self, scenario: Scenario, job: Job, ended: Ended) -> Scenario:
         """What a descent found, as a case."""
+        found = ended.found
+        assert isinstance(found, Found)
         outcome = _outcome(found)
         present = published.stay(scenario) if self.config.as_published else scenario
-        tracks = scenario.tracks if outcome == "diverged" else to_tracks(found.motion, found.controls, present)
-        collision = _collision(scenario, tracks, found) if found.hit else None
+        # Of a search that met spoilt collisions only there is nothing to show: the traffic stays as it was.
+        as_it_was = outcome == "diverged" or (found.hit and not found.accepted)
+        tracks = scenario.tracks if as_it_was else to_tracks(found.motion, found.controls, present)
+        collision = _collision(scenario, tracks, found) if found.accepted and outcome != "diverged" else None
         struck = collision.agent if collision and outcome == "collision" else None
         agents = tuple(replace(a, role="adversary") if a.id == struck else a for a in scenario.agents)
         record = replace(
             self.record(scenario, outcome),
-            iterations=int(found.iterations),
+            iterations=ended.earlier + int(found.iterations),
             collision=collision,
-            candidates=tuple(scenario.agents[index].id for index in candidate),
+            candidates=tuple(scenario.agents[index].id for index in np.flatnonzero(job.movers.candidate)),
             cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
         )
         return replace(
@@ -258,22 +290,14 @@ def _takes_batches(process: HostProcess) -> bool:
 
 def _driven_in_process(attack: _Attack, some: list[Scenario], processes: HostPool) -> list[list[Scenario]]:
     with processes.lend() as process:
-        return attack.pursued([(scenario, attack.jobs(scenario)) for scenario in some], in_process(process))
+        return attack.search(some, attack.pursuit(in_process(process)))
 
 
 def _in_lanes(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> Iterator[list[Scenario]]:
     rest = iter(scenarios)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         while some := list(itertools.islice(rest, batch)):
-            jobs = list(pool.map(attack.jobs_or_failure, some))
-            in_a_row = [job for mine in jobs if not isinstance(mine, DriveError) for job in mine]
-            assert isinstance(attack.planner, JaxPlanner)
-            found = iter(search_in_lanes(in_a_row, attack.planner, attack.config, batch, attack.extra_cost))
-            for scenario, mine in zip(some, jobs, strict=True):
-                if isinstance(mine, DriveError):
-                    yield [attack.failed(scenario, mine)]
-                else:
-                    yield attack.results(scenario, mine, list(itertools.islice(found, len(mine))))
+            yield from attack.search(some, attack.lanes(batch), pool)
 
 
 def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:
@@ -307,8 +331,8 @@ def _label(planner: str) -> str:
 def _outcome(found: Found) -> Outcome:
     if not found.finite:
         return "diverged"
-    if found.hit:
-        return "collision" if found.iterations > 0 else "already_colliding"
+    if found.accepted:
+        return "collision" if found.iterations > 0 or found.changed.any() else "already_colliding"
     return "no_collision" if found.any_candidate else "no_candidate"
 
 
@@ -335,8 +359,11 @@ def _history(found: Found) -> list[tuple[float, ...]]:
     return [tuple(term.tolist()) for term in rounded.T]
 
 
-def _planner_failure(name: str, found: Found) -> DriveError | None:
-    """Where a planner in JAX answered what is no number; others are checked as they answer."""
+def _failure(name: str, ended: Ended) -> DriveError | None:
+    """How the planner failed; one in JAX by an answer that is no number, others are checked as they answer."""
+    if isinstance(ended.found, DriveError):
+        return ended.found
+    found = ended.found
     answers = np.stack([np.asarray(values)[0] for values in (found.controls.accel, found.controls.curvature)])
     bad = np.flatnonzero(~np.isfinite(answers).all(axis=0))
     if not len(bad):

@@ -15,6 +15,7 @@ from regents_cosim.attacks.presets import KING, AttackConfig
 from regents_cosim.mirror.separation import Box, corners, distance, pick
 from regents_cosim.mirror.world import World
 
+STANDING_M_S = 0.5  # an ego that is slower stands
 _NEVER_M = 1e4  # the distance of an agent that is never drawn to the ego
 
 
@@ -47,14 +48,14 @@ def ego_distance(world: World, boxes: Box, movers: Movers, config: AttackConfig 
         pooled = pooled_ego_distances(world, jax.lax.stop_gradient(boxes), config)
         chosen = jnp.argmin(jnp.where(movers.candidate, pooled, jnp.inf))
     ego, adversary = pick(boxes, jnp.array([0])), pick(boxes, chosen[None])
-    pulls = _pulls(take(world.valid, chosen)[None], ego, adversary, config)
+    pulls = _pulls(world, take(world.valid, chosen)[None], ego, adversary, config)
     return _pool(distance(ego, adversary), pulls, config.softmin_m)[0]
 
 
 def pooled_ego_distances(world: World, boxes: Box, config: AttackConfig = KING) -> Float[Array, " agent"]:
     """Distance to the ego pooled over time, for every agent [m]."""
     ego = pick(boxes, jnp.array([0]))
-    return _pool(distance(ego, boxes), _pulls(world.valid, ego, boxes, config), config.softmin_m)
+    return _pool(distance(ego, boxes), _pulls(world, world.valid, ego, boxes, config), config.softmin_m)
 
 
 def pair_proximity(world: World, boxes: Box, movers: Movers, reach_m: float) -> Float[Array, ""]:
@@ -151,12 +152,18 @@ def _full(boxes: Box) -> Box:
     return jax.tree.map(lambda values: jnp.broadcast_to(values, boxes.x.shape), boxes)
 
 
-def _pulls(valid: Bool[Array, "*agent time"], ego: Box, boxes: Box, config: AttackConfig) -> Bool[Array, "*agent time"]:
-    """Steps at which an agent is drawn to the ego: those at which its bearing is at most `behind_rad`."""
-    if config.pull_from_behind:
-        return valid
-    dx, dy = boxes.x - ego.x, boxes.y - ego.y
-    return valid & (dx * ego.cos + dy * ego.sin >= np.cos(config.behind_rad) * jnp.hypot(dx, dy))
+def _pulls(
+    world: World, valid: Bool[Array, "*agent time"], ego: Box, boxes: Box, config: AttackConfig
+) -> Bool[Array, "*agent time"]:
+    """Steps at which an agent is drawn to the ego: not from behind it, not while it stands, if so configured."""
+    pulls = valid
+    if not config.pull_from_behind:
+        dx, dy = boxes.x - ego.x, boxes.y - ego.y
+        pulls &= dx * ego.cos + dy * ego.sin >= np.cos(config.behind_rad) * jnp.hypot(dx, dy)
+    if not config.pull_standing:
+        speed = jnp.hypot(jnp.diff(ego.x), jnp.diff(ego.y)) / world.dt
+        pulls &= jnp.concatenate([speed[:, :1], speed], axis=1) > STANDING_M_S
+    return pulls
 
 
 def _pool(

@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.attacks.acceptance import is_clean
 from regents_cosim.attacks.costs import Costs, total_cost
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
@@ -58,6 +59,7 @@ class Found(eqx.Module):
     controls: Controls  # [agent step] that made it, the ego's own in row 0
     changed: Bool[Array, " agent"]  # the attack moved this agent's controls
     hit: Bool[Array, ""]
+    accepted: Bool[Array, ""]  # a hit of the kind that was looked for
     finite: Bool[Array, ""]
     any_candidate: Bool[Array, ""]
     iterations: Int[Array, ""]  # updates made
@@ -91,6 +93,7 @@ class Descent(eqx.Module):
     memory: Any
     movers: Movers
     undisturbed: Motion  # [agent time] what the logged controls make of the background
+    start: Controls | None  # [mover step] actions to begin with; None: the logged ones
     config: AttackConfig = eqx.field(static=True)
     extra_cost: ExtraCost | None = eqx.field(static=True)
 
@@ -102,18 +105,20 @@ class Descent(eqx.Module):
         memory: Any,
         movers: Movers,
         config: AttackConfig,
+        start: Controls | None = None,
         extra_cost: ExtraCost | None = None,
     ) -> "Descent":
-        """Set a descent up."""
+        """Set a descent up, to begin with the logged actions unless others are given."""
         undisturbed = roll_out_background(world, world.controls)
-        return cls(world, planner, memory, movers, undisturbed, config, extra_cost)
+        return cls(world, planner, memory, movers, undisturbed, start, config, extra_cost)
 
     def begin(self) -> Search:
-        """The logged actions."""
+        """The actions at the start."""
+        actions = self.first()
         return Search(
-            actions=self.logged(),
-            adam=self.optimiser().init(self.logged()),
-            seen=self.look(self.logged()),
+            actions=actions,
+            adam=self.optimiser().init(actions),
+            seen=self.look(actions),
             finite=jnp.asarray(True),
             iterations=jnp.int32(0),
             history=jnp.zeros((self.config.iterations, 3), jnp.float32),
@@ -130,7 +135,7 @@ class Descent(eqx.Module):
     def goes_on(self, search: Search) -> Bool[Array, ""]:
         """Neither hit, nor blown up, nor at the end of the iterations."""
         return (
-            ~self.hit(search.seen)
+            ~self.accepted(search)
             & search.finite
             & (search.iterations < self.config.iterations)
             & self.movers.candidate.any()
@@ -226,8 +231,27 @@ class Descent(eqx.Module):
         return self.cost(self.world.boxes(motion), motion, actions)
 
     def hit(self, seen: Seen) -> Bool[Array, ""]:
-        """Whether the search has found its collision."""
-        return ego_is_hit(self.world, seen.boxes)
+        """Whether the ego collides."""
+        return ego_contacts(self.world, seen.boxes).any()
+
+    def accepted(self, search: Search) -> Bool[Array, ""]:
+        """Whether the search has found its collision, or need not look: the ego collides in the log already."""
+        hit = self.hit(search.seen)
+        if self.config.accept == "any":
+            return hit
+        at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
+        boxes, ego_speed = search.seen.boxes, search.seen.motion.speed[0]
+        clean = jax.lax.cond(
+            hit,
+            lambda: is_clean(self.world, self.movers, boxes, ego_speed, ego_contacts(self.world, boxes)),
+            lambda: jnp.asarray(False),
+        )
+        return hit & (at_log | clean)
+
+    def departs(self, actions: Controls) -> Bool[Array, " mover"]:
+        """Whose actions differ from the logged ones."""
+        deviation = jax.tree.map(lambda new, old: jnp.abs(new - old).max(axis=1), actions, self.logged())
+        return jnp.maximum(deviation.accel, deviation.curvature) > _UNCHANGED
 
     def may_steer(self, motion: Motion) -> Bool[Array, " mover"]:
         """Movers whose steering is updated (rule 1)."""
@@ -245,18 +269,21 @@ class Descent(eqx.Module):
         if self.config.background == "reactive":
             reacted, reacting = controls_between(self.world.dynamics, motion, self.world.dt), self.reacting()[:, None]
             controls = jax.tree.map(lambda own, seen: jnp.where(reacting, seen, own), controls, reacted)
-        deviation = jax.tree.map(lambda new, old: jnp.abs(new - old).max(axis=1), end.actions, self.logged())
-        changed = jnp.maximum(deviation.accel, deviation.curvature) > _UNCHANGED
         return Found(
             motion=motion,
             controls=jax.tree.map(lambda all_, own: all_.at[0].set(own), controls, end.seen.ego_controls),
-            changed=movers.put(jnp.zeros_like(movers.candidate), changed),
+            changed=movers.put(jnp.zeros_like(movers.candidate), self.departs(end.actions)),
             hit=self.hit(end.seen),
+            accepted=self.accepted(end),
             finite=end.finite & jnp.isfinite(motion.x).all() & jnp.isfinite(motion.y).all(),
             any_candidate=movers.candidate.any(),
             iterations=end.iterations,
             history=end.history,
         )
+
+    def first(self) -> Controls:
+        """The actions [mover step] that the search begins with."""
+        return self.logged() if self.start is None else self.start
 
     def logged(self) -> Controls:
         """The actions [mover step] that reproduce the log."""
@@ -286,14 +313,14 @@ def within_bounds(
     return Controls(jnp.clip(actions.accel, -1.0, 1.0), jnp.clip(curvature, -1.0, 1.0))
 
 
-def ego_is_hit(world: World, boxes: Box) -> Bool[Array, ""]:
-    """Whether the ego's box overlaps another's at some step (eq. 2), pairs that began so left out.
+def ego_contacts(world: World, boxes: Box) -> Bool[Array, "agent time"]:
+    """Where the ego's box overlaps another's (eq. 2), pairs that began so left out.
 
     The ego itself is left out by `apart` as well.
     """
     ego = pick(boxes, jnp.array([0]))
     counts = world.valid & world.apart[0][:, None]
-    return (counts & overlaps(ego, boxes, _HIT_DEPTH_M)).any()
+    return counts & overlaps(ego, boxes, _HIT_DEPTH_M)
 
 
 def to_actions(controls: Controls) -> Controls:

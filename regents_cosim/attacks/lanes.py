@@ -7,7 +7,7 @@ centre distances): there `attack` uses threads.
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,21 +16,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from regents_cosim.attacks.descent import Descent, ExtraCost, Found, Search
-from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.job import Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import set_up
 from regents_cosim.mirror.rollout import LoopPlanner
-from regents_cosim.mirror.world import World
 
 _PASSES = 25  # iterations between two looks at who has finished
-
-
-class Job(NamedTuple):
-    """One descent to be made."""
-
-    world: World
-    memory: Any  # the planner's, of the scene
-    movers: Movers
 
 
 def search_in_lanes(
@@ -100,4 +91,4 @@ def _put(new: tuple[Int[Array, ""], Job, Search], all_: tuple[Job, Search]) -> t
 
 
 def _descent(job: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None) -> Descent:
-    return set_up(job.world, planner, job.memory, config, job.movers, extra_cost)
+    return set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost)

@@ -38,6 +38,9 @@ class AttackConfig:
     softmin_m: float = 0.0  # T of a soft minimum over time in place of the mean of eq. 4; 0: the mean
     pull_from_behind: bool = True  # steps at which the adversary is behind the ego pull as well
     behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which somebody is behind
+    pull_standing: bool = True  # steps at which the ego stands pull as well
+    accept: Literal["any", "clean"] = "any"  # which collisions end a search: any, or one that nothing spoils
+    attempts: int = 1  # of a search per candidate, until one is accepted; the later ones start with another timing
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
     nearest: int = 5  # candidates that get a descent of their own
     dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"  # how vehicles move; recorded: as in their source
@@ -61,13 +64,19 @@ class AttackConfig:
             "a gradient through the planner needs it in every iteration: replan_every 1",
             RegentsError,
         )
-        ours = self.softmin_m > 0.0 or not self.pull_from_behind or (self.search, self.background) != ("joint", "log")
+        require(self.attempts >= 1, f"attempts is {self.attempts}, expected 1 or more", RegentsError)
+        choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)
+        ours = self.softmin_m > 0.0 or choices != ("joint", "log", "any", True, True)
         require(
             not (self.as_published and ours),
             "the public code has no soft minimum, no search per candidate and no reactive background, which are "
             "ours: as published, take method `regents` or `king` with search `joint` and background `log`",
             RegentsError,
         )
+
+    def compiled(self) -> "AttackConfig":
+        """Without what a compiled program does not depend on."""
+        return replace(self, replan_every=0, attempts=1)
 
     @property
     def label(self) -> str:
@@ -90,6 +99,9 @@ REGENTS_FOCUSED = replace(
     search="per-candidate",
     nearest=8,
     background="reactive",
+    pull_standing=False,
+    accept="clean",
+    attempts=3,
 )
 
 METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED)}

@@ -32,7 +32,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks import rules
 from regents_cosim.attacks.costs import Costs
-from regents_cosim.attacks.descent import Descent, Seen, ego_is_hit, to_actions, to_controls
+from regents_cosim.attacks.descent import Descent, Seen, ego_contacts, to_actions, to_controls
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
 from regents_cosim.mirror.rollout import drive, with_ego
@@ -205,4 +205,5 @@ class PublishedDescent(Descent):
 
     def hit(self, seen: Seen) -> Bool[Array, ""]:
         """Whether an optimised agent meets the ego."""
-        return ego_is_hit(optimised_only(stage(self.world), seen.motion, self.movers.candidate), seen.boxes)
+        judged = optimised_only(stage(self.world), seen.motion, self.movers.candidate)
+        return ego_contacts(judged, seen.boxes).any()

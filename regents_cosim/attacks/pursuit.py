@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 
 from regents_cosim.attacks.descent import ExtraCost, Found
-from regents_cosim.attacks.lanes import Job
+from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.replanned import Traffic, searching
 from regents_cosim.errors import DriveError
@@ -43,23 +43,15 @@ class Driven:
 Drives = Callable[[Sequence[Request]], list[Driven | DriveError]]
 
 
-@dataclass(frozen=True, eq=False)
-class Pursued:
-    """How a search ended, and how long all decisions took [s]."""
-
-    found: Found | DriveError
-    seconds: list[float]
-
-
 def pursue(
     jobs: Sequence[tuple[Scenario, Job]],
     config: AttackConfig,
     every: int,
     drives: Drives,
     extra_cost: ExtraCost | None = None,
-) -> list[Pursued]:
+) -> list[Ended]:
     """Search all `jobs` side by side, a closed loop every so many iterations."""
-    searches = [searching(job.world, config, job.movers, every, extra_cost) for _, job in jobs]
+    searches = [searching(job.world, config, job.movers, every, job.start, extra_cost) for _, job in jobs]
     seconds: list[list[float]] = [[] for _ in jobs]
     ended: dict[int, Found | DriveError] = {}
     waiting = {index: next(search) for index, search in enumerate(searches)}
@@ -76,7 +68,7 @@ def pursue(
             except StopIteration as end:
                 ended[index] = end.value
         waiting = after
-    return [Pursued(ended[index], seconds[index]) for index in range(len(jobs))]
+    return [Ended(ended[index], seconds[index]) for index in range(len(jobs))]
 
 
 def in_compiled_loop(planner: LoopPlanner) -> Drives:

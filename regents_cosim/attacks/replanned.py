@@ -6,7 +6,6 @@ collision counts only once a fresh closed loop has confirmed it.
 """
 
 from collections.abc import Generator
-from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -29,15 +28,19 @@ class Traffic(eqx.Module):
 
 
 def searching(
-    world: World, config: AttackConfig, movers: Movers, every: int, extra_cost: ExtraCost | None = None
+    world: World,
+    config: AttackConfig,
+    movers: Movers,
+    every: int,
+    start: Controls | None = None,
+    extra_cost: ExtraCost | None = None,
 ) -> Generator[Traffic, EgoTrack, Found]:
     """The search: yields traffic, wants the ego's track among it, returns what was found.
 
     `every` is the number of iterations between two closed loops.
     """
-    # Compiled programs do not depend on how often the planner drives.
-    given = (world, replace(config, replan_every=0), movers, extra_cost)
-    ego = yield _logged(given)
+    given = (world, config.compiled(), movers, start, extra_cost)
+    ego = yield _first(given)
     search, goes_on = _begin(given, ego)
     while goes_on:
         search, traffic = _advance(given, ego, search, jnp.int32(every))
@@ -46,18 +49,18 @@ def searching(
     return _result(given, ego, search)
 
 
-_Given = tuple[World, AttackConfig, Movers, ExtraCost | None]
+_Given = tuple[World, AttackConfig, Movers, Controls | None, ExtraCost | None]
 
 
 def _descent(given: _Given, ego: EgoTrack | None) -> Descent:
-    world, config, movers, extra_cost = given
-    return set_up(world, Held(), ego, config, movers, extra_cost)
+    world, config, movers, start, extra_cost = given
+    return set_up(world, Held(), ego, config, movers, start, extra_cost)
 
 
 @eqx.filter_jit
-def _logged(given: _Given) -> Traffic:
+def _first(given: _Given) -> Traffic:
     descent = _descent(given, None)
-    return _traffic(descent, descent.logged())
+    return _traffic(descent, descent.first())
 
 
 @eqx.filter_jit

@@ -8,6 +8,7 @@ from regents_cosim.attacks.descent import Descent, ExtraCost, Found
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.published import PublishedDescent
+from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.mirror.world import World
 
@@ -18,11 +19,12 @@ def set_up(
     memory: Any,
     config: AttackConfig,
     movers: Movers,
+    start: Controls | None = None,
     extra_cost: ExtraCost | None = None,
 ) -> Descent:
     """The descent that `config` asks for, on `planner` (with its `memory` of the scene) in `world`."""
     kind = PublishedDescent if config.as_published else Descent
-    return kind.of(world, planner, memory, movers, config, extra_cost)
+    return kind.of(world, planner, memory, movers, config, start, extra_cost)
 
 
 @eqx.filter_jit
@@ -32,8 +34,12 @@ def descend(
     memory: Any,
     config: AttackConfig,
     movers: Movers,
+    start: Controls | None = None,
     extra_cost: ExtraCost | None = None,
 ) -> Found:
-    """Attack `planner` in `world` with the controls of `movers`, up to a collision or the last iteration."""
-    descent = set_up(world, planner, memory, config, movers, extra_cost)
+    """Attack `planner` in `world` with the controls of `movers`, up to a collision or the last iteration.
+
+    The search begins with the actions `start` [mover step], or with the logged ones.
+    """
+    descent = set_up(world, planner, memory, config, movers, start, extra_cost)
     return descent.result(descent.advance(descent.begin(), config.iterations))

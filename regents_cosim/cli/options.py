@@ -77,6 +77,10 @@ class Search:
     """do as the public ReGentS code where it departs from its paper (king and regents only)"""
     iterations: int | None = None
     """updates at most"""
+    accept: Literal["any", "clean"] | None = None
+    """which collisions end a search: any, or only one that says something about the planner"""
+    attempts: int | None = None
+    """searches for each candidate, from another timing each, until one succeeds"""
     replan_every: int | None = None
     """iterations between two closed loops of the planner; 1 in the compiled loop, 10 for planners outside it"""
     max_deviation: float | None = None

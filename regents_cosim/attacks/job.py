@@ -1,0 +1,33 @@
+"""One descent to be made, and how it ended."""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from regents_cosim.attacks.descent import Found
+from regents_cosim.attacks.movers import Movers
+from regents_cosim.errors import DriveError
+from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.world import World
+
+
+class Job(NamedTuple):
+    """One descent to be made."""
+
+    world: World
+    memory: Any  # the planner's, of the scene
+    movers: Movers
+    start: Controls | None = None  # [mover step] actions to begin with; None: the logged ones
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """How a descent ended, and what it took."""
+
+    found: Found | DriveError
+    seconds: list[float] = field(default_factory=list)  # of each decision of a planner outside the mirror
+    earlier: int = 0  # updates of earlier attempts
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it found what it looked for."""
+        return isinstance(self.found, Found) and bool(self.found.accepted)
