@@ -185,12 +185,13 @@ def _avoidable(judgement: Judgement | None) -> bool:
 
 
 def _attack_content(attack: AttackRecord | None) -> bytes:
-    """What is hashed of an attack: not how long the planner took, and of its errors only those that happened."""
+    """What is hashed of an attack: not how long planners took; what older cases do not say, only where it holds."""
     values = msgspec.json.decode(msgspec.json.encode(attack, order="deterministic"))
     if values is not None:
         values.pop("act_time", None)  # a record that was read lacks what its file does not say
-        if not values.get("planner_error"):
-            values.pop("planner_error", None)
+        for name in ("planner_error", "spoilt"):
+            if not values.get(name):
+                values.pop(name, None)
     return msgspec.json.encode(values)
 
 

@@ -178,6 +178,7 @@ class AttackRecord:
     candidates: tuple[str, ...] = ()  # agents whose controls the attack was allowed to change
     settings: dict[str, float | int | str | bool] = field(default_factory=dict)
     cost_history: dict[str, tuple[float, ...]] = field(default_factory=dict)  # per term and iteration
+    spoilt: bool = False  # it ended without a collision that it accepts, but came across others
     planner_error: str = ""  # how the planner failed, with its own traceback
     act_time: ActTime | None = None
 

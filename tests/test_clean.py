@@ -6,7 +6,7 @@ from scenes import scene
 
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.evaluation.clean import cleanness
-from regents_cosim.evaluation.statistics import wilson
+from regents_cosim.evaluation.statistics import mcnemar, wilson
 from regents_cosim.scenario import AttackRecord, Collision, Overlap
 
 
@@ -72,3 +72,10 @@ def test_no_crash_has_no_flaws():
 def test_wilsons_interval(successes, n, low, high):
     assert wilson(successes, n) == pytest.approx((low, high), abs=1e-4)
     assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_mcnemar_asks_only_the_trials_that_differ():
+    assert mcnemar([True] * 5 + [False] * 5, [True] * 5 + [False] * 5) == 1.0
+    assert mcnemar([True] * 6 + [False] * 9, [False] * 15) == pytest.approx(2 * 0.5**6)
+    first, second = [True] * 8 + [False] * 2 + [True] * 90, [False] * 8 + [True] * 2 + [True] * 90
+    assert mcnemar(first, second) == mcnemar(second, first) == pytest.approx(112 / 1024)

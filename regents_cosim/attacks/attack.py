@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks import published
 from regents_cosim.attacks.attempts import Search, attempt
+from regents_cosim.attacks.blind import search_blindly
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.descent import ExtraCost, Found, to_actions
 from regents_cosim.attacks.job import Ended, Job
@@ -84,6 +85,8 @@ def attack_each(
     added to the cost, to ask for more than a collision; it must be differentiable by JAX.
     """
     under_test = find_planner(planner)
+    if config.optimiser != "adam" and isinstance(under_test, HostPlanner):
+        raise RegentsError(f"method {config.method} needs a planner in JAX, {planner!r} is not: take king or regents")
     batch = max(batch, 1)
     if isinstance(under_test, HostPlanner):
         yield from _in_processes(
@@ -93,7 +96,8 @@ def attack_each(
     under_attack = _Attack(_replanning(config, 1), under_test, planner, extra_cost)
     if engine == "auto":
         engine = "threads" if jax.default_backend() == "cpu" else "lanes"
-    run = _in_threads if engine == "threads" or under_attack.config.replan_every > 1 else _in_lanes
+    only_threads = under_attack.config.replan_every > 1 or config.optimiser != "adam"
+    run = _in_threads if engine == "threads" or only_threads else _in_lanes
     yield from run(scenarios, under_attack, batch)
 
 
@@ -143,6 +147,8 @@ class _Attack:
     def run(self, scenario: Scenario) -> list[Scenario]:
         """One result, or one for every distinct adversary, against a planner in JAX."""
         assert isinstance(self.planner, JaxPlanner)
+        if self.config.optimiser != "adam":
+            return self.search([scenario], self.blind)[0]
         pursued = self.config.replan_every > 1
         return self.search([scenario], self.pursuit(in_compiled_loop(self.planner)) if pursued else self.descend)[0]
 
@@ -171,6 +177,11 @@ class _Attack:
             Ended(descend(job.world, self.planner, job.memory, config, job.movers, job.start, self.extra_cost))
             for _, job in jobs
         ]
+
+    def blind(self, jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
+        """Searches without gradients."""
+        assert isinstance(self.planner, JaxPlanner)
+        return search_blindly(jobs, self.planner, self.config, self.extra_cost)
 
     def pursuit(self, drives: Drives) -> Search:
         """Descents whose planner drives every few iterations."""
@@ -205,6 +216,11 @@ class _Attack:
                 return [case]
             by_adversary.setdefault(record.collision.agent if record.collision else "", case)
         missed = by_adversary.pop("", scenario)
+        if missed.attack:
+            records = [case.attack for case in attacked if case.attack]
+            tried = tuple(sorted(name for record in records for name in record.candidates))
+            spoilt = any(record.spoilt for record in records)
+            missed = replace(missed, attack=replace(missed.attack, candidates=tried, spoilt=spoilt))
         return [_named_after_adversary(hit) for hit in by_adversary.values()] or [missed]
 
     def attacked(self, scenario: Scenario, job: Job, ended: Ended) -> Scenario:
@@ -223,6 +239,7 @@ class _Attack:
             self.record(scenario, outcome),
             iterations=ended.earlier + int(found.iterations),
             collision=collision,
+            spoilt=bool(found.hit) and not found.accepted,
             candidates=tuple(scenario.agents[index].id for index in np.flatnonzero(job.movers.candidate)),
             cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
         )

@@ -40,6 +40,7 @@ class AttackConfig:
     behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which somebody is behind
     pull_standing: bool = True  # steps at which the ego stands pull as well
     accept: Literal["any", "clean"] = "any"  # which collisions end a search: any, or one that nothing spoils
+    optimiser: Literal["adam", "random", "cma-es"] = "adam"  # who lowers the cost; the blind ones to compare with
     attempts: int = 1  # of a search per candidate, until one is accepted; the later ones start with another timing
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
     nearest: int = 5  # candidates that get a descent of their own
@@ -65,6 +66,12 @@ class AttackConfig:
             RegentsError,
         )
         require(self.attempts >= 1, f"attempts is {self.attempts}, expected 1 or more", RegentsError)
+        require(
+            self.optimiser == "adam" or (self.search == "per-candidate" and self.gradient == "adversary"),
+            f"optimiser {self.optimiser} searches one candidate at a time and knows no gradient: "
+            "take search `per-candidate` and gradient `adversary`",
+            RegentsError,
+        )
         choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)
         ours = self.softmin_m > 0.0 or choices != ("joint", "log", "any", True, True)
         require(
@@ -104,4 +111,8 @@ REGENTS_FOCUSED = replace(
     attempts=3,
 )
 
-METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED)}
+# The same cost without its gradient, with as many roll-outs for each candidate.
+RANDOM = replace(REGENTS_FOCUSED, method="random", optimiser="random", iterations=1500, attempts=1)
+CMA_ES = replace(RANDOM, method="cma-es", optimiser="cma-es")
+
+METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, RANDOM, CMA_ES)}

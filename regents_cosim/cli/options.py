@@ -63,8 +63,9 @@ class Traffic:
 class Search:
     """How the attack searches; what is not given is the preset's."""
 
-    method: Literal["regents", "king", "focused"] = "regents"
-    """preset: king and regents of the papers; focused, our own, finds more crashes that mean something"""
+    method: Literal["regents", "king", "focused", "random", "cma-es"] = "regents"
+    """preset: king and regents of the papers; focused, our own, finds more crashes that mean something; random and
+    cma-es search without gradients, to compare with"""
     search: Literal["joint", "per-candidate"] | None = None
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
     background: Literal["log", "reactive"] | None = None

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from math import inf, sqrt
 from statistics import fmean, stdev
 
+from scipy.stats import binomtest
+
 
 def wilson(successes: int, n: int, z: float = 1.959964) -> tuple[float, float]:
     """95 % interval of a share of `successes` in `n` trials; (0, 1) where nothing was tried.
@@ -25,3 +27,15 @@ def mean_interval(values: Sequence[float], z: float = 1.959964) -> tuple[float, 
     middle = fmean(values)
     half = z * stdev(values) / sqrt(len(values))
     return middle - half, middle + half
+
+
+def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> float:
+    """P value of the hypothesis that two methods succeed equally often on the same trials; 1 where they never differ.
+
+    Source: McNemar 1947, in its exact form: the trials in which just one of them succeeds, against a fair coin.
+    """
+    only_first = sum(a and not b for a, b in zip(first, second, strict=True))
+    only_second = sum(b and not a for a, b in zip(first, second, strict=True))
+    if only_first + only_second == 0:
+        return 1.0
+    return float(binomtest(only_first, only_first + only_second, 0.5).pvalue)

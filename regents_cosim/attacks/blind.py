@@ -1,0 +1,157 @@
+"""Searches that know the cost and not its gradient: random search and CMA-ES, to compare the descent with.
+
+Same cost, same candidates, same acceptance, and as many roll-outs as the descent may make updates. A change of the
+actions has ten numbers: accelerations and curvatures at five times, linear in between, added to the logged ones.
+
+Source: Hansen 2016, "The CMA Evolution Strategy: A Tutorial" (package `cmaes`).
+"""
+
+import zlib
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from cmaes import CMA
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.attacks.descent import ExtraCost, Found, Search
+from regents_cosim.attacks.job import Ended, Job
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.search import set_up
+from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.rollout import LoopPlanner
+from regents_cosim.scenario import Scenario
+
+_KNOTS = 5
+_UNIT = (0.4, 0.06)  # shares of the limits that a coordinate of 1 stands for: 2.4 m/s^2, 0.018 1/m
+_BATCH = 10  # roll-outs between two looks; CMA-ES's own choice for ten coordinates
+
+
+class Sampler(Protocol):
+    """Where to look next."""
+
+    def ask(self) -> Float[np.ndarray, "change coordinate"]:
+        """Some changes to try."""
+        ...
+
+    def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
+        """What they cost."""
+        ...
+
+
+class AtRandom:
+    """Changes from a normal distribution that never learns."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+
+    def ask(self) -> Float[np.ndarray, "change coordinate"]:
+        """Some changes to try."""
+        return self._rng.normal(size=(_BATCH, 2 * _KNOTS))
+
+    def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
+        """Nothing is learnt."""
+
+
+class ByEvolution:
+    """CMA-ES, from the log."""
+
+    def __init__(self, seed: int) -> None:
+        self._cma = CMA(mean=np.zeros(2 * _KNOTS), sigma=0.5, population_size=_BATCH, seed=seed)
+
+    def ask(self) -> Float[np.ndarray, "change coordinate"]:
+        """A generation."""
+        return np.stack([self._cma.ask() for _ in range(_BATCH)])
+
+    def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
+        """The generation's costs."""
+        self._cma.tell([(change, float(cost)) for change, cost in zip(changes, costs, strict=True)])
+
+
+def search_blindly(
+    jobs: Sequence[tuple[Scenario, Job]], planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None
+) -> list[Ended]:
+    """Try changes for each job until one is accepted or `config.iterations` roll-outs are spent."""
+    return [Ended(_search(scenario, job, planner, config.compiled(), extra_cost)) for scenario, job in jobs]
+
+
+def _search(
+    scenario: Scenario, job: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None
+) -> Found:
+    seed = zlib.crc32(f"{scenario.id} {int(job.movers.first)}".encode())
+    sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
+    history = np.zeros((config.iterations, 3), np.float32)
+    best, least, tried = np.zeros(2 * _KNOTS), np.inf, 0
+    # The log itself comes first: whoever collides in it is not attacked.
+    _, _, accepted = _try(job, planner, config, extra_cost, jnp.zeros((_BATCH, 2 * _KNOTS)))
+    while not accepted.any() and tried < config.iterations and bool(job.movers.candidate.any()):
+        changes = sampler.ask()[: config.iterations - tried]
+        padded = np.pad(changes, ((0, _BATCH - len(changes)), (0, 0)))
+        totals, terms, accepted = (
+            np.asarray(values)[: len(changes)]
+            for values in _try(job, planner, config, extra_cost, jnp.asarray(padded, jnp.float32))
+        )
+        chosen = int(np.argmax(accepted)) if accepted.any() else int(np.argmin(totals))
+        if accepted.any() or totals[chosen] < least:
+            best, least = changes[chosen], float(totals[chosen])
+        made = chosen + 1 if accepted.any() else len(changes)
+        history[tried : tried + made] = terms[:made]
+        tried += made
+        if len(changes) == _BATCH:
+            sampler.tell(changes, totals)
+    return _end(
+        job, planner, config, extra_cost, jnp.asarray(best, jnp.float32), jnp.int32(tried), jnp.asarray(history)
+    )
+
+
+@eqx.filter_jit
+def _try(
+    job: Job,
+    planner: LoopPlanner,
+    config: AttackConfig,
+    extra_cost: ExtraCost | None,
+    changes: Float[Array, "change coordinate"],
+) -> tuple[Float[Array, " change"], Float[Array, "change term"], Bool[Array, " change"]]:
+    """Cost, its terms, and whether it is accepted, of every change."""
+
+    def one(change: Float[Array, " coordinate"]) -> tuple[Array, Array, Array]:
+        descent, search = _state(job, planner, config, extra_cost, change)
+        total, costs = descent.cost(search.seen.boxes, search.seen.motion, search.actions)
+        terms = jnp.stack([costs.ego, costs.pair, costs.road])
+        return jnp.where(jnp.isfinite(total), total, jnp.inf), terms, descent.accepted(search)
+
+    return jax.vmap(one)(changes)
+
+
+@eqx.filter_jit
+def _end(
+    job: Job,
+    planner: LoopPlanner,
+    config: AttackConfig,
+    extra_cost: ExtraCost | None,
+    change: Float[Array, " coordinate"],
+    tried: Int[Array, ""],
+    history: Float[Array, "iteration term"],
+) -> Found:
+    descent, search = _state(job, planner, config, extra_cost, change)
+    return descent.result(eqx.tree_at(lambda now: (now.iterations, now.history), search, (tried, history)))
+
+
+def _state(
+    job: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None, change: Array
+) -> tuple[Any, Search]:
+    """The descent at the logged actions plus `change`."""
+    logged = set_up(job.world, planner, job.memory, config, job.movers, None, extra_cost).logged()
+    steps = logged.accel.shape[1]
+    knots, times = jnp.linspace(0.0, steps - 1.0, _KNOTS), jnp.arange(steps)
+    accel, curvature = (
+        jnp.clip(own + unit * jnp.interp(times, knots, part), -1.0, 1.0)
+        for own, unit, part in zip(
+            (logged.accel, logged.curvature), _UNIT, (change[:_KNOTS], change[_KNOTS:]), strict=True
+        )
+    )
+    descent = set_up(job.world, planner, job.memory, config, job.movers, Controls(accel, curvature), extra_cost)
+    return descent, descent.begin()

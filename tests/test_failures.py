@@ -1,0 +1,54 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import scene
+
+from regents_cosim.evaluation.failures import count_reasons, failure_reason, may_reach
+from regents_cosim.scenario import AttackRecord, Avoidability, Judgement, Manoeuvre, Tracks
+
+
+def attacked(*cars, outcome="no_collision", judgement=None, **record):
+    made = scene(*cars)
+    names = tuple(agent.id for agent in made.agents[1:])
+    ego = Tracks(*(getattr(made.tracks, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
+    avoidable = judgement and judgement.avoidability and judgement.avoidability.avoidable
+    attack = AttackRecord(made.id, "focused", "idm", outcome, 3, candidates=names, **record)
+    return replace(made, attack=attack, original=made.tracks, judgement=judgement, evasion=ego if avoidable else None)
+
+
+NEAR = ((0, 0, 10), (30, 3.2, 10))
+ACTIONABLE = Judgement((), Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, 0.0, 0.4)))
+UNAVOIDABLE = Judgement((), Avoidability(False, 500, 0, None, None))
+
+
+@pytest.mark.parametrize(
+    ("results", "reason"),
+    [
+        ([attacked(*NEAR, outcome="no_candidate")], "no_candidate"),
+        ([attacked(*NEAR)], "stuck"),
+        ([attacked(*NEAR, spoilt=True)], "spoilt_only"),
+        ([attacked(*NEAR, outcome="collision", judgement=Judgement(("off_road",)))], "spoilt_only"),
+        ([attacked(*NEAR, outcome="collision", judgement=UNAVOIDABLE)], "unavoidable_only"),
+        ([attacked(*NEAR, outcome="collision", judgement=j) for j in (UNAVOIDABLE, ACTIONABLE)], None),
+        ([attacked((0, 0, 30), (-250, 0, 0))], "out_of_reach"),
+    ],
+)
+def test_the_reason(results, reason):
+    assert failure_reason(results) == reason
+    assert sum(count_reasons([results]).values()) == (reason is not None)
+
+
+def test_reach_grows_with_time_and_acceleration():
+    # 8 s at 6 m/s^2 from standstill: 192 m, and 4.9 m between centres that touch
+    assert may_reach(attacked((0, 0, 0), (196, 0, 0)))
+    assert not may_reach(attacked((0, 0, 0), (198, 0, 0)))
+
+
+def test_who_enters_late_has_less_time():
+    late = attacked((0, 0, 0), (100, 0, 0))
+    valid = np.array(late.tracks.valid)
+    assert may_reach(late)
+    valid[1, :40] = False
+    tracks = replace(late.tracks, valid=valid)
+    assert not may_reach(replace(late, tracks=tracks, original=tracks))
