@@ -1,0 +1,130 @@
+"""Surrogate safety: how close a drive came to a collision, one short pure function per measure.
+
+Sources: Hayward 1972 (time to collision); Allen, Shin and Cooper 1978 (post-encroachment time); Cooper and
+Ferguson 1976 (deceleration rate to avoid a crash). Where these leave a choice, it is that of SUMO's SSM device.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.boxes import Boxes, distance
+from regents_cosim.evaluation.encounters import Approach, Following, Way, crossing, followings
+from regents_cosim.scenario import Agent, Tracks, boxes_of
+
+Values = Float[np.ndarray, "*n"]
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """The ego and one other agent over time; NaN where a measure is not defined."""
+
+    ttc: Float[np.ndarray, " time"]  # [s]
+    drac: Float[np.ndarray, " time"]  # [m/s^2]
+    pet: float | None  # [s] of the pair as a whole
+
+
+@dataclass(frozen=True)
+class Safety:
+    """The worst of each measure over a drive and all other agents; None where never defined."""
+
+    min_ttc_s: float | None  # 0 after contact
+    min_pet_s: float | None  # 0 after contact
+    max_drac_m_s2: float | None  # to the step before contact
+    min_gap_m: float | None  # distance of the boxes
+
+
+# --- the measures ----------------------------------------------------------------------------------
+
+
+def time_to_collision(gap: Values, closing: Values) -> Values:
+    """Seconds until a follower touches its leader if both keep their speeds: gap / closing speed; NaN if never."""
+    return np.divide(gap, closing, out=np.full(np.shape(gap), np.nan), where=closing > 0.0)
+
+
+def deceleration_to_follow(gap: Values, closing: Values) -> Values:
+    """The least steady deceleration with which a follower reaches its leader's speed in time: closing^2 / (2 gap)."""
+    return np.where(closing > 0.0, 0.5 * np.square(closing) / gap, np.nan)
+
+
+def arrival_time(way: Values, speed: Values, accel: Values) -> Values:
+    """Seconds to cover `way` [m], 0 behind it; a braking agent goes on braking, infinite where it stops before."""
+    brake = np.maximum(-accel, 0.0)
+    way = np.maximum(way, 0.0)
+    root = np.square(speed) - 2.0 * brake * way
+    with np.errstate(divide="ignore", invalid="ignore"):
+        time = 2.0 * way / (speed + np.sqrt(root))  # of v t - b t^2 / 2 = way, also for b = 0
+    return np.where(way == 0.0, 0.0, np.where(np.isnan(time) & ~np.isnan(root), np.inf, time))
+
+
+def crossing_ttc(first: Approach, second: Approach) -> Values:
+    """Seconds until `second` enters the area that `first` will not have left by then; NaN where it will have."""
+    leaves = arrival_time(first.exit, first.speed, first.accel)
+    enters = arrival_time(second.entry, second.speed, second.accel)
+    conflict = _first_in_time(first, second) & (enters <= leaves) & np.isfinite(enters)
+    return np.where(conflict, _steadily(second.entry, second.speed), np.nan)
+
+
+def deceleration_to_yield(first: Approach, second: Approach) -> Values:
+    """The steady deceleration with which `second` enters the area just when `first` leaves it, at t.
+
+    2 (v - d / t) / t, defined where it would enter earlier at its present speed v, at a distance d.
+    """
+    leaves = arrival_time(first.exit, first.speed, first.accel)
+    conflict = _first_in_time(first, second) & (_steadily(second.entry, second.speed) < leaves)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        yielding = 2.0 * (second.speed - second.entry / leaves) / leaves
+        stopping = 0.5 * np.square(second.speed) / second.entry
+    return np.where(conflict, np.where(np.isfinite(leaves), yielding, stopping), np.nan)
+
+
+def post_encroachment_time(one: Approach, other: Approach, dt: float) -> float | None:
+    """Seconds between the first one's leaving the area and the second one's entering it; None unless both did.
+
+    Negative where the second entered before.
+    """
+    passed = [(_passing(a.entry, dt), _passing(a.exit, dt)) for a in (one, other)]
+    (entry_a, exit_a), (entry_b, exit_b) = passed
+    if None in (entry_a, exit_a, entry_b, exit_b):
+        return None
+    return entry_b - exit_a if entry_a <= entry_b else entry_a - exit_b  # pyright: ignore[reportOperatorIssue, reportOptionalOperand]
+
+
+def _first_in_time(first: Approach, second: Approach) -> Bool[np.ndarray, " time"]:
+    """Steps at which `first` is due in the area before `second`, or in it, while `second` is still before it."""
+    sooner = arrival_time(first.entry, first.speed, first.accel) < arrival_time(second.entry, second.speed, second.accel)
+    return sooner & (first.exit > 0.0) & (second.entry > 0.0)
+
+
+def _steadily(way: Values, speed: Values) -> Values:
+    """Seconds to cover `way` at constant speed."""
+    return arrival_time(way, speed, np.zeros_like(speed))
+
+
+def _passing(way: Values, dt: float) -> float | None:
+    """When `way` [m] falls to zero [s], between steps by proportion; None where that was not seen."""
+    after = np.flatnonzero(way <= 0.0)
+    if not len(after) or after[0] == 0 or np.isnan(way[after[0] - 1]):
+        return None
+    step = int(after[0])
+    return dt * (step - way[step] / (way[step] - way[step - 1]))
+
+
+# --- over a drive ----------------------------------------------------------------------------------
+
+
+def measure_pair(ego: Way, other: Way, dt: float) -> Pair:
+    """All measures of two agents, step by step."""
+    behind = list(followings(ego, other))
+    ttc = [time_to_collision(f.gap, f.closing) for f in behind]
+    drac = [deceleration_to_follow(f.gap, f.closing) for f in behind]
+    meeting = crossing(ego, other)
+    pet = None
+    if meeting is not None:
+        for first, second in (meeting, meeting[::-1]):
+            ttc.append(crossing_ttc(first, second))
+            drac.append(deceleration_to_yield(first, second))
+        pet = post_encroachment_time(*meeting, dt)
+    return Pair(np.fmin.reduce(ttc), np.fmax.reduce(drac), pet)
