@@ -1,7 +1,7 @@
 """Encounters: who is on whose way. A leader ahead, or a place where two ways cross.
 
-A way is the line that an agent's centre drove, straight on for 30 m before and after. Lanes are not asked,
-so that what leaves its lane is seen as well.
+A way is the line that an agent's centre drove, and 30 m straight on. Lanes are not asked, so that what leaves its lane
+is seen as well.
 """
 
 from collections.abc import Iterator
@@ -37,17 +37,16 @@ class Way:
         self.accel = np.gradient(self.speed, dt)
         self._driven, self._yaws = self.points[steps], np.unwrap(self.yaw[steps])
         ways = np.hypot(*np.diff(self._driven, axis=0).T)
-        self._s = _BEYOND_M + np.concatenate([[0.0], np.cumsum(ways)])
+        self._s = np.concatenate([[0.0], np.cumsum(ways)])
         self.s = np.full(len(self.there), np.nan)  # [m] along the line, of the centre; NaN where absent
         self.s[steps] = self._s
 
     @cached_property
     def line(self) -> shapely.LineString:
-        """The way, as driven and 30 m straight on at both ends."""
-        headings = np.stack([np.cos(self._yaws[[0, -1]]), np.sin(self._yaws[[0, -1]])], axis=-1)
-        moved = np.diff(self._s, prepend=0.0) > _STANDING_M
-        before, after = self._driven[0] - _BEYOND_M * headings[0], self._driven[-1] + _BEYOND_M * headings[1]
-        return shapely.LineString(np.concatenate([before[None], self._driven[moved], after[None]]))
+        """The way, as driven and 30 m straight on."""
+        moved = np.diff(self._s, prepend=-np.inf) > _STANDING_M
+        onward = self._driven[-1] + _BEYOND_M * np.array([np.cos(self._yaws[-1]), np.sin(self._yaws[-1])])
+        return shapely.LineString(np.concatenate([self._driven[moved], onward[None]]))
 
     def place(self, points: Float[np.ndarray, "*n 2"]) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
         """Distance along the line, and from it, of points [m]."""
@@ -74,8 +73,8 @@ def followings(ego: Way, other: Way) -> Iterator[Following]:
     for owner, guest in ((ego, other), (other, ego)):
         s, away = owner.place(guest.points)
         turn = np.cos(guest.yaw - owner.heading(s))
-        aligned = (np.abs(turn) > np.cos(_ALONG_RAD)) & (away < beside) & owner.there & guest.there
-        ahead = np.where(aligned, s - owner.s, np.nan)
+        aligned = (np.abs(turn) > np.cos(_ALONG_RAD)) & (away < beside) & (s > 0.0)
+        ahead = np.where(aligned & owner.there & guest.there, s - owner.s, np.nan)
         approach = owner.speed - guest.speed * turn
         for gap, closing in ((ahead - half, approach), (-ahead - half, -approach)):
             yield Following(np.where(gap > 0.0, gap, np.nan), np.where(gap > 0.0, closing, np.nan))

@@ -4,7 +4,7 @@ Sources: Hayward 1972 (time to collision); Allen, Shin and Cooper 1978 (post-enc
 Ferguson 1976 (deceleration rate to avoid a crash). Where these leave a choice, it is that of SUMO's SSM device.
 """
 
-import warnings
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,11 +85,10 @@ def post_encroachment_time(one: Approach, other: Approach, dt: float) -> float |
 
     Negative where the second entered before.
     """
-    passed = [(_passing(a.entry, dt), _passing(a.exit, dt)) for a in (one, other)]
-    (entry_a, exit_a), (entry_b, exit_b) = passed
-    if None in (entry_a, exit_a, entry_b, exit_b):
+    enters, leaves = [_passing(a.entry, dt) for a in (one, other)], [_passing(a.exit, dt) for a in (one, other)]
+    if np.isnan([*enters, *leaves]).any():
         return None
-    return entry_b - exit_a if entry_a <= entry_b else entry_a - exit_b  # pyright: ignore[reportOperatorIssue, reportOptionalOperand]
+    return enters[1] - leaves[0] if enters[0] <= enters[1] else enters[0] - leaves[1]
 
 
 def _first_in_time(first: Approach, second: Approach) -> Bool[np.ndarray, " time"]:
@@ -103,13 +102,13 @@ def _steadily(way: Values, speed: Values) -> Values:
     return arrival_time(way, speed, np.zeros_like(speed))
 
 
-def _passing(way: Values, dt: float) -> float | None:
-    """When `way` [m] falls to zero [s], between steps by proportion; None where that was not seen."""
+def _passing(way: Values, dt: float) -> float:
+    """When `way` [m] falls to zero [s], between steps by proportion; NaN where that was not seen."""
     after = np.flatnonzero(way <= 0.0)
-    if not len(after) or after[0] == 0 or np.isnan(way[after[0] - 1]):
-        return None
+    if not len(after) or after[0] == 0:
+        return float("nan")
     step = int(after[0])
-    return dt * (step - way[step] / (way[step] - way[step - 1]))
+    return float(dt * (step - way[step] / (way[step] - way[step - 1])))
 
 
 # --- over a drive ----------------------------------------------------------------------------------
@@ -128,3 +127,53 @@ def measure_pair(ego: Way, other: Way, dt: float) -> Pair:
             drac.append(deceleration_to_yield(first, second))
         pet = post_encroachment_time(*meeting, dt)
     return Pair(np.fmin.reduce(ttc), np.fmax.reduce(drac), pet)
+
+
+def measure_drive(agents: tuple[Agent, ...], tracks: Tracks, dt: float, contact: int | None = None) -> Safety:
+    """The ego against every other agent, up to the step of its first `contact` if there is one."""
+    end = tracks.steps if contact is None else contact + 1
+    gap = least_gap(agents, tracks, end)
+    if contact is not None:
+        end -= 1  # the measures speak of a collision to come
+    seen = _first_steps(tracks, max(end, 2))
+    ego = Way(agents[0], seen, 0, dt)
+    near = [i for i in range(1, len(agents)) if seen.valid[i].sum() >= 2 and _comes_near(seen, i)]
+    pairs = [measure_pair(ego, Way(agents[i], seen, i, dt), dt) for i in near]
+    return Safety(
+        min_ttc_s=_worst([pair.ttc for pair in pairs], min) if contact is None else 0.0,
+        min_pet_s=_worst([np.array([pair.pet]) for pair in pairs if pair.pet is not None], min)
+        if contact is None
+        else 0.0,
+        max_drac_m_s2=_worst([pair.drac for pair in pairs], max),
+        min_gap_m=gap,
+    )
+
+
+def least_gap(agents: tuple[Agent, ...], tracks: Tracks, end: int) -> float | None:
+    """Least distance [m] of the ego's box to another one before step `end`; None where the ego is alone."""
+    boxes = boxes_of(agents, tracks)
+    shape = tracks.x.shape
+    at = [np.broadcast_to(values, shape)[:, :end] for values in boxes]
+    there = tracks.valid[1:, :end] & tracks.valid[:1, :end]
+    if not there.any():
+        return None
+    apart = distance(Boxes(*(values[:1] for values in at)), Boxes(*(values[1:] for values in at)))
+    return float(np.asarray(apart)[there].min())
+
+
+_NEAR_M = 100.0  # whoever stays further away has no part in the drive
+
+
+def _comes_near(tracks: Tracks, agent: int) -> bool:
+    there = tracks.valid[agent] & tracks.valid[0]
+    apart = np.hypot(tracks.x[agent] - tracks.x[0], tracks.y[agent] - tracks.y[0])
+    return bool((apart[there] < _NEAR_M).any())
+
+
+def _first_steps(tracks: Tracks, end: int) -> Tracks:
+    return Tracks(*(values[:, :end] for values in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid)))
+
+
+def _worst(values: list[Float[np.ndarray, " _"]], choose: Callable[[Iterable[float]], float]) -> float | None:
+    found = [float(v) for some in values for v in some[~np.isnan(some)]]
+    return choose(found) if found else None
