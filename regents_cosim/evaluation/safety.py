@@ -67,17 +67,27 @@ def crossing_ttc(first: Approach, second: Approach) -> Values:
     return np.where(conflict, _steadily(second.entry, second.speed), np.nan)
 
 
-def deceleration_to_yield(first: Approach, second: Approach) -> Values:
-    """The steady deceleration with which `second` enters the area just when `first` leaves it, at t.
+def deceleration_to_yield(one: Approach, other: Approach) -> Values:
+    """The least steady deceleration with which either agent enters the area just when the other one leaves it, at t.
 
-    2 (v - d / t) / t, defined where it would enter earlier at its present speed v, at a distance d.
+    2 (v - d / t) / t, at a distance d and a speed v that would bring it there earlier; v^2 / (2 d) where the other one
+    will stop in it. NaN where one of them need not brake at all, has left, or both are in the area.
     """
-    leaves = arrival_time(first.exit, first.speed, first.accel)
-    conflict = _first_in_time(first, second) & (_steadily(second.entry, second.speed) < leaves)
+    needed = np.fmin(_yield(one, other), _yield(other, one))
+    return np.where((needed > 0.0) & np.isfinite(needed) & (one.exit > 0.0) & (other.exit > 0.0), needed, np.nan)
+
+
+def _yield(yielding: Approach, passing: Approach) -> Values:
+    """As above for one of them, not positive where it need not brake; NaN where the other one will decide.
+
+    That is where it is in the area already, or where the other one stops before the area.
+    """
+    enters = arrival_time(passing.entry, passing.speed, passing.accel)
+    leaves = arrival_time(passing.exit, passing.speed, passing.accel)
     with np.errstate(divide="ignore", invalid="ignore"):
-        yielding = 2.0 * (second.speed - second.entry / leaves) / leaves
-        stopping = 0.5 * np.square(second.speed) / second.entry
-    return np.where(conflict, np.where(np.isfinite(leaves), yielding, stopping), np.nan)
+        needed = 2.0 * (yielding.speed - yielding.entry / leaves) / leaves
+        stopping = 0.5 * np.square(yielding.speed) / yielding.entry
+    return np.where((yielding.entry > 0.0) & np.isfinite(enters), np.where(np.isfinite(leaves), needed, stopping), np.nan)
 
 
 def post_encroachment_time(one: Approach, other: Approach, dt: float) -> float | None:
@@ -124,7 +134,7 @@ def measure_pair(ego: Way, other: Way, dt: float) -> Pair:
     if meeting is not None:
         for first, second in (meeting, meeting[::-1]):
             ttc.append(crossing_ttc(first, second))
-            drac.append(deceleration_to_yield(first, second))
+        drac.append(deceleration_to_yield(*meeting))
         pet = post_encroachment_time(*meeting, dt)
     return Pair(np.fmin.reduce(ttc), np.fmax.reduce(drac), pet)
 
