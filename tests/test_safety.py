@@ -2,13 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import scene
 
 from regents_cosim.evaluation.driving import drive_each, driving_rows
 from regents_cosim.evaluation.encounters import Approach
 from regents_cosim.evaluation.safety import (
+    Safety,
     arrival_time,
     crossing_ttc,
     deceleration_to_follow,
@@ -61,7 +62,10 @@ def test_when_somebody_arrives(way, speed, accel, time):
 
 
 def test_two_that_meet_at_a_crossing():
-    first, second = approach(10.0, 10.0), approach(12.0, 10.0)  # the first leaves after 1.64 s, the second comes at 1.2 s
+    first, second = (
+        approach(10.0, 10.0),
+        approach(12.0, 10.0),
+    )  # the first leaves after 1.64 s, the second comes at 1.2 s
     assert crossing_ttc(first, second) == pytest.approx([1.2])
     assert np.isnan(crossing_ttc(second, first))
     assert np.isnan(crossing_ttc(first, approach(17.0, 10.0)))
@@ -96,7 +100,7 @@ def test_another_lane_is_no_conflict():
 
 
 def test_alone_nothing_is_defined():
-    assert measured(scene((0, 0, 10.0))) == measured(scene((0, 0, 10.0), (900, 0, 10.0))).__class__(*[None] * 4)
+    assert measured(scene((0, 0, 10.0))) == Safety(None, None, None, None)
 
 
 def test_who_passes_first_leaves_time():
@@ -117,9 +121,8 @@ def test_after_contact_nothing_is_left():
     assert found.max_drac_m_s2 == pytest.approx(100.0 / (2 * 0.5))  # one step before, 0.5 m ahead
 
 
-@given(
-    st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(-3.1, 3.1), st.floats(4.0, 14.0), st.floats(4.0, 14.0)
-)
+@settings(max_examples=25)
+@given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(-3.1, 3.1), st.floats(4.0, 14.0), st.floats(4.0, 14.0))
 def test_neither_place_nor_direction_nor_side_matters(dx, dy, turn, ego_speed, other_speed):
     made = across(ego_speed, other_speed)
     cos, sin, tracks = np.cos(turn), np.sin(turn), made.tracks
@@ -130,12 +133,16 @@ def test_neither_place_nor_direction_nor_side_matters(dx, dy, turn, ego_speed, o
     here = measured(made)
     for other in (measured(replace(made, tracks=moved)), measured(replace(made, tracks=mirrored))):
         for name in ("min_ttc_s", "min_pet_s", "max_drac_m_s2", "min_gap_m"):
-            assert getattr(other, name) == pytest.approx(getattr(here, name), abs=1e-6, rel=1e-6), name
+            there, expected = getattr(other, name), getattr(here, name)
+            assert (there is None) == (expected is None), name
+            assert expected is None or there == pytest.approx(expected, abs=1e-6, rel=1e-6), name
 
 
 def test_a_drive_tells_how_close_it_was():
-    safe, crash = drive_each([scene((0, 0, 10.0), (104.6, 0, 5.0)), scene((0, 0, 10.0), (45.1, 0, 0.0))], "constant_velocity")
-    assert safe.min_ttc_s == pytest.approx(12.0, abs=0.01)
+    safe, crash = drive_each(
+        [scene((0, 0, 10.0), (64.6, 0, 5.0)), scene((0, 0, 10.0), (45.1, 0, 0.0))], "constant_velocity"
+    )
+    assert safe.min_ttc_s == pytest.approx(4.0, abs=0.01)
     assert crash.min_ttc_s == crash.min_gap_m == 0.0
     (row,) = driving_rows([safe, crash])
-    assert row.min_ttc_p5_s == pytest.approx(0.6, abs=0.01)  # 5 % of the way from 0 to 12
+    assert row.min_ttc_p5_s == pytest.approx(0.2, abs=0.01)  # 5 % of the way from 0 to 4

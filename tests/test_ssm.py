@@ -38,7 +38,16 @@ def run(options, seconds, log):
     }
     words = [word for name, value in device.items() for word in (f"--device.ssm.{name}", value)]
     rows, sizes = [], {}
-    common = ["--step-length", str(DT), "--no-step-log", "--no-warnings", "--precision", "6", "--lanechange.duration", "3"]
+    common = [
+        "--step-length",
+        str(DT),
+        "--no-step-log",
+        "--no-warnings",
+        "--precision",
+        "6",
+        "--lanechange.duration",
+        "3",
+    ]
     with running_sumo([*options, *common, *words]) as sumo:
         for step in range(round(seconds / DT)):
             sumo.simulationStep()

@@ -1,6 +1,6 @@
 """Encounters: who is on whose way. A leader ahead, or a place where two ways cross.
 
-A way is the line that an agent's centre drove, and 30 m straight on. Lanes are not asked, so that what leaves its lane
+A way is the line that an agent's centre drove, and 50 m straight on. Lanes are not asked, so that what leaves its lane
 is seen as well.
 """
 
@@ -15,7 +15,7 @@ from jaxtyping import Float
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Agent, Tracks
 
-_BEYOND_M = 30.0
+_BEYOND_M = 50.0  # SUMO's device looks as far
 _ALONG_RAD = np.deg2rad(45.0)  # headings that differ by less follow each other
 _ACROSS_RAD = np.deg2rad(15.0)  # ways that meet at less merge: there is no place where they cross
 _STANDING_M = 1e-6  # a step that is no way
@@ -43,7 +43,7 @@ class Way:
 
     @cached_property
     def line(self) -> shapely.LineString:
-        """The way, as driven and 30 m straight on."""
+        """The way, as driven and 50 m straight on."""
         moved = np.diff(self._s, prepend=-np.inf) > _STANDING_M
         onward = self._driven[-1] + _BEYOND_M * np.array([np.cos(self._yaws[-1]), np.sin(self._yaws[-1])])
         return shapely.LineString(np.concatenate([self._driven[moved], onward[None]]))

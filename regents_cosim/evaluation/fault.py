@@ -151,7 +151,9 @@ class Crash:
         tracks = self.scenario.tracks
         steps = np.flatnonzero(tracks.valid[agent, : self.hit.step + 1])
         half, yaw = 0.5 * self.scenario.agents[agent].length, tracks.yaw[agent, steps]
-        return np.stack([tracks.x[agent, steps] + half * np.cos(yaw), tracks.y[agent, steps] + half * np.sin(yaw)], axis=-1)
+        return np.stack(
+            [tracks.x[agent, steps] + half * np.cos(yaw), tracks.y[agent, steps] + half * np.sin(yaw)], axis=-1
+        )
 
 
 _LANE_REACH_M = 5.0
@@ -301,7 +303,9 @@ def _unclear(crash: Crash) -> Verdict:
 
 
 RULES: tuple[Rule, ...] = (
-    Rule("red_light", "Signs and Signals, art. 23(1)(a)(ii): a red light means that traffic may not proceed", _red_light),
+    Rule(
+        "red_light", "Signs and Signals, art. 23(1)(a)(ii): a red light means that traffic may not proceed", _red_light
+    ),
     Rule("off_road", "Road Traffic, art. 10: position on the carriageway", _off_road),
     Rule("wrong_way", "Road Traffic, art. 10: on the side of its direction of traffic", _wrong_way),
     Rule("cut_in", "Road Traffic, art. 11 and 14; RSS: do not cut in recklessly", _cut_in),

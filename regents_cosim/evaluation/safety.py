@@ -87,7 +87,9 @@ def _yield(yielding: Approach, passing: Approach) -> Values:
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = 2.0 * (yielding.speed - yielding.entry / leaves) / leaves
         stopping = 0.5 * np.square(yielding.speed) / yielding.entry
-    return np.where((yielding.entry > 0.0) & np.isfinite(enters), np.where(np.isfinite(leaves), needed, stopping), np.nan)
+    return np.where(
+        (yielding.entry > 0.0) & np.isfinite(enters), np.where(np.isfinite(leaves), needed, stopping), np.nan
+    )
 
 
 def post_encroachment_time(one: Approach, other: Approach, dt: float) -> float | None:
@@ -103,7 +105,8 @@ def post_encroachment_time(one: Approach, other: Approach, dt: float) -> float |
 
 def _first_in_time(first: Approach, second: Approach) -> Bool[np.ndarray, " time"]:
     """Steps at which `first` is due in the area before `second`, or in it, while `second` is still before it."""
-    sooner = arrival_time(first.entry, first.speed, first.accel) < arrival_time(second.entry, second.speed, second.accel)
+    due = [arrival_time(a.entry, a.speed, a.accel) for a in (first, second)]
+    sooner = due[0] <= due[1]  # on a tie either may be called the first
     return sooner & (first.exit > 0.0) & (second.entry > 0.0)
 
 
