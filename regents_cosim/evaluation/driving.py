@@ -62,8 +62,8 @@ class DrivingRow:
     planner_errors: int  # cases in which the planner failed: they count as no way driven
     act_median_ms: float | None  # of planners outside the mirror
     act_p99_ms: float | None
-    # The 5th worst percentile over the drives in which a measure is defined: the median of ordinary traffic says little,
-    # and the worst one is one drive.
+    # Only 5 % of the drives in which it is defined are worse: the median of ordinary traffic says little of danger,
+    # and the worst of all is one drive. A collision counts as 0 s.
     min_ttc_p5_s: float | None
     min_pet_p5_s: float | None
     max_drac_p95_m_s2: float | None

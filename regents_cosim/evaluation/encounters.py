@@ -42,18 +42,26 @@ class Way:
         self.s[steps] = self._s
 
     @cached_property
-    def line(self) -> shapely.LineString:
-        """The way, as driven and 50 m straight on."""
+    def _corners(self) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
+        """Points of the line [m], as driven and 50 m straight on, and how far along it they are [m]."""
         moved = np.diff(self._s, prepend=-np.inf) > _STANDING_M
         onward = self._driven[-1] + _BEYOND_M * np.array([np.cos(self._yaws[-1]), np.sin(self._yaws[-1])])
-        return shapely.LineString(np.concatenate([self._driven[moved], onward[None]]))
+        return np.concatenate([self._driven[moved], onward[None]]), np.append(self._s[moved], self._s[-1] + _BEYOND_M)
 
-    def place(self, points: Float[np.ndarray, "*n 2"]) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    @cached_property
+    def line(self) -> shapely.LineString:
+        """The way, as driven and 50 m straight on."""
+        return shapely.LineString(self._corners[0])
+
+    def place(self, points: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Distance along the line, and from it, of points [m]."""
-        at = shapely.points(points)
-        return np.asarray(shapely.line_locate_point(self.line, at)), np.asarray(shapely.distance(self.line, at))
+        s = np.asarray(shapely.line_locate_point(self.line, shapely.points(points)))
+        corners, at = self._corners
+        return s, np.hypot(
+            points[:, 0] - np.interp(s, at, corners[:, 0]), points[:, 1] - np.interp(s, at, corners[:, 1])
+        )
 
-    def heading(self, s: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    def heading(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Heading of the agent at `s` [rad]."""
         return np.interp(s, self._s, self._yaws)
 
@@ -104,7 +112,7 @@ def crossing(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
     if not across.any():
         return None
     first = np.flatnonzero(across)[np.argmin(own[across])]
-    return _approach(ego, own[first], other), _approach(other, others[first], ego)
+    return _approach(ego, float(own[first]), other), _approach(other, float(others[first]), ego)
 
 
 def _approach(way: Way, place: float, foe: Way) -> Approach:

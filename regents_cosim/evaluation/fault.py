@@ -1,11 +1,12 @@
 """Fault: who is to blame for a collision, by a table of rules; the first that matches decides.
 
 The safe distance and the duty of whoever cuts in follow RSS, Responsibility-Sensitive Safety (Shalev-Shwartz, Shammah
-and Shashua 2017, "On a formal model of safe and scalable self-driving cars"); the rest follows the Vienna Conventions of
-1968 on Road Traffic and on Road Signs and Signals. What the data does not tell, such as who had priority at a crossing
+and Shashua 2017, "On a formal model of safe and scalable self-driving cars"); the rest follows the Vienna Conventions
+of 1968 on Road Traffic and on Road Signs and Signals. What the data does not tell, such as who had priority at a crossing
 without lights, no rule decides.
 """
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,7 +35,7 @@ class SafeDistance:
     hardest_brake: float = 8.0  # [m/s^2] of the leader
 
 
-def safe_distance(follower: float, leader: float, limits: SafeDistance = SafeDistance()) -> float:  # noqa: B008
+def safe_distance(follower: float, leader: float, limits: SafeDistance = SafeDistance()) -> float:
     """The gap [m] that a follower needs at these speeds [m/s] so as never to touch a leader that brakes its hardest.
 
     Source: RSS, Definition 1 and Lemma 2: v t + a t^2 / 2 + (v + a t)^2 / (2 b) - w^2 / (2 c), at least 0, with the
@@ -138,7 +139,7 @@ class Crash:
         matched = self.lanes(agent)
         steps = np.flatnonzero(self.scenario.tracks.valid[agent, : self.hit.step + 1])
         lights = {light.id: light for light in self.scenario.signals}
-        for (before, after), step in zip(zip(matched, matched[1:], strict=False), steps[1:], strict=False):
+        for (before, after), step in zip(itertools.pairwise(matched), steps[1:], strict=True):
             if before is None or after is None or before is after:
                 continue
             for link in self.scenario.road.exits[before.id]:
@@ -251,8 +252,8 @@ def _side_swipe(crash: Crash) -> Verdict | None:
     if crash.turn(crash.before) > _ALONG_RAD or crash.hit.kind != "side_swipe":
         return None
     moved = {agent: crash.drifted(agent) for agent in (_EGO, crash.other)}
-    said = f"in the last {(crash.before - crash.lately) * crash.scenario.dt:.1f} s the ego moved {moved[_EGO]:.1f} m sideways, "
-    said += f"the adversary {moved[crash.other]:.1f} m"
+    seconds = (crash.before - crash.lately) * crash.scenario.dt
+    said = f"in {seconds:.1f} s the ego moved {moved[_EGO]:.1f} m sideways, the adversary {moved[crash.other]:.1f} m"
     if max(moved.values()) < _SIDEWAYS_M:
         return None
     if min(moved.values()) >= _SIDEWAYS_M:
@@ -316,7 +317,7 @@ RULES: tuple[Rule, ...] = (
 
 
 def fault(attacked: Scenario) -> Fault | None:
-    """Who is to blame for the collision of an attacked scenario, by the first of RULES that applies; None without one."""
+    """Who is to blame for the collision of an attacked scenario, by the first of RULES that applies; None without."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
     if hit is None:
         return None

@@ -1,4 +1,4 @@
-"""Realism: does an adversary still move like the traffic that it came from?
+"""Realism: whether an adversary still moves like the traffic that it came from.
 
 Motion is taken by finite differences of speed and yaw between valid steps, the same for logged and attacked tracks:
 acceleration and yaw rate belong to the middle of a step, jerk to the instant between two steps.
@@ -69,7 +69,7 @@ def motion(tracks: Tracks, agent: int, dt: float, end: int | None = None) -> Mot
     """How one agent moves, before step `end`."""
     valid, speed, yaw = (values[agent, :end] for values in (tracks.valid, tracks.speed, tracks.yaw))
     pairs = valid[:-1] & valid[1:]
-    accel, yaw_rate = np.diff(speed) / dt, wrap(np.diff(yaw)) / dt
+    accel, yaw_rate = np.diff(speed) / dt, np.asarray(wrap(np.diff(yaw))) / dt
     lateral = 0.5 * (speed[:-1] + speed[1:]) * yaw_rate
     return Motion(accel[pairs], lateral[pairs], (np.diff(accel) / dt)[pairs[:-1] & pairs[1:]], yaw_rate[pairs])
 
@@ -79,7 +79,7 @@ def pooled(motions: Sequence[Motion]) -> Motion:
     return Motion(*(np.concatenate([getattr(one, f.name) for one in motions]) for f in fields(Motion)))
 
 
-def realism(attacked: Sequence[Scenario], limits: Limits = Limits()) -> Realism | None:  # noqa: B008
+def realism(attacked: Sequence[Scenario], limits: Limits = Limits()) -> Realism | None:
     """The adversaries of the attacks that ended in a collision, up to it; None where none did."""
     hits = [(case, case.attack.collision) for case in attacked if case.attack and case.attack.collision]
     if not hits:
@@ -116,10 +116,9 @@ def quantity(
     limit: float,
 ) -> Quantity:
     """One row of the comparison."""
-    cuts = [tuple(float(v) for v in np.percentile(values, PERCENTILES)) for values in (after, before, traffic)]
     return Quantity(
         name,
-        *cuts,
+        *(_cuts(values) for values in (after, before, traffic)),
         distance_before=float(wasserstein_distance(after, before)),
         distance_traffic=float(wasserstein_distance(after, traffic)),
         beyond_percent=_percent(np.abs(after) > limit),
@@ -134,7 +133,11 @@ def off_road_steps(scenario: Scenario, agent: int, end: int) -> Bool[np.ndarray,
     boxes = boxes_of(scenario.agents, scenario.tracks)
     box = Boxes(*(np.broadcast_to(values, shape)[agent, steps] for values in boxes))
     away = np.asarray(shapely.distance(scenario.road.drivable, shapely.points(corners(box))))
-    return (away > OFF_ROAD_M).any(axis=-1)
+    return np.any(away > OFF_ROAD_M, axis=-1)
+
+
+def _cuts(values: Float[np.ndarray, " _"]) -> tuple[float, ...]:
+    return tuple(np.percentile(values, PERCENTILES).tolist())
 
 
 def _percent(flags: Bool[np.ndarray, " _"]) -> float:

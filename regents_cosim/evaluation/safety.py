@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.boxes import Boxes, distance
-from regents_cosim.evaluation.encounters import Approach, Following, Way, crossing, followings
+from regents_cosim.evaluation.encounters import Approach, Way, crossing, followings
 from regents_cosim.scenario import Agent, Tracks, boxes_of
 
 Values = Float[np.ndarray, "*n"]
@@ -174,7 +174,7 @@ def least_gap(agents: tuple[Agent, ...], tracks: Tracks, end: int) -> float | No
     return float(np.asarray(apart)[there].min())
 
 
-_NEAR_M = 100.0  # whoever stays further away has no part in the drive
+_NEAR_M = 50.0  # whoever stays further away has no part in the drive: the range of SUMO's device
 
 
 def _comes_near(tracks: Tracks, agent: int) -> bool:
