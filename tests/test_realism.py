@@ -30,7 +30,7 @@ def test_absent_steps_are_left_out():
 
 def test_a_quantity_by_hand():
     one = np.arange(101.0)
-    found = quantity("accel", one, one + 3.0, one, limit=89.5)
+    found = quantity("accel", (one, one + 3.0, one), limit=89.5)
     assert found.percentiles == (1.0, 5.0, 50.0, 95.0, 99.0)
     assert found.percentiles_before == (4.0, 8.0, 53.0, 98.0, 102.0)
     assert (found.distance_before, found.distance_traffic) == (pytest.approx(3.0), 0.0)

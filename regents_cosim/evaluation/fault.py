@@ -2,8 +2,8 @@
 
 The safe distance and the duty of whoever cuts in follow RSS, Responsibility-Sensitive Safety (Shalev-Shwartz, Shammah
 and Shashua 2017, "On a formal model of safe and scalable self-driving cars"); the rest follows the Vienna Conventions
-of 1968 on Road Traffic and on Road Signs and Signals. What the data does not tell, such as who had priority at a crossing
-without lights, no rule decides.
+of 1968 on Road Traffic and on Road Signs and Signals. No rule decides what the data does not tell, such as
+who had priority at a crossing without lights.
 """
 
 import itertools

@@ -17,6 +17,8 @@ from regents_cosim.evaluation.clean import OFF_ROAD_M, cleanness
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks, boxes_of
 
+Samples = Float[np.ndarray, " _"]
+
 PERCENTILES = (1, 5, 50, 95, 99)
 
 
@@ -99,7 +101,7 @@ def realism(attacked: Sequence[Scenario], limits: Limits = Limits()) -> Realism 
     return Realism(
         adversaries=len(hits),
         quantities=tuple(
-            quantity(f.name, *(getattr(some, f.name) for some in samples), getattr(limits, f.name))
+            quantity(f.name, tuple(getattr(some, f.name) for some in samples), getattr(limits, f.name))
             for f in fields(Motion)
         ),
         off_road_percent=_percent(np.concatenate(off)),
@@ -108,17 +110,14 @@ def realism(attacked: Sequence[Scenario], limits: Limits = Limits()) -> Realism 
     )
 
 
-def quantity(
-    name: str,
-    after: Float[np.ndarray, " _a"],
-    before: Float[np.ndarray, " _b"],
-    traffic: Float[np.ndarray, " _c"],
-    limit: float,
-) -> Quantity:
-    """One row of the comparison."""
+def quantity(name: str, samples: tuple[Samples, Samples, Samples], limit: float) -> Quantity:
+    """One row of the comparison; `samples` of the adversaries after the attack, before it, and of the traffic."""
+    after, before, traffic = samples
     return Quantity(
         name,
-        *(_cuts(values) for values in (after, before, traffic)),
+        _cuts(after),
+        _cuts(before),
+        _cuts(traffic),
         distance_before=float(wasserstein_distance(after, before)),
         distance_traffic=float(wasserstein_distance(after, traffic)),
         beyond_percent=_percent(np.abs(after) > limit),
@@ -136,7 +135,7 @@ def off_road_steps(scenario: Scenario, agent: int, end: int) -> Bool[np.ndarray,
     return np.any(away > OFF_ROAD_M, axis=-1)
 
 
-def _cuts(values: Float[np.ndarray, " _"]) -> tuple[float, ...]:
+def _cuts(values: Samples) -> tuple[float, ...]:
     return tuple(np.percentile(values, PERCENTILES).tolist())
 
 
