@@ -110,11 +110,13 @@ class Crash:
         return min(apart[-1] + 1, self.before) if apart else None
 
     def drifted(self, agent: int) -> float:
-        """How far [m] the agent moved sideways lately, seen along its heading then."""
-        tracks = self.scenario.tracks
-        yaw = float(tracks.yaw[agent, self.lately])
-        dx, dy = (float(v[agent, self.before] - v[agent, self.lately]) for v in (tracks.x, tracks.y))
-        return abs(dy * np.cos(yaw) - dx * np.sin(yaw))
+        """How far [m] the agent moved across its road lately."""
+        steps = np.arange(self.lately, self.before)
+        road = np.array([self._road_heading(agent, int(step)) for step in steps])
+        dx, dy = (
+            np.diff(v[agent, self.lately : self.before + 1]) for v in (self.scenario.tracks.x, self.scenario.tracks.y)
+        )
+        return abs(float(np.sum(dy * np.cos(road) - dx * np.sin(road))))
 
     def off_road(self, agent: int) -> float:
         """How far [m] its furthest corner is off the road at the crash."""
@@ -127,11 +129,10 @@ class Crash:
 
     def wrong_way(self, agent: int) -> float | None:
         """By how much [rad] it drives against the only lanes there, at the crash; None where it does not."""
-        tracks, road = self.scenario.tracks, self.scenario.road
-        at = shapely.Point(tracks.x[agent, self.hit.step], tracks.y[agent, self.hit.step])
-        lanes = [road.lanes[i] for i in road.centre_lines.query(at, predicate="dwithin", distance=_LANE_REACH_M)]
+        at, lanes = self._lanes_at(agent, self.hit.step)
         lanes = [lane for lane in lanes if shapely.LineString(lane.centre).distance(at) < 0.5 * lane.width]
-        turns = [abs(float(wrap(_heading(lane, at) - tracks.yaw[agent, self.hit.step]))) for lane in lanes]
+        yaw = self.scenario.tracks.yaw[agent, self.hit.step]
+        turns = [abs(float(wrap(_heading(lane, at) - yaw))) for lane in lanes]
         return min(turns) if turns and min(turns) > _AGAINST_RAD else None
 
     def red_light(self, agent: int) -> tuple[str, float] | None:
@@ -147,6 +148,19 @@ class Crash:
                 if light is not None and light.letters(int(step))[link.link] in "ru":
                     return light.id, float(step * self.scenario.dt)
         return None
+
+    def _road_heading(self, agent: int, step: int) -> float:
+        """Heading [rad] of the nearest lane that runs the agent's way, or its own where there is none."""
+        at, lanes = self._lanes_at(agent, step)
+        yaw = float(self.scenario.tracks.yaw[agent, step])
+        along = [lane for lane in lanes if abs(float(wrap(_heading(lane, at) - yaw))) < _ALONG_RAD]
+        return _heading(min(along, key=lambda lane: shapely.LineString(lane.centre).distance(at)), at) if along else yaw
+
+    def _lanes_at(self, agent: int, step: int) -> tuple[shapely.Point, list[Lane]]:
+        """Where the agent is, and the lanes near it."""
+        road = self.scenario.road
+        at = shapely.Point(self.scenario.tracks.x[agent, step], self.scenario.tracks.y[agent, step])
+        return at, [road.lanes[i] for i in road.centre_lines.query(at, predicate="dwithin", distance=_LANE_REACH_M)]
 
     def _front(self, agent: int) -> np.ndarray:
         tracks = self.scenario.tracks
