@@ -182,6 +182,15 @@ def test_the_light_counts_when_the_front_passes_it():
         assert blamed(turning) == verdict
 
 
+@pytest.mark.parametrize(("standing", "at_fault"), [(0, "adversary"), (1, "ego")])
+def test_whoever_stands_is_not_to_blame(standing, at_fault):
+    still = {"x": np.full(81, 0.0), "speed": np.zeros(81)}
+    if standing:
+        still["y"] = np.full(81, 0.0)
+    assert blamed(moving(crossroads("G", "G"), standing, **still)) == (at_fault, "standing")
+    assert blamed(crossroads("G", "G")) == ("nobody", "unclear")
+
+
 def test_no_crash_is_nobodys_fault():
     made = scene((0, 0, 10), (50, 0, 10))
     assert fault(made) is None

@@ -51,6 +51,7 @@ def safe_distance(follower: float, leader: float, limits: SafeDistance = SafeDis
 _EGO = 0
 _MERGED_S = 2.0  # whoever came into the lane no longer ago has cut in
 _STANDING_M_S = 0.5
+_STOOD_S = 1.0
 _ALONG_RAD = np.deg2rad(45.0)
 _AGAINST_RAD = np.deg2rad(135.0)
 
@@ -308,6 +309,18 @@ def _followed(crash: Crash) -> tuple[int, int] | None:
     return None
 
 
+def _standing(crash: Crash) -> Verdict | None:
+    """One of them had stood for a while, wherever the other one came from."""
+    first = max(crash.before - round(_STOOD_S / crash.scenario.dt), 0)
+    speeds = crash.scenario.tracks.speed[[_EGO, crash.other], first : crash.before + 1]
+    stood = (speeds < _STANDING_M_S).all(axis=1)
+    if stood.all() or not stood.any():
+        return None
+    mover, target = (crash.other, _EGO) if stood[0] else (_EGO, crash.other)
+    ran = f"{crash.name(mover)} ran into {crash.name(target)} at {crash.speed(mover, crash.before):.1f} m/s, "
+    return Verdict("ego" if mover == _EGO else "adversary", f"{ran}which had stood for {_STOOD_S:.1f} s")
+
+
 def _unclear(crash: Crash) -> Verdict:
     v, w = (crash.speed(agent, crash.before) for agent in (_EGO, crash.other))
     return Verdict(
@@ -326,6 +339,7 @@ RULES: tuple[Rule, ...] = (
     Rule("cut_in", "Road Traffic, art. 11 and 14; RSS: do not cut in recklessly", _cut_in),
     Rule("side_swipe", "Road Traffic, art. 14: changing lanes must endanger nobody", _side_swipe),
     Rule("rear_end", "Road Traffic, art. 13(5): keep a sufficient distance; RSS", _rear_end),
+    Rule("standing", "Road Traffic, art. 13(1): be able to stop before any foreseeable obstruction", _standing),
     Rule("unclear", "Road Traffic, art. 18 needs signs and priorities, which no case holds", _unclear),
 )
 
