@@ -313,8 +313,8 @@ def _standing(crash: Crash) -> Verdict | None:
     """One of them had stood for a while, wherever the other one came from."""
     first = max(crash.before - round(_STOOD_S / crash.scenario.dt), 0)
     speeds = crash.scenario.tracks.speed[[_EGO, crash.other], first : crash.before + 1]
-    stood = (speeds < _STANDING_M_S).all(axis=1)
-    if stood.all() or not stood.any():
+    stood = [bool(np.all(own < _STANDING_M_S)) for own in speeds]
+    if all(stood) or not any(stood):
         return None
     mover, target = (crash.other, _EGO) if stood[0] else (_EGO, crash.other)
     ran = f"{crash.name(mover)} ran into {crash.name(target)} at {crash.speed(mover, crash.before):.1f} m/s, "
