@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.evaluation.clean import cleanness
+from regents_cosim.evaluation.deviation import deviation
 from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.mirror.bicycle import Controls, clip
 from regents_cosim.mirror.dynamics import controls_between
@@ -115,16 +116,8 @@ def success_row(
 
 
 def _mean_deviation(attacked: Iterable[Scenario]) -> float:
-    """Mean distance [m] of the adversaries to their logs, over the steps up to their collisions."""
-    found = []
-    for case in attacked:
-        hit = case.attack.collision if case.attack and case.attack.outcome == "collision" else None
-        if hit is not None and case.original is not None:
-            agent = next(i for i, a in enumerate(case.agents) if a.id == hit.agent)
-            until = np.s_[agent, : hit.step + 1]
-            apart = np.hypot(case.tracks.x - case.original.x, case.tracks.y - case.original.y)
-            both = case.tracks.valid[until] & case.original.valid[until]
-            found.append(apart[until][both].mean())
+    """Mean over the adversaries [m]."""
+    found = [one.mean_m for one in map(deviation, attacked) if one]
     return round(float(np.mean(found)), 2) if found else 0.0
 
 

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from statistics import fmean
 
@@ -16,6 +16,7 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
+from regents_cosim.evaluation.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
@@ -37,6 +38,10 @@ class Drive:
     off_road: float  # share of the way driven
     act_s: tuple[float, ...] = ()  # time of each decision of a planner outside the mirror
     error: str = ""  # how the planner failed; it got nowhere then
+    min_ttc_s: float | None = None  # surrogate safety: see `safety.Safety`
+    min_pet_s: float | None = None
+    max_drac_m_s2: float | None = None
+    min_gap_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,11 @@ class DrivingRow:
     planner_errors: int  # cases in which the planner failed: they count as no way driven
     act_median_ms: float | None  # of planners outside the mirror
     act_p99_ms: float | None
+    # Only 5 % of the drives in which it is defined are worse: the median of ordinary traffic says little of danger,
+    # and the worst of all is one drive. A collision counts as 0 s.
+    min_ttc_p5_s: float | None
+    min_pet_p5_s: float | None
+    max_drac_p95_m_s2: float | None
 
 
 def drive_each(
@@ -117,6 +127,9 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
         planner_errors=sum(bool(drive.error) for drive in drives),
         act_median_ms=median,
         act_p99_ms=p99,
+        min_ttc_p5_s=_percentile([drive.min_ttc_s for drive in drives], 5),
+        min_pet_p5_s=_percentile([drive.min_pet_s for drive in drives], 5),
+        max_drac_p95_m_s2=_percentile([drive.max_drac_m_s2 for drive in drives], 95),
     )
 
 
@@ -142,6 +155,7 @@ def _score(scenario: Scenario, tracks: Tracks) -> Drive:
         hits=scenario.agents[contact[0]].id if contact else None,
         step=contact[1] if contact else None,
         off_road=off_road,
+        **asdict(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None)),
     )
 
 
@@ -160,3 +174,8 @@ def _interval(bounds: tuple[float, float]) -> tuple[float, float]:
 
 def _percent(share: float) -> float:
     return round(100.0 * share, 1)
+
+
+def _percentile(values: Sequence[float | None], percent: int) -> float | None:
+    defined = [value for value in values if value is not None]
+    return round(float(np.percentile(defined, percent)), 2) if defined else None

@@ -1,0 +1,143 @@
+"""Realism: whether an adversary still moves like the traffic that it came from.
+
+Motion is taken by finite differences of speed and yaw between valid steps, the same for logged and attacked tracks:
+acceleration and yaw rate belong to the middle of a step, jerk to the instant between two steps.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+from scipy.stats import wasserstein_distance
+
+from regents_cosim.boxes import Boxes, corners
+from regents_cosim.evaluation.clean import OFF_ROAD_M, cleanness
+from regents_cosim.frames import wrap
+from regents_cosim.scenario import Scenario, Tracks, boxes_of
+
+Samples = Float[np.ndarray, " _"]
+
+PERCENTILES = (1, 5, 50, 95, 99)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a car on a dry road does at most, in magnitude."""
+
+    accel: float = 6.0  # [m/s^2] the attack's own limit
+    lateral: float = 6.0  # [m/s^2]
+    jerk: float = 15.0  # [m/s^3]
+    yaw_rate: float = 0.8  # [rad/s]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Samples of how agents move, of all their valid steps."""
+
+    accel: Float[np.ndarray, " sample"]  # [m/s^2] along the heading
+    lateral: Float[np.ndarray, " sample"]  # [m/s^2] speed times yaw rate
+    jerk: Float[np.ndarray, " instant"]  # [m/s^3] along the heading
+    yaw_rate: Float[np.ndarray, " sample"]  # [rad/s]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One component of motion: the adversaries' against what they did before and what everybody did."""
+
+    name: str
+    percentiles: tuple[float, ...]  # of the adversaries after the attack, at PERCENTILES
+    percentiles_before: tuple[float, ...]
+    percentiles_traffic: tuple[float, ...]
+    distance_before: float  # Wasserstein distance to the same agents before the attack, in the unit of the quantity
+    distance_traffic: float  # to all background agents before the attack
+    beyond_percent: float  # of the steps: beyond the limit
+    beyond_before_percent: float
+
+
+@dataclass(frozen=True)
+class Realism:
+    """Of the adversaries of some attacks that ended in a collision."""
+
+    adversaries: int
+    quantities: tuple[Quantity, ...]
+    off_road_percent: float  # of the steps: a corner more than 0.3 m off the road
+    off_road_before_percent: float
+    hits_others_percent: float  # of the adversaries: touched somebody else before the ego
+
+
+def motion(tracks: Tracks, agent: int, dt: float, end: int | None = None) -> Motion:
+    """How one agent moves, before step `end`."""
+    valid, speed, yaw = (values[agent, :end] for values in (tracks.valid, tracks.speed, tracks.yaw))
+    pairs = valid[:-1] & valid[1:]
+    accel, yaw_rate = np.diff(speed) / dt, np.asarray(wrap(np.diff(yaw))) / dt
+    lateral = 0.5 * (speed[:-1] + speed[1:]) * yaw_rate
+    return Motion(accel[pairs], lateral[pairs], (np.diff(accel) / dt)[pairs[:-1] & pairs[1:]], yaw_rate[pairs])
+
+
+def pooled(motions: Sequence[Motion]) -> Motion:
+    """All samples of some motions."""
+    return Motion(*(np.concatenate([getattr(one, f.name) for one in motions]) for f in fields(Motion)))
+
+
+def realism(attacked: Sequence[Scenario], limits: Limits = Limits()) -> Realism | None:
+    """The adversaries of the attacks that ended in a collision, up to it; None where none did."""
+    hits = [(case, case.attack.collision) for case in attacked if case.attack and case.attack.collision]
+    if not hits:
+        return None
+    after, before, traffic, off, off_before, touching = [], [], [], [], [], 0
+    for case, hit in hits:
+        agent, end = next(i for i, a in enumerate(case.agents) if a.id == hit.agent), hit.step + 1
+        log = case.before_attack()
+        after.append(motion(case.tracks, agent, case.dt, end))
+        before.append(motion(log.tracks, agent, case.dt, end))
+        traffic += [motion(log.tracks, i, case.dt) for i in range(1, len(case.agents))]
+        off.append(off_road_steps(case, agent, end))
+        off_before.append(off_road_steps(log, agent, end))
+        found = cleanness(case)
+        touching += found is not None and found.hits_others
+    samples = pooled(after), pooled(before), pooled(traffic)
+    return Realism(
+        adversaries=len(hits),
+        quantities=tuple(
+            quantity(f.name, tuple(getattr(some, f.name) for some in samples), getattr(limits, f.name))
+            for f in fields(Motion)
+        ),
+        off_road_percent=_percent(np.concatenate(off)),
+        off_road_before_percent=_percent(np.concatenate(off_before)),
+        hits_others_percent=100.0 * touching / len(hits),
+    )
+
+
+def quantity(name: str, samples: tuple[Samples, Samples, Samples], limit: float) -> Quantity:
+    """One row of the comparison; `samples` of the adversaries after the attack, before it, and of the traffic."""
+    after, before, traffic = samples
+    return Quantity(
+        name,
+        _cuts(after),
+        _cuts(before),
+        _cuts(traffic),
+        distance_before=float(wasserstein_distance(after, before)),
+        distance_traffic=float(wasserstein_distance(after, traffic)),
+        beyond_percent=_percent(np.abs(after) > limit),
+        beyond_before_percent=_percent(np.abs(before) > limit),
+    )
+
+
+def off_road_steps(scenario: Scenario, agent: int, end: int) -> Bool[np.ndarray, " step"]:
+    """At which valid steps before `end` a corner of the agent is more than 0.3 m off the road."""
+    steps = np.flatnonzero(scenario.tracks.valid[agent, :end])
+    shape = scenario.tracks.x.shape
+    boxes = boxes_of(scenario.agents, scenario.tracks)
+    box = Boxes(*(np.broadcast_to(values, shape)[agent, steps] for values in boxes))
+    away = np.asarray(shapely.distance(scenario.road.drivable, shapely.points(corners(box))))
+    return np.any(away > OFF_ROAD_M, axis=-1)
+
+
+def _cuts(values: Samples) -> tuple[float, ...]:
+    return tuple(np.percentile(values, PERCENTILES).tolist())
+
+
+def _percent(flags: Bool[np.ndarray, " _"]) -> float:
+    return 100.0 * float(flags.mean()) if len(flags) else 0.0

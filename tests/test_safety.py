@@ -1,0 +1,149 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scenes import scene
+
+from regents_cosim.evaluation.driving import drive_each, driving_rows
+from regents_cosim.evaluation.encounters import Approach
+from regents_cosim.evaluation.safety import (
+    Safety,
+    arrival_time,
+    crossing_ttc,
+    deceleration_to_follow,
+    deceleration_to_yield,
+    measure_drive,
+    post_encroachment_time,
+    time_to_collision,
+)
+
+DT = 0.1
+
+
+def measured(made, contact=None):
+    return measure_drive(made.agents, made.tracks, made.dt, contact)
+
+
+def across(ego_speed, other_speed, ego_from=-40.0, other_from=-40.0, steps=81):
+    """The ego along +x, another along +y; both ways cross at the origin."""
+    made = scene((ego_from, 0, ego_speed), (0, other_from, other_speed), steps=steps)
+    x, y, yaw = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.yaw))
+    y[1], x[1], yaw[1] = other_from + other_speed * DT * np.arange(steps), 0.0, np.pi / 2
+    return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=yaw))
+
+
+def values(*numbers):
+    return np.array(numbers, float)
+
+
+def approach(entry, speed, accel=0.0, length=6.4):
+    return Approach(values(entry), values(entry + length), values(speed), values(accel))
+
+
+def test_time_to_collision_is_gap_by_closing_speed():
+    assert time_to_collision(values(10.0, 10.0, 10.0), values(5.0, 0.0, -1.0)) == pytest.approx(
+        [2.0, np.nan, np.nan], nan_ok=True
+    )
+
+
+def test_deceleration_of_a_follower():
+    assert deceleration_to_follow(values(10.0), values(4.0)) == pytest.approx([0.8])  # 16 / 20
+    assert np.isnan(deceleration_to_follow(values(10.0), values(-4.0)))
+
+
+@pytest.mark.parametrize(
+    ("way", "speed", "accel", "time"),
+    [(20, 10, 0, 2.0), (20, 10, 3, 2.0), (18, 10, -2, 2.354), (25, 10, -2, 5.0), (26, 10, -2, np.inf), (-1, 0, 0, 0.0)],
+)
+def test_when_somebody_arrives(way, speed, accel, time):
+    assert arrival_time(values(way), values(speed), values(accel)) == pytest.approx([time], abs=1e-3)
+
+
+def test_two_that_meet_at_a_crossing():
+    first, second = (
+        approach(10.0, 10.0),
+        approach(12.0, 10.0),
+    )  # the first leaves after 1.64 s, the second comes at 1.2 s
+    assert crossing_ttc(first, second) == pytest.approx([1.2])
+    assert np.isnan(crossing_ttc(second, first))
+    assert np.isnan(crossing_ttc(first, approach(17.0, 10.0)))
+    # the second brakes for 1.64 s to cover 12 m: 2 (10 - 12 / 1.64) / 1.64; the first, for 1.84 s, 10 m: 4.96
+    assert deceleration_to_yield(first, second) == pytest.approx([2 * (10 - 12 / 1.64) / 1.64])
+    assert np.isnan(deceleration_to_yield(first, approach(17.0, 10.0)))
+
+
+def test_who_stops_before_the_crossing_endangers_nobody():
+    assert np.isnan(crossing_ttc(approach(10.0, 10.0), approach(12.0, 10.0, -5.0)))
+
+
+def test_behind_a_leader():
+    found = measured(scene((0, 0, 10.0), (64.6, 0, 5.0)))  # 60 m between the bumpers, 20 m after 8 s
+    assert found.min_gap_m == pytest.approx(20.0)
+    assert found.min_ttc_s == pytest.approx(4.0)
+    assert found.max_drac_m_s2 == pytest.approx(25.0 / 40.0)
+    assert found.min_pet_s is None
+
+
+def test_ahead_of_a_follower_is_the_same():
+    behind, ahead = measured(scene((0, 0, 10.0), (64.6, 0, 5.0))), measured(scene((64.6, 0, 5.0), (0, 0, 10.0)))
+    assert ahead.min_ttc_s == pytest.approx(behind.min_ttc_s)
+    assert ahead.max_drac_m_s2 == pytest.approx(behind.max_drac_m_s2)
+
+
+def test_another_lane_is_no_conflict():
+    found = measured(scene((0, 0, 10.0), (64.6, 3.2, 5.0)))
+    assert found.min_ttc_s is None
+    assert found.max_drac_m_s2 is None
+    assert found.min_gap_m is not None
+
+
+def test_alone_nothing_is_defined():
+    assert measured(scene((0, 0, 10.0))) == Safety(None, None, None, None)
+
+
+def test_who_passes_first_leaves_time():
+    # the ego's rear leaves the area 3.2 m behind the crossing, the other's front enters it 3.2 m before
+    found = measured(across(10.0, 10.0, -30.0, -52.0))
+    assert found.min_pet_s == pytest.approx((52.0 - 3.2) / 10.0 - (30.0 + 3.2) / 10.0)
+    assert found.min_ttc_s is None
+
+
+def test_an_encroachment_needs_both():
+    assert post_encroachment_time(approach(1.0, 10.0), approach(2.0, 10.0), DT) is None
+    assert measured(across(10.0, 1.0, -30.0, -52.0)).min_pet_s is None
+
+
+def test_after_contact_nothing_is_left():
+    found = measured(scene((0, 0, 10.0), (45.1, 0, 0.0)), contact=41)
+    assert (found.min_ttc_s, found.min_pet_s, found.min_gap_m) == (0.0, 0.0, 0.0)
+    assert found.max_drac_m_s2 == pytest.approx(100.0 / (2 * 0.5))  # one step before, 0.5 m ahead
+
+
+@settings(max_examples=25)
+@given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(-3.1, 3.1), st.floats(4.0, 14.0), st.floats(4.0, 14.0))
+def test_neither_place_nor_direction_nor_side_matters(dx, dy, turn, ego_speed, other_speed):
+    made = across(ego_speed, other_speed, -40.0, -43.0)
+    assume(abs(40.0 / ego_speed - 43.0 / other_speed) > 0.05)  # on a tie the rounding decides who is first
+    cos, sin, tracks = np.cos(turn), np.sin(turn), made.tracks
+    moved = replace(
+        tracks, x=dx + cos * tracks.x - sin * tracks.y, y=dy + sin * tracks.x + cos * tracks.y, yaw=tracks.yaw + turn
+    )
+    mirrored = replace(tracks, y=-tracks.y, yaw=-tracks.yaw)
+    here = measured(made)
+    for other in (measured(replace(made, tracks=moved)), measured(replace(made, tracks=mirrored))):
+        for name in ("min_ttc_s", "min_pet_s", "max_drac_m_s2", "min_gap_m"):
+            there, expected = getattr(other, name), getattr(here, name)
+            assert (there is None) == (expected is None), name
+            assert expected is None or there == pytest.approx(expected, abs=1e-6, rel=1e-6), name
+
+
+def test_a_drive_tells_how_close_it_was():
+    safe, crash = drive_each(
+        [scene((0, 0, 10.0), (64.6, 0, 5.0)), scene((0, 0, 10.0), (45.1, 0, 0.0))], "constant_velocity"
+    )
+    assert safe.min_ttc_s == pytest.approx(4.0, abs=0.01)
+    assert crash.min_ttc_s == crash.min_gap_m == 0.0
+    (row,) = driving_rows([safe, crash])
+    assert row.min_ttc_p5_s == pytest.approx(0.2, abs=0.01)  # 5 % of the way from 0 to 4
