@@ -42,11 +42,18 @@ class Terminal:
                 bar.advance(task)
                 yield item
 
+    def publish(self, text: str, value: object) -> None:
+        """A result that is a text of its own, or as JSON the `value` that it tells of."""
+        if self.json:
+            json.dump(value, sys.stdout, indent=1)
+            sys.stdout.write("\n")
+        else:
+            sys.stdout.write(text.rstrip("\n") + "\n")
+
     def show(self, title: str, rows: Sequence[dict[str, Any]], note: str = "") -> None:
         """A table of `rows`, whose keys are the headings, and a `note` under it."""
         if self.json:
-            json.dump(rows, sys.stdout, indent=1)
-            sys.stdout.write("\n")
+            self.publish("", rows)
             return
         table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
         for heading in rows[0] if rows else ():

@@ -14,7 +14,6 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.benchmark import success_row
 from regents_cosim.files import content_hash, load_case, save_case
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, roll_out
 from regents_cosim.mirror.world import to_world
@@ -214,7 +213,7 @@ def test_it_attacks(method, planner):
     assert (attacked.agents[agent].id, step) == (record.collision.agent, record.collision.step)
     assert np.isfinite(list(record.cost_history.values())).all()
     assert {len(values) for values in record.cost_history.values()} == {record.iterations}
-    assert success_row(config, planner, [[attacked]], []).method == method
+    assert config.label == method
 
 
 def test_a_vehicle_hits_the_ego_after_its_log_ended():

@@ -3,18 +3,20 @@
 import dataclasses
 from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from regents_cosim.cli.options import Search, Talk
+from regents_cosim.cli.runs import aggressive_run, attack_run, write_table
 from regents_cosim.cli.shared import (
     logged_traffic,
     network_traffic,
     one_of_each_shape,
     open_terminal,
-    verify_in_sumo,
 )
+
+Method = Literal["king", "regents", "focused", "random", "cma-es", "sumo-aggressive"]
 
 bench = App(name="bench", help="Measure, and print the tables of the README.")
 
@@ -30,7 +32,7 @@ def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = ()
     nets
         shipped networks, or .sumocfg files; all shipped ones by default
     """
-    from regents_cosim.evaluation.benchmark import reconstruction_row
+    from regents_cosim.evaluation.reconstruction import reconstruction_row
 
     terminal = open_terminal(talk)
     traffic = network_traffic(nets, count, seed, terminal)
@@ -43,22 +45,27 @@ def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = ()
 
 
 @bench.command
-def success(
+def table1(
     *,
-    count: int = 20,
+    count: int = 34,
     seed: int = 0,
     nets: tuple[str, ...] = (),
     logs: tuple[Path, ...] = (),
-    planners: tuple[str, ...] = ("log_replay", "idm"),
-    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents", "focused"),
+    planners: tuple[str, ...] = ("idm",),
+    methods: tuple[Method, ...] = ("king", "regents", "focused"),
     as_published: bool = False,
     searches: tuple[Literal["joint", "per-candidate"], ...] = (),
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
+    nearest: int | None = None,
+    attempts: int | None = None,
     replan_every: int | None = None,
+    output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
     compile_cache: bool = True,
     talk: Talk = Talk(),
 ) -> int:
-    """How often attacks make planners crash, each crash verified in SUMO.
+    """The results table of the ReGentS paper on your own traffic, and what it does not measure.
+
+    Every crash is judged and verified in SUMO, every pair of methods compared on the same windows.
 
     Parameters
     ----------
@@ -69,22 +76,28 @@ def success(
     logs
         logged traffic (files, or folders of them) in place of networks; `count` windows of each
     planners
-        systems under test
+        systems under test; log_replay is the open loop, in which the ego replays its track
     methods
-        presets
+        king and regents of the papers, focused; random, cma-es and sumo-aggressive to compare with
     as_published
         do as the public ReGentS code where it departs from its paper (king and regents only)
     searches
         one search over all candidates, one for each of the nearest, or both; the preset's by default
     backgrounds
         others replay their log, or brake for what stands in their way, or both; the preset's by default
+    nearest
+        candidates that get a search of their own
+    attempts
+        searches for each candidate, from another timing each
     replan_every
         iterations between two closed loops of the planners
+    output
+        folder for table1.md, table1.json and table1.png
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.attacks.attack import attack_each
-    from regents_cosim.evaluation.benchmark import success_row
+    from regents_cosim.evaluation.table1 import as_json, markdown
+    from regents_cosim.evaluation.table1 import table1 as make_table
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
     terminal = open_terminal(talk)
@@ -92,14 +105,25 @@ def success(
         keep_compiled_programs()
     traffic = logged_traffic(logs, count, seed, terminal) if logs else network_traffic(nets, count, seed, terminal)
     windows = [scenario for found in traffic.values() for scenario in found]
-    rows = []
+    runs = []
     for planner, method, search, background in product(planners, methods, searches or (None,), backgrounds or (None,)):
-        config = Search(method, search, background, as_published=as_published, replan_every=replan_every).config()
-        results = attack_each(windows, config, planner)
-        attacked = list(terminal.each(results, f"{method} against {planner}", len(windows)))
-        replays = verify_in_sumo([case for found in attacked for case in found], "local", terminal)
-        rows.append(dataclasses.asdict(success_row(config, planner, attacked, list(replays.values()))))
-    terminal.show(f"attacks on {len(windows)} windows", rows)
+        if method == "sumo-aggressive":
+            runs.append(aggressive_run(windows, planner, runs, terminal))
+            continue
+        options = Search(
+            method,
+            search,
+            background,
+            as_published=as_published,
+            nearest=nearest,
+            attempts=attempts,
+            replan_every=replan_every,
+        )
+        runs.append(attack_run(windows, planner, options.config(), terminal))
+    found = make_table(runs)
+    if output is not None:
+        write_table(found, output)
+    terminal.publish(markdown(found), as_json(found))
     return 0
 
 

@@ -87,7 +87,7 @@ def drive_each(
             yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
         return
     for scenario, replay in zip(scenarios, replay_each(scenarios, where, planner, executor=executor), strict=True):
-        yield _score(scenario, replay.replayed.tracks) if replay.replayed else _nowhere(scenario, replay.reason)
+        yield score(scenario, replay.replayed.tracks) if replay.replayed else _nowhere(scenario, replay.reason)
 
 
 def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
@@ -96,7 +96,7 @@ def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
         lap = wheel.drive(scenario)
     except DriveError as failure:
         return _nowhere(scenario, str(failure))
-    return replace(_score(scenario, lap.tracks), act_s=tuple(lap.act_seconds))
+    return replace(score(scenario, lap.tracks), act_s=tuple(lap.act_seconds))
 
 
 def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
@@ -138,7 +138,8 @@ def _nowhere(scenario: Scenario, error: str) -> Drive:
     return Drive(scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0, error=error)
 
 
-def _score(scenario: Scenario, tracks: Tracks) -> Drive:
+def score(scenario: Scenario, tracks: Tracks) -> Drive:
+    """The scores of an ego that has driven along `tracks`, to the end of the horizon or its first collision."""
     contact = first_contact(scenario.agents, tracks)
     end = tracks.steps if contact is None else contact[1] + 1
     log = scenario.tracks if scenario.original is None else scenario.original

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
-from regents_cosim.evaluation.benchmark import reconstruction_row
+from regents_cosim.evaluation.reconstruction import reconstruction_row
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.inspection import moving_centres, on_road

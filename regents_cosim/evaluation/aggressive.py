@@ -1,0 +1,66 @@
+"""The rival without a search: SUMO's own drivers, told to be as dangerous as SUMO lets them, around the planner."""
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.scores import Results
+from regents_cosim.replays.replay import SumoDrive, drive_in_sumo_each
+from regents_cosim.replays.sumo_drivers import AGGRESSIVE_DRIVER, DriverParameters
+from regents_cosim.scenario import VEHICLE_KINDS, AttackRecord, Collision, Scenario, Tracks
+
+METHOD = "sumo-aggressive"
+
+
+def drive_aggressively(
+    windows: Sequence[Scenario], before: Sequence[Results], planner: str, executor: Executor | None = None
+) -> Iterator[Results]:
+    """One result for each window: the planner in closed loop in SUMO among aggressive drivers, from the log's start.
+
+    `before` are results of an attack on the same windows: where the planner collides before it, so it is noted here.
+    """
+    drives = [SumoDrive(window, planner, _drivers(window)) for window in windows]
+    for window, known, seen in zip(windows, before, drive_in_sumo_each(drives, executor), strict=True):
+        colliding = next((c for c in known if c.attack and c.attack.outcome == "already_colliding"), None)
+        if colliding is not None:
+            yield [colliding]
+        elif isinstance(seen, RegentsError):
+            record = AttackRecord(window.id, METHOD, planner, "planner_error", 0, planner_error=str(seen))
+            yield [replace(window, id=f"{window.id}-{METHOD}", attack=record, original=window.tracks)]
+        else:
+            yield [_attacked(window, seen.tracks, planner)]
+
+
+def _drivers(window: Scenario) -> dict[int, DriverParameters]:
+    """Everybody but the ego drives aggressively."""
+    return {
+        index: AGGRESSIVE_DRIVER
+        for index, agent in enumerate(window.agents)
+        if index > 0 and agent.kind in VEHICLE_KINDS
+    }
+
+
+def _attacked(window: Scenario, tracks: Tracks, planner: str) -> Scenario:
+    """What SUMO made of it, as a case."""
+    contact = first_contact(window.agents, tracks)
+    hit = None
+    agents = window.agents
+    if contact is not None:
+        agent, step = contact
+        hit = Collision(
+            agent=agents[agent].id,
+            step=step,
+            time_s=round(step * window.dt, 9),
+            kind=collision_kind(agents, tracks, agent, step),
+            relative_speed=relative_speed(tracks, agent, step),
+            attributed=True,
+        )
+        agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(agents))
+    names = tuple(agent.id for agent in agents[1:] if agent.kind in VEHICLE_KINDS)
+    outcome = "no_collision" if hit is None else "collision"
+    record = AttackRecord(window.id, METHOD, planner, outcome, 1, hit, names)
+    return replace(
+        window, id=f"{window.id}-{METHOD}", agents=agents, tracks=tracks, attack=record, original=window.tracks
+    )

@@ -1,0 +1,58 @@
+"""`regents bench reconstruction`: how well the mirror drives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.mirror.bicycle import Controls, clip
+from regents_cosim.mirror.dynamics import controls_between
+from regents_cosim.mirror.rollout import roll_out_background
+from regents_cosim.mirror.world import World, to_world
+from regents_cosim.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class ReconstructionRow:
+    """How far roll-outs of the estimated controls are from the recorded tracks."""
+
+    network: str
+    windows: int
+    agents: int
+    smooth_mean_cm: float
+    smooth_p99_cm: float
+    smooth_max_cm: float
+    local_mean_cm: float
+    local_p99_cm: float
+
+
+def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> ReconstructionRow:
+    """Position errors over all agents and valid steps of `scenarios`."""
+    smooth, local = [], []
+    for scenario in scenarios:
+        world = to_world(scenario)
+        smooth.append(_errors(world, world.controls))
+        local.append(_errors(world, clip(controls_between(world.dynamics, world.log, world.dt))))
+    fitted, differences = 100.0 * np.concatenate(smooth), 100.0 * np.concatenate(local)
+    return ReconstructionRow(
+        network=network,
+        windows=len(scenarios),
+        agents=sum(len(scenario.agents) for scenario in scenarios),
+        smooth_mean_cm=float(fitted.mean()),
+        smooth_p99_cm=float(np.percentile(fitted, 99)),
+        smooth_max_cm=float(fitted.max()),
+        local_mean_cm=float(differences.mean()),
+        local_p99_cm=float(np.percentile(differences, 99)),
+    )
+
+
+_roll_out = eqx.filter_jit(roll_out_background)
+
+
+def _errors(world: World, controls: Controls) -> Float[np.ndarray, " sample"]:
+    """Distance [m] of the roll-out to the log at every valid step."""
+    motion = _roll_out(world, controls)
+    miss = np.hypot(np.asarray(motion.x - world.log.x, float), np.asarray(motion.y - world.log.y, float))
+    return miss[np.asarray(world.valid)]

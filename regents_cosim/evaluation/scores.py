@@ -1,0 +1,199 @@
+"""How a method fares on windows of traffic: the papers' counts, and those that say whether a crash means something."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import fmean, median
+
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.evaluation.deviation import deviation
+from regents_cosim.evaluation.driving import driving_row, score
+from regents_cosim.evaluation.failures import count_reasons
+from regents_cosim.evaluation.realism import realism
+from regents_cosim.evaluation.statistics import wilson
+from regents_cosim.replays.verify import Replay
+from regents_cosim.scenario import Scenario
+
+Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A method on some windows, its crashes judged."""
+
+    method: str
+    planner: str
+    rollouts: int  # for a window, at most
+    windows: Sequence[Results]
+    replays: Sequence[Replay] = ()  # of the crashes in SUMO
+    seconds: float = 0.0  # of the search, all cores
+
+    def judged_windows(self) -> list[Results]:
+        """The windows in which the planner does not collide before the attack."""
+        return [results for results in self.windows if not collided_before(results)]
+
+
+@dataclass(frozen=True)
+class MethodScores:
+    """Percentages of windows carry n and 95 % Wilson intervals; those of crashes are of all that were found."""
+
+    method: str
+    planner: str
+    source: str  # file that the traffic came from, or all
+    rollouts: int  # for a window, at most
+    windows: int
+    colliding_before: int
+    n: int  # windows without a collision before the attack
+    successes: int  # with one after it, as the papers count
+    success_percent: float
+    success_interval: Interval
+    clean: int  # windows with a crash that nothing spoils
+    clean_percent: float
+    clean_interval: Interval
+    actionable: int  # windows with a crash that is clean and that the planner could have avoided
+    actionable_percent: float
+    actionable_interval: Interval
+    route_completion_percent: float  # of all windows, the ego stopping at a collision
+    infraction_score: float
+    driving_score_percent: float
+    collision_rate_percent: float
+    crashes: int
+    kinds: dict[str, int]
+    impact_m_s: float | None  # mean relative speed at the contact
+    unattributed_percent: float  # the ego met an agent that the attack had not changed
+    rear_end_percent: float  # somebody ran into the back of the ego
+    standing_percent: float  # the ego stood
+    off_road_percent: float  # the adversary left the road before
+    hits_others_percent: float  # the adversary touched somebody else before
+    avoidable_percent: float
+    evade_before_s: float | None  # median time from the last evasion that avoids it to the contact
+    at_fault: dict[str, int]
+    min_ttc_p5_s: float | None
+    max_drac_p95_m_s2: float | None
+    deviation_m: float | None  # mean distance of the adversary to its log, up to the collision
+    realism_distance: dict[str, float]  # Wasserstein, adversaries against all background traffic of the windows
+    verified_in_sumo: int  # the same contact at the same step in SUMO's positions
+    in_sumos_list: int
+    failures: dict[str, int]  # why windows have no actionable crash
+    seconds: float
+
+
+def scores(run: Run, source: str = "all") -> MethodScores:
+    """Scores of a run, or of its windows from `source` alone."""
+    windows = [results for results in run.windows if source in ("all", results[0].provenance.file)]
+    kept = {case.id for results in windows for case in results}
+    replays = [replay for replay in run.replays if replay.case in kept]
+    judged = [results for results in windows if not collided_before(results)]
+    crashes = [case for results in judged for case in results if case.judgement]
+    n, drives = len(judged), [score(results[0], results[0].tracks) for results in windows]
+    driven = driving_row(source, drives)
+    successes, clean, actionable = (count_windows(judged, which) for which in (is_crash, is_clean, is_actionable))
+    natural = realism(crashes)
+    return MethodScores(
+        method=run.method,
+        planner=run.planner,
+        source=source,
+        rollouts=run.rollouts,
+        windows=len(windows),
+        colliding_before=len(windows) - n,
+        n=n,
+        successes=successes,
+        success_percent=percent(successes, n),
+        success_interval=interval(successes, n),
+        clean=clean,
+        clean_percent=percent(clean, n),
+        clean_interval=interval(clean, n),
+        actionable=actionable,
+        actionable_percent=percent(actionable, n),
+        actionable_interval=interval(actionable, n),
+        route_completion_percent=driven.route_completion_percent,
+        infraction_score=driven.infraction_score,
+        driving_score_percent=driven.driving_score_percent,
+        collision_rate_percent=driven.collision_rate_percent,
+        crashes=len(crashes),
+        kinds=dict(Counter(case.attack.collision.kind for case in crashes if case.attack and case.attack.collision)),
+        impact_m_s=_mean([c.attack.collision.relative_speed for c in crashes if c.attack and c.attack.collision]),
+        unattributed_percent=_flawed(crashes, "unattributed"),
+        rear_end_percent=_flawed(crashes, "rear_ends_ego"),
+        standing_percent=_flawed(crashes, "ego_stands"),
+        off_road_percent=_flawed(crashes, "off_road"),
+        hits_others_percent=_flawed(crashes, "hits_others"),
+        avoidable_percent=percent(sum(_avoidable(case) for case in crashes), len(crashes)),
+        evade_before_s=_median([s for case in crashes if (s := _evade_before_s(case)) is not None]),
+        at_fault=dict(Counter(c.judgement.fault.at_fault for c in crashes if c.judgement and c.judgement.fault)),
+        min_ttc_p5_s=driven.min_ttc_p5_s,
+        max_drac_p95_m_s2=driven.max_drac_p95_m_s2,
+        deviation_m=_mean([one.mean_m for one in map(deviation, crashes) if one]),
+        realism_distance={q.name: round(q.distance_traffic, 3) for q in natural.quantities} if natural else {},
+        verified_in_sumo=sum(replay.verified for replay in replays),
+        in_sumos_list=sum(replay.reports_same_pair for replay in replays),
+        failures={str(reason): number for reason, number in count_reasons(judged).items()},
+        seconds=round(run.seconds, 1),
+    )
+
+
+def collided_before(results: Results) -> bool:
+    """Whether the planner collides without any attack."""
+    return any(case.attack is not None and case.attack.outcome == "already_colliding" for case in results)
+
+
+def is_crash(case: Scenario) -> bool:
+    """Whether the attack made the ego collide."""
+    return case.attack is not None and case.attack.outcome == "collision"
+
+
+def is_clean(case: Scenario) -> bool:
+    """Whether nothing spoils the crash."""
+    return case.judgement is not None and case.judgement.clean
+
+
+def is_actionable(case: Scenario) -> bool:
+    """Whether the crash is clean and avoidable."""
+    return case.judgement is not None and case.judgement.actionable
+
+
+def count_windows(windows: Sequence[Results], which: Callable[[Scenario], bool]) -> int:
+    """In how many windows some result is of that kind."""
+    return sum(any(map(which, results)) for results in windows)
+
+
+def rollouts_at_most(config: AttackConfig) -> int:
+    """How many closed loops of the planner a window may take."""
+    searches = 1 if config.search == "joint" else config.nearest * config.attempts
+    return searches * config.iterations
+
+
+def percent(part: int, whole: int) -> float:
+    """A share in percent; 0 of nothing."""
+    return round(100.0 * part / whole, 1) if whole else 0.0
+
+
+def interval(part: int, whole: int) -> Interval:
+    """Its 95 % Wilson interval in percent."""
+    low, high = wilson(part, whole)
+    return round(100.0 * low, 1), round(100.0 * high, 1)
+
+
+def _flawed(crashes: Sequence[Scenario], flaw: str) -> float:
+    return percent(sum(flaw in case.judgement.flaws for case in crashes if case.judgement), len(crashes))
+
+
+def _avoidable(case: Scenario) -> bool:
+    return bool(case.judgement and case.judgement.avoidability and case.judgement.avoidability.avoidable)
+
+
+def _evade_before_s(case: Scenario) -> float | None:
+    """How long before the contact the last evasion that avoids it begins."""
+    found = case.judgement.avoidability if case.judgement else None
+    if found is None or found.last_onset_step is None or case.attack is None or case.attack.collision is None:
+        return None
+    return (case.attack.collision.step - found.last_onset_step) * case.dt
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return round(fmean(values), 2) if values else None
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return round(median(values), 2) if values else None

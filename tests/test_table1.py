@@ -1,0 +1,118 @@
+"""The results table: shares with their intervals, pairs of methods, and a text and a picture of them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from scenes import scene
+
+from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
+from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.evaluation.scores import Run, rollouts_at_most, scores
+from regents_cosim.evaluation.table1 import as_json, compare, markdown, table1
+from regents_cosim.reports.bars import Share, draw_bars
+from regents_cosim.scenario import AttackRecord, Avoidability, Collision, Fault, Judgement, Manoeuvre, Tracks
+
+AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, 0.0, 0.4))
+UNAVOIDABLE = Avoidability(False, 500, 0, None, None)
+
+
+def missed(name, outcome="no_collision"):
+    made = scene((0, 0, 10), (60, 3.2, 10), name=name)
+    return replace(
+        made, attack=AttackRecord(name, "king", "idm", outcome, 3, candidates=("car01",)), original=made.tracks
+    )
+
+
+def crashed(name, flaws=(), avoidability=AVOIDABLE):
+    """A cut-in that ends in a contact."""
+    made = scene((0, 0, 10), (8, 3.2, 9), name=name)
+    y = np.array(made.tracks.y)
+    y[1] -= 3.2 * np.linspace(0, 1, 81) ** 2
+    tracks = replace(made.tracks, y=y)
+    agent, step = first_contact(made.agents, tracks)
+    hit = Collision("car01", step, 0.1 * step, collision_kind(made.agents, tracks, agent, step), 4.0, attributed=True)
+    agents = (made.agents[0], replace(made.agents[1], role="adversary"))
+    judgement = Judgement(tuple(flaws), avoidability, Fault("adversary", "cut_in", "too close"))
+    evasion = Tracks(*(getattr(tracks, f)[:1] for f in ("x", "y", "yaw", "speed", "valid")))
+    return replace(
+        made,
+        agents=agents,
+        tracks=tracks,
+        original=made.tracks,
+        attack=AttackRecord(name, "king", "idm", "collision", 3, hit, ("car01",)),
+        judgement=judgement,
+        evasion=evasion if avoidability.avoidable else None,
+    )
+
+
+WINDOWS = [
+    [missed("a", "already_colliding")],
+    [crashed("b")],
+    [crashed("c", ["off_road"]), crashed("c2", avoidability=UNAVOIDABLE)],
+    [crashed("d", ["off_road"])],
+    [missed("e")],
+]
+KINGS = Run("king", "idm", 500, WINDOWS, seconds=2.0)
+OTHERS = Run("focused", "idm", 4000, [WINDOWS[0], WINDOWS[4], [crashed("c")], [crashed("d")], [crashed("e")]])
+
+
+def test_windows_and_crashes_are_counted_apart():
+    found = scores(KINGS)
+    assert (found.windows, found.colliding_before, found.n) == (5, 1, 4)
+    assert (found.successes, found.clean, found.actionable) == (3, 2, 1)
+    assert (found.success_percent, found.clean_percent, found.actionable_percent) == (75.0, 50.0, 25.0)
+    assert (found.crashes, found.off_road_percent, found.avoidable_percent) == (4, 50.0, 75.0)
+    assert sum(found.kinds.values()) == 4
+    assert found.at_fault == {"adversary": 4}
+    assert found.failures["unavoidable_only"] == found.failures["spoilt_only"] == found.failures["stuck"] == 1
+    assert found.deviation_m > 0.0
+    assert found.impact_m_s == 4.0
+    assert found.evade_before_s == pytest.approx(0.1 * (WINDOWS[1][0].attack.collision.step - 20))
+    assert set(found.realism_distance) == {"accel", "lateral", "jerk", "yaw_rate"}
+
+
+def test_only_windows_that_both_methods_could_attack_are_compared():
+    found = compare(KINGS, OTHERS, "actionable")
+    assert (found.only_first, found.only_second) == (1, 3)
+    assert found.p == pytest.approx(0.625)
+    assert (compare(KINGS, OTHERS, "success").only_first, compare(KINGS, OTHERS, "success").only_second) == (1, 1)
+
+
+def test_the_table_has_a_column_for_each_method():
+    table = table1([KINGS, OTHERS, replace_planner(KINGS, "aim-bev")])
+    text = markdown(table)
+    assert "| **actionable success** | 1 of 4: 25 % (5 to 70) | 3 of 4: 75 % (30 to 95) |" in text
+    assert "| king : focused | 1 : 1, p = 1 | " in text
+    assert text.count("###") == 2
+    assert len(table.comparisons) == 3
+    assert json.loads(json.dumps(as_json(table)))["schema"] == 1
+
+
+def replace_planner(run, planner):
+    return Run(run.method, planner, run.rollouts, run.windows)
+
+
+def test_a_run_without_crashes_has_no_means():
+    found = scores(Run("king", "idm", 500, [[missed("a")]]))
+    assert (found.crashes, found.deviation_m, found.impact_m_s, found.realism_distance) == (0, None, None, {})
+    assert markdown(table1([Run("king", "idm", 500, [[missed("a")]])]))
+
+
+def test_the_budget_counts_every_search():
+    assert rollouts_at_most(KING) == 500
+    assert rollouts_at_most(REGENTS_FOCUSED) == 8 * 3 * 500
+
+
+def test_bars_are_as_high_as_their_shares(tmp_path):
+    draw_bars(
+        "title", ("success",), {"king": [Share(100.0, 90.0, 100.0)], "none": [Share(0.0, 0.0, 5.0)]}, tmp_path / "b.png"
+    )
+    pixels = np.asarray(Image.open(tmp_path / "b.png").convert("RGB")).astype(int)
+    scale, column = pixels.shape[0] / 360, int(80 * pixels.shape[1] / 480)
+    colour = pixels[int(200 * scale), column]
+    rows = np.flatnonzero((np.abs(pixels[:, column] - colour) < 8).all(axis=1)) / scale
+    assert rows.min() == pytest.approx(72, abs=3)
+    assert rows.max() == pytest.approx(360 - 44, abs=3)
