@@ -53,6 +53,7 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
     """An attacked case, with its replay in SUMO where there was one."""
     record = scenario.attack
     hit = record.collision if record else None
+    judged = scenario.judgement
     return {
         "case": scenario.id,
         "outcome": record.outcome if record else None,
@@ -62,6 +63,8 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
         "kind": hit.kind if hit else None,
         "impact_m_s": round(hit.relative_speed, 2) if hit else None,
         "attributed": hit.attributed if hit else None,
+        "clean": judged.clean if judged else None,
+        "avoidable": judged.avoidability.avoidable if judged and judged.avoidability else None,
         "SUMO_verified": replay.verified if replay else None,
     }
 

@@ -1,0 +1,123 @@
+"""Could the ego have avoided the crash? A bank of manoeuvres, tried against everybody else's fixed tracks.
+
+Sound: a collision counts as avoidable only with a track of the ego that touches nobody up to the
+end of the horizon, by the exact boxes, and keeps to the road. Not complete: where the whole bank
+fails, a manoeuvre outside it might still have worked.
+
+Fixed means that nobody makes way: the adversary and everybody else drive as in the attacked
+case. A follower who does not brake for a braking ego spoils that manoeuvre, though a real one
+would have braked; that makes the verdict strict. And an adversary that was sent to where the ego
+would be is not sent anew; that makes it lenient towards egos that do anything else early.
+`last_onset_step` tells the early escapes from the late ones.
+"""
+
+import numpy as np
+import shapely
+from jaxtyping import Bool
+
+from regents_cosim.boxes import Boxes, corners, overlap
+from regents_cosim.collisions import apart_at_entry
+from regents_cosim.errors import ScenarioError
+from regents_cosim.evaluation.clean import OFF_ROAD_M
+from regents_cosim.evaluation.manoeuvres import Bank, Fan, fans
+from regents_cosim.scenario import Avoidability, Collision, Scenario, Tracks
+
+_BEYOND_M = 100.0  # around the ego's track: the road that manoeuvres are held against
+
+
+def avoidability(attacked: Scenario, bank: Bank = Bank()) -> tuple[Avoidability, Tracks | None]:
+    """Whether a manoeuvre that begins before the collision avoids it, and the gentlest that does [1, time].
+
+    The gentlest takes the least share of the tyres' friction; among equals the one that steers
+    less, then brakes less, then begins later. Raises ScenarioError where there is no collision.
+    """
+    hit = attacked.attack.collision if attacked.attack else None
+    if hit is None:
+        raise ScenarioError(f"case {attacked.id} holds no collision, expected one that the ego may avoid")
+    others, road = _others(attacked, hit), _Road(attacked)
+    tried, evading = 0, list[Fan]()
+    for fan in fans(bank, attacked, hit.step):
+        tried += len(fan)
+        left = road.keeping_to_it(_touching_nobody(fan, attacked, others))
+        evading += [left] if len(left) else []
+    if not evading:
+        return Avoidability(avoidable=False, tried=tried, evading=0, last_onset_step=None, gentlest=None), None
+    gentlest, index = _gentlest(evading, bank)
+    verdict = Avoidability(
+        avoidable=True,
+        tried=tried,
+        evading=sum(map(len, evading)),
+        last_onset_step=evading[0].onset,
+        gentlest=gentlest.manoeuvre(index, bank),
+    )
+    return verdict, gentlest.tracks(index, attacked)
+
+
+def _gentlest(evading: list[Fan], bank: Bank) -> tuple[Fan, int]:
+    accel, lateral_accel = (np.abs([pair[0] for pair in pairs]) for pairs in (bank.along, bank.aside))
+    found = []
+    for fan in evading:
+        keys = (np.round(fan.friction_share, 6), lateral_accel[fan.aside], accel[fan.along])
+        index = int(np.lexsort(keys[::-1])[0])
+        found.append((*(float(key[index]) for key in keys), -fan.onset, fan, index))
+    *_, fan, index = min(found, key=lambda entry: entry[:4])
+    return fan, index
+
+
+def _others(attacked: Scenario, hit: Collision) -> list[int]:
+    """Whom a manoeuvre may not touch, first the one that was hit: it spoils most.
+
+    Left out are only those who overlap the ego already when they first appear (`collisions`).
+    """
+    others = np.flatnonzero(apart_at_entry(attacked.agents, attacked.tracks)).tolist()
+    return sorted(others, key=lambda agent: attacked.agents[agent].id != hit.agent)
+
+
+def _touching_nobody(fan: Fan, attacked: Scenario, others: list[int]) -> Fan:
+    """Manoeuvres that overlap none of `others` at any step."""
+    tracks, agents = attacked.tracks, attacked.agents
+    size = np.array([np.hypot(agent.length, agent.width) for agent in agents])
+    reach = 0.5 * (size[:1] + size)[:, None]
+    near = tracks.valid[:, fan.onset :].copy()
+    for mine, all_ in ((fan.x, tracks.x), (fan.y, tracks.y)):
+        theirs = all_[:, fan.onset :]
+        near &= (mine.min(axis=0) - reach <= theirs) & (theirs <= mine.max(axis=0) + reach)
+    for agent in others:
+        steps = np.flatnonzero(near[agent])
+        if len(fan) and len(steps):
+            fan = fan.take(~_touches(fan, attacked, agent, steps, float(reach[agent, 0])))
+    return fan
+
+
+def _touches(fan: Fan, attacked: Scenario, agent: int, steps: np.ndarray, reach: float) -> Bool[np.ndarray, " one"]:
+    """Which manoeuvres overlap `agent` at one of `steps` after the onset; apart for certain beyond `reach` [m]."""
+    ego, other, tracks = attacked.ego, attacked.agents[agent], attacked.tracks
+    x, y, yaw = (values[agent, fan.onset + steps] for values in (tracks.x, tracks.y, tracks.yaw))
+    row, step = np.nonzero((fan.x[:, steps] - x) ** 2 + (fan.y[:, steps] - y) ** 2 <= reach**2)
+    at = row, steps[step]
+    mine = Boxes(fan.x[at], fan.y[at], fan.yaw[at], ego.length, ego.width)
+    hit = overlap(mine, Boxes(x[step], y[step], yaw[step], other.length, other.width))
+    touched = np.zeros(len(fan), bool)
+    touched[row[hit]] = True
+    return touched
+
+
+class _Road:
+    """Where the ego may drive, with the tolerance of `clean`."""
+
+    def __init__(self, attacked: Scenario) -> None:
+        own = attacked.tracks
+        bounds = [edge(values[0]) for edge in (np.min, np.max) for values in (own.x, own.y)]
+        around = np.add(bounds, [-_BEYOND_M, -_BEYOND_M, _BEYOND_M, _BEYOND_M])
+        self._allowed = shapely.clip_by_rect(attacked.road.drivable, *around).buffer(OFF_ROAD_M)
+        shapely.prepare(self._allowed)
+        self._ego = attacked.ego
+
+    def keeping_to_it(self, fan: Fan) -> Fan:
+        """Manoeuvres that take no corner off the road which was on it at the onset."""
+        for stride in (5, 1):  # few steps tell most of those that leave it
+            box = Boxes(fan.x[:, ::stride], fan.y[:, ::stride], fan.yaw[:, ::stride], self._ego.length, self._ego.width)
+            places = corners(box)
+            on = shapely.contains_xy(self._allowed, places[..., 0], places[..., 1])
+            fan = fan.take(np.all(on | ~on[:, :1], axis=(1, 2)))
+        return fan
