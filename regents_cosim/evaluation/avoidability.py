@@ -1,8 +1,9 @@
 """Could the ego have avoided the crash? A bank of manoeuvres, tried against everybody else's fixed tracks.
 
-Sound: a collision counts as avoidable only with a track of the ego that touches nobody up to the
-end of the horizon, by the exact boxes, and keeps to the road. Not complete: where the whole bank
-fails, a manoeuvre outside it might still have worked.
+Sound: a collision counts as avoidable only with a track of the ego that comes nobody nearer than
+0.1 m up to the end of the horizon, by the exact boxes, and keeps to the road. To be late is not
+to evade: for 2 s beyond the horizon the one that was hit goes straight on, and the manoeuvre must
+clear it there too. Not complete: where the whole bank fails, another manoeuvre might have worked.
 
 Fixed means that nobody makes way: the adversary and everybody else drive as in the attacked
 case. A follower who does not brake for a braking ego spoils that manoeuvre, though a real one
@@ -22,6 +23,8 @@ from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.evaluation.manoeuvres import Bank, Fan, fans
 from regents_cosim.scenario import Avoidability, Collision, Scenario, Tracks
 
+_MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
+_BEYOND_S = 2.0
 _BEYOND_M = 100.0  # around the ego's track: the road that manoeuvres are held against
 
 
@@ -34,11 +37,11 @@ def avoidability(attacked: Scenario, bank: Bank = Bank()) -> tuple[Avoidability,
     hit = attacked.attack.collision if attacked.attack else None
     if hit is None:
         raise ScenarioError(f"case {attacked.id} holds no collision, expected one that the ego may avoid")
-    others, road = _others(attacked, hit), _Road(attacked)
+    others, road = _Others(attacked, hit), _Road(attacked)
     tried, evading = 0, list[Fan]()
-    for fan in fans(bank, attacked, hit.step):
+    for fan in fans(bank, attacked, hit.step, others.steps):
         tried += len(fan)
-        left = road.keeping_to_it(_touching_nobody(fan, attacked, others))
+        left = road.keeping_to_it(others.untouched_by(fan))
         evading += [left] if len(left) else []
     if not evading:
         return Avoidability(avoidable=False, tried=tried, evading=0, last_onset_step=None, gentlest=None), None
@@ -64,42 +67,56 @@ def _gentlest(evading: list[Fan], bank: Bank) -> tuple[Fan, int]:
     return fan, index
 
 
-def _others(attacked: Scenario, hit: Collision) -> list[int]:
-    """Whom a manoeuvre may not touch, first the one that was hit: it spoils most.
+class _Others:
+    """Whom a manoeuvre may not touch, and where they are up to a little beyond the horizon.
 
     Left out are only those who overlap the ego already when they first appear (`collisions`).
     """
-    others = np.flatnonzero(apart_at_entry(attacked.agents, attacked.tracks)).tolist()
-    return sorted(others, key=lambda agent: attacked.agents[agent].id != hit.agent)
 
+    def __init__(self, attacked: Scenario, hit: Collision) -> None:
+        tracks = attacked.tracks
+        ahead = attacked.dt * np.arange(1, round(_BEYOND_S / attacked.dt) + 1)
+        speed, yaw = tracks.speed[:, -1:], tracks.yaw[:, -1:]
+        self._x = np.hstack([tracks.x, tracks.x[:, -1:] + speed * np.cos(yaw) * ahead])
+        self._y = np.hstack([tracks.y, tracks.y[:, -1:] + speed * np.sin(yaw) * ahead])
+        self._yaw = np.hstack([tracks.yaw, yaw + 0.0 * ahead])
+        was_hit = np.array([agent.id == hit.agent for agent in attacked.agents])
+        self._valid = np.hstack([tracks.valid, np.outer(was_hit & tracks.valid[:, -1], np.ones_like(ahead, bool))])
+        self._length, self._width = np.array([(agent.length, agent.width) for agent in attacked.agents]).T
+        self._length[0] += 2.0 * _MARGIN_M
+        self._width[0] += 2.0 * _MARGIN_M
+        may_be_hit = np.flatnonzero(apart_at_entry(attacked.agents, tracks))
+        self._agents = sorted(may_be_hit.tolist(), key=lambda agent: not was_hit[agent])  # the hit one spoils most
 
-def _touching_nobody(fan: Fan, attacked: Scenario, others: list[int]) -> Fan:
-    """Manoeuvres that overlap none of `others` at any step."""
-    tracks, agents = attacked.tracks, attacked.agents
-    size = np.array([np.hypot(agent.length, agent.width) for agent in agents])
-    reach = 0.5 * (size[:1] + size)[:, None]
-    near = tracks.valid[:, fan.onset :].copy()
-    for mine, all_ in ((fan.x, tracks.x), (fan.y, tracks.y)):
-        theirs = all_[:, fan.onset :]
-        near &= (mine.min(axis=0) - reach <= theirs) & (theirs <= mine.max(axis=0) + reach)
-    for agent in others:
-        steps = np.flatnonzero(near[agent])
-        if len(fan) and len(steps):
-            fan = fan.take(~_touches(fan, attacked, agent, steps, float(reach[agent, 0])))
-    return fan
+    @property
+    def steps(self) -> int:
+        """Instants, those beyond the horizon included."""
+        return self._x.shape[1]
 
+    def untouched_by(self, fan: Fan) -> Fan:
+        """Manoeuvres that overlap none of them at any step."""
+        size = np.hypot(self._length, self._width)
+        reach = 0.5 * (size[:1] + size)[:, None]
+        near = self._valid[:, fan.onset :].copy()
+        for mine, all_ in ((fan.x, self._x), (fan.y, self._y)):
+            theirs = all_[:, fan.onset :]
+            near &= (mine.min(axis=0) - reach <= theirs) & (theirs <= mine.max(axis=0) + reach)
+        for agent in self._agents:
+            steps = np.flatnonzero(near[agent])
+            if len(fan) and len(steps):
+                fan = fan.take(~self._touched(fan, agent, steps, float(reach[agent, 0])))
+        return fan
 
-def _touches(fan: Fan, attacked: Scenario, agent: int, steps: np.ndarray, reach: float) -> Bool[np.ndarray, " one"]:
-    """Which manoeuvres overlap `agent` at one of `steps` after the onset; apart for certain beyond `reach` [m]."""
-    ego, other, tracks = attacked.ego, attacked.agents[agent], attacked.tracks
-    x, y, yaw = (values[agent, fan.onset + steps] for values in (tracks.x, tracks.y, tracks.yaw))
-    row, step = np.nonzero((fan.x[:, steps] - x) ** 2 + (fan.y[:, steps] - y) ** 2 <= reach**2)
-    at = row, steps[step]
-    mine = Boxes(fan.x[at], fan.y[at], fan.yaw[at], ego.length, ego.width)
-    hit = overlap(mine, Boxes(x[step], y[step], yaw[step], other.length, other.width))
-    touched = np.zeros(len(fan), bool)
-    touched[row[hit]] = True
-    return touched
+    def _touched(self, fan: Fan, agent: int, steps: np.ndarray, reach: float) -> Bool[np.ndarray, " manoeuvre"]:
+        """Which manoeuvres overlap `agent` at one of `steps` after the onset; nobody overlaps beyond `reach` [m]."""
+        x, y, yaw = (values[agent, fan.onset + steps] for values in (self._x, self._y, self._yaw))
+        row, step = np.nonzero((fan.x[:, steps] - x) ** 2 + (fan.y[:, steps] - y) ** 2 <= reach**2)
+        at = row, steps[step]
+        mine = Boxes(fan.x[at], fan.y[at], fan.yaw[at], self._length[0], self._width[0])
+        theirs = Boxes(x[step], y[step], yaw[step], self._length[agent], self._width[agent])
+        touched = np.zeros(len(fan), bool)
+        touched[row[overlap(mine, theirs)]] = True
+        return touched
 
 
 class _Road:
@@ -109,15 +126,16 @@ class _Road:
         own = attacked.tracks
         bounds = [edge(values[0]) for edge in (np.min, np.max) for values in (own.x, own.y)]
         around = np.add(bounds, [-_BEYOND_M, -_BEYOND_M, _BEYOND_M, _BEYOND_M])
+        self._steps = own.steps
         self._allowed = shapely.clip_by_rect(attacked.road.drivable, *around).buffer(OFF_ROAD_M)
         shapely.prepare(self._allowed)
         self._ego = attacked.ego
 
     def keeping_to_it(self, fan: Fan) -> Fan:
-        """Manoeuvres that take no corner off the road which was on it at the onset."""
+        """Manoeuvres that take no corner off the road, up to the horizon, which was on it at the onset."""
         for stride in (5, 1):  # few steps tell most of those that leave it
-            box = Boxes(fan.x[:, ::stride], fan.y[:, ::stride], fan.yaw[:, ::stride], self._ego.length, self._ego.width)
-            places = corners(box)
+            steps = np.s_[:, : self._steps - fan.onset : stride]
+            places = corners(Boxes(fan.x[steps], fan.y[steps], fan.yaw[steps], self._ego.length, self._ego.width))
             on = shapely.contains_xy(self._allowed, places[..., 0], places[..., 1])
             fan = fan.take(np.all(on | ~on[:, :1], axis=(1, 2)))
         return fan

@@ -37,11 +37,11 @@ _ROUNDING = 1.0 + 1e-9
 class Bank:
     """The grid of manoeuvres: every way along with every way aside, from every onset."""
 
-    accels: tuple[float, ...] = (-ACCEL_LIMIT, -4.0, -2.0, 2.0)  # [m/s^2]
+    accels: tuple[float, ...] = (-ACCEL_LIMIT, -4.0, -2.0, -1.0, 2.0)  # [m/s^2]
     lasting_s: tuple[float | None, ...] = (1.0, 2.0, None)  # None: to the end; nobody gains speed for so long
     shifts: tuple[float, ...] = (0.9, 1.8, 3.5)  # [m] half a car, a car, a lane
-    lateral_accels: tuple[float, ...] = (1.5, 4.0, 6.5)  # [m/s^2] 4.2 is what full braking leaves
-    onset_s: float = 0.2  # between two onsets
+    lateral_accels: tuple[float, ...] = (1.0, 4.0, 6.5)  # [m/s^2] 4.2 is what full braking leaves
+    onsets_s: tuple[tuple[float, float], ...] = ((1.0, 0.1), (3.0, 0.2), (np.inf, 0.5))  # (up to so early, spacing)
 
     @property
     def along(self) -> list[tuple[float, float | None]]:
@@ -57,7 +57,12 @@ class Bank:
 
     def onsets(self, before: int, dt: float) -> list[int]:
         """Steps ahead of `before`, the last one included, from the last to the first."""
-        return list(range(before - 1, -1, -max(round(self.onset_s / dt), 1)))
+        found = [before - 1]
+        while found[-1] >= 0:
+            early = (before - found[-1]) * dt
+            spacing = next(spacing for until, spacing in self.onsets_s if early < until)
+            found.append(found[-1] - max(round(spacing / dt), 1))
+        return found[:-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +94,8 @@ class Fan:
     def tracks(self, index: int, scenario: Scenario) -> Tracks:
         """The ego [1, time] along one of them, its own drive up to the onset, with the controls that lead there."""
         own, names = scenario.tracks, ("x", "y", "yaw", "speed")
-        pieces = {name: (getattr(own, name)[0, : self.onset], getattr(self, name)[index]) for name in names}
+        after = np.s_[index, : own.steps - self.onset]
+        pieces = {name: (getattr(own, name)[0, : self.onset], getattr(self, name)[after]) for name in names}
         driven = {name: np.concatenate(both)[None] for name, both in pieces.items()}
         moved = _travelled(driven["speed"], scenario.dt)
         return Tracks(
@@ -100,18 +106,21 @@ class Fan:
         )
 
 
-def fans(bank: Bank, scenario: Scenario, before: int) -> Iterator[Fan]:
-    """All manoeuvres of `bank` that begin ahead of step `before`, one onset after the other, the last first."""
+def fans(bank: Bank, scenario: Scenario, before: int, steps: int) -> Iterator[Fan]:
+    """All manoeuvres of `bank` that begin ahead of step `before`, one onset after the other, the last first.
+
+    They go on to the instant `steps - 1`, which may lie beyond the horizon.
+    """
     way = own_way(scenario)
     for onset in bank.onsets(before, scenario.dt):
-        yield _fan(bank, scenario, way, onset)
+        yield _fan(bank, scenario, way, onset, steps)
 
 
-def _fan(bank: Bank, scenario: Scenario, way: OwnWay, onset: int) -> Fan:
+def _fan(bank: Bank, scenario: Scenario, way: OwnWay, onset: int, steps: int) -> Fan:
     own, dt = scenario.tracks, scenario.dt
     x, y, yaw, start = (float(values[0, onset]) for values in (own.x, own.y, own.yaw, own.speed))
     # [along, aside, time]: speed and distance do not depend on the steering
-    time = dt * np.arange(own.steps - onset)
+    time = dt * np.arange(steps - onset)
     accel, lasting = (np.array(values, float)[:, None, None] for values in zip(*bank.along, strict=True))
     speed = np.maximum(start + accel * np.fmin(time, lasting), 0.0)
     moved = _travelled(speed, dt)
@@ -120,8 +129,9 @@ def _fan(bank: Bank, scenario: Scenario, way: OwnWay, onset: int) -> Fan:
     mid = 0.5 * (heading[..., :-1] + heading[..., 1:])
     curvature = _per_metre(np.diff(heading), np.broadcast_to(moved, mid.shape))
     sideways = (0.5 * (speed[..., :-1] + speed[..., 1:])) ** 2 * curvature
-    share = np.hypot(np.diff(speed) / dt, sideways).max(axis=-1) / (FRICTION * GRAVITY)
-    possible = (share <= _ROUNDING) & (np.abs(curvature).max(axis=-1) <= CURVATURE_LIMIT)
+    judged = np.s_[..., : own.steps - onset - 1]  # steps up to the horizon
+    share = np.hypot(np.diff(speed) / dt, sideways)[judged].max(axis=-1) / (FRICTION * GRAVITY)
+    possible = (share <= _ROUNDING) & (np.abs(curvature)[judged].max(axis=-1) <= CURVATURE_LIMIT)
     along, aside = np.nonzero(possible)
     motion = (x + _summed(moved * np.cos(mid)), y + _summed(moved * np.sin(mid)), heading)
     return Fan(onset, along, aside, share[possible], *(v[possible] for v in motion), speed[along, 0])
@@ -138,12 +148,12 @@ def _turned_aside(bank: Bank, distance: Float[np.ndarray, "along 1 time"], speed
     return np.arctan(shift / length * (1.0 - np.cos(2.0 * np.pi * done)))
 
 
-def _travelled(speed: Float[np.ndarray, "*axes time"], dt: float) -> Float[np.ndarray, "*axes time-1"]:
+def _travelled(speed: Float[np.ndarray, "*axes time"], dt: float) -> Float[np.ndarray, "*axes step"]:
     """Metres per step."""
     return 0.5 * (speed[..., :-1] + speed[..., 1:]) * dt
 
 
-def _summed(increments: Float[np.ndarray, "*axes time-1"]) -> Float[np.ndarray, "*axes time"]:
+def _summed(increments: Float[np.ndarray, "*axes step"]) -> Float[np.ndarray, "*axes time"]:
     """Running sums from 0."""
     sums = np.zeros((*increments.shape[:-1], increments.shape[-1] + 1))
     np.cumsum(increments, axis=-1, out=sums[..., 1:])

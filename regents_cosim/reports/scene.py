@@ -110,14 +110,18 @@ def draw_ground(scene: Scene, view: View, zoom: int) -> Canvas:
 
 
 def _draw_evasion(scene: Scene, canvas: Canvas, view: View) -> None:
-    """How the ego could have avoided the collision: its way from the onset on, and its outline once a second."""
+    """How the ego could have avoided the collision: its way from the onset on, and its outline once a second.
+
+    One of the outlines is where it is when it would have collided.
+    """
     evasion, manoeuvre = scene.scenario.evasion, scene.gentlest
     if evasion is None or manoeuvre is None:
         return
     points = _positions(evasion)[0, manoeuvre.onset_step :]
     draw_planned_way(canvas, view, points, np.ones(len(points), bool), EVASION)
     every = max(round(_EVASION_S / scene.scenario.dt), 1)
-    for step in range(manoeuvre.onset_step, evasion.steps, every):
+    first = manoeuvre.onset_step + (scene.shown_step - manoeuvre.onset_step) % every
+    for step in range(first, evasion.steps, every):
         draw_ghost(canvas, view, scene.scenario.ego, pose_at(evasion, 0, step), EVASION)
 
 
