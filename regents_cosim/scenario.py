@@ -329,16 +329,17 @@ class Scenario:
     def evaded(self) -> "Scenario":
         """The attacked scenario with an ego that avoids the collision, everybody else as they were.
 
-        Raises ScenarioError where no such drive is known.
+        Its attack then counts as one that found no collision, which is what a replay expects. Raises ScenarioError where no such drive is known.
         """
         require(
             self.evasion is not None,
             f"case {self.id} has no evasion, expected an avoidable collision (`regents attack` judges those it finds)",
         )
-        assert self.evasion is not None and self.attack is not None
+        assert self.evasion is not None
+        assert self.attack is not None
         attack = replace(self.attack, outcome="no_collision", collision=None)
         tracks = _with_ego(self.tracks, self.evasion)
-        return replace(self, tracks=tracks, attack=attack, judgement=None, evasion=None)
+        return replace(self, tracks=tracks, attack=attack)
 
 
 def _with_ego(tracks: Tracks, ego: Tracks) -> Tracks:

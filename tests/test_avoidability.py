@@ -24,6 +24,7 @@ from regents_cosim.suite import load_cases
 
 QUICKSTART = Path(__file__).parents[1] / "scenarios" / "quickstart"
 EVERY_STEP = ((np.inf, DT),)
+STOP = Bank(accels=(-6.0,), lasting_s=(None,), shifts=(), lateral_accels=())
 HAND = Bank((-6.0, -4.0, -2.0), (None,), (1.8, 3.5), (4.0, 6.5), EVERY_STEP)
 ONE_LANE, TWO_LANES = straight_road(1), straight_road(2)
 
@@ -119,7 +120,7 @@ def test_the_own_way_is_kept_around_a_bend():
     there = {"x": ego["x"][45], "y": ego["y"][45], "yaw": turned[45]}
     both = {name: np.stack([ego[name], np.full(81, there[name])]) for name in ego}
     tracks = Tracks(**both, speed=np.array([[speed], [0.0]]) + np.zeros((2, 81)), valid=np.ones((2, 81), bool))
-    _, evasion = avoidability(crash(made, tracks), Bank(accels=(-6.0,), lasting_s=(None,), shifts=(), lateral_accels=()))
+    _, evasion = avoidability(crash(made, tracks), STOP)
     assert evasion.speed[0, -1] == 0.0
     off = np.hypot(evasion.x[0], evasion.y[0] - 1 / curvature) - 1 / curvature
     assert np.abs(off).max() < 0.02

@@ -20,7 +20,7 @@ from regents_cosim.boxes import Boxes, corners, overlap
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.errors import ScenarioError
 from regents_cosim.evaluation.clean import OFF_ROAD_M
-from regents_cosim.evaluation.manoeuvres import Bank, Fan, fans
+from regents_cosim.evaluation.manoeuvres import BANK, Bank, Fan, fans
 from regents_cosim.scenario import Avoidability, Collision, Scenario, Tracks
 
 _MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
@@ -28,7 +28,7 @@ _BEYOND_S = 2.0
 _BEYOND_M = 100.0  # around the ego's track: the road that manoeuvres are held against
 
 
-def avoidability(attacked: Scenario, bank: Bank = Bank()) -> tuple[Avoidability, Tracks | None]:
+def avoidability(attacked: Scenario, bank: Bank = BANK) -> tuple[Avoidability, Tracks | None]:
     """Whether a manoeuvre that begins before the collision avoids it, and the gentlest that does [1, time].
 
     The gentlest takes the least share of the tyres' friction; among equals the one that steers

@@ -65,6 +65,9 @@ class Bank:
         return found[:-1]
 
 
+BANK = Bank()
+
+
 @dataclass(frozen=True, eq=False)
 class Fan:
     """Manoeuvres of one onset and where they lead; time counts from the onset."""
@@ -133,8 +136,16 @@ def _fan(bank: Bank, scenario: Scenario, way: OwnWay, onset: int, steps: int) ->
     share = np.hypot(np.diff(speed) / dt, sideways)[judged].max(axis=-1) / (FRICTION * GRAVITY)
     possible = (share <= _ROUNDING) & (np.abs(curvature)[judged].max(axis=-1) <= CURVATURE_LIMIT)
     along, aside = np.nonzero(possible)
-    motion = (x + _summed(moved * np.cos(mid)), y + _summed(moved * np.sin(mid)), heading)
-    return Fan(onset, along, aside, share[possible], *(v[possible] for v in motion), speed[along, 0])
+    return Fan(
+        onset,
+        along,
+        aside,
+        share[possible],
+        x=(x + _summed(moved * np.cos(mid)))[possible],
+        y=(y + _summed(moved * np.sin(mid)))[possible],
+        yaw=heading[possible],
+        speed=speed[along, 0],
+    )
 
 
 def _turned_aside(bank: Bank, distance: Float[np.ndarray, "along 1 time"], speed: float) -> Float[np.ndarray, "..."]:

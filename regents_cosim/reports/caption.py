@@ -83,9 +83,11 @@ def describe(scene: Scene) -> str:
         return f"recorded traffic, before any attack · {source.source} {source.file} at {source.begin_s:g} s"
     how = " as published" if attack.settings.get("as_published") else ""
     words = [f"planner {attack.planner}", f"attack {attack.method}{how}"]
-    hit = attack.collision
+    hit, dt = attack.collision, scene.scenario.dt
     judged = scene.scenario.judgement
-    verdict = [escape(judged.avoidability, scene.scenario.dt)] if judged and judged.avoidability else []
+    if hit is None and scene.gentlest is not None:
+        return " · ".join([*words, f"the ego evades: {manoeuvre_words(scene.gentlest, dt)}"])
+    verdict = [escape(judged.avoidability, dt)] if judged and judged.avoidability else []
     return " · ".join([*words, *ending(attack.outcome, hit), *verdict])
 
 

@@ -70,9 +70,11 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
 
 
 def summary(attacked: Sequence[Scenario], replays: Mapping[str, Replay]) -> str:
-    """How many crash, and how many of these SUMO confirms."""
+    """How many crash, how many of these tell something about the planner, and how many SUMO confirms."""
     crashes = sum(s.attack is not None and s.attack.outcome == "collision" for s in attacked)
+    judged = [s.judgement for s in attacked if s.judgement]
     said = f"{crashes} of {len(attacked)} crash"
+    said += f", {sum(judgement.actionable for judgement in judged)} clean and avoidable" if judged else ""
     return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
 
 
