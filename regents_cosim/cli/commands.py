@@ -154,7 +154,7 @@ def attack(
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.attacks.attack import attack_each as run_attack_each
-    from regents_cosim.evaluation.judgement import judge as judge_crash
+    from regents_cosim.evaluation.judgement import judge_each
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import attack_row, summary
     from regents_cosim.suite import SuiteWriter, load_cases
@@ -173,7 +173,7 @@ def attack(
     attacked = []
     runs = run_attack_each(scenarios, config, planner, batch, engine=engine, act_timeout_s=act_timeout)
     for results in terminal.each(runs, "attacking", len(scenarios)):
-        judged = [judge_crash(scenario) for scenario in results] if judge else results
+        judged = list(judge_each(results)) if judge else results
         for scenario in judged:
             suite.add(scenario)
         attacked += judged
