@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.boxes import Boxes
-from regents_cosim.errors import require
+from regents_cosim.errors import ScenarioError, require
 from regents_cosim.roadmap import RoadMap
 
 Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
@@ -297,7 +297,6 @@ class Scenario:
                 f"evasion of shape {list(evasion.x.shape)}, expected the ego alone: [1, {self.tracks.steps}]",
             )
             require(bool(evasion.valid.all()), "the ego's evasion has gaps, expected it throughout")
-            require(self.attack is not None, "an evasion belongs to an attacked scenario")
 
     @property
     def ego(self) -> Agent:
@@ -332,15 +331,12 @@ class Scenario:
         Its attack then counts as one that found no collision, which is what a replay expects.
         Raises ScenarioError where no such drive is known.
         """
-        require(
-            self.evasion is not None,
-            f"case {self.id} has no evasion, expected an avoidable collision (`regents attack` judges those it finds)",
-        )
-        assert self.evasion is not None
-        assert self.attack is not None
+        if self.evasion is None or self.attack is None:
+            raise ScenarioError(
+                f"case {self.id} has no evasion, expected an avoidable collision (`regents attack` judges what it finds)"
+            )
         attack = replace(self.attack, outcome="no_collision", collision=None)
-        tracks = _with_ego(self.tracks, self.evasion)
-        return replace(self, tracks=tracks, attack=attack)
+        return replace(self, tracks=_with_ego(self.tracks, self.evasion), attack=attack)
 
 
 def _with_ego(tracks: Tracks, ego: Tracks) -> Tracks:
