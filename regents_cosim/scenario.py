@@ -333,7 +333,7 @@ class Scenario:
         """
         if self.evasion is None or self.attack is None:
             raise ScenarioError(
-                f"case {self.id} has no evasion, expected an avoidable collision (`regents attack` judges what it finds)"
+                f"case {self.id} has no evasion, expected an avoidable collision (`regents attack` judges them)"
             )
         attack = replace(self.attack, outcome="no_collision", collision=None)
         return replace(self, tracks=_with_ego(self.tracks, self.evasion), attack=attack)
