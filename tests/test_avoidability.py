@@ -126,6 +126,16 @@ def test_the_own_way_is_kept_around_a_bend():
     assert np.abs(off).max() < 0.02
 
 
+def test_a_bend_that_no_tyres_can_drive_is_followed_as_well_as_they_can():
+    made = scene((0, 0, 30), (150, 0, 30), road=replace(ONE_LANE, drivable=shapely.box(-99, -99, 399, 99)))
+    yaw = np.array(made.tracks.yaw)
+    yaw[0, 10:14] = 0.15  # to and fro within a step each, at 30 m/s
+    swerving = replace(moved(made, 1, x=150.0, speed=0.0), yaw=yaw)
+    found, evasion = avoidability(crash(made, swerving), STOP)
+    assert found.last_onset_step is not None
+    assert evasion.yaw[0, -1] == pytest.approx(0.0, abs=1e-6)
+
+
 def pushed(seed, drift, accel):
     """A platoon whose agents change lane and speed, each in its own way, until the ego is hit; None if it is not."""
     made, rng = platoon(seed=seed), np.random.default_rng(seed)

@@ -95,6 +95,8 @@ class _Others:
 
     def untouched_by(self, fan: Fan) -> Fan:
         """Manoeuvres that overlap none of them at any step."""
+        if not len(fan):
+            return fan
         size = np.hypot(self._length, self._width)
         reach = 0.5 * (size[:1] + size)[:, None]
         near = self._valid[:, fan.onset :].copy()
@@ -103,7 +105,7 @@ class _Others:
             near &= (mine.min(axis=0) - reach <= theirs) & (theirs <= mine.max(axis=0) + reach)
         for agent in self._agents:
             steps = np.flatnonzero(near[agent])
-            if len(fan) and len(steps):
+            if len(steps):
                 fan = fan.take(~self._touched(fan, agent, steps, float(reach[agent, 0])))
         return fan
 

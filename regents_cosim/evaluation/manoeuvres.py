@@ -30,6 +30,7 @@ FRICTION = 0.75  # dry asphalt or concrete, sliding tyres (Wong 2008, table 1.3;
 GRAVITY = 9.81  # [m/s^2]
 
 _LEAST_TRAVEL_M = 1e-6  # a standing vehicle has no curvature
+_BEND_SHARE = 0.7  # of what the tyres can do, that following the own way may take
 _ROUNDING = 1.0 + 1e-9
 
 
@@ -128,7 +129,8 @@ def _fan(bank: Bank, scenario: Scenario, way: OwnWay, onset: int, steps: int) ->
     speed = np.maximum(start + accel * np.fmin(time, lasting), 0.0)
     moved = _travelled(speed, dt)
     distance = _summed(moved)
-    heading = yaw + way.turned(float(way.driven[onset]), distance) + _turned_aside(bank, distance, start)
+    bend = way.turned(onset, distance, _BEND_SHARE * FRICTION * GRAVITY / max(start, 1.0) ** 2)
+    heading = yaw + bend + _turned_aside(bank, distance, start)
     mid = 0.5 * (heading[..., :-1] + heading[..., 1:])
     curvature = _per_metre(np.diff(heading), np.broadcast_to(moved, mid.shape))
     sideways = (0.5 * (speed[..., :-1] + speed[..., 1:])) ** 2 * curvature

@@ -21,10 +21,27 @@ class OwnWay:
     distance: Float[np.ndarray, " point"]  # [m] increasing
     heading: Float[np.ndarray, " point"]  # [rad] continuous
 
-    def turned(self, start: float, distance: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
-        """By how much the way turns from `start` to `distance` further on [m, rad]."""
-        first, *_ = np.interp([start], self.distance, self.heading)
-        return np.interp(start + distance, self.distance, self.heading) - first
+    def turned(self, step: int, distance: Float[np.ndarray, "*axes"], tightest: float) -> Float[np.ndarray, "*axes"]:
+        """By how much the way turns from `step` to `distance` further on [m, rad], nowhere more than `tightest` [1/m].
+
+        Where the ego drove a tighter bend it lags behind and makes up for it: highway-env's cars
+        change lanes with up to 30 m/s^2, which no tyres can do.
+        """
+        start = self.driven[step]
+        ahead = np.append(0.0, self.distance[self.distance > start] - start)
+        heading = np.interp(start + ahead, self.distance, self.heading)
+        room = tightest * np.diff(ahead)
+        if (np.abs(np.diff(heading)) > room).any():
+            heading = _lagging(heading, room)
+        return np.interp(distance, ahead, heading) - heading[0]
+
+
+def _lagging(heading: Float[np.ndarray, " point"], room: Float[np.ndarray, " piece"]) -> Float[np.ndarray, " point"]:
+    """What follows `heading` by at most `room` per piece."""
+    followed = [float(heading[0])]
+    for wanted, most in zip(heading[1:].tolist(), room.tolist(), strict=True):
+        followed.append(min(max(wanted, followed[-1] - most), followed[-1] + most))
+    return np.array(followed)
 
 
 def own_way(scenario: Scenario) -> OwnWay:
