@@ -21,10 +21,20 @@ def ego_contacts(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, 
     """
     boxes = boxes_of(agents, tracks)
     hits = overlap(_row(boxes, 0), boxes) & tracks.valid & tracks.valid[:1]
-    hits[0] = False
-    entry = np.argmax(tracks.valid, axis=1)
-    hits[hits[np.arange(len(agents)), entry]] = False
+    hits[~_clear_at_entry(tracks, hits)] = False
     return hits
+
+
+def apart_at_entry(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, " agent"]:
+    """Who can collide with the ego: the others that do not overlap it already when they first appear."""
+    boxes = boxes_of(agents, tracks)
+    return _clear_at_entry(tracks, np.asarray(overlap(_row(boxes, 0), boxes)))
+
+
+def _clear_at_entry(tracks: Tracks, hits: Bool[np.ndarray, "agent time"]) -> Bool[np.ndarray, " agent"]:
+    clear = ~hits[np.arange(len(hits)), np.argmax(tracks.valid, axis=1)]
+    clear[0] = False
+    return clear
 
 
 def first_contact(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[int, int] | None:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.boxes import Boxes
-from regents_cosim.errors import require
+from regents_cosim.errors import ScenarioError, require
 from regents_cosim.roadmap import RoadMap
 
 Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
@@ -185,11 +185,13 @@ class AttackRecord:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One way to evade: the ego drives as it did up to `onset_step`, then accelerates and steers steadily."""
+    """One way to evade: the ego drives as it did up to `onset_step`, then brakes or accelerates and moves aside."""
 
     onset_step: int
     accel: float  # [m/s^2] negative brakes
-    lateral_accel: float  # [m/s^2] positive to the left
+    lasting_s: float | None  # of `accel`, then the speed is held; None: to the end, or until it stands
+    lateral_accel: float  # [m/s^2] at its peak, at the speed of the onset; positive to the left
+    shift: float  # [m] how far it moves aside from the way that it drove, positive to the left
     friction_share: float  # of what the tyres can do, the greatest along the manoeuvre; the gentlest has the least
 
 
@@ -294,6 +296,7 @@ class Scenario:
                 evasion.x.shape == (1, self.tracks.steps),
                 f"evasion of shape {list(evasion.x.shape)}, expected the ego alone: [1, {self.tracks.steps}]",
             )
+            require(bool(evasion.valid.all()), "the ego's evasion has gaps, expected it throughout")
 
     @property
     def ego(self) -> Agent:
@@ -321,6 +324,28 @@ class Scenario:
         return replace(
             self, agents=agents, tracks=self.original, attack=None, original=None, judgement=None, evasion=None
         )
+
+    def evaded(self) -> "Scenario":
+        """The attacked scenario with an ego that avoids the collision, everybody else as they were.
+
+        Its attack then counts as one that found no collision, which is what a replay expects.
+        Raises ScenarioError where no such drive is known.
+        """
+        if self.evasion is None or self.attack is None:
+            raise ScenarioError(
+                f"case {self.id} has no evasion, expected an avoidable collision (`regents attack` judges them)"
+            )
+        attack = replace(self.attack, outcome="no_collision", collision=None)
+        return replace(self, tracks=_with_ego(self.tracks, self.evasion), attack=attack)
+
+
+def _with_ego(tracks: Tracks, ego: Tracks) -> Tracks:
+    """`tracks` with those of `ego` [1, time] in the first row; controls only where both have them."""
+    joined = {}
+    for name in (f.name for f in fields(Tracks)):
+        own, all_ = getattr(ego, name), getattr(tracks, name)
+        joined[name] = None if own is None or all_ is None else np.concatenate([own, all_[1:]])
+    return Tracks(**joined)
 
 
 def boxes_of(agents: tuple[Agent, ...], tracks: Tracks) -> Boxes:

@@ -1,10 +1,13 @@
 """Small scenes made by hand, for tests that need no simulator."""
 
+from dataclasses import replace
+
 import numpy as np
 import shapely
 
+from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.roadmap import Lane, RoadMap
-from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
+from regents_cosim.scenario import Agent, AttackRecord, Collision, Provenance, Scenario, Tracks
 
 DT = 0.1
 PROVENANCE = Provenance("test", "made by hand", "0" * 64, 0.0)
@@ -54,3 +57,13 @@ def platoon(cars: int = 9, seed: int = 0) -> Scenario:
     rng = np.random.default_rng(seed)
     rows = ((18.0 * (i // 3) + rng.uniform(0, 3), 3.2 * (i % 3), rng.uniform(9.5, 10.5)) for i in range(cars))
     return scene(*rows, name=f"platoon{seed}")
+
+
+def crash(made: Scenario, tracks: Tracks, attributed: bool = True) -> Scenario:
+    """`made` as if an attack had changed its tracks to `tracks`, which hold a collision of the ego."""
+    agent, step = first_contact(made.agents, tracks)
+    kind = collision_kind(made.agents, tracks, agent, step)
+    hit = Collision(made.agents[agent].id, step, DT * step, kind, 5.0, attributed)
+    agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(made.agents))
+    record = AttackRecord(made.id, "king", "idm", "collision", 3, hit)
+    return replace(made, agents=agents, tracks=tracks, attack=record, original=made.tracks)

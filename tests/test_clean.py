@@ -2,12 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import crash, scene
 
-from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.evaluation.clean import cleanness
 from regents_cosim.evaluation.statistics import mcnemar, wilson
-from regents_cosim.scenario import AttackRecord, Collision, Overlap
+from regents_cosim.scenario import AttackRecord, Overlap
 
 
 def crashed(*cars, attributed=True, drift=0.0, **changes):
@@ -15,13 +14,7 @@ def crashed(*cars, attributed=True, drift=0.0, **changes):
     made = scene(*cars, **changes)
     y = np.array(made.tracks.y)
     y[1] += drift * np.linspace(0, 1, 81) ** 2
-    tracks = replace(made.tracks, y=y)
-    agent, step = first_contact(made.agents, tracks)
-    kind = collision_kind(made.agents, tracks, agent, step)
-    hit = Collision(made.agents[agent].id, step, 0.1 * step, kind, 5.0, attributed)
-    agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(made.agents))
-    record = AttackRecord(made.id, "king", "idm", "collision", 3, hit)
-    return replace(made, agents=agents, tracks=tracks, attack=record, original=made.tracks)
+    return crash(made, replace(made.tracks, y=y), attributed)
 
 
 def test_a_cut_in_is_clean():

@@ -109,6 +109,22 @@ def test_another_planner_may_get_away(attacked):
     assert row["verified"] == (row["expected"] == row["found"])
 
 
+def test_an_avoidable_crash_can_be_watched_not_happening(attacked, recorded, tmp_path):
+    folder, rows = attacked
+    assert all((row["avoidable"] is None) == (row["outcome"] != "collision") == (row["clean"] is None) for row in rows)
+    row = next(row for row in rows if row["avoidable"])
+    assert load_case(folder / row["case"]).judgement.avoidability.avoidable
+    picture = tmp_path / "evasion.png"
+    done = regents("replay", folder / row["case"], "--ego", "evasion", "--record", picture, "--json")
+    (again,) = json.loads(done.stdout)
+    assert done.returncode == 0, done.stderr
+    assert (again["verified"], again["expected"], again["found"]) == (True, None, None)
+    assert picture.is_file()
+    done = regents("replay", recorded[0], "--ego", "evasion")
+    assert done.returncode == 2
+    assert "has no evasion" in done.stderr
+
+
 def test_recording_a_film(attacked, tmp_path):
     folder, row = crash(attacked)
     assert regents("replay", folder, "--in", "mirror", "--record", tmp_path / "out.gif").returncode == 0
@@ -117,7 +133,19 @@ def test_recording_a_film(attacked, tmp_path):
 
 
 def test_attack_straight_from_traffic(tmp_path):
-    words = ("attack", "-c", GRID, "--count", 1, "--iterations", 2, "--no-verify", "--no-pictures", "--quiet")
+    words = (
+        "attack",
+        "-c",
+        GRID,
+        "--count",
+        1,
+        "--iterations",
+        2,
+        "--no-verify",
+        "--no-judge",
+        "--no-pictures",
+        "--quiet",
+    )
     done = regents(*words, "-o", tmp_path / "suite", "--method", "king", "--as-published", "--planner", "log_replay")
     assert (done.returncode, done.stderr) == (0, "")
     (entry,) = load_suite(tmp_path / "suite").cases

@@ -57,7 +57,7 @@ def attacked():
 def judged():
     case = attacked()
     ego = [getattr(case.tracks, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")]
-    avoidability = Avoidability(True, 700, 12, 31, Manoeuvre(8, -2.5, 0.3, 0.31))
+    avoidability = Avoidability(True, 700, 12, 31, Manoeuvre(8, -2.5, 1.0, 0.3, 0.9, 0.31))
     fault = Fault("adversary", "unsafe_cut_in", "cut in 3.1 m ahead, 7.4 m were safe")
     return replace(case, judgement=Judgement((), avoidability, fault), evasion=Tracks(*ego))
 

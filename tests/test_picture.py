@@ -9,14 +9,16 @@ from scenes import DT, scene, straight_road
 
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.judgement import judge
 from regents_cosim.reports.camera import View, centred, fit_latest
 from regents_cosim.reports.canvas import Canvas, dashes, shorten, text_width
-from regents_cosim.reports.caption import HEADER_PX, describe, plain
+from regents_cosim.reports.caption import HEADER_PX, describe, escape, manoeuvre_words, plain
 from regents_cosim.reports.film import Ground, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.palette import (
     ADVERSARY,
     BURST,
     EGO,
+    EVASION,
     LAND,
     OTHER,
     PANEL,
@@ -28,7 +30,7 @@ from regents_cosim.reports.palette import (
 from regents_cosim.reports.picture import STILL_SIZE, animate, animate_pair, draw_still
 from regents_cosim.reports.scene import Scene, draw_ground, draw_moving
 from regents_cosim.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import AttackRecord, Collision, Scenario, Signal
+from regents_cosim.scenario import AttackRecord, Avoidability, Collision, Manoeuvre, Scenario, Signal
 
 SHIFT_M = 3.2  # one lane
 
@@ -177,6 +179,26 @@ def test_the_track_before_the_attack_is_dashed():
     changed = np.abs(strip[0] - strip[1]).max(axis=(0, 2)) > 40
     assert 0.3 < changed.mean() < 0.8
     assert np.diff(changed.astype(int)).clip(min=0).sum() > 20
+
+
+def test_an_evasion_is_drawn_and_named(tmp_path):
+    scenario = judge(attacked())
+    draw_still(scenario, tmp_path / "case.png")
+    assert close_to(Image.open(tmp_path / "case.png"), EVASION, 12).sum() > 100
+    assert scenario.judgement is not None
+    found = scenario.judgement.avoidability
+    assert found is not None
+    assert found.last_onset_step is not None
+    assert f"avoidable until {found.last_onset_step * DT:.1f} s: " in describe(Scene.of(scenario))
+    assert "the ego evades: " in describe(Scene.of(scenario.evaded()))
+
+
+def test_manoeuvres_in_words():
+    brake, swerve = Manoeuvre(20, -3.0, 1.5, 0.0, 0.0, 0.4), Manoeuvre(5, 2.0, None, -4.0, -1.8, 0.6)
+    assert manoeuvre_words(brake, DT) == "brake 3.0 m/s2 for 1.5 s from 2.0 s"
+    assert manoeuvre_words(swerve, DT) == "speed up 2.0 m/s2 and steer 1.8 m to the right from 0.5 s"
+    assert manoeuvre_words(replace(brake, accel=0.0, lasting_s=None), DT) == "hold the speed from 2.0 s"
+    assert escape(Avoidability(False, 700, 0, None, None), DT) == "unavoidable"
 
 
 def signalled() -> Scenario:

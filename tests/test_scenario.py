@@ -111,7 +111,7 @@ def test_a_signal_shows_what_it_last_changed_to():
 def test_an_evasion_comes_with_an_avoidable_collision_and_only_then():
     case = scene(*CARS)
     ego = Tracks(*(getattr(case.tracks, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
-    avoidable = Judgement((), Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, 0.0, 0.4)))
+    avoidable = Judgement((), Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4)))
     assert replace(case, judgement=avoidable, evasion=ego).judgement.actionable
     with pytest.raises(ScenarioError, match="keeps the track that avoids it"):
         replace(case, judgement=avoidable)
@@ -122,7 +122,7 @@ def test_an_evasion_comes_with_an_avoidable_collision_and_only_then():
 
 
 def test_only_a_clean_and_avoidable_collision_is_actionable():
-    avoidable = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, 0.0, 0.4))
+    avoidable = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4))
     assert Judgement((), avoidable).actionable
     assert not Judgement(("off_road",), avoidable).actionable
     assert not Judgement((), replace(avoidable, avoidable=False)).actionable

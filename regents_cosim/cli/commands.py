@@ -12,6 +12,7 @@ from regents_cosim.cli.shared import (
     attacked_planner,
     draw,
     draw_stills,
+    evaded_cases,
     exit_code,
     names_traffic,
     open_terminal,
@@ -117,6 +118,7 @@ def attack(
     engine: Literal["auto", "threads", "lanes"] = "auto",
     act_timeout: float = 10.0,
     executor: str = "local",
+    judge: bool = True,
     verify: bool = True,
     pictures: bool = True,
     compile_cache: bool = True,
@@ -142,6 +144,8 @@ def attack(
         a planner outside JAX that takes longer over one decision has failed [s]
     executor
         where SUMO runs: local, or dask:ADDRESS
+    judge
+        say of every crash what spoils it as a test, and whether the ego could have avoided it
     verify
         replay every crash in SUMO
     pictures
@@ -150,6 +154,7 @@ def attack(
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.attacks.attack import attack_each as run_attack_each
+    from regents_cosim.evaluation.judgement import judge_each
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import attack_row, summary
     from regents_cosim.suite import SuiteWriter, load_cases
@@ -168,9 +173,10 @@ def attack(
     attacked = []
     runs = run_attack_each(scenarios, config, planner, batch, engine=engine, act_timeout_s=act_timeout)
     for results in terminal.each(runs, "attacking", len(scenarios)):
-        for scenario in results:
+        judged = list(judge_each(results)) if judge else results
+        for scenario in judged:
             suite.add(scenario)
-        attacked += results
+        attacked += judged
     replays = verify_in_sumo(attacked, executor, terminal) if verify else {}
     if pictures:
         draw_stills(attacked, output, terminal)
@@ -185,7 +191,7 @@ def replay(
     *,
     where: Annotated[Literal["sumo", "highway", "mirror"], Parameter("--in")] = "sumo",
     mode: Literal["track", "actions"] = "track",
-    ego: Literal["track", "planner"] | None = None,
+    ego: Literal["track", "planner", "evasion"] | None = None,
     planner: str | None = None,
     gui: bool = False,
     record: Path | None = None,
@@ -205,7 +211,8 @@ def replay(
     mode
         in highway-env the others are placed on their tracks, or moved by its own physics (actions)
     ego
-        track: as in the case; planner: driven in closed loop by the planner (default where --planner is given)
+        track: as in the case; planner: driven in closed loop by the planner (default where --planner is given);
+        evasion: by the gentlest manoeuvre that avoids the collision
     planner
         who drives the ego; default the planner that was attacked; also sumo, and highway-env's agents:
         highway:idm, highway:mdp, highway:random, highway:package.module:attribute
@@ -234,13 +241,16 @@ def replay(
     driven_by = planner
     if ego == "planner" and planner is None:
         driven_by = attacked_planner(scenarios)
+    if ego == "evasion":
+        scenarios, driven_by = evaded_cases(scenarios, terminal), None
     with executor_for(executor) as pool:
         replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
     if record and found[0].replayed:
         draw(found[0].replayed, record, beside_original, terminal)
     rows = [replay_row(result) for result in found]
-    terminal.show(f"replayed in {where}, the ego driven by {driven_by or 'its track'}", rows)
+    at_the_wheel = "its evasion" if ego == "evasion" else driven_by or "its track"
+    terminal.show(f"replayed in {where}, the ego driven by {at_the_wheel}", rows)
     return exit_code(found, terminal)
 
 

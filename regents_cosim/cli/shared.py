@@ -139,6 +139,14 @@ def attacked_planner(scenarios: "list[Scenario]") -> str:
     return planners.pop()
 
 
+def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":
+    """Those of several cases that have an evasion, with the ego driving it; a single case must have one."""
+    known = [scenario for scenario in scenarios if scenario.evasion is not None] or scenarios[:1]
+    if len(known) < len(scenarios):
+        terminal.say(f"{len(scenarios) - len(known)} of {len(scenarios)} cases have no evasion and are left out")
+    return [scenario.evaded() for scenario in known]
+
+
 def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -> None:
     """A picture into every case."""
     from regents_cosim.reports.picture import draw_still

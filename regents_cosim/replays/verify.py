@@ -88,12 +88,14 @@ def _contact(scenario: Scenario, tracks: Tracks) -> Contact | None:
 
 
 def _stale(scenario: Scenario, expected: Contact | None) -> str:
-    """Whether the collision that an attack has noted is not the one in the case's own tracks."""
+    """Whether the collision that an attack has noted, or that it found none, is not what the case's tracks show."""
     noted = scenario.attack.collision if scenario.attack else None
-    if noted is None or (noted.agent, noted.step) == expected:
+    says_none = scenario.attack is not None and scenario.attack.outcome == "no_collision"
+    if (noted is None and not (says_none and expected)) or (noted and (noted.agent, noted.step) == expected):
         return ""
+    said = f"a collision with {noted.agent} at step {noted.step}" if noted else "no collision"
     shown = f"one with {expected[0]} at step {expected[1]}" if expected else "none"
-    return f"the case notes a collision with {noted.agent} at step {noted.step}, its own tracks show {shown}"
+    return f"the case notes {said}, its own tracks show {shown}"
 
 
 def _absent(scenario: Scenario, tracks: Tracks) -> str:

@@ -9,6 +9,7 @@ from regents_cosim.reports.canvas import Canvas, shorten, text_width
 from regents_cosim.reports.palette import (
     ADVERSARY,
     EGO,
+    EVASION,
     FAINT_INK,
     HAIRLINE,
     INK,
@@ -19,7 +20,7 @@ from regents_cosim.reports.palette import (
     shade,
 )
 from regents_cosim.reports.scene import Scene, draw_burst
-from regents_cosim.scenario import Collision, CollisionKind, Outcome
+from regents_cosim.scenario import Avoidability, Collision, CollisionKind, Manoeuvre, Outcome
 
 HEADER_PX = 66
 FOOTER_PX = 38
@@ -82,8 +83,12 @@ def describe(scene: Scene) -> str:
         return f"recorded traffic, before any attack · {source.source} {source.file} at {source.begin_s:g} s"
     how = " as published" if attack.settings.get("as_published") else ""
     words = [f"planner {attack.planner}", f"attack {attack.method}{how}"]
-    hit = attack.collision
-    return " · ".join([*words, *ending(attack.outcome, hit)])
+    hit, dt = attack.collision, scene.scenario.dt
+    judged = scene.scenario.judgement
+    if hit is None and scene.gentlest is not None:
+        return " · ".join([*words, f"the ego evades: {manoeuvre_words(scene.gentlest, dt)}"])
+    verdict = [escape(judged.avoidability, dt)] if judged and judged.avoidability else []
+    return " · ".join([*words, *ending(attack.outcome, hit), *verdict])
 
 
 def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
@@ -93,6 +98,26 @@ def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
         speed = f"impact {hit.relative_speed:.1f} m/s ({3.6 * hit.relative_speed:.0f} km/h)"
         words += [f"{_KINDS[hit.kind]} at {hit.time_s:.1f} s", speed]
     return words
+
+
+def escape(found: Avoidability, dt: float) -> str:
+    """Until when the collision could have been avoided, and how most gently."""
+    if found.gentlest is None or found.last_onset_step is None:
+        return "unavoidable"
+    return f"avoidable until {found.last_onset_step * dt:.1f} s: {manoeuvre_words(found.gentlest, dt)}"
+
+
+def manoeuvre_words(manoeuvre: Manoeuvre, dt: float) -> str:
+    """What a manoeuvre does, in a few words."""
+    words = []
+    if manoeuvre.accel:
+        verb = "brake" if manoeuvre.accel < 0 else "speed up"
+        lasting = "" if manoeuvre.lasting_s is None else f" for {manoeuvre.lasting_s:g} s"
+        words.append(f"{verb} {abs(manoeuvre.accel):.1f} m/s2{lasting}")
+    if manoeuvre.shift:
+        side = "left" if manoeuvre.shift > 0 else "right"
+        words.append(f"steer {abs(manoeuvre.shift):.1f} m to the {side}")
+    return f"{' and '.join(words) or 'hold the speed'} from {manoeuvre.onset_step * dt:.1f} s"
 
 
 def plain(words: str) -> str:
@@ -128,6 +153,9 @@ def _draw_legend(canvas: Canvas, scene: Scene) -> None:
         tint = mix(PANEL, ADVERSARY if len(scene.main) > 1 else EGO, 0.8)
         canvas.dashed(np.array([[x, middle], [x + 26, middle]]), tint, 1.5, (6.0, 4.0))
         x += 32 + canvas.text((x + 32, middle + 4.5), "before the attack", 13, INK) + 20
+    if scene.scenario.evasion is not None:
+        canvas.dashed(np.array([[x, middle], [x + 26, middle]]), EVASION, 1.5, (6.0, 4.0))
+        x += 32 + canvas.text((x + 32, middle + 4.5), "evasion", 13, INK) + 20
     if scene.collision is not None:
         draw_burst(canvas, np.array([x + 8, middle]), 7.0)
         canvas.text((x + 22, middle + 4.5), "collision", 13, INK)

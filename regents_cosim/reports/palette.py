@@ -27,6 +27,7 @@ SIGNAL_RED: Colour = (206, 17, 55)
 SIGNAL_AMBER: Colour = (245, 170, 0)
 SIGNAL_GREEN: Colour = (0, 158, 115)
 SIGNAL_OFF: Colour = (120, 128, 138)
+EVASION: Colour = (0, 128, 94)  # the bluish green of the same set, darker
 
 _RAMP = 6  # steps between two colours that meet at an antialiased edge
 _APART = 7  # shades closer than that in every channel are one
@@ -54,7 +55,7 @@ def gif_palette() -> Image.Image:
     bodies = (EGO, ADVERSARY, OTHER)
     lights = (SIGNAL_RED, SIGNAL_AMBER, SIGNAL_GREEN, SIGNAL_OFF)
     grounds = (PANEL, LAND, ROAD)
-    inks = (*bodies, *map(shade, bodies), *lights, BURST, INK, FAINT_INK, KERB)
+    inks = (*bodies, *map(shade, bodies), *lights, EVASION, BURST, INK, FAINT_INK, KERB)
     pairs = [
         *itertools.product(grounds, inks),
         *((body, shade(body)) for body in bodies),

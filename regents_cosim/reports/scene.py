@@ -10,12 +10,13 @@ from jaxtyping import Float
 from regents_cosim.boxes import Boxes, corners
 from regents_cosim.reports.camera import View
 from regents_cosim.reports.canvas import Canvas
-from regents_cosim.reports.palette import ADVERSARY, BURST, EGO, INK, LAND, OTHER, PANEL, ROAD, Colour, mix
+from regents_cosim.reports.palette import ADVERSARY, BURST, EGO, EVASION, INK, LAND, OTHER, PANEL, ROAD, Colour, mix
 from regents_cosim.reports.road import draw_road, draw_signals
 from regents_cosim.reports.vehicles import Pose, draw_ghost, draw_planned_way, draw_tail, draw_trail, draw_vehicle
-from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.scenario import Collision, Manoeuvre, Scenario, Tracks
 
 _AFTER_COLLISION_S = 1.0  # later motion means nothing: nobody computes what a crash does
+_EVASION_S = 1.0  # between two outlines of an ego that evades
 _PULSE_S = 0.5  # the ring around a contact grows for that long
 _TAIL_S = 1.0  # behind other road users
 _BURST_PX, _RING_PX = 7.0, 15.0
@@ -39,6 +40,12 @@ class Scene:
     def collision(self) -> Collision | None:
         """The collision that the attack found."""
         return self.scenario.attack.collision if self.scenario.attack else None
+
+    @property
+    def gentlest(self) -> Manoeuvre | None:
+        """The gentlest manoeuvre that avoids the collision, where one is known."""
+        judged = self.scenario.judgement
+        return judged.avoidability.gentlest if judged and judged.avoidability else None
 
     @property
     def last_step(self) -> int:
@@ -98,7 +105,24 @@ def draw_ground(scene: Scene, view: View, zoom: int) -> Canvas:
         for index, colour in scene.main.items():
             end = slice(scene.last_step + 1)
             draw_planned_way(canvas, view, points[index, end], original.valid[index, end], mix(ROAD, colour, 0.7))
+    _draw_evasion(scene, canvas, view)
     return canvas
+
+
+def _draw_evasion(scene: Scene, canvas: Canvas, view: View) -> None:
+    """How the ego could have avoided the collision: its way from the onset on, and its outline once a second.
+
+    One of the outlines is where it is when it would have collided.
+    """
+    evasion, manoeuvre = scene.scenario.evasion, scene.gentlest
+    if evasion is None or manoeuvre is None:
+        return
+    points = _positions(evasion)[0, manoeuvre.onset_step :]
+    draw_planned_way(canvas, view, points, np.ones(len(points), bool), EVASION)
+    every = max(round(_EVASION_S / scene.scenario.dt), 1)
+    first = manoeuvre.onset_step + (scene.shown_step - manoeuvre.onset_step) % every
+    for step in range(first, evasion.steps, every):
+        draw_ghost(canvas, view, scene.scenario.ego, pose_at(evasion, 0, step), EVASION)
 
 
 def draw_moving(scene: Scene, canvas: Canvas, view: View, step: int) -> None:

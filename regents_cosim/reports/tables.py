@@ -53,6 +53,7 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
     """An attacked case, with its replay in SUMO where there was one."""
     record = scenario.attack
     hit = record.collision if record else None
+    judged = scenario.judgement
     return {
         "case": scenario.id,
         "outcome": record.outcome if record else None,
@@ -62,14 +63,18 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
         "kind": hit.kind if hit else None,
         "impact_m_s": round(hit.relative_speed, 2) if hit else None,
         "attributed": hit.attributed if hit else None,
+        "clean": judged.clean if judged else None,
+        "avoidable": judged.avoidability.avoidable if judged and judged.avoidability else None,
         "SUMO_verified": replay.verified if replay else None,
     }
 
 
 def summary(attacked: Sequence[Scenario], replays: Mapping[str, Replay]) -> str:
-    """How many crash, and how many of these SUMO confirms."""
+    """How many crash, how many of these tell something about the planner, and how many SUMO confirms."""
     crashes = sum(s.attack is not None and s.attack.outcome == "collision" for s in attacked)
+    judged = [s.judgement for s in attacked if s.judgement]
     said = f"{crashes} of {len(attacked)} crash"
+    said += f", {sum(judgement.actionable for judgement in judged)} clean and avoidable" if judged else ""
     return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
 
 

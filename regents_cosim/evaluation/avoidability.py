@@ -1,0 +1,143 @@
+"""Could the ego have avoided the crash? A bank of manoeuvres, tried against everybody else's fixed tracks.
+
+Sound: a collision counts as avoidable only with a track of the ego that comes nobody nearer than
+0.1 m up to the end of the horizon, by the exact boxes, and keeps to the road. To be late is not
+to evade: for 2 s beyond the horizon the one that was hit goes straight on, and the manoeuvre must
+clear it there too. Not complete: where the whole bank fails, another manoeuvre might have worked.
+
+Fixed means that nobody makes way: the adversary and everybody else drive as in the attacked
+case. A follower who does not brake for a braking ego spoils that manoeuvre, though a real one
+would have braked; that makes the verdict strict. And an adversary that was sent to where the ego
+would be is not sent anew; that makes it lenient towards egos that do anything else early.
+`last_onset_step` tells the early escapes from the late ones.
+"""
+
+import numpy as np
+import shapely
+from jaxtyping import Bool
+
+from regents_cosim.boxes import Boxes, corners, overlap
+from regents_cosim.collisions import apart_at_entry
+from regents_cosim.errors import ScenarioError
+from regents_cosim.evaluation.clean import OFF_ROAD_M
+from regents_cosim.evaluation.manoeuvres import BANK, Bank, Fan, fans
+from regents_cosim.scenario import Avoidability, Collision, Scenario, Tracks
+
+_MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
+_BEYOND_S = 2.0
+_BEYOND_M = 100.0  # around the ego's track: the road that manoeuvres are held against
+
+
+def avoidability(attacked: Scenario, bank: Bank = BANK) -> tuple[Avoidability, Tracks | None]:
+    """Whether a manoeuvre that begins before the collision avoids it, and the gentlest that does [1, time].
+
+    The gentlest takes the least share of the tyres' friction; among equals the one that steers
+    less, then brakes less, then begins later. Raises ScenarioError where there is no collision.
+    """
+    hit = attacked.attack.collision if attacked.attack else None
+    if hit is None:
+        raise ScenarioError(f"case {attacked.id} holds no collision, expected one that the ego may avoid")
+    others, road = _Others(attacked, hit), _Road(attacked)
+    tried, evading = 0, list[Fan]()
+    for fan in fans(bank, attacked, hit.step, others.steps):
+        tried += len(fan)
+        left = road.keeping_to_it(others.untouched_by(fan))
+        evading += [left] if len(left) else []
+    if not evading:
+        return Avoidability(avoidable=False, tried=tried, evading=0, last_onset_step=None, gentlest=None), None
+    gentlest, index = _gentlest(evading, bank)
+    verdict = Avoidability(
+        avoidable=True,
+        tried=tried,
+        evading=sum(map(len, evading)),
+        last_onset_step=evading[0].onset,
+        gentlest=gentlest.manoeuvre(index, bank),
+    )
+    return verdict, gentlest.tracks(index, attacked)
+
+
+def _gentlest(evading: list[Fan], bank: Bank) -> tuple[Fan, int]:
+    accel, lateral_accel = (np.abs([pair[0] for pair in pairs]) for pairs in (bank.along, bank.aside))
+    found = []
+    for fan in evading:
+        keys = (np.round(fan.friction_share, 6), lateral_accel[fan.aside], accel[fan.along])
+        index = int(np.lexsort(keys[::-1])[0])
+        found.append((*(float(key[index]) for key in keys), -fan.onset, fan, index))
+    *_, fan, index = min(found, key=lambda entry: entry[:4])
+    return fan, index
+
+
+class _Others:
+    """Whom a manoeuvre may not touch, and where they are up to a little beyond the horizon.
+
+    Left out are only those who overlap the ego already when they first appear (`collisions`).
+    """
+
+    def __init__(self, attacked: Scenario, hit: Collision) -> None:
+        tracks = attacked.tracks
+        ahead = attacked.dt * np.arange(1, round(_BEYOND_S / attacked.dt) + 1)
+        speed, yaw = tracks.speed[:, -1:], tracks.yaw[:, -1:]
+        self._x = np.hstack([tracks.x, tracks.x[:, -1:] + speed * np.cos(yaw) * ahead])
+        self._y = np.hstack([tracks.y, tracks.y[:, -1:] + speed * np.sin(yaw) * ahead])
+        self._yaw = np.hstack([tracks.yaw, yaw + 0.0 * ahead])
+        was_hit = np.array([agent.id == hit.agent for agent in attacked.agents])
+        self._valid = np.hstack([tracks.valid, np.outer(was_hit & tracks.valid[:, -1], np.ones_like(ahead, bool))])
+        self._length, self._width = np.array([(agent.length, agent.width) for agent in attacked.agents]).T
+        self._length[0] += 2.0 * _MARGIN_M
+        self._width[0] += 2.0 * _MARGIN_M
+        may_be_hit = np.flatnonzero(apart_at_entry(attacked.agents, tracks))
+        self._agents = sorted(may_be_hit.tolist(), key=lambda agent: not was_hit[agent])  # the hit one spoils most
+
+    @property
+    def steps(self) -> int:
+        """Instants, those beyond the horizon included."""
+        return self._x.shape[1]
+
+    def untouched_by(self, fan: Fan) -> Fan:
+        """Manoeuvres that overlap none of them at any step."""
+        if not len(fan):
+            return fan
+        size = np.hypot(self._length, self._width)
+        reach = 0.5 * (size[:1] + size)[:, None]
+        near = self._valid[:, fan.onset :].copy()
+        for mine, all_ in ((fan.x, self._x), (fan.y, self._y)):
+            theirs = all_[:, fan.onset :]
+            near &= (mine.min(axis=0) - reach <= theirs) & (theirs <= mine.max(axis=0) + reach)
+        for agent in self._agents:
+            steps = np.flatnonzero(near[agent])
+            if len(steps):
+                fan = fan.take(~self._touched(fan, agent, steps, float(reach[agent, 0])))
+        return fan
+
+    def _touched(self, fan: Fan, agent: int, steps: np.ndarray, reach: float) -> Bool[np.ndarray, " manoeuvre"]:
+        """Which manoeuvres overlap `agent` at one of `steps` after the onset; nobody overlaps beyond `reach` [m]."""
+        x, y, yaw = (values[agent, fan.onset + steps] for values in (self._x, self._y, self._yaw))
+        row, step = np.nonzero((fan.x[:, steps] - x) ** 2 + (fan.y[:, steps] - y) ** 2 <= reach**2)
+        at = row, steps[step]
+        mine = Boxes(fan.x[at], fan.y[at], fan.yaw[at], self._length[0], self._width[0])
+        theirs = Boxes(x[step], y[step], yaw[step], self._length[agent], self._width[agent])
+        touched = np.zeros(len(fan), bool)
+        touched[row[overlap(mine, theirs)]] = True
+        return touched
+
+
+class _Road:
+    """Where the ego may drive, with the tolerance of `clean`."""
+
+    def __init__(self, attacked: Scenario) -> None:
+        own = attacked.tracks
+        bounds = [edge(values[0]) for edge in (np.min, np.max) for values in (own.x, own.y)]
+        around = np.add(bounds, [-_BEYOND_M, -_BEYOND_M, _BEYOND_M, _BEYOND_M])
+        self._steps = own.steps
+        self._allowed = shapely.clip_by_rect(attacked.road.drivable, *around).buffer(OFF_ROAD_M)
+        shapely.prepare(self._allowed)
+        self._ego = attacked.ego
+
+    def keeping_to_it(self, fan: Fan) -> Fan:
+        """Manoeuvres that take no corner off the road, up to the horizon, which was on it at the onset."""
+        for stride in (5, 1):  # few steps tell most of those that leave it
+            steps = np.s_[:, : self._steps - fan.onset : stride]
+            places = corners(Boxes(fan.x[steps], fan.y[steps], fan.yaw[steps], self._ego.length, self._ego.width))
+            on = shapely.contains_xy(self._allowed, places[..., 0], places[..., 1])
+            fan = fan.take(np.all(on | ~on[:, :1], axis=(1, 2)))
+        return fan

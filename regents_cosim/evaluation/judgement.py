@@ -1,0 +1,36 @@
+"""What a crash says about the planner: what spoils it as a test, whether it could have been avoided."""
+
+import os
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+from regents_cosim.evaluation.avoidability import avoidability
+from regents_cosim.evaluation.clean import Cleanness, cleanness
+from regents_cosim.scenario import Judgement, Scenario
+
+
+def judge(attacked: Scenario) -> Scenario:
+    """The scenario with the judgement of its crash, and the track that avoids it; unchanged where there is none."""
+    flaws = cleanness(attacked)
+    if flaws is None:
+        return attacked
+    avoidable, evasion = avoidability(attacked)
+    return replace(attacked, judgement=Judgement(_words(flaws), avoidable, fault=None), evasion=evasion)
+
+
+def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:
+    """The same for many, in order, on all cores."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        yield from pool.map(judge, attacked)
+
+
+def _words(flaws: Cleanness) -> tuple[str, ...]:
+    spoils = {
+        "unattributed": not flaws.attributed,
+        "off_road": flaws.off_road,
+        "hits_others": flaws.hits_others,
+        "rear_ends_ego": flaws.rear_ends_ego,
+        "ego_stands": flaws.ego_stands,
+    }
+    return tuple(word for word, holds in spoils.items() if holds)

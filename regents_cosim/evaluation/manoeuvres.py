@@ -1,0 +1,178 @@
+"""What an ego could have done instead: a bank of manoeuvres, braking x steering x onset.
+
+Up to its onset a manoeuvre is the ego's own drive. From there on the ego keeps to the way that it
+drove itself (`own_way`), gains or loses speed steadily for a while, moves over to one side and
+straightens up again:
+
+    d(s) = D (r - sin(2 pi r) / (2 pi)),   r = s / L in [0, 1],   L = u sqrt(2 pi |D| / A)
+
+over the distance s from the onset, where its speed is u; A is the lateral acceleration at its
+peak if the speed stays. So the heading is a function of the distance, that of the own way plus
+atan(d'(s)), and with the change of heading per metre as curvature the motion is an exact roll-out
+of the mirror's bicycle. What the tyres or the bicycle cannot do is left out.
+
+Sources: lane change of sinusoidal lateral acceleration (Chee and Tomizuka 1994); friction circle
+a^2 + (u^2 k)^2 <= (mu g)^2 (Rajamani 2012, ch. 13).
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from regents_cosim.evaluation.own_way import OwnWay, own_way
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.scenario import Manoeuvre, Scenario, Tracks
+
+FRICTION = 0.75  # dry asphalt or concrete, sliding tyres (Wong 2008, table 1.3; 0.8 to 0.9 at their best)
+GRAVITY = 9.81  # [m/s^2]
+
+_LEAST_TRAVEL_M = 1e-6  # a standing vehicle has no curvature
+_BEND_SHARE = 0.7  # of what the tyres can do, that following the own way may take
+_ROUNDING = 1.0 + 1e-9
+
+
+@dataclass(frozen=True)
+class Bank:
+    """The grid of manoeuvres: every way along with every way aside, from every onset."""
+
+    accels: tuple[float, ...] = (-ACCEL_LIMIT, -4.0, -2.0, -1.0, 2.0)  # [m/s^2]
+    lasting_s: tuple[float | None, ...] = (1.0, 2.0, None)  # None: to the end; nobody gains speed for so long
+    shifts: tuple[float, ...] = (0.9, 1.8, 3.5)  # [m] half a car, a car, a lane
+    lateral_accels: tuple[float, ...] = (1.0, 4.0, 6.5)  # [m/s^2] 4.2 is what full braking leaves
+    onsets_s: tuple[tuple[float, float], ...] = ((1.0, 0.1), (3.0, 0.2), (np.inf, 0.5))  # (up to so early, spacing)
+
+    @property
+    def along(self) -> list[tuple[float, float | None]]:
+        """Pairs of acceleration and how long it lasts; to hold the speed is one of them."""
+        pairs = itertools.product(self.accels, self.lasting_s)
+        return [(0.0, None), *((accel, lasting) for accel, lasting in pairs if accel < 0 or lasting)]
+
+    @property
+    def aside(self) -> list[tuple[float, float]]:
+        """Pairs of lateral acceleration and shift; to stay on the own way is one of them."""
+        pairs = itertools.product(self.lateral_accels, self.shifts)
+        return [(0.0, 0.0), *((side * accel, side * shift) for accel, shift in pairs for side in (1.0, -1.0))]
+
+    def onsets(self, before: int, dt: float) -> list[int]:
+        """Steps ahead of `before`, the last one included, from the last to the first."""
+        found = [before - 1]
+        while found[-1] >= 0:
+            early = (before - found[-1]) * dt
+            spacing = next(spacing for until, spacing in self.onsets_s if early < until)
+            found.append(found[-1] - max(round(spacing / dt), 1))
+        return found[:-1]
+
+
+BANK = Bank()
+
+
+@dataclass(frozen=True, eq=False)
+class Fan:
+    """Manoeuvres of one onset and where they lead; time counts from the onset."""
+
+    onset: int
+    along: Int[np.ndarray, " manoeuvre"]  # index into `Bank.along`
+    aside: Int[np.ndarray, " manoeuvre"]  # index into `Bank.aside`
+    friction_share: Float[np.ndarray, " manoeuvre"]  # of what the tyres can do, the greatest on the way
+    x: Float[np.ndarray, "manoeuvre time"]  # [m]
+    y: Float[np.ndarray, "manoeuvre time"]  # [m]
+    yaw: Float[np.ndarray, "manoeuvre time"]  # [rad]
+    speed: Float[np.ndarray, "manoeuvre time"]  # [m/s]
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def take(self, chosen: np.ndarray) -> "Fan":
+        """Some of them, by mask or index."""
+        return Fan(self.onset, *(values[chosen] for name, values in vars(self).items() if name != "onset"))
+
+    def manoeuvre(self, index: int, bank: Bank) -> Manoeuvre:
+        """What one of them does."""
+        accel, lasting_s = bank.along[self.along[index]]
+        lateral_accel, shift = bank.aside[self.aside[index]]
+        return Manoeuvre(self.onset, accel, lasting_s, lateral_accel, shift, float(self.friction_share[index]))
+
+    def tracks(self, index: int, scenario: Scenario) -> Tracks:
+        """The ego [1, time] along one of them, its own drive up to the onset, with the controls that lead there."""
+        own, names = scenario.tracks, ("x", "y", "yaw", "speed")
+        after = np.s_[index, : own.steps - self.onset]
+        pieces = {name: (getattr(own, name)[0, : self.onset], getattr(self, name)[after]) for name in names}
+        driven = {name: np.concatenate(both)[None] for name, both in pieces.items()}
+        moved = _travelled(driven["speed"], scenario.dt)
+        return Tracks(
+            **driven,
+            valid=own.valid[:1],
+            accel=np.diff(driven["speed"], axis=1) / scenario.dt,
+            curvature=_per_metre(np.diff(np.unwrap(driven["yaw"], axis=1), axis=1), moved),
+        )
+
+
+def fans(bank: Bank, scenario: Scenario, before: int, steps: int) -> Iterator[Fan]:
+    """All manoeuvres of `bank` that begin ahead of step `before`, one onset after the other, the last first.
+
+    They go on to the instant `steps - 1`, which may lie beyond the horizon.
+    """
+    way = own_way(scenario)
+    for onset in bank.onsets(before, scenario.dt):
+        yield _fan(bank, scenario, way, onset, steps)
+
+
+def _fan(bank: Bank, scenario: Scenario, way: OwnWay, onset: int, steps: int) -> Fan:
+    own, dt = scenario.tracks, scenario.dt
+    x, y, yaw, start = (float(values[0, onset]) for values in (own.x, own.y, own.yaw, own.speed))
+    # [along, aside, time]: speed and distance do not depend on the steering
+    time = dt * np.arange(steps - onset)
+    accel, lasting = (np.array(values, float)[:, None, None] for values in zip(*bank.along, strict=True))
+    speed = np.maximum(start + accel * np.fmin(time, lasting), 0.0)
+    moved = _travelled(speed, dt)
+    distance = _summed(moved)
+    bend = way.turned(onset, distance, _BEND_SHARE * FRICTION * GRAVITY / max(start, 1.0) ** 2)
+    heading = yaw + bend + _turned_aside(bank, distance, start)
+    mid = 0.5 * (heading[..., :-1] + heading[..., 1:])
+    curvature = _per_metre(np.diff(heading), np.broadcast_to(moved, mid.shape))
+    sideways = (0.5 * (speed[..., :-1] + speed[..., 1:])) ** 2 * curvature
+    judged = np.s_[..., : own.steps - onset - 1]  # steps up to the horizon
+    share = np.hypot(np.diff(speed) / dt, sideways)[judged].max(axis=-1) / (FRICTION * GRAVITY)
+    possible = (share <= _ROUNDING) & (np.abs(curvature)[judged].max(axis=-1) <= CURVATURE_LIMIT)
+    along, aside = np.nonzero(possible)
+    return Fan(
+        onset,
+        along,
+        aside,
+        share[possible],
+        x=(x + _summed(moved * np.cos(mid)))[possible],
+        y=(y + _summed(moved * np.sin(mid)))[possible],
+        yaw=heading[possible],
+        speed=speed[along, 0],
+    )
+
+
+def _turned_aside(bank: Bank, distance: Float[np.ndarray, "along 1 time"], speed: float) -> Float[np.ndarray, "..."]:
+    """atan(d'(s)): how far the heading is off that of the own way [rad], [along, aside, time]."""
+    lateral_accel, shift = np.array(bank.aside).T[:, :, None]
+    sharpest = 2.0 * np.pi * np.abs(shift)
+    tightest = np.sqrt(sharpest / (0.9 * CURVATURE_LIMIT))  # at low speed the wheels' angle is the limit
+    wanted = speed * np.sqrt(sharpest / np.where(shift == 0.0, 1.0, np.abs(lateral_accel)))
+    length = np.where(shift == 0.0, 1.0, np.maximum(wanted, tightest))
+    done = np.minimum(distance / length, 1.0)
+    return np.arctan(shift / length * (1.0 - np.cos(2.0 * np.pi * done)))
+
+
+def _travelled(speed: Float[np.ndarray, "*axes time"], dt: float) -> Float[np.ndarray, "*axes step"]:
+    """Metres per step."""
+    return 0.5 * (speed[..., :-1] + speed[..., 1:]) * dt
+
+
+def _summed(increments: Float[np.ndarray, "*axes step"]) -> Float[np.ndarray, "*axes time"]:
+    """Running sums from 0."""
+    sums = np.zeros((*increments.shape[:-1], increments.shape[-1] + 1))
+    np.cumsum(increments, axis=-1, out=sums[..., 1:])
+    return sums
+
+
+def _per_metre(turned: Float[np.ndarray, "*axes"], moved: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
+    """Curvature [1/m] of a turn [rad]; 0 where nothing moved."""
+    return np.divide(turned, moved, out=np.zeros_like(turned), where=moved > _LEAST_TRAVEL_M)
