@@ -1,4 +1,4 @@
-"""What a crash says about the planner: what spoils it as a test, whether it could have been avoided."""
+"""What a crash says about the planner: what spoils it as a test, whether it could be avoided, whose fault it is."""
 
 import os
 from collections.abc import Iterable, Iterator
@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from regents_cosim.evaluation.avoidability import avoidability
 from regents_cosim.evaluation.clean import Cleanness, cleanness
+from regents_cosim.evaluation.fault import fault
 from regents_cosim.scenario import Judgement, Scenario
 
 
@@ -16,7 +17,7 @@ def judge(attacked: Scenario) -> Scenario:
     if flaws is None:
         return attacked
     avoidable, evasion = avoidability(attacked)
-    return replace(attacked, judgement=Judgement(_words(flaws), avoidable, fault=None), evasion=evasion)
+    return replace(attacked, judgement=Judgement(_words(flaws), avoidable, fault(attacked)), evasion=evasion)
 
 
 def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:
