@@ -185,6 +185,7 @@ def replay(
     *,
     where: Annotated[Literal["sumo", "highway", "mirror"], Parameter("--in")] = "sumo",
     mode: Literal["track", "actions"] = "track",
+    background: Literal["log", "reactive"] = "log",
     ego: Literal["track", "planner"] | None = None,
     planner: str | None = None,
     gui: bool = False,
@@ -204,6 +205,8 @@ def replay(
         in SUMO, in highway-env, or in the mirror
     mode
         in highway-env the others are placed on their tracks, or moved by its own physics (actions)
+    background
+        in SUMO the others follow their tracks, or only the adversary does and SUMO drives the rest (reactive)
     ego
         track: as in the case; planner: driven in closed loop by the planner (default where --planner is given)
     planner
@@ -219,7 +222,7 @@ def replay(
         where SUMO runs: local, or dask:ADDRESS
     """
     from regents_cosim.replays.replay import replay_each
-    from regents_cosim.reports.tables import replay_row
+    from regents_cosim.reports.tables import replay_row, traffic_row
     from regents_cosim.suite import load_cases
     from regents_cosim.workers import executor_for
 
@@ -235,11 +238,11 @@ def replay(
     if ego == "planner" and planner is None:
         driven_by = attacked_planner(scenarios)
     with executor_for(executor) as pool:
-        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode)
+        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode, background)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
     if record and found[0].replayed:
         draw(found[0].replayed, record, beside_original, terminal)
-    rows = [replay_row(result) for result in found]
+    rows = [replay_row(result) | (traffic_row(result) if background == "reactive" else {}) for result in found]
     terminal.show(f"replayed in {where}, the ego driven by {driven_by or 'its track'}", rows)
     return exit_code(found, terminal)
 

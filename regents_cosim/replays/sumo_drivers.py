@@ -58,7 +58,7 @@ AGGRESSIVE_DRIVER = DriverParameters(
 )
 
 
-def background(scenario: Scenario) -> dict[int, DriverParameters]:
+def background_drivers(scenario: Scenario) -> dict[int, DriverParameters]:
     """All vehicles but the ego and the adversary, by index."""
     return {
         index: SUMO_DRIVER
@@ -73,7 +73,7 @@ def type_file(agents: tuple[Agent, ...], drivers: Mapping[int, DriverParameters]
     for index, driver in drivers.items():
         size = {"length": agents[index].length, "width": agents[index].width}
         values = {name: repr(float(value)) for name, value in (size | dict(driver.attributes)).items()}
-        ElementTree.SubElement(root, "vType", id=driven_type(index), **values)
+        ElementTree.SubElement(root, "vType", {"id": driven_type(index), **values})
     return ElementTree.tostring(root)
 
 
