@@ -11,7 +11,7 @@ import pytest
 
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.transfer import transfer
+from regents_cosim.evaluation.transfer import PLACES, transfer
 from regents_cosim.files import load_case
 from regents_cosim.frames import wrap
 from regents_cosim.replays.replay import SumoDrive, drive_in_sumo, drive_in_sumo_each, replay
@@ -218,28 +218,32 @@ def under_constant_velocity(name):
 
 
 def test_the_transfer_report_names_every_case_in_every_place():
-    cases = [under_constant_velocity(name) for name in ("grid-00064*", "roundabout-00064*")]
-    report = dict((row.place, (row, each)) for row, each in transfer(cases))
-    assert list(report) == [
-        "SUMO",
-        "SUMO, reactive",
-        "SUMO, reactive, planner drives",
-        "highway-env, track",
-        "highway-env, actions",
-    ]
+    cases = [under_constant_velocity(name) for name in ("grid-00064*", "merge-00218*")]
+    places = [place for place in PLACES if place.name in ("SUMO, reactive, planner drives", "highway-env, track")]
+    report = {row.place: (row, each) for row, each in transfer(cases, places)}
+    assert list(report) == [place.name for place in places]
     for place, (row, each) in report.items():
-        assert (row.cases, row.crashes) == (2, 1)
+        assert (row.cases, row.crashes) == (2, 2)
         assert [one.case for one in each] == [case.id for case in cases]
         assert {one.place for one in each} == {place}
-        hit = cases[0].attack.collision
-        assert (each[0].expected_agent, each[0].expected_step) == (hit.agent, hit.step)
-        assert row.same_crash == ((each[0].found_agent, each[0].found_step) == (hit.agent, hit.step))
-    for place in ("SUMO", "SUMO, reactive", "highway-env, track"):
-        row, each = report[place]
-        assert (row.same_crash, row.steps_apart_max) == (1, 0)
-        assert row.shift_max_mm < 1e-3
-    assert report["SUMO"][0].driven == 0 < report["SUMO, reactive"][0].driven
-    assert "crashed" in report["highway-env, track"][1][0].own_words[0]
+        hits = [case.attack.collision for case in cases]
+        assert [(one.expected_agent, one.expected_step) for one in each] == [(hit.agent, hit.step) for hit in hits]
+        same = [(one.found_agent, one.found_step) == (hit.agent, hit.step) for one, hit in zip(each, hits, strict=True)]
+        assert row.same_crash == sum(same)
+        assert all(one.verified or one.reason for one in each)
+    live, scripted = (report[place.name] for place in places)
+    assert scripted[0].driven == 0 < live[0].driven
+    assert (scripted[0].same_crash, scripted[0].steps_apart_max, scripted[0].own_list) == (2, 0, 2)
+    assert scripted[0].shift_max_mm < 1e-3
+    assert all(one.own_words[0].startswith("crashed of ") for one in scripted[1])
+    assert live[0].position_error_mm < 1e-3
+
+
+def test_places_that_cannot_have_the_cases_are_left_out():
+    made = yields()
+    no_net = dataclasses.replace(made, road=dataclasses.replace(made.road, sumo_net=None))
+    assert [row.place for row, _ in transfer([made], PLACES[:3])] == ["SUMO", "SUMO, reactive"]
+    assert not list(transfer([made, no_net], PLACES[:3]))
 
 
 def regents(*words):

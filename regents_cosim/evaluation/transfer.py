@@ -93,12 +93,14 @@ class HighwayRow:
     crashed_flags: int  # of the crashes: highway-env says `crashed` of the same pair
 
 
-def transfer(cases: Sequence[Scenario]) -> Iterator[tuple[TransferRow, list[CrashReport]]]:
+def transfer(
+    cases: Sequence[Scenario], places: Sequence[Place] = PLACES
+) -> Iterator[tuple[TransferRow, list[CrashReport]]]:
     """What becomes of `cases`, place by place: in SUMO where all have a network, planners where all were attacked.
 
     A case that a place cannot replay is one without a crash there; its report says why.
     """
-    for place in PLACES:
+    for place in places:
         if place.where == "sumo" and not all(case.road.sumo_net for case in cases):
             continue
         if place.planner_drives and not all(case.attack for case in cases):
