@@ -119,7 +119,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         self._half_length, self._dt = jnp.array([0.5 * self.scenario.ego.length]), jnp.float32(self.scenario.dt)
         self._path, self._progress = RecordedPath(self.scenario), 0.0
         self._contacts, self._hit = Contacts(self.scenario.agents), None
-        self._contacts.at(self._now)
+        self._contacts.at(self.seen)
         self._over, self._ground = False, None
         return self._observation(), self._info()
 
@@ -134,7 +134,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         )
         self._over = True  # stays so if SUMO dies
         self._frames.append(self._session.go(self._moved(np.clip(push, -1.0, 1.0))))
-        now = self._now
+        now = self.seen
         self._progress = self._path.advance(np.array([now.x[0], now.y[0]]))
         touching = np.flatnonzero(self._contacts.at(now))
         self._hit = self.scenario.agents[touching[0]].id if len(touching) else None
@@ -150,7 +150,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
             gymnasium.logger.warn('nothing to render, expected render_mode="rgb_array" when the environment is made')
             return None
         require(hasattr(self, "scenario"), "nothing to render, expected a reset first", RegentsError)
-        now, scene = self._now, Scene.of(self._so_far())
+        now, scene = self.seen, Scene.of(self._so_far())
         size = self.config["screen_width"], self.config["screen_height"]
         if self._ground is None:
             view = centred(np.array([now.x[0], now.y[0]]), _PX_PER_M, size)
@@ -168,11 +168,12 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         self._over = True
 
     @property
-    def _now(self) -> Seen:
+    def seen(self) -> Seen:
+        """Everybody now, in the order of the case's agents, as SUMO reports them (map frame, float64)."""
         return self._frames[-1]
 
     def _moved(self, share: Float[np.ndarray, " 2"]) -> EgoState:
-        ego = np.array([values[0] for values in self._now[:4]]) - self._origin
+        ego = np.array([values[0] for values in self.seen[:4]]) - self._origin
         control = float(share[0]) * ACCEL_LIMIT, float(share[1]) * CURVATURE_LIMIT
         ahead = move_by(self.scenario.dynamics, self._half_length, self._dt, ego, control) + self._origin
         return EgoState(*ahead.tolist())
@@ -182,7 +183,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
 
     def _info(self) -> dict[str, Any]:
         return {
-            "speed": float(self._now.speed[0]),
+            "speed": float(self.seen.speed[0]),
             "crashed": self._hit is not None,
             "rewards": self._rewards(),
             "case": self.scenario.id,
@@ -191,7 +192,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         }
 
     def _observation(self) -> Observation:
-        now, begin = self._now, self._frames[0]
+        now, begin = self.seen, self._frames[0]
         x, y, yaw, speed = (float(values[0]) for values in now[:4])
         away = np.hypot(now.x - x, now.y - y)
         near = [index for index in np.argsort(away, kind="stable").tolist() if index > 0 and now.valid[index]]
@@ -218,7 +219,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
     def _so_far(self) -> Scenario:
         """The case as it was played up to now; afterwards the ego stands, and nobody else is there."""
         missing = self.scenario.tracks.steps - len(self._frames)
-        nobody = self._now._replace(valid=np.arange(len(self.scenario.agents)) == 0)
+        nobody = self.seen._replace(valid=np.arange(len(self.scenario.agents)) == 0)
         columns = (np.stack(values, axis=1) for values in zip(*self._frames, *[nobody] * missing, strict=True))
         return replace(self.scenario, tracks=Tracks(*columns), attack=None, original=None, judgement=None, evasion=None)
 
