@@ -2,10 +2,13 @@
 
 import itertools
 
+import numpy as np
+
+from regents_cosim.frames import Pose, to_sumo
 from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.planners.route import lanes_ahead, logged_path
 from regents_cosim.roadmap import Lane, RoadMap
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import Scenario, Tracks
 
 _ON_M = 300.0  # beyond the lane that a track ends on: 8 s at 37 m/s
 
@@ -18,7 +21,12 @@ def route_of(scenario: Scenario, agent: int) -> list[str] | None:
     tracks = scenario.tracks if scenario.original is None else scenario.original
     if not tracks.valid[agent].any():
         return None
-    matched = match_lanes(scenario.road, logged_path(tracks, agent))
+    # The front follows the lane in SUMO; the centre cuts curves, and may be nearer to another way through a junction.
+    own = slice(agent, agent + 1)
+    centre = Pose(tracks.x[own], tracks.y[own], tracks.yaw[own])
+    x, y, _ = np.stack(to_sumo(centre, scenario.agents[agent].length))
+    front = Tracks(x, y, tracks.yaw[own], tracks.speed[own], tracks.valid[own])
+    matched = match_lanes(scenario.road, logged_path(front))
     if matched[0] is None:
         return None
     lanes = [lane for lane in matched if lane is not None]
