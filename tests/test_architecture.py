@@ -12,7 +12,8 @@ import regents_cosim
 PACKAGE = Path(regents_cosim.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LIBSUMO_DOOR = PACKAGE / "sumo_process.py"
-HIGHWAY_DOORS = {"highway_agents.py", "sources/highway.py", "sources/highway_net.py", "envs.py"} | {
+ENVIRONMENTS = {"envs/__init__.py", "envs/sumo_replay.py"}
+HIGHWAY_DOORS = {"highway_agents.py", "sources/highway.py", "sources/highway_net.py", *ENVIRONMENTS} | {
     f"replays/highway{part}.py" for part in ("", "_cast", "_gym", "_inject", "_road", "_window")
 }
 TORCH_DOORS = {

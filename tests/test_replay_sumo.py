@@ -23,73 +23,15 @@ from regents_cosim.replays import replay as replays
 from regents_cosim.replays.replay import _in_sumo, replay, replay_each
 from regents_cosim.replays.sumo import EgoState, replay_in_sumo
 from regents_cosim.replays.verify import compare
-from regents_cosim.scenario import Agent, AttackRecord, Collision, Kind, Provenance, Scenario, Signal, Tracks
+from regents_cosim.scenario import AttackRecord, Collision, Kind, Signal
 from regents_cosim.shipped import NETWORKS, network_config
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
-from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sumo_process import load_libsumo
 from regents_cosim.workers import executor_for, local_processes, result_of, submit
+from tests.crossing_scenes import DT, EGO, LANE_Y, STEPS, TIME, Car, road, scenario, straight, turning
 
 ROOT = Path(__file__).parents[1]
-DT = 0.1
-STEPS = 21
-TIME = DT * np.arange(STEPS)
-LANE_Y = -1.7  # of the inner lane that leads east through the crossing, whose middle is (0, 0)
-
-
-@functools.cache
-def road(net="crossing"):
-    return read_road_map(ROOT / "sumo_nets" / net / f"{net}.net.xml")
-
-
-@dataclasses.dataclass(frozen=True)
-class Car:
-    id: str
-    x: np.ndarray
-    y: np.ndarray
-    yaw: np.ndarray
-    speed: np.ndarray
-    valid: np.ndarray
-    length: float = 4.6
-    width: float = 1.8
-    kind: str = "car"
-
-
-def straight(name, x, y, yaw, speed, valid=None, **size):
-    along = speed * TIME
-    there = np.ones(STEPS, bool) if valid is None else np.array(valid, bool)
-    return Car(name, x + along * np.cos(yaw), y + along * np.sin(yaw), yaw + 0 * TIME, speed + 0 * TIME, there, **size)
-
-
-def turning(name, x, y, yaw, speed, curvature, **size):
-    turned = yaw + curvature * speed * TIME
-    radius = 1 / curvature
-    x = x + radius * (np.sin(turned) - np.sin(yaw))
-    y = y - radius * (np.cos(turned) - np.cos(yaw))
-    return Car(name, x, y, wrap(turned), speed + 0 * TIME, np.ones(STEPS, bool), **size)
-
-
-EGO = straight("ego", -100.0, LANE_Y, 0.0, 10.0)
-
-
-def scenario(*cars, net="crossing", **changes):
-    """The first is the ego, the others in the order of their ids."""
-    cars = (cars[0], *sorted(cars[1:], key=lambda car: car.id))
-    valid = np.stack([car.valid for car in cars])
-    columns = (np.where(valid, np.stack([getattr(car, n) for car in cars]), 0.0) for n in ("x", "y", "yaw", "speed"))
-    values = {
-        "id": "made",
-        "dt": DT,
-        "agents": tuple(
-            Agent(c.id, c.kind, c.length, c.width, "background" if i else "ego") for i, c in enumerate(cars)
-        ),
-        "tracks": Tracks(*columns, valid=valid),
-        "target": (140.0, LANE_Y),
-        "road": road(net),
-        "provenance": Provenance("test", "made by hand", "0" * 64, 0.0),
-    }
-    return Scenario(**(values | changes))
 
 
 @pytest.fixture(scope="module")

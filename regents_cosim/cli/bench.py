@@ -261,16 +261,22 @@ def highway(
 def transfer(cases: Path, *, talk: Talk = Talk()) -> int:
     """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
 
+    In SUMO with everybody scripted, then among live traffic: only the adversary is scripted, and the ego, which
+    follows its track or is driven by the planner that was attacked. With --json every row also holds its cases.
+
     Parameters
     ----------
     cases
         a case or a folder of cases
     """
-    from regents_cosim.evaluation.transfer import transfer_rows
+    from regents_cosim.evaluation.transfer import PLACES
+    from regents_cosim.evaluation.transfer import transfer as run_transfer
     from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
-    with terminal.waiting("replaying"):
-        rows = [dataclasses.asdict(row) for row in transfer_rows(load_cases(cases))]
+    rows = []
+    for row, reports in terminal.each(run_transfer(load_cases(cases)), "replaying", len(PLACES)):
+        replays = {"replays": [dataclasses.asdict(report) for report in reports]} if talk.json else {}
+        rows.append(dataclasses.asdict(row) | replays)
     terminal.show(f"transfer of {cases}", rows)
     return 0

@@ -191,6 +191,7 @@ def replay(
     *,
     where: Annotated[Literal["sumo", "highway", "mirror"], Parameter("--in")] = "sumo",
     mode: Literal["track", "actions"] = "track",
+    background: Literal["log", "reactive"] = "log",
     ego: Literal["track", "planner", "evasion"] | None = None,
     planner: str | None = None,
     gui: bool = False,
@@ -210,6 +211,8 @@ def replay(
         in SUMO, in highway-env, or in the mirror
     mode
         in highway-env the others are placed on their tracks, or moved by its own physics (actions)
+    background
+        in SUMO the others follow their tracks, or only the adversary does and SUMO drives the rest (reactive)
     ego
         track: as in the case; planner: driven in closed loop by the planner (default where --planner is given);
         evasion: by the gentlest manoeuvre that avoids the collision
@@ -226,7 +229,7 @@ def replay(
         where SUMO runs: local, or dask:ADDRESS
     """
     from regents_cosim.replays.replay import replay_each
-    from regents_cosim.reports.tables import replay_row
+    from regents_cosim.reports.tables import replay_row, traffic_row
     from regents_cosim.suite import load_cases
     from regents_cosim.workers import executor_for
 
@@ -244,11 +247,11 @@ def replay(
     if ego == "evasion":
         scenarios, driven_by = evaded_cases(scenarios, terminal), None
     with executor_for(executor) as pool:
-        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode)
+        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode, background)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
     if record and found[0].replayed:
         draw(found[0].replayed, record, beside_original, terminal)
-    rows = [replay_row(result) for result in found]
+    rows = [replay_row(result) | (traffic_row(result) if background == "reactive" else {}) for result in found]
     at_the_wheel = "its evasion" if ego == "evasion" else driven_by or "its track"
     terminal.show(f"replayed in {where}, the ego driven by {at_the_wheel}", rows)
     return exit_code(found, terminal)

@@ -1,39 +1,78 @@
 """Whether crashes survive the transfer into a simulator, and how exactly tracks are reproduced there."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.statistics import wilson
-from regents_cosim.replays.replay import Mode, Simulator, replay_each
-from regents_cosim.replays.verify import Replay
+from regents_cosim.replays.replay import Background, Mode, Simulator, replay_each
+from regents_cosim.replays.verify import Replay, ReportedCollision, failed
 from regents_cosim.scenario import Scenario
 
-_PLACES: tuple[tuple[str, Simulator, Mode], ...] = (
-    ("SUMO", "sumo", "track"),
-    ("highway-env, track", "highway", "track"),
-    ("highway-env, actions", "highway", "actions"),
+
+@dataclass(frozen=True)
+class Place:
+    """Where cases are replayed, and who is scripted there."""
+
+    name: str
+    where: Simulator
+    mode: Mode = "track"
+    background: Background = "log"
+    planner_drives: bool = False  # the attacked one, in closed loop; otherwise the ego is on its track
+
+
+PLACES = (
+    Place("SUMO", "sumo"),
+    Place("SUMO, reactive", "sumo", background="reactive"),
+    Place("SUMO, reactive, planner drives", "sumo", background="reactive", planner_drives=True),
+    Place("highway-env, track", "highway"),
+    Place("highway-env, actions", "highway", mode="actions"),
 )
 
 
 @dataclass(frozen=True)
 class TransferRow:
-    """A suite in one simulator; errors are the largest over all cases, agents and steps."""
+    """A suite in one place."""
 
-    simulator: str
+    place: str
     cases: int
     crashes: int
     same_crash: int  # of the crashes: the same agent at the same step, by our boxes
     same_crash_percent: float
     interval_percent: tuple[float, float]  # 95 %, Wilson
-    invented: int  # cases without a crash that have one in the simulator
     same_agent: int  # of the crashes: the same agent, at whatever step
+    steps_apart_median: float | None  # of those, from the step in the case
+    steps_apart_max: int | None
+    shift_median_mm: float | None  # of those: how far from its place in the case the collision happens
+    shift_max_mm: float | None
+    invented: int  # cases without a crash that have one there
     own_list: int  # of the crashes: the simulator itself says so
-    position_error_mm: float
+    position_error_mm: float  # of the scripted, the largest over all cases, agents and steps
     yaw_error_deg: float
+    driven: int  # agents that the simulator drove
+    unmatched: int  # agents that it was to drive, but has no route for: scripted
+
+
+@dataclass(frozen=True)
+class CrashReport:
+    """One case in one place."""
+
+    case: str
+    place: str
+    verified: bool  # as `regents replay` has it
+    expected_agent: str | None
+    expected_step: int | None
+    found_agent: str | None
+    found_step: int | None
+    shift_mm: float | None  # how far from its place in the case the collision happens
+    position_error_mm: float | None  # of the scripted, the largest
+    own_words: tuple[str, ...]  # what the simulator itself says of the ego
+    reason: str  # where not verified
 
 
 @dataclass(frozen=True)
@@ -54,10 +93,62 @@ class HighwayRow:
     crashed_flags: int  # of the crashes: highway-env says `crashed` of the same pair
 
 
-def transfer_rows(cases: Sequence[Scenario]) -> list[TransferRow]:
-    """One row for every simulator that can replay all of `cases`."""
-    places = [place for place in _PLACES if place[1] != "sumo" or all(case.road.sumo_net for case in cases)]
-    return [_transfer_row(name, cases, list(replay_each(cases, where, mode=mode))) for name, where, mode in places]
+def transfer(
+    cases: Sequence[Scenario], places: Sequence[Place] = PLACES
+) -> Iterator[tuple[TransferRow, list[CrashReport]]]:
+    """What becomes of `cases`, place by place: in SUMO where all have a network, planners where all were attacked.
+
+    A case that a place cannot replay is one without a crash there; its report says why.
+    """
+    for place in places:
+        if place.where == "sumo" and not all(case.road.sumo_net for case in cases):
+            continue
+        if place.planner_drives and not all(case.attack for case in cases):
+            continue
+        replays = _replayed(cases, place)
+        yield _transfer_row(place.name, cases, replays), [_report(place.name, replay) for replay in replays]
+
+
+def _replayed(cases: Sequence[Scenario], place: Place) -> list[Replay]:
+    """In the order of `cases`."""
+    found = dict[str, Replay]()
+    planners = {case.attack.planner if place.planner_drives and case.attack else None: None for case in cases}
+    for planner in planners:
+        own = [case for case in cases if planner is None or (case.attack and case.attack.planner == planner)]
+        try:
+            replays = list(replay_each(own, place.where, planner, mode=place.mode, background=place.background))
+        except PlannerError as error:
+            replays = [failed(case, str(error)) for case in own]
+        found |= {replay.case: replay for replay in replays}
+    return [found[case.id] for case in cases]
+
+
+def _report(place: str, replay: Replay) -> CrashReport:
+    expected, found = replay.expected or (None, None), replay.found or (None, None)
+    return CrashReport(
+        case=replay.case,
+        place=place,
+        verified=replay.verified,
+        expected_agent=expected[0],
+        expected_step=expected[1],
+        found_agent=found[0],
+        found_step=found[1],
+        shift_mm=_mm(replay.shift_m),
+        position_error_mm=None if replay.position_error_m is None else 1e3 * _worst(replay.position_error_m),
+        own_words=tuple(_in_words(hit) for hit in _first_of_each_pair(replay)),
+        reason=replay.reason,
+    )
+
+
+def _first_of_each_pair(replay: Replay) -> list[ReportedCollision]:
+    """The simulator's own collisions of the ego, each pair once."""
+    ego = replay.replayed.ego.id if replay.replayed else None
+    hits = [hit for hit in replay.own_collisions if ego in (hit.collider, hit.victim)]
+    return list({frozenset((hit.collider, hit.victim)): hit for hit in reversed(hits)}.values())[::-1]
+
+
+def _in_words(hit: ReportedCollision) -> str:
+    return f"{hit.kind} of {hit.collider} with {hit.victim} at step {hit.step}"
 
 
 def highway_row(environment: str, config: AttackConfig, ego: str, attacked: Sequence[Scenario]) -> HighwayRow:
@@ -85,26 +176,38 @@ def highway_row(environment: str, config: AttackConfig, ego: str, attacked: Sequ
     )
 
 
-def _transfer_row(name: str, cases: Sequence[Scenario], replays: Sequence[Replay]) -> TransferRow:
+def _transfer_row(place: str, cases: Sequence[Scenario], replays: Sequence[Replay]) -> TransferRow:
     crashes = [replay for replay in replays if replay.expected is not None]
     same = sum(replay.found == replay.expected for replay in crashes)
+    apart = [abs(r.found[1] - r.expected[1]) for r in crashes if r.found and r.expected and r.shift_m is not None]
+    shifts = [1e3 * replay.shift_m for replay in crashes if replay.shift_m is not None]
     return TransferRow(
-        simulator=name,
+        place=place,
         cases=len(cases),
         crashes=len(crashes),
         same_crash=same,
         same_crash_percent=_percent(same, len(crashes)),
         interval_percent=_interval(same, len(crashes)),
+        same_agent=len(apart),
+        steps_apart_median=float(median(apart)) if apart else None,
+        steps_apart_max=max(apart, default=None),
+        shift_median_mm=median(shifts) if shifts else None,
+        shift_max_mm=max(shifts, default=None),
         invented=sum(replay.expected is None and replay.found is not None for replay in replays),
-        same_agent=sum(bool(r.found and r.expected and r.found[0] == r.expected[0]) for r in crashes),
         own_list=sum(replay.reports_same_pair for replay in crashes),
         position_error_mm=max((_worst(replay.position_error_m) for replay in replays), default=0.0) * 1e3,
         yaw_error_deg=max((_worst(replay.yaw_error_deg) for replay in replays), default=0.0),
+        driven=sum(len(replay.driven) for replay in replays),
+        unmatched=sum(len(replay.unmatched) for replay in replays),
     )
 
 
 def _worst(errors: Float[np.ndarray, "agent time"] | None) -> float:
     return 0.0 if errors is None else float(errors.max(initial=0.0))
+
+
+def _mm(metres: float | None) -> float | None:
+    return None if metres is None else 1e3 * metres
 
 
 def _interval(part: int, whole: int) -> tuple[float, float]:

@@ -107,10 +107,14 @@ def drive_on_host(process: HostProcess, loops: Sequence[ClosedLoop]) -> list[flo
 
 def move(world: World, ego: State, control: tuple[float, float]) -> State:
     """The ego one step later, under acceleration [m/s^2] and curvature [1/m]."""
-    ahead = _move(
-        world.dynamics, np.asarray(ego, np.float32), np.array(control, np.float32), world.half_length, world.dt
-    )
-    return np.array(ahead, float)
+    return move_by(world.dynamics, world.half_length, world.dt, ego, control)
+
+
+def move_by(
+    dynamics: Dynamics, half_length: Float[Array, " agent"], dt: Array, ego: State, control: tuple[float, float]
+) -> State:
+    """The same without a World: half the length of the ego [m] comes first, `dt` [s]."""
+    return np.array(_move(dynamics, np.asarray(ego, np.float32), np.array(control, np.float32), half_length, dt), float)
 
 
 def control_between(world: World, ego: State, ahead: State) -> tuple[float, float]:

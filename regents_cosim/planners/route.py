@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.frames import wrap
 from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import Scenario, Tracks
 
 SPACING_M = 1.0
 _EXTENSION_M = 120.0  # beyond the logged path: a planner may be faster than its log
@@ -36,23 +36,23 @@ class Route:
 
 def plan_route(scenario: Scenario) -> Route:
     """The ego's logged path, then straight on along connected lanes, with limits and lights."""
-    logged = _logged_path(scenario)
+    logged = logged_path(scenario.tracks if scenario.original is None else scenario.original)
     lanes = lanes_ahead(scenario.road, match_lanes(scenario.road, logged)[-1])
     points = _evenly(np.concatenate([logged, _extension(logged, lanes)]))
     on_lane = match_lanes(scenario.road, points)
     return Route(points, _limits(on_lane), _stop_lines(scenario, points, on_lane))
 
 
-def _logged_path(scenario: Scenario) -> Float[np.ndarray, "point 2"]:
-    """The ego's positions without those that hardly moved; at least two points."""
-    tracks = scenario.tracks if scenario.original is None else scenario.original
-    positions = np.stack([tracks.x[0], tracks.y[0]], axis=1)
+def logged_path(tracks: Tracks, agent: int = 0) -> Float[np.ndarray, "point 2"]:
+    """An agent's positions without those that hardly moved; at least two points. The agent must be there at a step."""
+    there = tracks.valid[agent]
+    positions = np.stack([tracks.x[agent, there], tracks.y[agent, there]], axis=1)
     kept = [positions[0]]
     for position in positions[1:]:
         if np.hypot(*(position - kept[-1])) >= _MIN_STEP_M:
             kept.append(position)
     if len(kept) == 1:
-        yaw = tracks.yaw[0, -1]
+        yaw = tracks.yaw[agent, there][-1]
         kept.append(kept[0] + _MIN_STEP_M * np.array([np.cos(yaw), np.sin(yaw)]))
     return np.array(kept)
 
@@ -71,10 +71,10 @@ def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float
     return np.concatenate([path[2:], straight])
 
 
-def lanes_ahead(road: RoadMap, lane: Lane | None) -> list[Lane]:
-    """`lane` and those that follow it, always the straightest one."""
+def lanes_ahead(road: RoadMap, lane: Lane | None, reach_m: float = 2.0 * _EXTENSION_M) -> list[Lane]:
+    """`lane` and those that follow it, always the straightest one, until they are `reach_m` long together."""
     found, length = [], 0.0
-    while lane is not None and lane not in found and length < 2.0 * _EXTENSION_M:
+    while lane is not None and lane not in found and length < reach_m:
         found.append(lane)
         length += lane.length
         exits = [road.lane[link.target] for link in road.exits[lane.id]]

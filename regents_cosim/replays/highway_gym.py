@@ -1,8 +1,5 @@
 """`regents/HighwayReplay-v0`: a case as an environment of highway-env, the ego driven by an agent."""
 
-import difflib
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -11,14 +8,13 @@ from highway_env.road.road import RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.files import find_cases, load_case
-from regents_cosim.frames import Pose, points_to_highway, to_highway
+from regents_cosim.frames import Pose, points_from_highway, to_highway
 from regents_cosim.planners.way import way_to_target
+from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
 from regents_cosim.replays.highway_actions import actions
 from regents_cosim.replays.highway_cast import ActionVehicle, ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway_road import build_network, route_along
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import shipped
 
 Mode = Literal["track", "actions"]
 MODES: tuple[Mode, ...] = ("track", "actions")
@@ -74,7 +70,7 @@ class HighwayReplayEnv(AbstractEnv):
         self.scenario = choose_case(pool.get("case"), pool.get("suite"), self.np_random)
         self._set_frequencies()
         self.road = ReplayRoad(network_of(self.scenario), self.np_random)
-        self._path, self._progress = _Path(self.scenario), 0.0
+        self._path, self._progress = RecordedPath(self.scenario), 0.0
         ego = self._make_ego(self.road)
         self.controlled_vehicles = [ego]
         self.road.enter(ego, make_cast(self.road, self.scenario, self.config["mode"])[1:])
@@ -101,7 +97,7 @@ class HighwayReplayEnv(AbstractEnv):
 
     def _simulate(self, action: Any = None) -> None:
         super()._simulate(action)
-        self._progress = self._path.advance(self.vehicle.position)
+        self._progress = self._path.advance(points_from_highway(self.vehicle.position))
 
     def _rewards(self, action: Any) -> dict[str, float]:
         return {"collision_reward": float(self.vehicle.crashed), "progress_reward": self._progress}
@@ -144,42 +140,3 @@ def make_cast(road: ReplayRoad, scenario: Scenario, mode: Mode) -> list[Scripted
         script = (road, agent.id, agent.role, (agent.length, agent.width), states[:, i], tracks.valid[i])
         cast.append(ScriptedVehicle(*script) if controls is None else ActionVehicle(*script, controls[:, i]))
     return cast
-
-
-def choose_case(case: Any, suite: Any, rng: np.random.Generator) -> Scenario:
-    """The case, or one of the suite's; without either one of those that come with the package."""
-    if isinstance(case, Scenario):
-        return case
-    require(not (case and suite), "expected a case or a suite, not both", RegentsError)
-    if case:
-        return load_case(Path(case))
-    folders = find_cases(Path(suite) if suite else shipped("scenarios") / "quickstart")
-    require(bool(folders), f"{suite}: the suite lists no cases", RegentsError)
-    return load_case(folders[int(rng.integers(len(folders)))])
-
-
-def require_known(given: dict[str, Any], known: Sequence[str] | dict[str, Any], what: str) -> None:
-    """Raise RegentsError with the nearest name for a key that is not known."""
-    for key in given:
-        if key not in known:
-            near = difflib.get_close_matches(str(key), list(known), 1)
-            hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(sorted(known))}"
-            raise RegentsError(f"unknown {what} {key!r}, {hint}")
-
-
-class _Path:
-    """How far along its recorded path the ego has come."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        tracks = scenario.tracks if scenario.original is None else scenario.original
-        self._points = points_to_highway(np.stack([tracks.x[0], tracks.y[0]], axis=-1))
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self._points, axis=0).T))])
-        self._share = along / max(along[-1], 1e-3)
-        self._reached = 0.0
-
-    def advance(self, position: np.ndarray) -> float:
-        """The share of the path gained since the last call."""
-        nearest = int(np.argmin(np.hypot(*(self._points - position).T)))
-        gained = float(self._share[nearest]) - self._reached
-        self._reached += gained
-        return gained

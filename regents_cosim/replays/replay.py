@@ -1,21 +1,23 @@
 """`replay`: a case in a simulator, and whether the same crash happens there."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.planners.driver import driver_for
 from regents_cosim.planners.systems import find_planner
 from regents_cosim.replays.mirror import replay_in_mirror
-from regents_cosim.replays.sumo import replay_in_sumo
+from regents_cosim.replays.sumo import SumoReplay, replay_in_sumo
+from regents_cosim.replays.sumo_drivers import DriverParameters, background_drivers
 from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]
 Mode = Literal["track", "actions"]
+Background = Literal["log", "reactive"]
 _AGENT = "highway:"  # in front of the names of highway-env's agents, which need no bridge there
 
 
@@ -25,17 +27,19 @@ def replay(
     planner: str | None = None,
     gui: bool = False,
     mode: Mode = "track",
+    background: Background = "log",
 ) -> Replay:
     """Replay one case; the ego follows its track, or `planner` in closed loop.
 
     In highway-env the others follow their tracks, or by `mode` actions are moved by its own
-    physics. `gui` opens the simulator's own window.
+    physics. In SUMO they follow their tracks, or by `background` reactive only the adversary does
+    and SUMO drives the rest. `gui` opens the simulator's own window.
 
     A simulator that refuses or dies gives a Replay that is not verified and says why. Raises
     PlannerError for a planner that cannot be found, RegentsError for a window of the mirror, or of
     highway-env without a display.
     """
-    return next(replay_each([scenario], where, planner, gui, mode=mode))
+    return next(replay_each([scenario], where, planner, gui, mode=mode, background=background))
 
 
 def replay_each(
@@ -45,36 +49,60 @@ def replay_each(
     gui: bool = False,
     executor: Executor | None = None,
     mode: Mode = "track",
+    background: Background = "log",
 ) -> Iterator[Replay]:
     """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`."""
-    check(where, planner, gui)
+    check(where, planner, gui, background)
     if where == "highway":
         yield from (_or_failed(s, lambda s: _in_highway(s, planner, mode, gui)) for s in scenarios)
         return
     if where == "mirror":
         yield from (_or_failed(s, lambda s: _in_mirror(s, planner)) for s in scenarios)
         return
-    jobs = [_SumoJob(scenario, planner, gui) for scenario in scenarios]
+    jobs = [
+        SumoDrive(scenario, planner, background_drivers(scenario) if background == "reactive" else {}, gui=gui)
+        for scenario in scenarios
+    ]
     for scenario, found in zip(scenarios, run_each(_in_sumo, jobs, executor), strict=True):
         yield failed(scenario, str(found)) if isinstance(found, RegentsError) else found
 
 
 @dataclass(frozen=True)
-class _SumoJob:
+class SumoDrive:
+    """One run of SUMO: who is at the wheel of the ego, and whom SUMO drives, how, by index."""
+
     scenario: Scenario
-    planner: str | None
-    gui: bool
+    planner: str | None = None  # None: the ego follows its track, or is among the released
+    released: Mapping[int, DriverParameters] = field(default_factory=dict)
+    seed: int = 0
+    gui: bool = False
 
 
-def _in_sumo(job: _SumoJob) -> Replay:
+def drive_in_sumo_each(
+    drives: Sequence[SumoDrive], executor: Executor | None = None
+) -> Iterator[SumoReplay | RegentsError]:
+    """What SUMO reports of each drive, in order, in processes of their own; a drive that fails gives its error."""
+    return run_each(drive_in_sumo, drives, executor)
+
+
+def drive_in_sumo(drive: SumoDrive) -> SumoReplay:
     """Run in a worker process."""
-    driver = driver_for(job.planner) if job.planner else None
-    seen = replay_in_sumo(job.scenario, driver, job.gui)
-    return compare(job.scenario, seen.tracks, seen.collisions, ego_is_free=driver is not None)
+    driver = driver_for(drive.planner) if drive.planner else None
+    return replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
 
 
-def check(where: Simulator, planner: str | None, gui: bool = False) -> None:
-    """Complain here rather than once per case. Raises PlannerError, or RegentsError for a window of the mirror."""
+def _in_sumo(drive: SumoDrive) -> Replay:
+    """Run in a worker process."""
+    seen = drive_in_sumo(drive)
+    found = compare(drive.scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
+    unmatched = tuple(drive.scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven))
+    return replace(found, unmatched=unmatched)
+
+
+def check(where: Simulator, planner: str | None, gui: bool = False, background: Background = "log") -> None:
+    """Complain here rather than once per case. Raises PlannerError, or RegentsError for what a simulator cannot do."""
+    if background == "reactive" and where != "sumo":
+        raise RegentsError(f"--background reactive is SUMO's own traffic; expected --in sumo, found --in {where}")
     if gui and where == "mirror":
         raise RegentsError("the mirror has no window; --gui shows that of --in sumo or --in highway, or use --record")
     if planner is not None:

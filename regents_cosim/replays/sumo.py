@@ -1,4 +1,4 @@
-"""A Scenario replayed in SUMO: every agent is placed at every step, the signals show what they showed.
+"""A Scenario replayed in SUMO: agents are placed at every step, or left to SUMO; signals show what they showed.
 
 `moveToXY` with keepRoute=2 reproduces poses exactly, also off the road, in SUMO's plain mode only:
 with `--lanechange.duration` or `--lateral-resolution` it crashes SUMO 1.28.0 (4 to 7 of 16 random
@@ -8,7 +8,7 @@ drives on a grid). Runs in a worker process (`workers`).
 import re
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +18,12 @@ from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.errors import DriveError, PlannerError, RegentsError, ScenarioError, SumoError
 from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo
 from regents_cosim.planners.interface import AgentState, Seen
+from regents_cosim.replays.sumo_drivers import DriverParameters, driven_type, type_file
+from regents_cosim.replays.sumo_routes import edge_of, route_of
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 from regents_cosim.sumo_process import running_sumo
@@ -28,6 +31,8 @@ from regents_cosim.sumo_process import running_sumo
 _R = TypeVar("_R")
 
 EXACT = 2  # keepRoute of moveToXY: this very position, on any edge or on none
+_EXACT_ON_ROUTE = 3  # the same, and the route is kept
+_AS_SUMO_LIKES = -1.0  # speed
 _COLOURS = {"ego": (0, 114, 178, 255), "adversary": (213, 94, 0, 255), "background": (150, 150, 150, 255)}
 _LETTERS = "rygGuosOY"
 _IN_SIGHT_M = 40.0  # around the ego, in sumo-gui
@@ -68,23 +73,35 @@ class Driver(Protocol):
 class SumoReplay:
     """What SUMO reports after each step, in the order of the scenario's agents and signals."""
 
-    tracks: Tracks  # box centres in the map's frame; speeds as SUMO was told them
+    tracks: Tracks  # box centres in the map's frame; speeds of the placed as SUMO was told them
     collisions: tuple[ReportedCollision, ...]  # its own list, which never holds side-swipes
     signals: tuple[Signal, ...]
+    driven: frozenset[int] = frozenset()  # agents that SUMO drove
 
 
-def replay_in_sumo(scenario: Scenario, driver: Driver | None = None, gui: bool = False) -> SumoReplay:
+def replay_in_sumo(
+    scenario: Scenario,
+    driver: Driver | None = None,
+    gui: bool = False,
+    released: Mapping[int, DriverParameters] | None = None,
+    seed: int = 0,
+) -> SumoReplay:
     """Replay `scenario`, the ego by its track or by `driver`. Call it in a worker process.
 
     What is placed before step k is what SUMO reports after it, and that is step k of the
-    scenario; at step 0 the ego is always at its track. Raises ScenarioError where the scenario
-    has no SUMO network, SumoError with SUMO's own words where it refuses, PlannerError where
-    the driver fails.
+    scenario; at step 0 the ego is always at its track. Agents that are `released` (by index) are
+    placed once, where and as fast as they first are, and then driven by SUMO until their route
+    ends; those for whom no route is found stay on their tracks. `seed` is for SUMO's dice.
+
+    Raises ScenarioError where the scenario has no SUMO network, SumoError with SUMO's own words
+    where it refuses, PlannerError where the driver fails.
     """
     if driver is not None:
         ask(lambda: driver.start(scenario), "before the first step")
-    with _network(scenario) as net, running_sumo(_options(scenario, net, gui), gui) as sumo:
-        stage = _Stage(sumo, scenario)
+    routes = {index: route for index in released or {} if (route := route_of(scenario, index)) is not None}
+    drivers = {index: (released or {})[index] for index in routes}
+    with _files(scenario, drivers) as files, running_sumo(_options(scenario, files, gui, seed), gui) as sumo:
+        stage = _Stage(sumo, scenario, routes, drivers)
         for step in range(scenario.tracks.steps):
             stage.play(step)
             if gui:
@@ -95,14 +112,17 @@ def replay_in_sumo(scenario: Scenario, driver: Driver | None = None, gui: bool =
 
 
 @contextmanager
-def _network(scenario: Scenario) -> Iterator[Path]:
+def _files(scenario: Scenario, drivers: Mapping[int, DriverParameters]) -> Iterator[dict[str, str]]:
+    """Input files by SUMO's options for them."""
     if scenario.road.sumo_net is None:
         raise ScenarioError(
             f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}); "
             "only cases recorded in SUMO can be replayed there, use --in mirror"
         )
     with network_file(scenario.road.sumo_net) as path:
-        yield path
+        types = path.with_name("types.add.xml")
+        types.write_bytes(type_file(scenario.agents, drivers))
+        yield {"net-file": str(path), "additional-files": str(types)}
 
 
 @contextmanager
@@ -114,11 +134,11 @@ def network_file(net: bytes) -> Iterator[Path]:
         yield path
 
 
-def _options(scenario: Scenario, net: Path, gui: bool) -> list[str]:
+def _options(scenario: Scenario, files: dict[str, str], gui: bool, seed: int) -> list[str]:
     """The network alone, without traffic of its own; SUMO reports collisions and lets everyone go on."""
-    options = {
-        "net-file": str(net),
+    options = files | {
         "step-length": repr(scenario.dt),
+        "seed": str(seed),
         "time-to-teleport": "-1",
         "collision.action": "warn",
         "collision.mingap-factor": "0",
@@ -166,12 +186,21 @@ def ask(question: Callable[[], _R], when: str) -> _R:
 class _Stage:
     """The running simulation, and what has been seen of it."""
 
-    def __init__(self, sumo: ModuleType, scenario: Scenario) -> None:
+    def __init__(
+        self,
+        sumo: ModuleType,
+        scenario: Scenario,
+        routes: Mapping[int, list[str]],
+        drivers: Mapping[int, DriverParameters],
+    ) -> None:
         self._sumo = sumo
         self._scenario = scenario
+        self._drivers = drivers
+        self._waiting = set(routes)  # to be driven by SUMO, once they are there
+        self._driven: set[int] = set()
         track = scenario.tracks
-        length = np.array([agent.length for agent in scenario.agents])[:, None]
-        self._pose = np.stack(to_sumo(Pose(track.x, track.y, track.yaw), length))  # [3, agent, time]
+        self._size = np.array([[agent.length, agent.width] for agent in scenario.agents]).T  # [2, agent]
+        self._pose = np.stack(to_sumo(Pose(track.x, track.y, track.yaw), self._size[0, :, None]))  # [3, agent, time]
         self._speed = track.speed.copy()
         self._names: dict[int, str] = {}  # SUMO's name of every agent on the road
         self._agent: dict[str, int] = {}  # and back; names are never used twice
@@ -180,6 +209,8 @@ class _Stage:
         self._letters: dict[str, list[str]] = {signal.id: [] for signal in scenario.signals}
         self._check_signals()
         sumo.route.add("replay", [_some_edge(scenario)])
+        for index, edges in routes.items():
+            sumo.route.add(driven_type(index), edges)
         for index, agent in enumerate(scenario.agents):
             add_type(sumo, _type_name(index), agent)
 
@@ -191,13 +222,20 @@ class _Stage:
     def play(self, step: int) -> None:
         """Place everything, let SUMO make one step, read everything."""
         self._show_signals(step)
+        entering = [index for index in sorted(self._waiting) if self._may_enter(index, step)]
+        for index in entering:
+            self._place(index, step)
         for index in range(len(self._scenario.agents)):
+            if index in self._drivers:
+                continue
             if self._scenario.tracks.valid[index, step]:
                 self._place(index, step)
             elif index in self._names:
                 self._remove(index)
         self._sumo.simulationStep()
         self._read(step)
+        for index in entering:
+            self._release(index, step)
 
     def show(self, step: int) -> None:
         """Keep sumo-gui on the ego, in real time."""
@@ -219,7 +257,7 @@ class _Stage:
         """All that was seen."""
         columns = (np.stack(values, axis=1) for values in zip(*self._seen, strict=True))
         signals = tuple(Signal(name, _changes(letters)) for name, letters in self._letters.items())
-        return SumoReplay(Tracks(*columns), tuple(self._collisions), signals)
+        return SumoReplay(Tracks(*columns), tuple(self._collisions), signals, frozenset(self._drivers))
 
     def _place(self, index: int, step: int) -> None:
         vehicle = self._sumo.vehicle
@@ -227,13 +265,41 @@ class _Stage:
             self._enter(index)
         name = self._names[index]
         x, y, angle = self._pose[:, index, step].tolist()
-        vehicle.moveToXY(name, "", -1, x, y, angle, EXACT)
+        vehicle.moveToXY(name, "", -1, x, y, angle, _EXACT_ON_ROUTE if index in self._drivers else EXACT)
         vehicle.setSpeed(name, float(self._speed[index, step]))
+
+    def _may_enter(self, index: int, step: int) -> bool:
+        """Whether an agent is there that SUMO is to drive, and its place is free: others may have come differently."""
+        if not self._scenario.tracks.valid[index, step]:
+            return False
+        if step == 0:
+            return True
+        seen, track = self.seen, self._scenario.tracks
+        own = (float(values[index, step]) for values in (track.x, track.y, track.yaw))
+        taken = overlap(Boxes(*own, *self._size[:, index]), Boxes(seen.x, seen.y, seen.yaw, *self._size))
+        return not (taken & seen.valid).any()
+
+    def _release(self, index: int, step: int) -> None:
+        """From here on SUMO drives; above the limit only who was so from the beginning."""
+        vehicle, name, driver = self._sumo.vehicle, self._names[index], self._drivers[index]
+        if name not in vehicle.getIDList():
+            return  # SUMO did not take it; it is asked again
+        vehicle.setSpeed(name, _AS_SUMO_LIKES)
+        vehicle.setSpeedMode(name, driver.speed_mode)
+        vehicle.setLaneChangeMode(name, driver.lane_change_mode)
+        limit = vehicle.getAllowedSpeed(name)
+        if self._speed[index, step] > limit > 0.0:
+            vehicle.setSpeedFactor(name, vehicle.getSpeedFactor(name) * float(self._speed[index, step]) / limit)
+        self._waiting.discard(index)
+        self._driven.add(index)
 
     def _enter(self, index: int) -> None:
         vehicle, agent = self._sumo.vehicle, self._scenario.agents[index]
         name = _free_name(agent.id, self._agent)
-        vehicle.add(name, "replay", _type_name(index))
+        if index in self._drivers:
+            vehicle.add(name, driven_type(index), driven_type(index))
+        else:
+            vehicle.add(name, "replay", _type_name(index))
         vehicle.setSpeedMode(name, 0)
         vehicle.setLaneChangeMode(name, 0)
         vehicle.setColor(name, _COLOURS[agent.role])
@@ -250,9 +316,10 @@ class _Stage:
         there = set(vehicle.getIDList())
         for index, name in self._names.items():
             if name in there:
-                # SUMO keeps the old speed, or says 0, where an agent enters or comes onto another lane:
-                # at 1.5 % of the steps of random drives around a crossing
-                vehicle.setPreviousSpeed(name, float(self._speed[index, step]))
+                if index not in self._driven:
+                    # SUMO keeps the old speed, or says 0, where an agent enters or comes onto another lane:
+                    # at 1.5 % of the steps of random drives around a crossing
+                    vehicle.setPreviousSpeed(name, float(self._speed[index, step]))
                 front_x, front_y = vehicle.getPosition(name)
                 pose = from_sumo(SumoPose(front_x, front_y, vehicle.getAngle(name)), agents[index].length)
                 states[:, index] = *pose, vehicle.getSpeed(name)
@@ -291,8 +358,7 @@ class _Stage:
 
 def _some_edge(scenario: Scenario) -> str:
     """An edge that cars may use: SUMO wants a route for every vehicle, wherever it is placed."""
-    lane = next(lane for lane in scenario.road.lanes if not lane.junction)
-    return lane.id.rpartition("_")[0]
+    return edge_of(next(lane for lane in scenario.road.lanes if not lane.junction))
 
 
 def add_type(sumo: ModuleType, name: str, agent: Agent | AgentState) -> None:

@@ -16,7 +16,8 @@ from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
 from regents_cosim.planners.interface import Observation, Placement, Scene
 from regents_cosim.planners.way import way_to_target
 from regents_cosim.replays.sumo import EXACT, add_type, network_file
-from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.replays.sumo_routes import edges_along
+from regents_cosim.roadmap import Connection
 from regents_cosim.sumo_process import running_sumo
 
 _EGO, _ROUTE = "ego", "way"
@@ -86,7 +87,7 @@ class _Stage:
         self._there: set[int] = set()  # of the others, those who are on the road
         ego = scene.ego
         way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), scene.target)
-        sumo.route.add(_ROUTE, _edges(scene.road, way))
+        sumo.route.add(_ROUTE, edges_along(scene.road, way))
         add_type(sumo, _EGO, ego)
         sumo.vehicletype.setSpeedDeviation(_EGO, 0.0)  # as fast as the signs say, not by SUMO's dice
         for index, agent in enumerate(scene.others):
@@ -212,17 +213,6 @@ class _Beside:
 
 def _name(index: int) -> str:
     return f"other{index}"
-
-
-def _edges(road: RoadMap, lanes: list[Lane]) -> list[str]:
-    """The edges of the network that `lanes` belong to, from the one before a junction that the ego is in."""
-    first = lanes[0]
-    before = {link.target: link.source for link in road.connections}
-    while first.junction and first.id in before:
-        first = road.lane[before[first.id]]
-        lanes = [first, *lanes]
-    names = [lane.id.rpartition("_")[0] for lane in lanes if not lane.junction]
-    return [name for index, name in enumerate(names) if index == 0 or name != names[index - 1]]
 
 
 def _sideways(before: Pose, after: Pose) -> float:

@@ -1,10 +1,11 @@
 """Did the crash survive the transfer? A replay held against its case, by the exact boxes."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.frames import wrap
@@ -12,6 +13,7 @@ from regents_cosim.scenario import Scenario, Tracks
 
 POSITION_BOUND_M = 1e-3
 YAW_BOUND_DEG = 0.01
+TOLERANCE_S = 1.0  # in live traffic a collision may come this much earlier or later
 
 Contact = tuple[str, int]  # agent id, step
 
@@ -27,17 +29,24 @@ class ReportedCollision(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What a simulator made of a case. `verified`: the same first contact of the ego, or none as in the case."""
+    """What a simulator made of a case.
+
+    `verified`: the same first contact of the ego, or none as in the case; see `compare`. Errors are
+    of those who were scripted, 0 for all others and where absent.
+    """
 
     case: str
     verified: bool
     reason: str  # in words, where not verified
     expected: Contact | None = None
     found: Contact | None = None
-    position_error_m: Float[np.ndarray, "agent time"] | None = None  # 0 where absent
+    position_error_m: Float[np.ndarray, "agent time"] | None = None
     yaw_error_deg: Float[np.ndarray, "agent time"] | None = None
     own_collisions: tuple[ReportedCollision, ...] = ()  # the simulator's own list
     replayed: Scenario | None = None  # with the tracks that the simulator reported
+    intended: Tracks | None = None  # those of the case
+    driven: tuple[str, ...] = ()  # agents that the simulator itself drove
+    unmatched: tuple[str, ...] = ()  # agents that it was to drive, without a route: they stayed on their tracks
 
     @property
     def reports_same_pair(self) -> bool:
@@ -47,23 +56,45 @@ class Replay:
         pair = {self.expected[0], self.replayed.ego.id}
         return any({hit.collider, hit.victim} == pair for hit in self.own_collisions)
 
+    @property
+    def shift_m(self) -> float | None:
+        """How far from its place in the case the collision happens [m]: the ego's or the other's, the greater.
+
+        From where they are in the case at its first contact to where they are at the replay's; None unless both
+        have one, with the same agent.
+        """
+        if self.expected is None or self.found is None or self.replayed is None or self.found[0] != self.expected[0]:
+            return None
+        assert self.intended is not None
+        pair = [0, [agent.id for agent in self.replayed.agents].index(self.found[0])]
+        was, now = self.intended, self.replayed.tracks
+        (_, step), (_, found) = self.expected, self.found
+        return float(np.hypot(now.x[pair, found] - was.x[pair, step], now.y[pair, found] - was.y[pair, step]).max())
+
 
 def compare(
-    scenario: Scenario, tracks: Tracks, own_collisions: tuple[ReportedCollision, ...] = (), ego_is_free: bool = False
+    scenario: Scenario,
+    tracks: Tracks,
+    own_collisions: tuple[ReportedCollision, ...] = (),
+    ego_is_free: bool = False,
+    driven: Collection[int] = (),
 ) -> Replay:
     """Hold `tracks`, as a simulator reported them, against the case.
 
-    Everybody must be there, within 1 mm and 0.01 degrees, at every step; the ego too, unless a
-    planner drove it (`ego_is_free`). The first contact must be with the same agent at the same step.
+    Whoever is scripted must be there, within 1 mm and 0.01 degrees, at every step: all but the
+    ego where a planner drove it (`ego_is_free`), and but those whom the simulator drove
+    (`driven`, by index). The first contact must be with the same agent at the same step; where the
+    simulator drove anybody, within 1 s of it.
     """
+    scripted = np.array([not (index in driven or (ego_is_free and index == 0)) for index in range(len(tracks.x))])
     position = np.hypot(tracks.x - scenario.tracks.x, tracks.y - scenario.tracks.y)
     yaw = np.abs(np.rad2deg(wrap(tracks.yaw - scenario.tracks.yaw)))
-    there = scenario.tracks.valid & tracks.valid
-    position, yaw = (np.where(there, error, 0.0) for error in (position, yaw))
+    judged = scenario.tracks.valid & tracks.valid & scripted[:, None]
+    position, yaw = (np.where(judged, error, 0.0) for error in (position, yaw))
     expected, found = (_contact(scenario, motion) for motion in (scenario.tracks, tracks))
-    judged = slice(1, None) if ego_is_free else slice(None)
-    off = _absent(scenario, tracks) or _worst(scenario, position[judged], yaw[judged], judged)
-    reason = _stale(scenario, expected) or _difference(expected, found, off)
+    off = _absent(scenario, tracks, scripted) or _worst(scenario, position, yaw)
+    tolerance = round(TOLERANCE_S / scenario.dt) if driven else 0
+    reason = _stale(scenario, expected) or _difference(expected, found, off, tolerance)
     return Replay(
         case=scenario.id,
         verified=not reason,
@@ -74,6 +105,8 @@ def compare(
         yaw_error_deg=yaw,
         own_collisions=own_collisions,
         replayed=replace(scenario, tracks=tracks),
+        intended=scenario.tracks,
+        driven=tuple(scenario.agents[index].id for index in sorted(driven)),
     )
 
 
@@ -98,26 +131,29 @@ def _stale(scenario: Scenario, expected: Contact | None) -> str:
     return f"the case notes {said}, its own tracks show {shown}"
 
 
-def _absent(scenario: Scenario, tracks: Tracks) -> str:
+def _absent(scenario: Scenario, tracks: Tracks, scripted: Bool[np.ndarray, " agent"]) -> str:
     """The first agent that is in the case but not in the replay."""
-    missing = np.argwhere((scenario.tracks.valid & ~tracks.valid).T)
+    missing = np.argwhere((scenario.tracks.valid & ~tracks.valid & scripted[:, None]).T)
     return f"{scenario.agents[missing[0][1]].id} is not there at step {missing[0][0]}" if len(missing) else ""
 
 
-def _worst(scenario: Scenario, position: np.ndarray, yaw: np.ndarray, judged: slice) -> str:
+def _worst(scenario: Scenario, position: np.ndarray, yaw: np.ndarray) -> str:
     """The agent that is furthest off, where one is off by more than the bounds."""
     if position.max(initial=0.0) <= POSITION_BOUND_M and yaw.max(initial=0.0) <= YAW_BOUND_DEG:
         return ""
     error = np.maximum(position / POSITION_BOUND_M, yaw / YAW_BOUND_DEG)
     agent, step = np.unravel_index(np.argmax(error), error.shape)
-    name = scenario.agents[judged][agent].id
+    name = scenario.agents[agent].id
     return f"{name} is off by {1e3 * position[agent, step]:.3g} mm and {yaw[agent, step]:.3g} degrees at step {step}"
 
 
-def _difference(expected: Contact | None, found: Contact | None, off: str) -> str:
-    if expected == found:
+def _difference(expected: Contact | None, found: Contact | None, off: str, tolerance: int) -> str:
+    if expected == found or (
+        expected and found and expected[0] == found[0] and abs(expected[1] - found[1]) <= tolerance
+    ):
         return off
     if found is None:
         return f"no collision, expected one with {expected[0]} at step {expected[1]}" if expected else off
     said = f"collision with {found[0]} at step {found[1]}"
-    return f"{said}, expected {f'{expected[0]} at step {expected[1]}' if expected else 'none'}"
+    within = f", at most {tolerance} steps earlier or later" if expected and tolerance else ""
+    return f"{said}, expected {f'{expected[0]} at step {expected[1]}' if expected else 'none'}{within}"

@@ -79,7 +79,7 @@ def summary(attacked: Sequence[Scenario], replays: Mapping[str, Replay]) -> str:
 
 
 def replay_row(replay: Replay) -> dict[str, Any]:
-    """A replayed case; errors are the largest over all agents and steps.
+    """A replayed case; errors are the largest over all scripted agents and steps.
 
     The simulator's own list of collisions is a second opinion: whether it holds the expected
     pair, and how many pairs it holds in all.
@@ -93,6 +93,21 @@ def replay_row(replay: Replay) -> dict[str, Any]:
         "yaw_error_deg": _worst(replay.yaw_error_deg, 1.0),
         "own_list_has_it": replay.reports_same_pair if replay.expected else None,
         "own_list_pairs": len({frozenset((hit.collider, hit.victim)) for hit in replay.own_collisions}),
+    }
+
+
+def traffic_row(replay: Replay) -> dict[str, Any]:
+    """Of a case replayed among live traffic: whom the simulator drove, and how the collision moved."""
+    steps = (
+        replay.found[1] - replay.expected[1]
+        if replay.found and replay.expected and replay.shift_m is not None
+        else None
+    )
+    return {
+        "driven": len(replay.driven),
+        "unmatched": len(replay.unmatched),
+        "steps_later": steps,
+        "shift_m": replay.shift_m,
     }
 
 

@@ -1,0 +1,238 @@
+"""`regents/SumoReplay-v0`: a case in a real SUMO as an environment, the ego driven by an agent."""
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.spaces import Box, Dict, MultiBinary
+from jaxtyping import Float
+
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.mirror.world import scene_origin
+from regents_cosim.planners.closed_loop import move_by
+from regents_cosim.planners.interface import Seen
+from regents_cosim.replays.episode import Contacts, RecordedPath, choose_case, require_known
+from regents_cosim.replays.sumo import EgoState
+from regents_cosim.replays.sumo_drivers import background_drivers
+from regents_cosim.replays.sumo_session import Play, SumoSession
+from regents_cosim.reports.camera import View, centred
+from regents_cosim.reports.film import Ground
+from regents_cosim.reports.scene import Scene, draw_moving
+from regents_cosim.scenario import Scenario, Tracks
+
+BACKGROUNDS = ("log", "reactive")
+_PX_PER_M = 6.0
+_ZOOM = 2  # drawn that much larger, then reduced
+
+Observation = dict[str, np.ndarray]
+
+
+class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
+    """A case in SUMO, which runs in a process of its own: as many environments as one likes.
+
+    Configuration and options of `reset`: `case` (a folder) or `suite` (a folder of cases, of which
+    the seed draws one); without either, the cases that come with the package. `background` log:
+    everybody else is where the case has them; reactive: only the adversary is, SUMO drives the
+    rest. The episode ends with the ego's first contact, or with the case.
+
+    Action, in [-1, 1]: acceleration and curvature (positive turns left) as shares of 6 m/s^2 and
+    0.3 /m, for one step of the case; the ego moves as it does for planners.
+
+    Observation, float32:
+    - `ego` [4]: x, y from where it began [m], yaw counter-clockwise from east [rad], speed [m/s]
+    - `others` [neighbours, 8]: of the nearest, nearest first: centre ahead and to the left of the
+      ego's [m], velocity relative to the ego's, ahead and to the left [m/s], cosine and sine of the
+      yaw relative to the ego's, length and width [m]; 0 where nobody is
+    - `present` [neighbours]: whether somebody is, 0 or 1
+    - `target` [2]: where the ego wants to go, ahead and to the left [m]
+    - `time` [1]: the share of the case that is over
+
+    Rewards: progress along the recorded path (1 for all of it) and -1 for a collision.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        """All that can be configured."""
+        return {
+            "case": "",
+            "suite": "",
+            "background": "log",
+            "neighbours": 8,
+            "collision_reward": -1.0,
+            "progress_reward": 1.0,
+            "screen_width": 600,  # [px]
+            "screen_height": 600,
+        }
+
+    def __init__(self, config: dict[str, Any] | None = None, render_mode: str | None = None) -> None:
+        """Raises RegentsError for a key or a value that does not exist."""
+        require_known(config or {}, self.default_config(), "configuration key")
+        self.config = self.default_config() | (config or {})
+        background, neighbours = self.config["background"], self.config["neighbours"]
+        require(
+            background in BACKGROUNDS,
+            f"background {background!r}, expected one of {', '.join(BACKGROUNDS)}",
+            RegentsError,
+        )
+        require(
+            isinstance(neighbours, int) and neighbours > 0,
+            f"neighbours {neighbours!r}, expected a whole number above 0",
+            RegentsError,
+        )
+        require(
+            render_mode in (None, "rgb_array"), f"render_mode {render_mode!r}, expected None or rgb_array", RegentsError
+        )
+        self.render_mode = render_mode
+        self.action_space = Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space = Dict(
+            {
+                "ego": _numbers(4),
+                "others": _numbers(neighbours, 8),
+                "present": MultiBinary(neighbours),
+                "target": _numbers(2),
+                "time": Box(0.0, 1.0, (1,), np.float32),
+            }
+        )
+        self._session = SumoSession()
+        self._over = True
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start a case: that of `options`, of the configuration, or one drawn from a suite by the seed.
+
+        Raises RegentsError for what cannot be played, SumoError where SUMO refuses.
+        """
+        require_known(options or {}, ("case", "suite"), "option")
+        super().reset(seed=seed)
+        pool = options if options and any(options.values()) else self.config
+        self.scenario = choose_case(pool.get("case"), pool.get("suite"), self.np_random)
+        self._over = True  # until SUMO has begun
+        released = background_drivers(self.scenario) if self.config["background"] == "reactive" else {}
+        self._frames = [self._session.begin(Play(self.scenario, released, int(self.np_random.integers(2**31))))]
+        self._origin = np.array([*scene_origin(self.scenario), 0.0, 0.0])
+        self._half_length, self._dt = jnp.array([0.5 * self.scenario.ego.length]), jnp.float32(self.scenario.dt)
+        self._path, self._progress = RecordedPath(self.scenario), 0.0
+        self._contacts, self._hit = Contacts(self.scenario.agents), None
+        self._contacts.at(self.seen)
+        self._over, self._ground = False, None
+        return self._observation(), self._info()
+
+    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """One step of the case. Raises RegentsError where the episode is over, SumoError where SUMO dies."""
+        require(not self._over, "the episode is over, expected a reset before the next step", RegentsError)
+        push = np.asarray(action, float).reshape(-1)
+        require(
+            push.shape == (2,) and bool(np.isfinite(push).all()),
+            f"action {action!r}, expected two finite numbers: acceleration and curvature as shares of their limits",
+            RegentsError,
+        )
+        self._over = True  # stays so if SUMO dies
+        self._frames.append(self._session.go(self._moved(np.clip(push, -1.0, 1.0))))
+        now = self.seen
+        self._progress = self._path.advance(np.array([now.x[0], now.y[0]]))
+        touching = np.flatnonzero(self._contacts.at(now))
+        self._hit = self.scenario.agents[touching[0]].id if len(touching) else None
+        terminated = self._hit is not None
+        truncated = len(self._frames) == self.scenario.tracks.steps
+        self._over = terminated or truncated
+        reward = sum(self.config[name] * value for name, value in self._rewards().items())
+        return self._observation(), float(reward), terminated, truncated, self._info() | {"action": action}
+
+    def render(self) -> np.ndarray | None:
+        """The traffic around the ego, [height, width, 3] uint8; needs no display."""
+        if self.render_mode is None:
+            gymnasium.logger.warn('nothing to render, expected render_mode="rgb_array" when the environment is made')
+            return None
+        require(hasattr(self, "scenario"), "nothing to render, expected a reset first", RegentsError)
+        now, scene = self.seen, Scene.of(self._so_far())
+        size = self.config["screen_width"], self.config["screen_height"]
+        if self._ground is None:
+            view = centred(np.array([now.x[0], now.y[0]]), _PX_PER_M, size)
+            self._ground = Ground(scene, view, _ZOOM), view
+        ground, first = self._ground
+        moved = (np.array([now.x[0], now.y[0]]) - _middle(first)) * [_PX_PER_M, -_PX_PER_M]
+        view = first.shifted(*np.rint(moved).astype(int).tolist())
+        canvas = ground.under(view)
+        draw_moving(scene, canvas, view, len(self._frames) - 1)
+        return np.asarray(canvas.finish())
+
+    def close(self) -> None:
+        """End SUMO; twice does no harm."""
+        self._session.close()
+        self._over = True
+
+    @property
+    def seen(self) -> Seen:
+        """Everybody now, in the order of the case's agents, as SUMO reports them (map frame, float64)."""
+        return self._frames[-1]
+
+    def _moved(self, share: Float[np.ndarray, " 2"]) -> EgoState:
+        ego = np.array([values[0] for values in self.seen[:4]]) - self._origin
+        control = float(share[0]) * ACCEL_LIMIT, float(share[1]) * CURVATURE_LIMIT
+        ahead = move_by(self.scenario.dynamics, self._half_length, self._dt, ego, control) + self._origin
+        return EgoState(*ahead.tolist())
+
+    def _rewards(self) -> dict[str, float]:
+        return {"collision_reward": float(self._hit is not None), "progress_reward": self._progress}
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "speed": float(self.seen.speed[0]),
+            "crashed": self._hit is not None,
+            "rewards": self._rewards(),
+            "case": self.scenario.id,
+            "step": len(self._frames) - 1,
+            "contact": self._hit,
+        }
+
+    def _observation(self) -> Observation:
+        now, begin = self.seen, self._frames[0]
+        x, y, yaw, speed = (float(values[0]) for values in now[:4])
+        away = np.hypot(now.x - x, now.y - y)
+        near = [index for index in np.argsort(away, kind="stable").tolist() if index > 0 and now.valid[index]]
+        near = near[: self.config["neighbours"]]
+        others = np.zeros((self.config["neighbours"], 8), np.float32)
+        present = np.zeros(self.config["neighbours"], np.int8)
+        turn = now.yaw[near] - yaw
+        others[: len(near), 0:2] = _in_frame(now.x[near] - x, now.y[near] - y, yaw)
+        others[: len(near), 2] = now.speed[near] * np.cos(turn) - speed
+        others[: len(near), 3] = now.speed[near] * np.sin(turn)
+        others[: len(near), 4:6] = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        sizes = [(self.scenario.agents[index].length, self.scenario.agents[index].width) for index in near]
+        others[: len(near), 6:8] = np.array(sizes).reshape(-1, 2)
+        present[: len(near)] = 1
+        target = self.scenario.target
+        return {
+            "ego": np.array([x - begin.x[0], y - begin.y[0], yaw, speed], np.float32),
+            "others": others,
+            "present": present,
+            "target": _in_frame(np.array(target[0] - x), np.array(target[1] - y), yaw).astype(np.float32),
+            "time": np.array([(len(self._frames) - 1) / (self.scenario.tracks.steps - 1)], np.float32),
+        }
+
+    def _so_far(self) -> Scenario:
+        """The case as it was played up to now; afterwards the ego stands, and nobody else is there."""
+        missing = self.scenario.tracks.steps - len(self._frames)
+        nobody = self.seen._replace(valid=np.arange(len(self.scenario.agents)) == 0)
+        columns = (np.stack(values, axis=1) for values in zip(*self._frames, *[nobody] * missing, strict=True))
+        return replace(self.scenario, tracks=Tracks(*columns), attack=None, original=None, judgement=None, evasion=None)
+
+
+def _numbers(*shape: int) -> Box:
+    return Box(-np.inf, np.inf, shape, np.float32)
+
+
+def _in_frame(dx: np.ndarray, dy: np.ndarray, yaw: float) -> np.ndarray:
+    """Ahead and to the left of somebody who heads along `yaw`, on a last axis."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack([dx * cos + dy * sin, dy * cos - dx * sin], axis=-1)
+
+
+def _middle(view: View) -> np.ndarray:
+    return np.array([view.left + 0.5 * view.width / view.px_per_m, view.top - 0.5 * view.height / view.px_per_m])

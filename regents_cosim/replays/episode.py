@@ -1,0 +1,72 @@
+"""What the environments of both simulators share: the case that is played, how far the ego came, whom it hit."""
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.files import find_cases, load_case
+from regents_cosim.planners.interface import Seen
+from regents_cosim.scenario import Agent, Scenario
+from regents_cosim.shipped import shipped
+
+
+def choose_case(case: Any, suite: Any, rng: np.random.Generator) -> Scenario:
+    """The case, or one of the suite's; without either one of those that come with the package."""
+    if isinstance(case, Scenario):
+        return case
+    require(not (case and suite), "expected a case or a suite, not both", RegentsError)
+    if case:
+        return load_case(Path(case))
+    folders = find_cases(Path(suite) if suite else shipped("scenarios") / "quickstart")
+    require(bool(folders), f"{suite}: the suite lists no cases", RegentsError)
+    return load_case(folders[int(rng.integers(len(folders)))])
+
+
+def require_known(given: dict[str, Any], known: Sequence[str] | dict[str, Any], what: str) -> None:
+    """Raise RegentsError with the nearest name for a key that is not known."""
+    for key in given:
+        if key not in known:
+            near = difflib.get_close_matches(str(key), list(known), 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(sorted(known))}"
+            raise RegentsError(f"unknown {what} {key!r}, {hint}")
+
+
+class RecordedPath:
+    """How far along its recorded path the ego has come."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        tracks = scenario.tracks if scenario.original is None else scenario.original
+        self._points = np.stack([tracks.x[0], tracks.y[0]], axis=-1)
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self._points, axis=0).T))])
+        self._share = along / max(along[-1], 1e-3)
+        self._reached = 0.0
+
+    def advance(self, position: Float[np.ndarray, " 2"]) -> float:
+        """The share of the path gained since the last call, by the ego's centre [m, map frame]."""
+        nearest = int(np.argmin(np.hypot(*(self._points - position).T)))
+        gained = float(self._share[nearest]) - self._reached
+        self._reached += gained
+        return gained
+
+
+class Contacts:
+    """Whom the ego touches, step by step; as in `collisions`, not those who come to be on top of it."""
+
+    def __init__(self, agents: tuple[Agent, ...]) -> None:
+        self._length, self._width = (np.array([getattr(a, name) for a in agents]) for name in ("length", "width"))
+        self._met, self._apart = np.zeros(len(agents), bool), np.ones(len(agents), bool)
+        self._apart[0] = False
+
+    def at(self, seen: Seen) -> Bool[np.ndarray, " agent"]:
+        """Call it once per step."""
+        boxes = Boxes(seen.x, seen.y, seen.yaw, self._length, self._width)
+        touching = overlap(Boxes(*(float(np.asarray(values)[0]) for values in boxes)), boxes) & seen.valid
+        self._apart &= ~(touching & ~self._met)
+        self._met |= seen.valid
+        return touching & self._apart

@@ -1,0 +1,82 @@
+"""Whom a replay leaves to SUMO, and how SUMO drives them, in SUMO's own words.
+
+Attributes of a vType: https://sumo.dlr.de/docs/Definition_of_Vehicles,_Vehicle_Types,_and_Routes.html
+Modes: https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from xml.etree import ElementTree
+
+from regents_cosim.scenario import VEHICLE_KINDS, Agent, Scenario
+
+
+@dataclass(frozen=True)
+class DriverParameters:
+    """A way to drive; by default that of SUMO's passenger car."""
+
+    attributes: Mapping[str, float] = field(default_factory=dict)  # of a vType; SUMO ignores those it does not know
+    speed_mode: int = 31  # all checks
+    lane_change_mode: int = 1621  # for every reason there is, into gaps that suffice
+
+
+SUMO_DRIVER = DriverParameters()
+
+# What https://sumo.dlr.de/docs/Simulation/Safety.html lists under "Deliberately causing collisions", each at its
+# most dangerous: the strongest attack that needs no search.
+AGGRESSIVE_DRIVER = DriverParameters(
+    attributes={
+        # car following
+        "tau": 0.05,  # [s] below the step of 0.1 s, where a follower can no longer react in time
+        "minGap": 0.0,  # [m]
+        "sigma": 0.0,  # never hesitates
+        "speedFactor": 1.5,  # of the speed limit
+        "accel": 5.0,  # [m/s^2]
+        "decel": 9.0,  # [m/s^2] brakes as late as tyres allow
+        "apparentDecel": 9.0,
+        "emergencyDecel": 9.0,
+        # junctions
+        "impatience": 1.0,  # drives even where others must brake for it
+        "jmIgnoreFoeProb": 1.0,
+        "jmIgnoreFoeSpeed": 100.0,  # [m/s] foes up to this speed are not seen
+        "jmIgnoreJunctionFoeProb": 1.0,
+        "jmIgnoreKeepClearTime": 0.0,  # [s] waiting before it blocks a junction
+        "jmDriveAfterYellowTime": 100.0,  # [s] since the light changed
+        "jmDriveAfterRedTime": 100.0,
+        "jmSigmaMinor": 0.0,
+        "jmTimegapMinor": 0.0,  # [s] to those with right of way
+        "jmStoplineGap": 0.0,  # [m]
+        # lane changes
+        "lcAssertive": 10.0,  # gaps may be this many times too small
+        "lcImpatience": 1.0,
+        "lcTimeToImpatience": 0.0,  # [s]
+        "lcSpeedGain": 10.0,
+        "lcCooperative": -1.0,  # never for others
+        "lcOvertakeRight": 1.0,
+    },
+    speed_mode=39,  # no right of way before (bit 3) or in junctions (bit 5), no hard braking for red (bit 4)
+)
+
+
+def background_drivers(scenario: Scenario) -> dict[int, DriverParameters]:
+    """All vehicles but the ego and the adversary, by index."""
+    return {
+        index: SUMO_DRIVER
+        for index, agent in enumerate(scenario.agents)
+        if index > 0 and agent.role != "adversary" and agent.kind in VEHICLE_KINDS
+    }
+
+
+def type_file(agents: tuple[Agent, ...], drivers: Mapping[int, DriverParameters]) -> bytes:
+    """An additional file with a type for each of the agents that have a driver."""
+    root = ElementTree.Element("additional")
+    for index, driver in drivers.items():
+        size = {"length": agents[index].length, "width": agents[index].width}
+        values = {name: repr(float(value)) for name, value in (size | dict(driver.attributes)).items()}
+        ElementTree.SubElement(root, "vType", {"id": driven_type(index), **values})
+    return ElementTree.tostring(root)
+
+
+def driven_type(index: int) -> str:
+    """The name of the type of a driven agent."""
+    return f"driven{index}"

@@ -1,0 +1,139 @@
+"""SUMO step by step: a process of its own plays cases one after the other, and is told where the ego goes.
+
+SUMO may crash, and holds one simulation per process; here a crash is an error and nothing else.
+"""
+
+import multiprocessing
+import signal
+from collections.abc import Mapping
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+from regents_cosim.errors import RegentsError, SumoError
+from regents_cosim.planners.interface import Seen
+from regents_cosim.replays.sumo import EgoState, replay_in_sumo
+from regents_cosim.replays.sumo_drivers import DriverParameters
+from regents_cosim.scenario import Scenario
+from regents_cosim.workers import main_hidden
+
+_START_S = 120.0  # the imports of a process, and the network of a city
+_STEP_S = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Play:
+    """A case to be played, the ego by whoever asks."""
+
+    scenario: Scenario
+    released: Mapping[int, DriverParameters]  # whom SUMO drives, by index
+    seed: int
+
+
+class SumoSession:
+    """The process, and the conversation with it. Use it from one thread at a time."""
+
+    def __init__(self) -> None:
+        self._pipe: Any = None  # a connection while the process runs
+
+    def begin(self, play: Play) -> Seen:
+        """Begin a case, in the middle of another one too. Everybody at step 0. Raises SumoError."""
+        if self._pipe is None:
+            self._start()
+        return self._ask(play, _START_S, "when it began a case")
+
+    def go(self, ego: EgoState) -> Seen:
+        """Everybody one step later, the ego as told. Raises SumoError."""
+        if self._pipe is None:
+            raise SumoError("SUMO is not running, expected a case to be begun first")
+        return self._ask(ego, _STEP_S, "in a step")
+
+    def close(self) -> None:
+        """End the process; twice does no harm."""
+        if self._pipe is not None:
+            self._pipe.close()
+            self._process.kill()
+            self._process.join()
+            self._pipe = None
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        with main_hidden():
+            self._process.start()
+        theirs.close()
+
+    def _ask(self, question: Play | EgoState, timeout_s: float, when: str) -> Seen:
+        try:
+            self._pipe.send(question)
+            if not self._pipe.poll(timeout_s):
+                self.close()
+                raise SumoError(f"SUMO's process gave no answer within {timeout_s:g} s {when}")
+            answer = self._pipe.recv()
+        except (EOFError, OSError) as error:
+            self._process.join(timeout=5.0)
+            code = self._process.exitcode
+            self.close()
+            raise SumoError(f"SUMO's process died {when} (exit code {code}); the next reset starts another") from error
+        if isinstance(answer, str):
+            raise SumoError(answer)
+        return answer
+
+
+# --- inside the process -----------------------------------------------------------------------
+
+
+class _Another(BaseException):
+    """The case is broken off for another one; nobody's error, so no Exception."""
+
+    def __init__(self, play: Play) -> None:
+        self.play = play
+
+
+class _Remote:
+    """A driver at the other end of the pipe."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    def start(self, scenario: Scenario) -> None:
+        """Nothing to prepare."""
+
+    def advance(self, step: int, seen: Seen) -> EgoState:
+        """Tell what is seen, and be told where the ego goes."""
+        self._pipe.send(seen)
+        told = self._pipe.recv()
+        if isinstance(told, Play):
+            raise _Another(told)
+        return told
+
+
+def _serve(pipe: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+    play: Play | None = None
+    while True:
+        try:
+            play = play or _next_play(pipe)
+            pipe.send(_last_seen(play, pipe))
+            play = None
+        except _Another as another:
+            play = another.play
+        except RegentsError as error:
+            pipe.send(str(error))
+            play = None
+        except (EOFError, OSError):  # nobody is there any more
+            return
+
+
+def _next_play(pipe: Connection) -> Play:
+    while not isinstance(asked := pipe.recv(), Play):
+        pipe.send("the case is over, expected another one to be begun")
+    return asked
+
+
+def _last_seen(play: Play, pipe: Connection) -> Seen:
+    """Play to the end; all steps but the last are told on the way."""
+    tracks = replay_in_sumo(play.scenario, _Remote(pipe), released=play.released, seed=play.seed).tracks
+    last = (values[:, -1] for values in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid))
+    return Seen(*last)
