@@ -13,8 +13,9 @@ from regents_cosim.attacks.movers import Movers
 from regents_cosim.mirror.separation import Box, corners, overlaps, pick
 from regents_cosim.mirror.world import World
 
-# The blurred map where a straight road edge is 0.25 m away (`road_field`): within what logged traffic does.
-_OFF_ROAD = 0.69
+# The blurred map (`road_field`) on a straight edge of the road. Stricter than the verdict on the host, which lets
+# corners be 0.3 m off: beyond a narrow median the blurred map is lower.
+_OFF_ROAD = 0.5
 _ALONG_RAD = np.pi / 4  # headings that differ by less run the same way
 
 

@@ -112,8 +112,8 @@ def table1(
             continue
         options = Search(
             method,
-            search,
-            background,
+            search=search,
+            background=background,
             as_published=as_published,
             nearest=nearest,
             attempts=attempts,

@@ -68,6 +68,8 @@ class Search:
     cma-es search without gradients, to compare with"""
     search: Literal["joint", "per-candidate"] | None = None
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
+    nearest: int | None = None
+    """candidates that get a search of their own"""
     background: Literal["log", "reactive"] | None = None
     """do other agents replay their log, or brake for what stands in their way"""
     dynamics: Literal["recorded", "bicycle", "highway"] | None = None
