@@ -1,0 +1,62 @@
+"""What the descent is compared with: searches without gradients, and SUMO's own drivers at their most dangerous."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import platoon, scene
+
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.blind import AtRandom, ByEvolution
+from regents_cosim.attacks.presets import CMA_ES, RANDOM
+from regents_cosim.collisions import first_contact
+from regents_cosim.errors import RegentsError
+
+HOST = Path(__file__).with_name("host_planners.py")
+
+
+@pytest.mark.parametrize("config", [RANDOM, CMA_ES], ids=lambda config: config.method)
+def test_a_blind_search_finds_collisions_and_finds_them_again(config):
+    few = replace(config, iterations=60, nearest=1)
+    first, again = (list(attack([platoon(seed=1)], few, "log_replay")) for _ in range(2))
+    assert any(case.attack.outcome == "collision" for case in first)
+    for one, other in zip(first, again, strict=True):
+        assert one.attack == other.attack
+        assert np.array_equal(one.tracks.x, other.tracks.x)
+        if one.attack.collision:
+            agent, step = first_contact(one.agents, one.tracks)
+            assert (one.agents[agent].id, step) == (one.attack.collision.agent, one.attack.collision.step)
+            assert 1 <= one.attack.iterations <= 60
+            assert len(one.attack.cost_history["ego"]) == one.attack.iterations
+
+
+def test_a_blind_search_spends_its_roll_outs_and_no_more():
+    few = replace(RANDOM, iterations=60, nearest=1)
+    far = [(200 + 20 * i, 6.4, 10) for i in range(8)]
+    (missed,) = attack([scene((0, 0, 10), *far)], few, "log_replay")
+    assert (missed.attack.outcome, missed.attack.iterations) == ("no_collision", 60)
+    (before,) = attack([scene((0, 0, 10), (20, 0, 4), *far[1:])], few, "log_replay")
+    assert (before.attack.outcome, before.attack.iterations) == ("already_colliding", 0)
+
+
+def test_evolution_learns_and_chance_does_not():
+    goal = np.linspace(-1.0, 1.0, 10)
+
+    def least(sampler):
+        found = np.inf
+        for _ in range(60):
+            changes = sampler.ask()
+            costs = ((changes - goal) ** 2).sum(axis=1)
+            sampler.tell(changes, costs)
+            found = min(found, costs.min())
+        return found
+
+    assert least(ByEvolution(0)) < 0.1 < least(AtRandom(0))
+
+
+def test_a_blind_search_is_for_planners_in_jax():
+    with pytest.raises(RegentsError, match="needs a planner in JAX"):
+        list(attack([platoon()], RANDOM, f"{HOST}:Cautious"))
+    with pytest.raises(RegentsError, match="searches one candidate at a time"):
+        replace(RANDOM, search="joint")
