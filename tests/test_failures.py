@@ -18,7 +18,7 @@ def attacked(*cars, outcome="no_collision", judgement=None, **record):
 
 
 NEAR = ((0, 0, 10), (30, 3.2, 10))
-ACTIONABLE = Judgement((), Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, 0.0, 0.4)))
+ACTIONABLE = Judgement((), Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4)))
 UNAVOIDABLE = Judgement((), Avoidability(False, 500, 0, None, None))
 
 

@@ -15,7 +15,7 @@ from regents_cosim.evaluation.table1 import as_json, compare, markdown, table1
 from regents_cosim.reports.bars import Share, draw_bars
 from regents_cosim.scenario import AttackRecord, Avoidability, Collision, Fault, Judgement, Manoeuvre, Tracks
 
-AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, 0.0, 0.4))
+AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4))
 UNAVOIDABLE = Avoidability(False, 500, 0, None, None)
 
 
@@ -65,6 +65,10 @@ def test_windows_and_crashes_are_counted_apart():
     assert (found.successes, found.clean, found.actionable) == (3, 2, 1)
     assert (found.success_percent, found.clean_percent, found.actionable_percent) == (75.0, 50.0, 25.0)
     assert (found.crashes, found.off_road_percent, found.avoidable_percent) == (4, 50.0, 75.0)
+    # The drift is 0.5 m after 3.2 s: with 0.75 s to react, the last evasion at 2 s comes too early.
+    assert found.avoidable_in_time_percent == 0.0
+    late = replace(AVOIDABLE, last_onset_step=40)
+    assert scores(Run("king", "idm", 500, [[crashed("b", avoidability=late)]])).avoidable_in_time_percent == 100.0
     assert sum(found.kinds.values()) == 4
     assert found.at_fault == {"adversary": 4}
     assert found.failures["unavoidable_only"] == found.failures["spoilt_only"] == found.failures["stuck"] == 1

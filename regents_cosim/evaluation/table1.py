@@ -120,6 +120,7 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "adversary off the road": lambda c: f"{c.off_road_percent} %",
         "adversary hits others": lambda c: f"{c.hits_others_percent} %",
         "avoidable": lambda c: f"{c.avoidable_percent} %",
+        "avoidable in time": lambda c: f"{c.avoidable_in_time_percent} %",
         "last evasion before contact": lambda c: _unit(c.evade_before_s, "s"),
         "kinds": lambda c: ", ".join(f"{n} {kind.replace('_', ' ')}" for kind, n in sorted(c.kinds.items())) or "-",
         "impact": lambda c: _unit(c.impact_m_s, "m/s"),
