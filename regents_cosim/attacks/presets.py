@@ -108,7 +108,7 @@ REGENTS_FOCUSED = replace(
     background="reactive",
     pull_standing=False,
     accept="clean",
-    attempts=3,
+    attempts=2,
 )
 
 # The same cost without its gradient, with as many roll-outs for each candidate.
