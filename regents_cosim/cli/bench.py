@@ -105,24 +105,24 @@ def table1(
         keep_compiled_programs()
     traffic = logged_traffic(logs, count, seed, terminal) if logs else network_traffic(nets, count, seed, terminal)
     windows = [scenario for found in traffic.values() for scenario in found]
-    runs = []
+    runs, found = [], make_table([])
     for planner, method, search, background in product(planners, methods, searches or (None,), backgrounds or (None,)):
         if method == "sumo-aggressive":
             runs.append(aggressive_run(windows, planner, runs, terminal))
-            continue
-        options = Search(
-            method,
-            search=search,
-            background=background,
-            as_published=as_published,
-            nearest=nearest,
-            attempts=attempts,
-            replan_every=replan_every,
-        )
-        runs.append(attack_run(windows, planner, options.config(), terminal))
-    found = make_table(runs)
-    if output is not None:
-        write_table(found, output)
+        else:
+            options = Search(
+                method,
+                search=search,
+                background=background,
+                as_published=as_published,
+                nearest=nearest,
+                attempts=attempts,
+                replan_every=replan_every,
+            )
+            runs.append(attack_run(windows, planner, options.config(), terminal))
+        found = make_table(runs)
+        if output is not None:  # after every run: a table that is interrupted keeps its columns
+            write_table(found, output)
     terminal.publish(markdown(found), as_json(found))
     return 0
 
