@@ -14,6 +14,7 @@ from regents_cosim.scenario import Scenario, Tracks
 
 SPACING_M = 1.0
 _EXTENSION_M = 120.0  # beyond the logged path: a planner may be faster than its log
+_LONGEST_M = 400.0  # of it along lanes: those of highway-env are kilometres long
 _MIN_STEP_M = 0.5  # a standing ego adds no points
 
 
@@ -63,7 +64,8 @@ def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float
     for lane in lanes:
         line = shapely.LineString(lane.centre)
         since = line.project(shapely.Point(end)) if lane is lanes[0] else 0.0
-        along = np.arange(since + (5.0 if lane is lanes[0] else 0.0), line.length, SPACING_M)
+        since += 5.0 if lane is lanes[0] else 0.0
+        along = np.arange(since, min(line.length, since + _LONGEST_M - SPACING_M * len(points)), SPACING_M)
         points.extend([p.x, p.y] for p in shapely.line_interpolate_point(line, along))
     path = np.array([*logged[-2:], *points])
     ahead = np.exp(1j * _heading(path)[-1])
