@@ -12,6 +12,10 @@ from regents_cosim.attacks.blind import AtRandom, ByEvolution
 from regents_cosim.attacks.presets import CMA_ES, RANDOM
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.aggressive import drive_aggressively
+from regents_cosim.files import load_case
+from regents_cosim.scenario import AttackRecord
+from regents_cosim.shipped import shipped
 
 HOST = Path(__file__).with_name("host_planners.py")
 
@@ -60,3 +64,22 @@ def test_a_blind_search_is_for_planners_in_jax():
         list(attack([platoon()], RANDOM, f"{HOST}:Cautious"))
     with pytest.raises(RegentsError, match="searches one candidate at a time"):
         replace(RANDOM, search="joint")
+
+
+def test_aggressive_drivers_drive_around_the_planner():
+    (folder, *_) = sorted((shipped("scenarios") / "quickstart").glob("crossing-*"))
+    window = load_case(folder).before_attack()
+    (driven,) = next(iter(drive_aggressively([window], [[]], "constant_velocity")))
+    assert driven.attack.method == "sumo-aggressive"
+    assert driven.attack.outcome in ("collision", "no_collision")
+    assert (driven.attack.collision is None) == (first_contact(driven.agents, driven.tracks) is None)
+    moved = np.hypot(driven.tracks.x - window.tracks.x, driven.tracks.y - window.tracks.y)
+    assert moved[1:][window.tracks.valid[1:] & driven.tracks.valid[1:]].max() > 1.0
+
+
+def test_where_the_planner_collides_anyway_nobody_is_blamed():
+    (folder, *_) = sorted((shipped("scenarios") / "quickstart").glob("crossing-*"))
+    window = load_case(folder).before_attack()
+    record = AttackRecord(window.id, "king", "constant_velocity", "already_colliding", 0)
+    known = replace(window, attack=record, original=window.tracks)
+    assert list(drive_aggressively([window], [[known]], "constant_velocity")) == [[known]]

@@ -8,6 +8,7 @@ from regents_cosim.collisions import collision_kind, first_contact, relative_spe
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.scores import Results
 from regents_cosim.replays.replay import SumoDrive, drive_in_sumo_each
+from regents_cosim.replays.sumo import SumoReplay
 from regents_cosim.replays.sumo_drivers import AGGRESSIVE_DRIVER, DriverParameters
 from regents_cosim.scenario import VEHICLE_KINDS, AttackRecord, Collision, Scenario, Tracks
 
@@ -21,16 +22,23 @@ def drive_aggressively(
 
     `before` are results of an attack on the same windows: where the planner collides before it, so it is noted here.
     """
-    drives = [SumoDrive(window, planner, _drivers(window)) for window in windows]
-    for window, known, seen in zip(windows, before, drive_in_sumo_each(drives, executor), strict=True):
-        colliding = next((c for c in known if c.attack and c.attack.outcome == "already_colliding"), None)
-        if colliding is not None:
-            yield [colliding]
-        elif isinstance(seen, RegentsError):
-            record = AttackRecord(window.id, METHOD, planner, "planner_error", 0, planner_error=str(seen))
-            yield [replace(window, id=f"{window.id}-{METHOD}", attack=record, original=window.tracks)]
-        else:
-            yield [_attacked(window, seen.tracks, planner)]
+    colliding = [next(filter(_collides_before, results), None) for results in before]
+    pairs = zip(windows, colliding, strict=True)
+    drives = [SumoDrive(window, planner, _drivers(window)) for window, known in pairs if known is None]
+    seen = drive_in_sumo_each(drives, executor)
+    for window, known in zip(windows, colliding, strict=True):
+        yield [known if known is not None else _case(window, next(seen), planner)]
+
+
+def _collides_before(case: Scenario) -> bool:
+    return case.attack is not None and case.attack.outcome == "already_colliding"
+
+
+def _case(window: Scenario, seen: SumoReplay | RegentsError, planner: str) -> Scenario:
+    if not isinstance(seen, RegentsError):
+        return _attacked(window, seen.tracks, planner)
+    record = AttackRecord(window.id, METHOD, planner, "planner_error", 0, planner_error=str(seen))
+    return replace(window, id=f"{window.id}-{METHOD}", attack=record, original=window.tracks)
 
 
 def _drivers(window: Scenario) -> dict[int, DriverParameters]:
