@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from regents_cosim.attacks.presets import REGENTS as REGENTS
     from regents_cosim.attacks.presets import REGENTS_FOCUSED as REGENTS_FOCUSED
     from regents_cosim.attacks.presets import AttackConfig as AttackConfig
+    from regents_cosim.evaluation.report import report as report
     from regents_cosim.files import load_case as load_case
     from regents_cosim.files import save_case as save_case
     from regents_cosim.mirror.bicycle import Controls as Controls
@@ -50,6 +51,7 @@ _HOMES = {
     "record": "sources.record",
     "record_log": "sources.logs.record",
     "replay": "replays.replay",
+    "report": "evaluation.report",
     "save_case": "files",
 }
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]

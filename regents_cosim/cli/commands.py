@@ -306,6 +306,56 @@ def evaluate(
     return 1 if errors else 0
 
 
+@app.command
+def report(
+    cases: Path,
+    *,
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    planner: tuple[str, ...] = (),
+    act_timeout: float = 10.0,
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """One HTML file with the scores, every case in a player, and what is known of it; opens anywhere, offline.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases
+    output
+        file for the page (.html); the scores and the table go into a .json beside it
+    planner
+        who drives the egos, among the adversaries of each case; once more: a second one beside it, to see what it fixes
+        and breaks. Without it the report shows the drives that the cases hold
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.report import check_report, drive_for_report, report_of, save_report
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.suite import load_cases
+
+    terminal = open_terminal(talk)
+    check_report(output, planner)
+    scenarios = load_cases(cases)
+    if compile_cache:
+        keep_compiled_programs()
+    driven = {
+        name: list(terminal.each(drive_for_report(scenarios, name, act_timeout), f"driving {name}", len(scenarios)))
+        for name in planner
+    }
+    with terminal.waiting(f"writing {output}"):
+        made = report_of(scenarios, driven, cases)
+        save_report(made, output)
+    rows = [{"score": s.label, "driver": s.driver, "value": s.value, "detail": s.detail} for s in made.scores]
+    terminal.show(f"{len(scenarios)} cases in {output}", rows)
+    errors = [(case.scenario.id, run) for case in made.cases for run in case.runs if run.error]
+    for name, run in errors:
+        terminal.say(f"{name}: {run.driver}: {run.error}")
+    return 1 if errors else 0
+
+
 @training.command(name="aim-bev")
 def train_aim_bev(
     cases: Path,

@@ -92,11 +92,16 @@ def drive_each(
 
 def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
     """Let the planner at the wheel drive one case to the end of its horizon or its first collision."""
+    return drive_and_keep(scenario, wheel)[0]
+
+
+def drive_and_keep(scenario: Scenario, wheel: Wheel) -> tuple[Drive, Tracks | None]:
+    """As `drive_case`, with the tracks of everybody; None where the planner failed."""
     try:
         lap = wheel.drive(scenario)
     except DriveError as failure:
-        return _nowhere(scenario, str(failure))
-    return replace(score(scenario, lap.tracks), act_s=tuple(lap.act_seconds))
+        return _nowhere(scenario, str(failure)), None
+    return replace(score(scenario, lap.tracks), act_s=tuple(lap.act_seconds)), lap.tracks
 
 
 def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:

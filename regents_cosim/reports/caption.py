@@ -27,14 +27,14 @@ FOOTER_PX = 38
 STRIP_PX = 30  # the title of one of two pictures
 
 _EDGE_PX = 16
-_KINDS: dict[CollisionKind, str] = {
+KINDS: dict[CollisionKind, str] = {
     "rear_end_by_ego": "rear-end by the ego",
     "rear_end_by_adversary": "rear-end into the ego",
     "side_swipe": "side-swipe",
     "t_bone": "T-bone",
     "head_on": "head-on",
 }
-_OUTCOMES: dict[Outcome, str] = {
+OUTCOMES: dict[Outcome, str] = {
     "collision": "collision",
     "no_collision": "no collision found",
     "no_candidate": "nobody may attack",
@@ -93,10 +93,10 @@ def describe(scene: Scene) -> str:
 
 def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
     """How an attack ended, in parts of one line."""
-    words = [] if outcome == "collision" and hit else [_OUTCOMES[outcome]]
+    words = [] if outcome == "collision" and hit else [OUTCOMES[outcome]]
     if hit is not None:
         speed = f"impact {hit.relative_speed:.1f} m/s ({3.6 * hit.relative_speed:.0f} km/h)"
-        words += [f"{_KINDS[hit.kind]} at {hit.time_s:.1f} s", speed]
+        words += [f"{KINDS[hit.kind]} at {hit.time_s:.1f} s", speed]
     return words
 
 

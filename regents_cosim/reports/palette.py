@@ -23,6 +23,7 @@ EGO: Colour = (8, 104, 201)
 ADVERSARY: Colour = (226, 84, 10)
 OTHER: Colour = (146, 154, 165)
 BURST: Colour = (255, 200, 0)
+SECOND: Colour = (170, 68, 142)  # another planner's ego
 SIGNAL_RED: Colour = (206, 17, 55)
 SIGNAL_AMBER: Colour = (245, 170, 0)
 SIGNAL_GREEN: Colour = (0, 158, 115)

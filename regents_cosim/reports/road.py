@@ -26,8 +26,8 @@ from regents_cosim.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Signal
 
 _AROUND_M = 5.0  # drawn beyond the edge of a view, so that no outline shows there
-_MARKING_M = 0.16
-_DASH_M, _GAP_M = 3.0, 4.5
+MARKING_M = 0.16
+DASH_M, GAP_M = 3.0, 4.5
 _INSET_M = 0.25  # of solid lines, so that the edge of the road stays visible
 _BAR_M = 0.9  # thickness of a stop bar along the road
 _LIGHTS: dict[str, Colour] = {
@@ -40,8 +40,8 @@ _LIGHTS: dict[str, Colour] = {
 def draw_road(canvas: Canvas, view: View, road: RoadMap) -> None:
     """Fill the canvas with what does not move."""
     area = shapely.clip_by_rect(road.drivable, *view.bounds(_AROUND_M))
-    polygons = sorted(_polygons(area), key=lambda part: part.area, reverse=True)  # islands in a hole come last
-    for polygon in polygons:
+    parts = sorted(polygons(area), key=lambda part: part.area, reverse=True)  # islands in a hole come last
+    for polygon in parts:
         _draw_polygon(canvas, view, polygon)
     for lane in _visible(road, view):
         if not lane.junction:
@@ -57,12 +57,13 @@ def draw_signals(canvas: Canvas, view: View, road: RoadMap, signals: tuple[Signa
             _draw_bar(canvas, view, lane, lights)
 
 
-def _polygons(area: BaseGeometry) -> Iterator[shapely.Polygon]:
+def polygons(area: BaseGeometry) -> Iterator[shapely.Polygon]:
+    """The polygons that `area` is made of."""
     for part in shapely.get_parts(area):
         if isinstance(part, shapely.Polygon):
             yield part
         elif hasattr(part, "geoms"):
-            yield from _polygons(part)
+            yield from polygons(part)
 
 
 def _draw_polygon(canvas: Canvas, view: View, polygon: shapely.Polygon) -> None:
@@ -82,14 +83,19 @@ def _visible(road: RoadMap, view: View) -> list[Lane]:
 
 
 def _draw_markings(canvas: Canvas, view: View, lane: Lane) -> None:
-    """Dashes where one may change lanes, a solid line where not."""
-    width = max(_MARKING_M * view.px_per_m, 1.0)
-    if lane.left is not None:
-        pattern = (_DASH_M * view.px_per_m, _GAP_M * view.px_per_m)
-        canvas.dashed(view.pixels(_beside(lane, 0.5 * lane.width)), MARKING, width, pattern)
-    for side, neighbour in ((1.0, lane.left), (-1.0, lane.right)):
-        if neighbour is None:
-            canvas.line(view.pixels(_beside(lane, side * (0.5 * lane.width - _INSET_M))), MARKING, width)
+    width = max(MARKING_M * view.px_per_m, 1.0)
+    dashed, solid = markings(lane)
+    for line in dashed:
+        canvas.dashed(view.pixels(line), MARKING, width, (DASH_M * view.px_per_m, GAP_M * view.px_per_m))
+    for line in solid:
+        canvas.line(view.pixels(line), MARKING, width)
+
+
+def markings(lane: Lane) -> tuple[list[Float[np.ndarray, "point 2"]], list[Float[np.ndarray, "point 2"]]]:
+    """Lines beside a lane [m]: dashed where one may change lanes, solid where not."""
+    dashed = [] if lane.left is None else [_beside(lane, 0.5 * lane.width)]
+    sides = [side for side, neighbour in ((1.0, lane.left), (-1.0, lane.right)) if neighbour is None]
+    return dashed, [_beside(lane, side * (0.5 * lane.width - _INSET_M)) for side in sides]
 
 
 def _beside(lane: Lane, left_m: float) -> Float[np.ndarray, "point 2"]:
@@ -111,21 +117,31 @@ def _normals(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2
 # --- lights -----------------------------------------------------------------------------------
 
 
+def lights_of(exits: tuple[Connection, ...]) -> list[tuple[str, int]]:
+    """(signal, index of its letter) of the ways on from a lane, in SUMO's order from the right."""
+    return sorted({(link.signal, link.link) for link in exits if link.signal is not None})
+
+
 def _shown(exits: tuple[Connection, ...], letters: dict[str, str]) -> list[str]:
-    links = sorted({(link.signal, link.link) for link in exits if link.signal in letters})
+    links = [(signal, link) for signal, link in lights_of(exits) if signal in letters]
     return [letters[signal][link] for signal, link in links if link < len(letters[signal])]
 
 
 def _draw_bar(canvas: Canvas, view: View, lane: Lane, lights: list[Colour]) -> None:
+    whole, *parts = stop_bar(lane, len(lights))
+    canvas.outline(view.pixels(whole), shade(SIGNAL_OFF), 2.0)
+    for part, colour in zip(parts, lights, strict=True):
+        canvas.polygon(view.pixels(part), colour)
+
+
+def stop_bar(lane: Lane, lights: int) -> list[Float[np.ndarray, "4 2"]]:
+    """The bar at the end of a lane [m], whole, then one part per light."""
     ahead = lane.centre[-1] - lane.centre[-2]
     ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
     left = np.array([-ahead[1], ahead[0]])
-    cuts = np.linspace(-0.42, 0.42, len(lights) + 1) * lane.width
+    cuts = np.linspace(-0.42, 0.42, lights + 1) * lane.width
     corners = [(cuts[0], cuts[-1]), *itertools.pairwise(cuts)]
-    shapes = [
+    return [
         lane.centre[-1] + np.array([a * left, b * left, b * left - _BAR_M * ahead, a * left - _BAR_M * ahead])
         for a, b in corners
     ]
-    canvas.outline(view.pixels(shapes[0]), shade(SIGNAL_OFF), 2.0)
-    for shape, colour in zip(shapes[1:], lights, strict=True):
-        canvas.polygon(view.pixels(shape), colour)

@@ -13,7 +13,7 @@ from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import ADVERSARY, BURST, EGO, EVASION, INK, LAND, OTHER, PANEL, ROAD, Colour, mix
 from regents_cosim.reports.road import draw_road, draw_signals
 from regents_cosim.reports.vehicles import Pose, draw_ghost, draw_planned_way, draw_tail, draw_trail, draw_vehicle
-from regents_cosim.scenario import Collision, Manoeuvre, Scenario, Tracks
+from regents_cosim.scenario import Agent, Collision, Manoeuvre, Scenario, Tracks
 
 _AFTER_COLLISION_S = 1.0  # later motion means nothing: nobody computes what a crash does
 _EVASION_S = 1.0  # between two outlines of an ego that evades
@@ -80,16 +80,9 @@ class Scene:
         """The middle of what both boxes share at the collision [m]."""
         if self.collision is None:
             return None
-        ego, hit = self._box(0), self._box(self._index(self.collision.agent))
-        shared = shapely.intersection(ego, hit)
-        place = shapely.shortest_line(ego, hit) if shared.is_empty else shared
-        return shapely.get_coordinates(place.centroid)[0]
-
-    def _box(self, index: int) -> shapely.Polygon:
-        """The box of an agent in the still picture."""
-        agent = self.scenario.agents[index]
-        pose = pose_at(self.scenario.tracks, index, self.shown_step)
-        return shapely.Polygon(corners(Boxes(*pose, agent.length, agent.width)))
+        return contact_point(
+            self.scenario.agents, self.scenario.tracks, self._index(self.collision.agent), self.shown_step
+        )
 
     def _index(self, name: str) -> int:
         return [agent.id for agent in self.scenario.agents].index(name)
@@ -174,6 +167,17 @@ def draw_burst(canvas: Canvas, at: Float[np.ndarray, " 2"], radius: float) -> No
     """The star that marks a collision."""
     canvas.polygon(at + (radius + 1.3) * _STAR, INK)
     canvas.polygon(at + radius * _STAR, BURST)
+
+
+def contact_point(agents: tuple[Agent, ...], tracks: Tracks, hit: int, step: int) -> Float[np.ndarray, " 2"]:
+    """The middle of what the boxes of the ego and of agent `hit` share [m]; of the gap where they do not touch."""
+    ego, other = (
+        shapely.Polygon(corners(Boxes(*pose_at(tracks, index, step), agents[index].length, agents[index].width)))
+        for index in (0, hit)
+    )
+    shared = shapely.intersection(ego, other)
+    place = shapely.shortest_line(ego, other) if shared.is_empty else shared
+    return shapely.get_coordinates(place.centroid)[0]
 
 
 def pose_at(tracks: Tracks, index: int, step: int) -> Pose:

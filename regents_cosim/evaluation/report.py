@@ -1,0 +1,167 @@
+"""`regents report`: gathers cases, drives and scores for the page."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from statistics import median
+
+from regents_cosim.atomic import explain_write, require_writable, write_atomic
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.driving import Drive, DrivingRow, drive_and_keep, driving_row
+from regents_cosim.evaluation.statistics import wilson
+from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.provenance import command
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.reports.html import Report, Score, html_page, json_twin
+from regents_cosim.reports.page_case import PageCase, Run, network
+from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.suite import load_cases
+
+Driven = tuple[Drive, Tracks | None]
+
+_MOST_PLANNERS = 2
+
+
+def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: Sequence[str] = ()) -> None:
+    """Write one HTML file that shows `cases` (a folder, or in memory), and the same for machines in a .json beside it.
+
+    `planners`: one drives the egos among the adversaries of each case, a second one is shown beside it.
+    Without them the page shows the drives that the cases hold. Raises RegentsError where nothing can be
+    read or written, PlannerError where a planner cannot be found.
+    """
+    check_report(Path(path), planners)
+    folder = Path(cases) if isinstance(cases, (str, Path)) else None
+    scenarios = load_cases(folder) if folder else list(cases)  # type: ignore[arg-type]
+    driven = {name: list(drive_for_report(scenarios, name)) for name in planners}
+    save_report(report_of(scenarios, driven, folder), Path(path))
+
+
+def check_report(path: Path, planners: Sequence[str]) -> None:
+    """Raise RegentsError now for what could not be written at the end, or not be compared."""
+    if path.suffix != ".html":
+        raise RegentsError(f"--output {path}: expected a name that ends in .html")
+    if path.is_dir():
+        raise RegentsError(f"--output {path}: is a folder (expected the name of a file)")
+    require_writable(path.parent)
+    if len(planners) > _MOST_PLANNERS or len(set(planners)) < len(planners):
+        raise RegentsError(f"--planner {', '.join(planners)}: expected one planner, or two different ones to compare")
+
+
+def drive_for_report(
+    scenarios: Sequence[Scenario], planner: str, act_timeout_s: float = ACT_TIMEOUT_S
+) -> Iterator[Driven]:
+    """Let `planner` drive every case in the mirror, in order. Raises PlannerError where it cannot be found."""
+    with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        yield from pool.map(partial(drive_and_keep, wheel=wheel), scenarios)
+
+
+def report_of(
+    scenarios: Sequence[Scenario], driven: Mapping[str, Sequence[Driven]], folder: Path | None = None
+) -> Report:
+    """What the page says: of the drives of each planner in `driven`, or of those that the cases hold."""
+    _check_cases(scenarios)
+    cases = tuple(PageCase(scenario, _runs(scenario, i, driven)) for i, scenario in enumerate(scenarios))
+    attacked = sorted({scenario.attack.planner for scenario in scenarios if scenario.attack})
+    drivers = tuple(driven) or (attacked[0] if len(attacked) == 1 else "the planner",)
+    scores = _driving_scores(driven) if driven else _attack_scores(drivers[0], cases)
+    nets = {network(scenario) for scenario in scenarios}
+    return Report(
+        title=_title(drivers, bool(driven), bool(attacked)),
+        subtitle=f"{_count(len(cases), 'case')} on {_count(len(nets), 'network')}",
+        drivers=drivers,
+        driven=bool(driven),
+        scores=tuple(scores),
+        cases=cases,
+        command=command(),
+        folder=folder if folder is None or (folder / "suite.json").exists() else folder.parent,
+    )
+
+
+def save_report(made: Report, path: Path) -> None:
+    """Write the page to `path` (.html), and the scores and the table to the .json beside it."""
+    with explain_write(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, html_page(made).encode())
+        write_atomic(path.with_suffix(".json"), json_twin(made))
+
+
+def _check_cases(scenarios: Sequence[Scenario]) -> None:
+    if not scenarios:
+        raise RegentsError("no cases to report (make some with `regents attack`)")
+    ids = [scenario.id for scenario in scenarios]
+    twice = next((name for name in ids if ids.count(name) > 1), None)
+    if twice is not None:
+        raise RegentsError(f"case {twice!r} occurs twice, expected ids that differ")
+
+
+def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]) -> tuple[Run, ...]:
+    if not driven:
+        return (Run(scenario.attack.planner if scenario.attack else "log", scenario.tracks),)
+    return tuple(Run(name, drives[index][1], drives[index][0].error) for name, drives in driven.items())
+
+
+def _title(drivers: tuple[str, ...], driven: bool, attacked: bool) -> str:
+    if len(drivers) > 1:
+        return f"{drivers[1]} compared with {drivers[0]}"
+    if driven:
+        return f"{drivers[0]} among adversaries" if attacked else f"{drivers[0]} in recorded traffic"
+    return f"{drivers[0]} under attack" if attacked else "Recorded traffic"
+
+
+# --- scores -----------------------------------------------------------------------------------
+
+
+def _driving_scores(driven: Mapping[str, Sequence[Driven]]) -> list[Score]:
+    """As `regents evaluate` has them."""
+    rows = {name: driving_row("all", [drive for drive, _ in drives]) for name, drives in driven.items()}
+    return [score for name, row in rows.items() for score in _scores_of(name, row)]
+
+
+def _scores_of(name: str, row: DrivingRow) -> list[Score]:
+    kinds = (
+        (
+            "Collision rate",
+            row.collision_rate_percent,
+            row.collision_interval_percent,
+            f"{row.collisions} of {row.n} cases",
+        ),
+        ("Driving score", row.driving_score_percent, row.driving_interval_percent, f"mean of {row.n}"),
+        ("Route completion", row.route_completion_percent, row.completion_interval_percent, f"mean of {row.n}"),
+    )
+    scores = [
+        Score(label, name, f"{value:.0f} %", detail, value / 100, (low / 100, high / 100))
+        for label, value, (low, high), detail in kinds
+    ]
+    if row.act_median_ms is not None and row.act_p99_ms is not None:
+        scores.append(
+            Score("Decision time", name, f"{row.act_median_ms:.3g} ms", f"99 % within {row.act_p99_ms:.3g} ms")
+        )
+    if row.planner_errors:
+        scores.append(Score("Planner failed", name, str(row.planner_errors), f"of {row.n} cases"))
+    return scores
+
+
+def _attack_scores(planner: str, cases: Sequence[PageCase]) -> list[Score]:
+    crashes = [case for case in cases if case.endings[0] is not None]
+    scores = [_share("Crashes", planner, len(crashes), len(cases), "cases")]
+    judged = [case.scenario.judgement for case in crashes if case.scenario.judgement]
+    if judged:
+        scores.append(_share("Clean crashes", planner, sum(j.clean for j in judged), len(cases), "cases"))
+    evaded = [j.avoidability.avoidable for j in judged if j.avoidability]
+    if evaded:
+        scores.append(_share("Avoidable", planner, sum(evaded), len(evaded), "crashes"))
+    if crashes:
+        impacts = [case.endings[0].relative_speed for case in crashes if case.endings[0]]
+        spread = f"median; {min(impacts):.1f} to {max(impacts):.1f} m/s"
+        scores.append(Score("Impact speed", planner, f"{median(impacts):.1f} m/s", spread))
+    return scores
+
+
+def _share(label: str, planner: str, some: int, n: int, of: str) -> Score:
+    return Score(label, planner, f"{100 * some / n:.0f} %", f"{some} of {n} {of}", some / n, wilson(some, n))
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word}{'' if n == 1 else 's'}"

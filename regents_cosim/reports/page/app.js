@@ -1,0 +1,222 @@
+// --- The page: which case is open, at which time; keys; day and night ---
+
+const page = JSON.parse(byId("page").textContent);
+readColours();
+const table = new CaseTable(page);
+const player = new Player(byId("scene"), showTime);
+player.names = page.drivers;
+const plots = ["speed", "accel", "gap"].map((name) => new TimePlot(byId(`plot-${name}`), (step) => {
+  player.pause();
+  player.seek(step);
+}));
+const grounds = new Map();
+let open = null; // the row of the case that is shown
+let scrolled = 0; // where the list was
+
+async function route() {
+  const parts = new URLSearchParams(location.hash.slice(1));
+  const row = page.rows.find(({ id }) => id === parts.get("case"));
+  if (!row) return showList(parts.get("case"));
+  if (document.readyState === "loading") await new Promise((done) => document.addEventListener("DOMContentLoaded", done, { once: true }));
+  if (open !== row) await showCase(row);
+  if (parts.has("t") && Number.isFinite(Number(parts.get("t")))) player.seek(Math.round(Number(parts.get("t")) / row.dt));
+}
+
+function showList(missing) {
+  const before = open;
+  player.pause();
+  open = null;
+  byId("case").hidden = true;
+  byId("overview").hidden = false;
+  document.title = document.querySelector("h1").textContent + " · crash-test report";
+  if (missing) byId("count").textContent = `no case is called ${missing}`;
+  if (!before) return;
+  scrollTo(0, scrolled);
+  table.lines[before.index].querySelector("a").focus({ preventScroll: true });
+}
+
+async function showCase(row) {
+  if (!open) scrolled = scrollY;
+  open = row;
+  const content = await unpack(`case-${row.index}`);
+  if (!grounds.has(row.map)) grounds.set(row.map, new Ground(await unpack(`map-${row.map}`)));
+  if (open !== row) return; // somebody was faster
+  byId("overview").hidden = true;
+  byId("case").hidden = false;
+  scrollTo(0, 0);
+  byId("case-title").textContent = row.id;
+  document.title = row.id;
+  byId("verdicts").replaceChildren(...row.endings.map((hit, k) => verdict(row, hit, k)));
+  byId("trouble").textContent = row.errors.filter(Boolean).join("\n");
+  byId("trouble").hidden = !byId("trouble").textContent;
+  showNeighbours(row);
+  player.open(content, row, grounds.get(row.map));
+  showLegend(content);
+  showPlots(content, row);
+  fillSheets(content);
+  showMarks(row);
+  showTime();
+  byId("scene").focus({ preventScroll: true });
+}
+
+function verdict(row, hit, k) {
+  const who = page.drivers.length > 1 ? [element("b", { className: `driver driver-${k}`, textContent: page.drivers[k] }), " "] : [];
+  const how = hit ? [` at ${(hit.step * row.dt).toFixed(1)} s, impact ${hit.impact.toFixed(1)} m/s (${(3.6 * hit.impact).toFixed(0)} km/h) with ${hit.agent}`] : [];
+  return element("li", {}, ...who, ending(row, k), ...how);
+}
+
+function showNeighbours(row) {
+  const rows = table.shown.includes(row) ? table.shown : page.rows;
+  const at = rows.indexOf(row);
+  byId("position").textContent = `${at + 1} of ${rows.length}`;
+  for (const [id, other] of [["previous", rows[at - 1]], ["next", rows[at + 1]]]) {
+    if (other) byId(id).href = hashOf({ case: other.id });
+    else byId(id).removeAttribute("href");
+  }
+}
+
+// --- what goes with the player ---
+
+function showLegend(content) {
+  const item = (colour, words, look = "") => [element("i", { className: look, style: { "--of": `var(--${colour})` } }), words];
+  const fixed = page.drivers.map((name, k) => element("span", {}, ...item(DRIVERS[k], page.drivers.length > 1 ? name : "ego")));
+  if (content.adversary !== null) fixed.push(element("span", {}, ...item("adversary", "adversary")));
+  fixed.push(element("span", {}, ...item("other", "other traffic")));
+  const layers = [
+    content.original && ["original", ...item("adversary", "before the attack", "dashed")],
+    content.evasion && ["evasion", ...item("evasion", "gentlest way out", "outline")],
+    ["trails", "trails"],
+    ["names", "names"],
+  ].filter(Boolean);
+  const toggles = layers.map(([layer, ...children]) => {
+    const button = element("button", { type: "button", ariaPressed: String(player.shows(layer)), dataset: { layer } }, ...children);
+    button.addEventListener("click", () => {
+      player.hidden[player.shows(layer) ? "add" : "delete"](layer);
+      button.ariaPressed = String(player.shows(layer));
+      player.draw();
+    });
+    return button;
+  });
+  byId("legend").replaceChildren(...fixed, ...toggles);
+}
+
+function showMarks(row) {
+  const time = byId("time");
+  time.max = player.last;
+  const marks = row.endings.map((hit, k) => hit && element("i", { style: { left: `${(100 * hit.step) / player.last}%`, "--of": `var(--${page.drivers.length > 1 ? DRIVERS[k] : "adversary"})` } }));
+  byId("marks").replaceChildren(...marks.filter(Boolean));
+}
+
+function showPlots(content, row) {
+  const over = player.evasion || player.driven.some((run) => run.crash === Infinity) ? Infinity : Math.max(...player.runs.map((run) => (Number.isFinite(run.crash) ? run.crash : 0)));
+  const adversary = player.adversary === null ? null : player.tracks[player.adversary];
+  const each = (of) => [
+    ...[...player.original].map(([index, track]) => ({ stretches: of(track), colour: index ? "adversary" : "ego", dashed: true })),
+    player.evasion && { stretches: of(player.evasion), colour: "evasion", dashed: true },
+    adversary && { stretches: of(adversary), colour: "adversary", until: over, name: "adversary" },
+    ...player.runs.map((run, k) => ({ stretches: of(run.track), colour: run.colour, until: run.crash, name: page.drivers.length > 1 ? page.drivers[k] : "ego" })),
+  ].filter(Boolean);
+  plots[0].show(each((track) => track.speeds()), player.last, row.dt);
+  plots[1].show(each((track) => track.accelerations(row.dt)), player.last, row.dt);
+  plots[2].show([
+    { stretches: series(content.gaps.original), colour: "faint", dashed: true },
+    { stretches: series(content.gaps.evasion), colour: "evasion", dashed: true },
+    ...content.gaps.runs.map((spans, k) => ({ stretches: series(spans), colour: DRIVERS[k], until: player.runs[k].crash, name: "gap" })),
+  ], player.last, row.dt);
+  byId("plot-gap").parentElement.hidden = player.adversary === null;
+  player.costs = content.costs.terms;
+}
+
+let saving = 0;
+
+function showTime() {
+  if (!open) return;
+  const seconds = (player.step * open.dt).toFixed(1);
+  byId("clock").textContent = `${seconds} s`;
+  byId("time").value = Math.round(player.step);
+  byId("time").setAttribute("aria-valuetext", `${seconds} seconds`);
+  byId("play").textContent = player.playing ? "❚❚" : "▶";
+  byId("play").ariaLabel = player.playing ? "Pause" : "Play";
+  byId("follow").ariaPressed = String(player.camera.following);
+  plots.forEach((plot, k) => {
+    plot.draw(player.step);
+    showValues(byId(["speed-now", "accel-now", "gap-now"][k]), plot);
+  });
+  if (player.playing || player.atRest) return;
+  clearTimeout(saving);
+  const hash = hashOf({ case: open.id, t: seconds });
+  saving = setTimeout(() => open && history.replaceState(null, "", hash), 150); // browsers bound how often
+}
+
+function showValues(place, plot) {
+  const lines = plot.lines.filter((line) => line.name);
+  const values = lines.map((line) => (player.step <= (line.until ?? Infinity) ? valueAt(line.stretches, player.step) : null));
+  if (place.children.length !== lines.length) place.replaceChildren(...lines.map(() => element("span")));
+  lines.forEach((line, k) => {
+    place.children[k].style.color = `var(--${line.colour}-ink)`;
+    place.children[k].title = line.name;
+    place.children[k].textContent = values[k] === null ? "" : values[k].toFixed(1);
+  });
+}
+
+// --- buttons and keys ---
+
+byId("play").addEventListener("click", () => player.toggle());
+byId("step-back").addEventListener("click", () => player.move(-1));
+byId("step-on").addEventListener("click", () => player.move(1));
+byId("time").addEventListener("input", (event) => player.move(Number(event.target.value) - Math.round(player.step)));
+byId("speed").addEventListener("input", (event) => (player.speed = Number(event.target.value)));
+byId("zoom-in").addEventListener("click", () => player.zoom(1.3));
+byId("zoom-out").addEventListener("click", () => player.zoom(1 / 1.3));
+byId("follow").addEventListener("click", () => player.follow(!player.camera.following));
+byId("copy").addEventListener("click", () => {
+  const link = new URL(location.href);
+  link.hash = hashOf({ case: open.id, t: (player.step * open.dt).toFixed(1) });
+  copy(link.href, byId("copy"));
+});
+
+const second = () => Math.round(1 / open.dt);
+const KEYS = {
+  " ": () => player.toggle(),
+  ",": () => player.move(-1),
+  ".": () => player.move(1),
+  ArrowLeft: (event) => player.move(event.shiftKey ? -second() : -1),
+  ArrowRight: (event) => player.move(event.shiftKey ? second() : 1),
+  Home: () => player.move(-Infinity),
+  End: () => player.move(Infinity),
+  "+": () => player.zoom(1.3),
+  "=": () => player.zoom(1.3),
+  "-": () => player.zoom(1 / 1.3),
+  f: () => player.follow(!player.camera.following),
+  "[": () => byId("previous").click(),
+  "]": () => byId("next").click(),
+  Escape: () => (location.hash = ""),
+};
+
+document.addEventListener("keydown", (event) => {
+  if (!open || event.ctrlKey || event.metaKey || event.altKey || !(event.key in KEYS)) return;
+  const { target } = event;
+  if (target.closest("select, input[type=search]")) return;
+  if (event.key === " " && target.closest("button, a, summary")) return; // they have a use for it
+  event.preventDefault();
+  KEYS[event.key](event);
+});
+
+function redraw() {
+  readColours();
+  plots.forEach((plot) => (plot.stale = true));
+  if (!open) return;
+  player.draw();
+  drawCosts(player.costs);
+  showTime();
+}
+
+byId("theme").addEventListener("click", () => {
+  const dark = getComputedStyle(document.documentElement).colorScheme === "dark";
+  document.documentElement.dataset.theme = dark ? "light" : "dark";
+  redraw();
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+addEventListener("resize", () => open && redraw());
+addEventListener("hashchange", route);
+route();

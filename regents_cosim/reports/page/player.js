@@ -1,0 +1,269 @@
+// --- Player: the clock, and the scene at its time ---
+
+const TAIL_SECONDS = 1;
+const AFTER_CRASH_SECONDS = 1; // later motion means nothing: nobody computes what a crash does
+
+class Player {
+  constructor(canvas, onChange) {
+    Object.assign(this, { canvas, onChange, camera: new Camera(), step: 0, speed: 1, playing: false, hidden: new Set() });
+    this.watchPointer();
+    new ResizeObserver(() => this.draw()).observe(canvas);
+  }
+
+  // A case as unpacked, its row of the table, and the ground it takes place on.
+  open(content, row, ground) {
+    Object.assign(this, { content, row, ground, playing: false });
+    this.tracks = [null, ...content.tracks.map((spans) => new Track(spans))];
+    this.runs = content.runs.map((spans, index) => ({
+      track: new Track(spans),
+      crash: row.endings[index]?.step ?? Infinity,
+      mark: content.contacts[index] && content.contacts[index].map((value, axis) => value - content.origin[axis]),
+      colour: DRIVERS[index],
+    }));
+    this.driven = this.runs.filter((run) => run.track.stretches.length);
+    this.adversary = content.adversary;
+    const original = Object.entries(content.original ?? {});
+    this.original = new Map(original.map(([index, spans]) => [Number(index), new Track(spans)]));
+    this.evasion = content.evasion && new Track(content.evasion);
+    this.last = this.lastStep();
+    const crashes = this.runs.map((run) => run.crash).filter(Number.isFinite);
+    this.crash = crashes.length ? Math.min(...crashes) : null;
+    this.atRest = true;
+    this.step = this.crash ?? 0;
+    this.frame();
+  }
+
+  // Shortly after the last crash, or the end where somebody gets by.
+  lastStep() {
+    const end = Math.max(this.row.steps - 1, 1);
+    if (this.evasion || !this.driven.length || this.driven.some((run) => run.crash === Infinity)) return end;
+    return Math.min(Math.max(...this.driven.map((run) => run.crash)) + Math.round(AFTER_CRASH_SECONDS / this.row.dt), end);
+  }
+
+  frame() {
+    this.measure();
+    const when = Math.max((this.crash ?? this.last) - 2.5 / this.row.dt, 0);
+    const [ego, other] = [this.target(when), this.adversary === null ? null : this.tracks[this.adversary].at(when)];
+    this.camera.frame(ego && other ? Math.hypot(other.x - ego.x, other.y - ego.y) : 30);
+    this.draw();
+  }
+
+  measure() {
+    this.camera.width = this.canvas.clientWidth;
+    this.camera.height = this.canvas.clientHeight;
+  }
+
+  // Whom the camera follows: the first ego that was driven at all.
+  target(step) {
+    const run = this.driven[0];
+    if (run) return run.track.at(Math.min(step, run.crash));
+    return this.tracks.find((track) => track?.at(step))?.at(step) ?? null;
+  }
+
+  // --- the clock ---
+
+  play() {
+    if (this.playing || !this.content) return;
+    if (this.step >= this.last || this.atRest) this.step = 0;
+    this.playing = true;
+    this.atRest = false;
+    let before = null;
+    const tick = (now) => {
+      if (!this.playing) return;
+      if (before !== null) this.step = Math.min(this.step + (this.speed * (now - before)) / 1000 / this.row.dt, this.last);
+      before = now;
+      if (this.step >= this.last) this.playing = false;
+      this.draw();
+      this.onChange();
+      if (this.playing) requestAnimationFrame(tick);
+    };
+    requestAnimationFrame(tick);
+    this.onChange();
+  }
+
+  pause() {
+    if (!this.playing) return;
+    this.playing = false;
+    this.seek(Math.round(this.step));
+  }
+
+  toggle() {
+    if (this.playing) this.pause();
+    else this.play();
+  }
+
+  seek(step) {
+    this.atRest = false;
+    this.step = Math.min(Math.max(step, 0), this.last);
+    this.draw();
+    this.onChange();
+  }
+
+  move(steps) {
+    this.playing = false;
+    this.seek(Math.round(this.step) + steps);
+  }
+
+  // --- the scene ---
+
+  draw() {
+    if (!this.content || !this.canvas.clientWidth) return;
+    const { context, width, height, ratio } = sharp(this.canvas);
+    this.measure();
+    const target = this.camera.following && this.target(this.step);
+    if (target) Object.assign(this.camera, { x: target.x, y: target.y });
+    context.fillStyle = colours.land;
+    context.fillRect(0, 0, width, height);
+    const pixel = 1 / this.camera.scale;
+    this.camera.enter(context, ratio);
+    this.ground.draw(context, pixel);
+    this.ground.drawLights(context, pixel, this.content.signals, Math.floor(this.step + 1e-6));
+    this.drawWays(context, pixel);
+    this.drawOthers(context, pixel);
+    this.drawGhosts(context, pixel);
+    this.drawMain(context, pixel);
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.drawWords(context, height);
+  }
+
+  shows(layer) {
+    return !this.hidden.has(layer);
+  }
+
+  // The adversary stands still with the crash, unless somebody is still on the way past it.
+  adversaryStep() {
+    const over = this.driven.length && this.driven.every((run) => run.crash <= this.step);
+    if (!over || (this.evasion && this.shows("evasion"))) return this.step;
+    return Math.max(...this.driven.map((run) => run.crash));
+  }
+
+  drawWays(context, pixel) {
+    if (this.shows("original")) {
+      for (const [index, track] of this.original) {
+        const colour = colours[index ? "adversary" : "ego"];
+        drawPath(context, track.path(0, this.last), transparent(colour, 0.65), 1.5 * pixel, [7 * pixel, 5 * pixel]);
+      }
+    }
+    if (!this.shows("trails")) return;
+    if (this.evasion && this.shows("evasion")) {
+      drawPath(context, this.evasion.path(0, this.step), transparent(colours.evasion, 0.8), 2 * pixel);
+    }
+    if (this.adversary !== null) {
+      drawPath(context, this.tracks[this.adversary].path(0, this.adversaryStep()), transparent(colours.adversary, 0.8), 2.5 * pixel);
+    }
+    for (const run of this.driven) {
+      drawPath(context, run.track.path(0, Math.min(this.step, run.crash)), transparent(colours[run.colour], 0.8), 2.5 * pixel);
+    }
+  }
+
+  drawOthers(context, pixel) {
+    const since = this.step - TAIL_SECONDS / this.row.dt;
+    this.tracks.forEach((track, index) => {
+      const pose = track && index !== this.adversary && track.at(this.step);
+      if (!pose) return;
+      if (this.shows("trails")) drawPath(context, track.path(since, this.step), transparent(colours.other, 0.5), 2 * pixel);
+      drawBody(context, pixel, pose, this.content.agents[index], colours.other);
+    });
+  }
+
+  drawGhosts(context, pixel) {
+    const agents = this.content.agents;
+    for (const [index, track] of this.shows("original") ? this.original : []) {
+      const pose = track.at(this.step);
+      const colour = colours[index ? "adversary" : "ego"];
+      if (pose) drawBody(context, pixel, pose, agents[index], colour, { ghost: 0.1, dashed: true });
+    }
+    const way = this.evasion && this.shows("evasion") && this.evasion.at(this.step);
+    if (way) drawBody(context, pixel, way, agents[0], colours.evasion, { ghost: 0.3 });
+  }
+
+  drawMain(context, pixel) {
+    const agents = this.content.agents;
+    const other = this.adversary === null ? null : this.tracks[this.adversary].at(this.adversaryStep());
+    if (other) drawBody(context, pixel, other, agents[this.adversary], colours.adversary);
+    for (const run of [...this.driven].reverse()) {
+      const pose = run.track.at(Math.min(this.step, run.crash));
+      const gone = this.step - run.crash > AFTER_CRASH_SECONDS / this.row.dt;
+      if (pose) drawBody(context, pixel, pose, agents[0], colours[run.colour], { alpha: gone ? 0.45 : 1 });
+    }
+  }
+
+  // In pixels: marks of collisions, names, and how long some metres are.
+  drawWords(context, height) {
+    for (const run of this.driven) {
+      if (run.crash <= this.step) drawMark(context, this.camera.pixels(...run.mark), (this.step - run.crash) * this.row.dt);
+    }
+    if (this.shows("names")) this.drawNames(context);
+    const metres = [1, 2, 5, 10, 20, 50, 100, 200].find((length) => length * this.camera.scale > 50) ?? 500;
+    context.fillStyle = colours.ink;
+    context.fillRect(16, height - 18, metres * this.camera.scale, 2);
+    context.font = "12px system-ui, sans-serif";
+    context.textAlign = "left";
+    context.fillText(`${metres} m`, 16, height - 24);
+  }
+
+  drawNames(context) {
+    const above = (pose, size) => {
+      const [x, y] = this.camera.pixels(pose.x, pose.y);
+      const half = 0.5 * (Math.abs(Math.sin(pose.yaw)) * size[0] + Math.abs(Math.cos(pose.yaw)) * size[1]);
+      return [x, y - half * this.camera.scale - 9];
+    };
+    const agents = this.content.agents;
+    for (const run of this.driven) {
+      const pose = run.track.at(Math.min(this.step, run.crash));
+      const name = this.driven.length > 1 ? this.names[this.runs.indexOf(run)] : "ego";
+      if (pose) drawName(context, name, above(pose, agents[0].size), colours[`${run.colour}-ink`]);
+    }
+    const other = this.adversary === null ? null : this.tracks[this.adversary].at(this.adversaryStep());
+    if (other) drawName(context, "adversary", above(other, agents[this.adversary].size), colours["adversary-ink"]);
+    const way = this.evasion && this.shows("evasion") && this.evasion.at(this.step);
+    const ego = this.target(this.step);
+    if (way && ego && Math.hypot(way.x - ego.x, way.y - ego.y) > 3) {
+      drawName(context, "way out", above(way, agents[0].size), colours["evasion-ink"]);
+    }
+  }
+
+  // --- pointer: drag to move the map, two fingers or the wheel to zoom ---
+
+  watchPointer() {
+    const fingers = new Map();
+    const apart = () => {
+      const [a, b] = [...fingers.values()];
+      return Math.hypot(a.offsetX - b.offsetX, a.offsetY - b.offsetY);
+    };
+    this.canvas.addEventListener("pointerdown", (event) => {
+      this.canvas.setPointerCapture(event.pointerId);
+      fingers.set(event.pointerId, event);
+    });
+    this.canvas.addEventListener("pointermove", (event) => {
+      const before = fingers.get(event.pointerId);
+      if (!before) return;
+      const spread = fingers.size === 2 ? apart() : 0;
+      fingers.set(event.pointerId, event);
+      if (fingers.size === 2) this.camera.zoom(apart() / Math.max(spread, 1), event.offsetX, event.offsetY);
+      else this.camera.pan(event.offsetX - before.offsetX, event.offsetY - before.offsetY);
+      this.draw();
+      this.onChange();
+    });
+    for (const end of ["pointerup", "pointercancel"]) {
+      this.canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+    }
+    // The wheel scrolls the page until the map was clicked.
+    this.canvas.addEventListener("wheel", (event) => {
+      if (!event.ctrlKey && document.activeElement !== this.canvas) return;
+      event.preventDefault();
+      this.zoom(Math.exp(-0.0015 * event.deltaY), event.offsetX, event.offsetY);
+    }, { passive: false });
+  }
+
+  zoom(factor, x, y) {
+    this.camera.zoom(factor, x, y);
+    this.draw();
+  }
+
+  follow(whether) {
+    this.camera.following = whether;
+    this.draw();
+    this.onChange();
+  }
+}

@@ -1,0 +1,74 @@
+// --- Sheets: what is known of a case, in words and tables ---
+
+function element(tag, properties = {}, ...children) {
+  const { dataset, style, ...plain } = properties;
+  const made = Object.assign(document.createElement(tag), plain);
+  Object.assign(made.dataset, dataset);
+  for (const [name, value] of Object.entries(style ?? {})) made.style.setProperty(name, value);
+  made.append(...children);
+  return made;
+}
+
+function byId(id) {
+  return document.getElementById(id);
+}
+
+function fillSheets(content) {
+  fillList("judgement", content.judgement);
+  byId("judgement-sheet").hidden = !content.judgement.length;
+  fillList("facts", content.facts);
+  fillList("settings", Object.entries(content.settings).map(([name, value]) => [name.replaceAll("_", " "), String(value)]));
+  byId("settings-fold").hidden = !Object.keys(content.settings).length;
+  fillMotion(content.motion);
+  fillCosts(content.costs);
+  byId("commands").replaceChildren(...content.commands.map(([what, line]) => commandBox(what, line)));
+}
+
+function fillList(id, pairs) {
+  byId(id).replaceChildren(...pairs.flatMap(([name, value]) => [element("dt", { textContent: name }), element("dd", { textContent: value })]));
+}
+
+function fillMotion(rows) {
+  byId("motion-sheet").hidden = !rows.length;
+  const heads = ["", "before 95 %", "max", "after 95 %", "max"].map((textContent) => element("th", { textContent, scope: "col" }));
+  const lines = rows.map(({ quantity, unit, before, after }) =>
+    element("tr", {}, element("td", {}, `${quantity} `, element("span", { className: "faint", textContent: unit })),
+      ...[...before, ...after].map((value) => element("td", { textContent: value.toFixed(1) }))),
+  );
+  byId("motion").replaceChildren(element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...lines));
+}
+
+function fillCosts({ iterations, terms }) {
+  const names = Object.keys(terms);
+  byId("cost-sheet").hidden = !names.length;
+  const lines = names.map((name) => {
+    const values = terms[name];
+    const span = `${values[0].toPrecision(3)} → ${values.at(-1).toPrecision(3)}`;
+    return element("div", { className: "cost" }, element("span", { textContent: name.replaceAll("_", " ") }),
+      element("canvas", { role: "img", ariaLabel: `cost ${name} over the iterations` }), element("span", { textContent: span }));
+  });
+  const until = element("p", { className: "faint", textContent: `first to last of ${(iterations.at(-1) ?? 0) + 1} iterations` });
+  byId("costs").replaceChildren(...lines, until);
+  drawCosts(terms);
+}
+
+function drawCosts(terms) {
+  document.querySelectorAll("#costs canvas").forEach((canvas, k) => sparkline(canvas, Object.values(terms)[k], colours.ink));
+}
+
+function commandBox(what, line) {
+  const button = element("button", { type: "button", className: "quiet", textContent: "Copy" });
+  button.addEventListener("click", () => copy(line, button));
+  return element("div", { className: "command" }, element("p", {}, what, button), element("pre", { textContent: line }));
+}
+
+async function copy(text, button) {
+  const before = button.textContent;
+  try {
+    await navigator.clipboard.writeText(text);
+    button.textContent = "Copied";
+  } catch {
+    button.textContent = "Not allowed here"; // browsers may refuse it to files
+  }
+  setTimeout(() => (button.textContent = before), 1500);
+}

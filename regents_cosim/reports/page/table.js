@@ -1,0 +1,166 @@
+// --- Table: the cases, worst first; sorted by a column, filtered by what they have in common ---
+
+class CaseTable {
+  constructor({ drivers, driven, rows }) {
+    Object.assign(this, { drivers, driven, rows, filters: {}, sorted: null, search: "" });
+    rows.forEach((row, index) => (row.index = index));
+    this.columns = this.chooseColumns();
+    this.lines = rows.map((row) => this.line(row));
+    this.addHeads();
+    this.addFilters();
+    this.refresh();
+  }
+
+  get shown() {
+    const wanted = Object.entries(this.filters).filter(([, value]) => value !== "");
+    const kept = this.rows.filter((row) => row.id.toLowerCase().includes(this.search)
+      && wanted.every(([name, value]) => FILTERS[name].of(row, this.drivers).includes(value)));
+    if (!this.sorted) return kept;
+    const { column: { value }, down } = this.sorted;
+    // Empty cells stay at the end, whichever way.
+    const order = (a, b) => {
+      const [x, y] = [value(a), value(b)];
+      if (x === null || y === null) return (x === null) - (y === null);
+      return (down ? -1 : 1) * (typeof x === "number" ? x - y : String(x).localeCompare(String(y), undefined, { numeric: true }));
+    };
+    return kept.sort((a, b) => order(a, b) || a.index - b.index);
+  }
+
+  chooseColumns() {
+    const judged = this.rows.some((row) => row.avoidable !== null);
+    const blamed = this.rows.some((row) => row.fault !== null);
+    const planners = new Set(this.rows.map((row) => row.attacked)).size > 1;
+    const compared = this.drivers.length > 1;
+    return [
+      compared && { name: "Change", value: (row) => ["broken", "unchanged", "fixed"].indexOf(row.change), cell: (row) => [element("span", { className: `tag ${row.change}`, textContent: row.change })] },
+      { name: "Case", style: "case", value: (row) => row.id, cell: (row) => [element("a", { href: hashOf({ case: row.id }), textContent: row.id })] },
+      { name: "Network", value: (row) => row.network },
+      planners && { name: this.driven ? "Attacked" : "Planner", value: (row) => row.attacked || null },
+      ...this.drivers.map((driver, k) => ({ name: this.driven ? driver : "Result", value: (row) => endingOf(row, k), cell: (row) => [ending(row, k)] })),
+      { name: "At", unit: " s", style: "number", value: (row) => least(row.endings.map((hit) => hit && hit.step * row.dt)), digits: 1 },
+      { name: "Impact", unit: " m/s", style: "number", value: (row) => greatest(row.endings.map((hit) => hit && hit.impact)), digits: 1 },
+      judged && { name: "Avoidable", value: avoidability, cell: (row) => [element("span", { className: row.avoidable ? "yes" : "", textContent: avoidability(row) ?? "" })] },
+      blamed && { name: "At fault", value: (row) => row.fault },
+    ].filter(Boolean);
+  }
+
+  line(row) {
+    const cells = this.columns.map((column) => {
+      const value = column.value(row);
+      const blank = value === null || value === "";
+      const words = blank ? "–" : typeof value === "number" && column.digits !== undefined ? value.toFixed(column.digits) + column.unit : value;
+      const dataset = column.style === "case" || column.cell ? {} : { label: column.name };
+      return element("td", { className: `${column.style ?? ""} ${blank ? "blank" : ""}`, dataset }, ...(column.cell && !blank ? column.cell(row) : [words]));
+    });
+    const line = element("tr", {}, ...cells);
+    line.addEventListener("click", (event) => {
+      if (!event.target.closest("a") && !String(getSelection())) location.hash = hashOf({ case: row.id });
+    });
+    return line;
+  }
+
+  addHeads() {
+    const head = document.querySelector("#cases thead tr");
+    for (const column of this.columns) {
+      const button = element("button", { type: "button", textContent: column.name });
+      button.addEventListener("click", () => this.sort(column));
+      column.head = element("th", { scope: "col", className: column.style ?? "" }, button);
+      head.append(column.head);
+    }
+  }
+
+  // First as is natural, then the other way, then worst first again.
+  sort(column) {
+    const down = column.style === "number";
+    if (this.sorted?.column !== column) this.sorted = { column, down };
+    else this.sorted = this.sorted.down === down ? { column, down: !down } : null;
+    this.refresh();
+  }
+
+  addFilters() {
+    for (const [name, { title, of }] of Object.entries(FILTERS)) {
+      const values = [...new Set(this.rows.flatMap((row) => of(row, this.drivers)))].sort();
+      this.filters[name] = "";
+      if (values.length < 2) continue;
+      const options = values.map((value) => element("option", { value, textContent: value }));
+      const select = element("select", { id: `filter-${name}`, ariaLabel: title }, element("option", { value: "", textContent: title }), ...options);
+      select.addEventListener("input", () => this.filter(name, select.value));
+      byId("filters").insertBefore(select, byId("search"));
+    }
+    byId("search").addEventListener("input", (event) => {
+      this.search = event.target.value.trim().toLowerCase();
+      this.refresh();
+    });
+    for (const button of document.querySelectorAll("[data-filter]")) {
+      const { filter, value } = button.dataset;
+      button.addEventListener("click", () => this.filter(filter, this.filters[filter] === value ? "" : value));
+    }
+    byId("all").addEventListener("click", () => this.clear());
+  }
+
+  filter(name, value) {
+    this.filters[name] = value;
+    this.refresh();
+  }
+
+  clear() {
+    Object.keys(this.filters).forEach((name) => (this.filters[name] = ""));
+    this.search = byId("search").value = "";
+    this.refresh();
+  }
+
+  refresh() {
+    const shown = this.shown;
+    document.querySelector("#cases tbody").replaceChildren(...shown.map((row) => this.lines[row.index]));
+    byId("count").textContent = shown.length === this.rows.length ? `${shown.length}, worst first` : `${shown.length} of ${this.rows.length}`;
+    if (this.sorted && shown.length === this.rows.length) byId("count").textContent = `${shown.length}`;
+    byId("nothing").hidden = shown.length > 0;
+    byId("cases").hidden = shown.length === 0;
+    for (const column of this.columns) {
+      if (this.sorted?.column === column) column.head.ariaSort = this.sorted.down ? "descending" : "ascending";
+      else column.head.removeAttribute("aria-sort");
+    }
+    for (const [name, value] of Object.entries(this.filters)) {
+      if (byId(`filter-${name}`)) byId(`filter-${name}`).value = value;
+    }
+    for (const button of document.querySelectorAll("[data-filter]")) {
+      button.ariaPressed = String(this.filters[button.dataset.filter] === button.dataset.value);
+    }
+  }
+}
+
+// What cases can be filtered by: the values that a row has.
+const FILTERS = {
+  change: { title: "Any change", of: (row) => (row.change ? [row.change] : []) },
+  network: { title: "Any network", of: (row) => [row.network] },
+  kind: { title: "Any collision", of: (row, drivers) => [...new Set(drivers.map((_, k) => endingOf(row, k)))] },
+  avoidable: { title: "Avoidable or not", of: (row) => [avoidability(row) ?? "not judged"] },
+  planner: { title: "Any planner", of: (row, drivers) => (drivers.length > 1 ? drivers.filter((_, k) => row.endings[k]).map((name) => `${name} crashes`) : [row.attacked || "none"]) },
+};
+
+function avoidability({ avoidable }) {
+  return avoidable === null ? null : avoidable ? "avoidable" : "unavoidable";
+}
+
+function endingOf(row, k) {
+  return row.errors[k] ? "Planner failed" : (row.endings[k]?.kind ?? "No collision");
+}
+
+function ending(row, k) {
+  const look = row.errors[k] ? "failed" : row.endings[k] ? "crash" : "";
+  return element("span", { className: `result ${look}`, textContent: endingOf(row, k) });
+}
+
+function least(values) {
+  const found = values.filter((value) => value !== null);
+  return found.length ? Math.min(...found) : null;
+}
+
+function greatest(values) {
+  const found = values.filter((value) => value !== null);
+  return found.length ? Math.max(...found) : null;
+}
+
+function hashOf(parts) {
+  return `#${new URLSearchParams(parts)}`;
+}

@@ -1,0 +1,244 @@
+"""A case as the page of the report carries it: one row of its table, and all that its player shows."""
+
+import shlex
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from regents_cosim.boxes import Boxes, distance
+from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.reports.caption import KINDS, OUTCOMES
+from regents_cosim.reports.motion_sheet import motion_sheet
+from regents_cosim.reports.packing import Spans, gaps, motion
+from regents_cosim.reports.page_map import PageMap
+from regents_cosim.reports.scene import contact_point
+from regents_cosim.scenario import Collision, Scenario, Tracks
+
+Change = Literal["broken", "fixed", "unchanged"]
+_MOST_COSTS = 240  # iterations drawn
+_FLAWS = {
+    "unattributed": "the ego met somebody whom the attack did not steer",
+    "off_road": "the adversary left the road",
+    "hits_others": "the adversary hit somebody else first",
+    "rear_ends_ego": "the adversary ran into the back of the ego",
+    "ego_stands": "the ego stood",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A case with one driver at the wheel of its ego."""
+
+    driver: str
+    tracks: Tracks | None  # of all agents; None where the planner failed
+    error: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class PageCase:
+    """A case and how each driver fared in it."""
+
+    scenario: Scenario
+    runs: tuple[Run, ...]
+
+    @cached_property
+    def endings(self) -> tuple[Collision | None, ...]:
+        """The collision of each driver, by the exact boxes."""
+        return tuple(_ending(self.scenario, run.tracks) if run.tracks else None for run in self.runs)
+
+    @property
+    def change(self) -> Change | None:
+        """What the second driver makes of the case, compared with the first; a planner that fails has broken it."""
+        if len(self.runs) < 2:
+            return None
+        first, second = (bool(run.error) or hit is not None for run, hit in zip(self.runs, self.endings, strict=True))
+        return "unchanged" if first == second else "broken" if second else "fixed"
+
+    @property
+    def adversary(self) -> int | None:
+        """Index of the agent that the case is about."""
+        return next((i for i, agent in enumerate(self.scenario.agents) if agent.role == "adversary"), None)
+
+    @property
+    def badness(self) -> tuple[float, ...]:
+        """Sorts the worst first: what broke, what crashes for a reason that counts, the hardest impact."""
+        order = {"broken": 0, None: 1, "unchanged": 1, "fixed": 2}
+        judgement = self.scenario.judgement
+        failed = any(run.error for run in self.runs)
+        impact = max((hit.relative_speed for hit in self.endings if hit), default=-1.0)
+        actionable = judgement is not None and judgement.actionable
+        return order[self.change], -failed, -(impact >= 0.0), -actionable, -impact
+
+    def row(self, map_index: int) -> dict[str, Any]:
+        """What the table says."""
+        case, attack, judgement = self.scenario, self.scenario.attack, self.scenario.judgement
+        avoidability = judgement.avoidability if judgement else None
+        return {
+            "id": case.id,
+            "network": network(case),
+            "attacked": attack.planner if attack else "",
+            "outcome": OUTCOMES[attack.outcome] if attack else "not attacked",
+            "endings": [_plain(hit) for hit in self.endings],
+            "errors": [run.error for run in self.runs],
+            "change": self.change,
+            "avoidable": avoidability.avoidable if avoidability else None,
+            "fault": judgement.fault.at_fault if judgement and judgement.fault else None,
+            "clean": judgement.clean if judgement else None,
+            "map": map_index,
+            "steps": case.tracks.steps,
+            "dt": case.dt,
+        }
+
+    def content(self, page_map: PageMap, folder: Path | None) -> dict[str, Any]:
+        """What the player, the plots and the sheets show; `folder` holds the suite."""
+        case, origin = self.scenario, page_map.origin
+        others = range(1, len(case.agents))
+        runs = [run.tracks for run in self.runs]
+        return {
+            "agents": [
+                {"id": agent.id, "kind": agent.kind, "size": [agent.length, agent.width]} for agent in case.agents
+            ],
+            "tracks": [motion(case.tracks, i, origin) for i in others],
+            "runs": [motion(tracks, 0, origin) if tracks else [] for tracks in runs],
+            "adversary": self.adversary,
+            "original": None
+            if case.original is None
+            else {str(i): motion(case.original, i, origin) for i in (0, self.adversary) if i is not None},
+            "evasion": motion(case.evasion, 0, origin) if case.evasion else None,
+            "gaps": {
+                "runs": [self._gap(tracks, case.tracks) for tracks in runs],
+                "original": self._gap(case.original, case.original),
+                "evasion": self._gap(case.evasion, case.tracks),
+            },
+            "contacts": [self._contact(tracks, hit) for tracks, hit in zip(runs, self.endings, strict=True)],
+            "origin": origin.tolist(),
+            "signals": {signal.id: signal.changes for signal in case.signals},
+            "costs": _costs(case),
+            "motion": [asdict(row) for row in motion_sheet(case)],
+            "judgement": _judgement(case),
+            "facts": _facts(case),
+            "settings": case.attack.settings if case.attack else {},
+            "commands": _commands(case, [run.driver for run in self.runs], folder),
+        }
+
+    def _gap(self, ego: Tracks | None, others: Tracks | None) -> Spans:
+        """Distance between the boxes of the ego and of the adversary."""
+        if ego is None or others is None or self.adversary is None:
+            return []
+        agents, there = self.scenario.agents, self.adversary
+        mine = Boxes(ego.x[0], ego.y[0], ego.yaw[0], agents[0].length, agents[0].width)
+        its = Boxes(others.x[there], others.y[there], others.yaw[there], agents[there].length, agents[there].width)
+        return gaps(np.asarray(distance(mine, its)), ego.valid[0] & others.valid[there])
+
+    def _contact(self, tracks: Tracks | None, hit: Collision | None) -> list[float] | None:
+        """Where they touch [m]."""
+        if tracks is None or hit is None:
+            return None
+        agent = next(i for i, a in enumerate(self.scenario.agents) if a.id == hit.agent)
+        return contact_point(self.scenario.agents, tracks, agent, hit.step).round(2).tolist()
+
+
+def network(scenario: Scenario) -> str:
+    """The name of the network or log that a case came from."""
+    return scenario.provenance.file.removesuffix(".sumocfg") or scenario.provenance.source
+
+
+def _ending(case: Scenario, tracks: Tracks) -> Collision | None:
+    contact = first_contact(case.agents, tracks)
+    if contact is None:
+        return None
+    agent, step = contact
+    return Collision(
+        agent=case.agents[agent].id,
+        step=step,
+        time_s=round(step * case.dt, 9),
+        kind=collision_kind(case.agents, tracks, agent, step),
+        relative_speed=relative_speed(tracks, agent, step),
+        attributed=case.agents[agent].role == "adversary",
+    )
+
+
+def _plain(hit: Collision | None) -> dict[str, Any] | None:
+    if hit is None:
+        return None
+    kind = KINDS[hit.kind]
+    return {
+        "agent": hit.agent,
+        "step": hit.step,
+        "kind": kind[0].upper() + kind[1:],
+        "impact": round(hit.relative_speed, 2),
+        "adversary": hit.attributed,
+    }
+
+
+def _costs(case: Scenario) -> dict[str, Any]:
+    """Each term of the cost over the iterations, thinned out; the last is kept."""
+    history = {name: values for name, values in case.attack.cost_history.items() if values} if case.attack else {}
+    length = max(map(len, history.values()), default=0)
+    kept = np.unique(np.linspace(0, length - 1, min(length, _MOST_COSTS)).astype(int)) if length else np.array([], int)
+    terms = {name: [float(f"{values[i]:.4g}") for i in kept if i < len(values)] for name, values in history.items()}
+    return {"iterations": kept.tolist(), "terms": terms}
+
+
+def _judgement(case: Scenario) -> list[tuple[str, str]]:
+    """What the crash says about the planner, in words."""
+    judgement = case.judgement
+    if judgement is None:
+        return []
+    flaws = "; ".join(_FLAWS.get(flaw, flaw.replace("_", " ")) for flaw in judgement.flaws)
+    said = [("As a test", flaws or "clean: nothing spoils it")]
+    if (found := judgement.avoidability) is not None:
+        ways = f"{found.evading} of {found.tried} manoeuvres within tyre friction evade it"
+        said.append(("Avoidable", f"yes: {ways}" if found.avoidable else f"no: {ways}"))
+        if found.gentlest is not None:
+            way = found.gentlest
+            said.append(
+                (
+                    "Gentlest way out",
+                    f"from {way.onset_step * case.dt:.1f} s on, {way.accel:+.1f} m/s² along and "
+                    f"{way.lateral_accel:+.1f} m/s² to the left: {100 * way.friction_share:.0f} % of the friction",
+                )
+            )
+        if found.last_onset_step is not None:
+            said.append(("Last chance", f"{found.last_onset_step * case.dt:.1f} s"))
+    if judgement.fault is not None:
+        said.append(("At fault", f"{judgement.fault.at_fault}, by {judgement.fault.rule}: {judgement.fault.reason}"))
+    return said
+
+
+def _facts(case: Scenario) -> list[tuple[str, str]]:
+    """Where the case came from and how it was attacked."""
+    source, attack = case.provenance, case.attack
+    facts = [
+        ("Traffic", f"{source.source}, {source.file}, from {source.begin_s:g} s"),
+        ("Checksum", f"sha256 {source.sha256}"),
+        ("Seed", str(source.seed)),
+        ("Ego", case.ego.id),
+        ("Road users", f"{len(case.agents)}, over {(case.tracks.steps - 1) * case.dt:.1f} s in steps of {case.dt:g} s"),
+    ]
+    if attack is not None:
+        facts += [
+            (
+                "Attack",
+                f"{attack.method} against {attack.planner}: {OUTCOMES[attack.outcome]}, {attack.iterations} iterations",
+            ),
+            ("Candidates", ", ".join(attack.candidates) or "none"),
+        ]
+    return [*facts, ("Versions", ", ".join(f"{name} {number}" for name, number in source.versions.items()))]
+
+
+def _commands(case: Scenario, drivers: list[str], folder: Path | None) -> list[tuple[str, str]]:
+    """How to make the case again, and how to drive it again."""
+    place = shlex.quote(str(folder / case.id if folder else case.id))
+    attacked = case.attack.planner if case.attack else None
+    again = [
+        (f"Drive it again with {name}", f"regents replay {place} --in mirror --planner {shlex.quote(name)}")
+        for name in drivers
+        if name != attacked
+    ]
+    watch = ("Watch it in SUMO", f"regents replay {place} --in sumo --gui") if case.road.sumo_net else None
+    made = ("Make the suite again", case.provenance.command) if case.provenance.command else None
+    return [line for line in (*again, watch, made) if line]

@@ -1,0 +1,93 @@
+"""A map as the page of the report carries it: the parts around the cases, to a few centimetres."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.map_files import map_files
+from regents_cosim.reports.packing import line
+from regents_cosim.reports.road import lights_of, markings, polygons, stop_bar
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.scenario import Scenario
+
+_AROUND_M = 45.0  # of whatever moves
+_DETAIL_M = 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class PageMap:
+    """One map and the cases that take place on it."""
+
+    road: RoadMap
+    cases: list[Scenario]
+
+    @cached_property
+    def area(self) -> BaseGeometry:
+        """Where something moves, and what surrounds it [m]."""
+        return shapely.union_all([_surroundings(case) for case in self.cases])
+
+    @cached_property
+    def origin(self) -> Float[np.ndarray, " 2"]:
+        """Whole metres; positions count from here, so that single precision draws them well far from zero too."""
+        return np.floor(np.array(self.area.bounds[:2]))
+
+    def content(self) -> dict[str, Any]:
+        """Rings of the road, lines on it, and stop bars with their lights."""
+        near = shapely.intersection(self.road.drivable, self.area)
+        rings = [
+            ring for part in polygons(shapely.simplify(near, _DETAIL_M)) for ring in (part.exterior, *part.interiors)
+        ]
+        dashed, solid = self._markings()
+        return {
+            "rings": [line(shapely.get_coordinates(ring), self.origin) for ring in rings],
+            "dashed": dashed,
+            "solid": solid,
+            "bars": list(self._bars()),
+        }
+
+    def _markings(self) -> tuple[list[Any], list[Any]]:
+        kinds: tuple[list[Any], list[Any]] = ([], [])
+        for index in np.sort(self.road.centre_lines.query(self.area, predicate="intersects")):
+            lane = self.road.lanes[index]
+            if not lane.junction:
+                for kept, lines in zip(kinds, markings(lane), strict=True):
+                    kept += [line(part, self.origin) for each in lines for part in self._inside(each)]
+        return kinds
+
+    def _inside(self, points: Float[np.ndarray, "point 2"]) -> Iterator[Float[np.ndarray, "point 2"]]:
+        """The stretches of a line within the area."""
+        near = shapely.intersection(shapely.simplify(shapely.LineString(points), _DETAIL_M), self.area)
+        for part in shapely.get_parts(near):
+            if part.geom_type == "LineString":
+                yield shapely.get_coordinates(part)
+
+    def _bars(self) -> Iterator[dict[str, Any]]:
+        for lane in self.road.lanes:
+            lights = lights_of(self.road.exits[lane.id])
+            if lights and shapely.contains_xy(self.area, *lane.centre[-1]):
+                for (signal, link), part in zip(lights, stop_bar(lane, len(lights))[1:], strict=True):
+                    yield {"signal": signal, "link": link, "corners": line(part, self.origin)}
+
+
+def page_maps(scenarios: Sequence[Scenario]) -> list[PageMap]:
+    """The maps of some cases, each once."""
+    names: dict[int, str] = {}
+    found: dict[str, PageMap] = {}
+    for case in scenarios:
+        name = names.setdefault(id(case.road), "") or map_files(case.road).road
+        names[id(case.road)] = name
+        found.setdefault(name, PageMap(case.road, [])).cases.append(case)
+    return list(found.values())
+
+
+def _surroundings(case: Scenario) -> BaseGeometry:
+    """The rectangle around all that moves in a case [m]."""
+    there = case.tracks.valid
+    x, y = case.tracks.x[there], case.tracks.y[there]
+    return shapely.box(x.min() - _AROUND_M, y.min() - _AROUND_M, x.max() + _AROUND_M, y.max() + _AROUND_M)
