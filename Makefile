@@ -3,7 +3,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test test-all lint bench clean
+CHROMIUM := $(shell command -v chromium || command -v google-chrome)
+
+.PHONY: demo browser test test-all lint bench clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -19,10 +21,18 @@ demo: .venv/installed  ## from nothing to verified crashes and pictures, in ./de
 	$(BIN)/regents attack -c sumo_nets/crossing/crossing.sumocfg --planner idm --count 10 --seed 0 -o demo
 	@echo "pictures: demo/*/still.png"
 
-test: .venv/installed-dev  ## everything but the slow tests
+# The report is tested in a browser. Where none can be installed these tests are skipped, and say so.
+browser:
+ifeq ($(CHROMIUM),)
+	-@[ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null && \
+		{ apt-get update -qq && apt-get install -qq --yes chromium; } > /dev/null 2>&1 || \
+		echo "no browser: tests of the report's page are skipped (apt-get install -y chromium)"
+endif
+
+test: .venv/installed-dev browser  ## everything but the slow tests
 	$(BIN)/python -m pytest -n 2
 
-test-all: .venv/installed-dev  ## everything
+test-all: .venv/installed-dev browser  ## everything
 	$(BIN)/python -m pytest -m ''
 
 lint: .venv/installed-dev

@@ -1,6 +1,7 @@
 """`regents report`: gathers cases, drives and scores for the page."""
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -64,7 +65,7 @@ def report_of(
     _check_cases(scenarios)
     cases = tuple(PageCase(scenario, _runs(scenario, i, driven)) for i, scenario in enumerate(scenarios))
     attacked = sorted({scenario.attack.planner for scenario in scenarios if scenario.attack})
-    drivers = tuple(driven) or (attacked[0] if len(attacked) == 1 else "the planner",)
+    drivers: tuple[str, ...] = tuple(driven) if driven else (" and ".join(attacked) or "log",)
     scores = _driving_scores(driven) if driven else _attack_scores(drivers[0], cases)
     nets = {network(scenario) for scenario in scenarios}
     return Report(
@@ -90,10 +91,9 @@ def save_report(made: Report, path: Path) -> None:
 def _check_cases(scenarios: Sequence[Scenario]) -> None:
     if not scenarios:
         raise RegentsError("no cases to report (make some with `regents attack`)")
-    ids = [scenario.id for scenario in scenarios]
-    twice = next((name for name in ids if ids.count(name) > 1), None)
-    if twice is not None:
-        raise RegentsError(f"case {twice!r} occurs twice, expected ids that differ")
+    [(name, times)] = Counter(scenario.id for scenario in scenarios).most_common(1)
+    if times > 1:
+        raise RegentsError(f"case {name!r} occurs {times} times, expected ids that differ")
 
 
 def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]) -> tuple[Run, ...]:

@@ -1,4 +1,4 @@
-"""How the adversary moves, before and after the attack: is it still traffic?"""
+"""How the adversary moves before and after the attack."""
 
 from dataclasses import dataclass
 

@@ -63,14 +63,14 @@ class PageCase:
         return next((i for i, agent in enumerate(self.scenario.agents) if agent.role == "adversary"), None)
 
     @property
-    def badness(self) -> tuple[float, ...]:
+    def badness(self) -> tuple[int, int, int, int, float]:
         """Sorts the worst first: what broke, what crashes for a reason that counts, the hardest impact."""
         order = {"broken": 0, None: 1, "unchanged": 1, "fixed": 2}
         judgement = self.scenario.judgement
         failed = any(run.error for run in self.runs)
         impact = max((hit.relative_speed for hit in self.endings if hit), default=-1.0)
         actionable = judgement is not None and judgement.actionable
-        return order[self.change], -failed, -(impact >= 0.0), -actionable, -impact
+        return order[self.change], -int(failed), -int(impact >= 0.0), -int(actionable), -impact
 
     def row(self, map_index: int) -> dict[str, Any]:
         """What the table says."""

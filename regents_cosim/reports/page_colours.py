@@ -48,8 +48,9 @@ LIGHT = _css(
 )  # fmt: skip
 DARK = _css(
     {
-        "page": _NIGHT, "panel": (25, 29, 36), "hairline": (48, 54, 64), "ink": (232, 235, 240), "faint": (160, 169, 181),
-        "land": (22, 26, 31), "road": (50, 56, 66), "kerb": (78, 86, 98), "marking": (120, 128, 140), "other": (128, 137, 150),
+        "page": _NIGHT, "panel": (25, 29, 36), "hairline": (48, 54, 64), "ink": (232, 235, 240),
+        "faint": (160, 169, 181), "land": (22, 26, 31), "road": (50, 56, 66), "kerb": (78, 86, 98),
+        "marking": (120, 128, 140), "other": (128, 137, 150),
         "ego": mix(EGO, _WHITE, 0.3), "adversary": mix(ADVERSARY, _WHITE, 0.15),
         "second": mix(SECOND, _WHITE, 0.25), "evasion": mix(EVASION, _WHITE, 0.1),
         "ego-ink": mix(EGO, _WHITE, 0.5), "adversary-ink": mix(ADVERSARY, _WHITE, 0.35),

@@ -114,14 +114,14 @@ function showPlots(content, row) {
     ...[...player.original].map(([index, track]) => ({ stretches: of(track), colour: index ? "adversary" : "ego", dashed: true })),
     player.evasion && { stretches: of(player.evasion), colour: "evasion", dashed: true },
     adversary && { stretches: of(adversary), colour: "adversary", until: over, name: "adversary" },
-    ...player.runs.map((run, k) => ({ stretches: of(run.track), colour: run.colour, until: run.crash, name: page.drivers.length > 1 ? page.drivers[k] : "ego" })),
+    ...player.runs.map((run, k) => ({ stretches: of(run.track), colour: run.colour, until: run.crash, name: page.drivers.length > 1 ? page.drivers[k] : "ego" })).reverse(),
   ].filter(Boolean);
   plots[0].show(each((track) => track.speeds()), player.last, row.dt);
   plots[1].show(each((track) => track.accelerations(row.dt)), player.last, row.dt);
   plots[2].show([
     { stretches: series(content.gaps.original), colour: "faint", dashed: true },
     { stretches: series(content.gaps.evasion), colour: "evasion", dashed: true },
-    ...content.gaps.runs.map((spans, k) => ({ stretches: series(spans), colour: DRIVERS[k], until: player.runs[k].crash, name: "gap" })),
+    ...content.gaps.runs.map((spans, k) => ({ stretches: series(spans), colour: DRIVERS[k], until: player.runs[k].crash, name: page.drivers.length > 1 ? page.drivers[k] : "gap" })).reverse(),
   ], player.last, row.dt);
   byId("plot-gap").parentElement.hidden = player.adversary === null;
   player.costs = content.costs.terms;
@@ -149,13 +149,12 @@ function showTime() {
 }
 
 function showValues(place, plot) {
-  const lines = plot.lines.filter((line) => line.name);
+  const lines = plot.lines.filter((line) => line.name).reverse();
   const values = lines.map((line) => (player.step <= (line.until ?? Infinity) ? valueAt(line.stretches, player.step) : null));
   if (place.children.length !== lines.length) place.replaceChildren(...lines.map(() => element("span")));
   lines.forEach((line, k) => {
     place.children[k].style.color = `var(--${line.colour}-ink)`;
-    place.children[k].title = line.name;
-    place.children[k].textContent = values[k] === null ? "" : values[k].toFixed(1);
+    place.children[k].textContent = values[k] === null ? "" : `${line.name} ${values[k].toFixed(1).replace("-", "−")}`;
   });
 }
 

@@ -4,16 +4,21 @@ const CLOSEST = 60, FARTHEST = 0.8; // [px/m]
 
 class Camera {
   constructor() {
-    Object.assign(this, { x: 0, y: 0, scale: 8, width: 1, height: 1, following: true });
+    Object.assign(this, { x: 0, y: 0, scale: 8, width: 1, height: 1, following: true, zoomed: false });
   }
 
-  // Close enough that whoever is `reach` metres away is seen as well.
-  frame(reach) {
-    this.scale = Math.min(Math.max((0.42 * Math.min(this.width, this.height * 1.5)) / Math.max(reach, 1), 4.5), 13);
-    this.following = true;
+  // Keeps the ego in the middle, as close as it can without losing the adversary, until somebody zooms.
+  follow(ego, adversary) {
+    if (!this.following || !ego) return;
+    Object.assign(this, { x: ego.x, y: ego.y });
+    if (this.zoomed) return;
+    const reach = adversary ? Math.hypot(adversary.x - ego.x, adversary.y - ego.y) + 6 : 25;
+    const half = 0.5 * Math.min(this.width, 1.5 * this.height);
+    this.scale = Math.min(Math.max(half / reach, half / 60), half / 30);
   }
 
   zoom(factor, px = this.width / 2, py = this.height / 2) {
+    this.zoomed = true;
     if (this.following) [px, py] = [this.width / 2, this.height / 2];
     const scale = Math.min(Math.max(this.scale * factor, FARTHEST), CLOSEST);
     const [right, up] = [px - this.width / 2, this.height / 2 - py];

@@ -1,6 +1,7 @@
 // --- Player: the clock, and the scene at its time ---
 
 const TAIL_SECONDS = 1;
+const SAME_METRES = 1; // closer than that a ghost would only blur whom it belongs to
 const AFTER_CRASH_SECONDS = 1; // later motion means nothing: nobody computes what a crash does
 
 class Player {
@@ -30,7 +31,8 @@ class Player {
     this.crash = crashes.length ? Math.min(...crashes) : null;
     this.atRest = true;
     this.step = this.crash ?? 0;
-    this.frame();
+    Object.assign(this.camera, { following: true, zoomed: false });
+    this.draw();
   }
 
   // Shortly after the last crash, or the end where somebody gets by.
@@ -38,19 +40,6 @@ class Player {
     const end = Math.max(this.row.steps - 1, 1);
     if (this.evasion || !this.driven.length || this.driven.some((run) => run.crash === Infinity)) return end;
     return Math.min(Math.max(...this.driven.map((run) => run.crash)) + Math.round(AFTER_CRASH_SECONDS / this.row.dt), end);
-  }
-
-  frame() {
-    this.measure();
-    const when = Math.max((this.crash ?? this.last) - 2.5 / this.row.dt, 0);
-    const [ego, other] = [this.target(when), this.adversary === null ? null : this.tracks[this.adversary].at(when)];
-    this.camera.frame(ego && other ? Math.hypot(other.x - ego.x, other.y - ego.y) : 30);
-    this.draw();
-  }
-
-  measure() {
-    this.camera.width = this.canvas.clientWidth;
-    this.camera.height = this.canvas.clientHeight;
   }
 
   // Whom the camera follows: the first ego that was driven at all.
@@ -109,9 +98,8 @@ class Player {
   draw() {
     if (!this.content || !this.canvas.clientWidth) return;
     const { context, width, height, ratio } = sharp(this.canvas);
-    this.measure();
-    const target = this.camera.following && this.target(this.step);
-    if (target) Object.assign(this.camera, { x: target.x, y: target.y });
+    Object.assign(this.camera, { width, height });
+    this.camera.follow(this.target(this.step), this.adversaryPose());
     context.fillStyle = colours.land;
     context.fillRect(0, 0, width, height);
     const pixel = 1 / this.camera.scale;
@@ -135,6 +123,10 @@ class Player {
     const over = this.driven.length && this.driven.every((run) => run.crash <= this.step);
     if (!over || (this.evasion && this.shows("evasion"))) return this.step;
     return Math.max(...this.driven.map((run) => run.crash));
+  }
+
+  adversaryPose() {
+    return this.adversary === null ? null : this.tracks[this.adversary].at(this.adversaryStep());
   }
 
   drawWays(context, pixel) {
@@ -170,8 +162,10 @@ class Player {
     const agents = this.content.agents;
     for (const [index, track] of this.shows("original") ? this.original : []) {
       const pose = track.at(this.step);
+      const now = index ? this.adversaryPose() : this.target(this.step);
+      const same = pose && now && Math.hypot(now.x - pose.x, now.y - pose.y) < SAME_METRES;
       const colour = colours[index ? "adversary" : "ego"];
-      if (pose) drawBody(context, pixel, pose, agents[index], colour, { ghost: 0.1, dashed: true });
+      if (pose && !same) drawBody(context, pixel, pose, agents[index], colour, { ghost: 0.1, dashed: true });
     }
     const way = this.evasion && this.shows("evasion") && this.evasion.at(this.step);
     if (way) drawBody(context, pixel, way, agents[0], colours.evasion, { ghost: 0.3 });
@@ -179,7 +173,7 @@ class Player {
 
   drawMain(context, pixel) {
     const agents = this.content.agents;
-    const other = this.adversary === null ? null : this.tracks[this.adversary].at(this.adversaryStep());
+    const other = this.adversaryPose();
     if (other) drawBody(context, pixel, other, agents[this.adversary], colours.adversary);
     for (const run of [...this.driven].reverse()) {
       const pose = run.track.at(Math.min(this.step, run.crash));
@@ -203,23 +197,25 @@ class Player {
   }
 
   drawNames(context) {
-    const above = (pose, size) => {
-      const [x, y] = this.camera.pixels(pose.x, pose.y);
-      const half = 0.5 * (Math.abs(Math.sin(pose.yaw)) * size[0] + Math.abs(Math.cos(pose.yaw)) * size[1]);
-      return [x, y - half * this.camera.scale - 9];
-    };
-    const agents = this.content.agents;
-    for (const run of this.driven) {
-      const pose = run.track.at(Math.min(this.step, run.crash));
-      const name = this.driven.length > 1 ? this.names[this.runs.indexOf(run)] : "ego";
-      if (pose) drawName(context, name, above(pose, agents[0].size), colours[`${run.colour}-ink`]);
-    }
-    const other = this.adversary === null ? null : this.tracks[this.adversary].at(this.adversaryStep());
-    if (other) drawName(context, "adversary", above(other, agents[this.adversary].size), colours["adversary-ink"]);
+    const named = this.driven.map((run) => [
+      this.driven.length > 1 ? this.names[this.runs.indexOf(run)] : "ego", run.track.at(Math.min(this.step, run.crash)), 0, run.colour,
+    ]);
+    if (this.adversary !== null) named.push(["adversary", this.adversaryPose(), this.adversary, "adversary"]);
     const way = this.evasion && this.shows("evasion") && this.evasion.at(this.step);
     const ego = this.target(this.step);
-    if (way && ego && Math.hypot(way.x - ego.x, way.y - ego.y) > 3) {
-      drawName(context, "way out", above(way, agents[0].size), colours["evasion-ink"]);
+    if (way && ego && Math.hypot(way.x - ego.x, way.y - ego.y) > 3) named.push(["way out", way, 0, "evasion"]);
+    const taken = [];
+    const there = named.filter(([, pose]) => pose);
+    const middle = there.reduce((total, [, pose]) => total + pose.y / there.length, 0);
+    for (const [words, pose, agent, colour] of there) {
+      const [length, width] = this.content.agents[agent].size;
+      const half = 0.5 * (Math.abs(Math.sin(pose.yaw)) * length + Math.abs(Math.cos(pose.yaw)) * width) * this.camera.scale;
+      const [x, y] = this.camera.pixels(pose.x, pose.y);
+      const free = (place) => taken.every(([a, b]) => Math.abs(x - a) > 74 || Math.abs(place - b) > 17);
+      const [above, below] = [[y - half - 10, y - half - 30], [y + half + 20, y + half + 40]];
+      const place = (pose.y < middle ? [...below, ...above] : [...above, ...below]).find(free) ?? y - half - 50;
+      taken.push([x, place]);
+      drawName(context, words, [x, place], colours[`${colour}-ink`]);
     }
   }
 
@@ -262,7 +258,7 @@ class Player {
   }
 
   follow(whether) {
-    this.camera.following = whether;
+    Object.assign(this.camera, { following: whether, zoomed: false });
     this.draw();
     this.onChange();
   }

@@ -18,8 +18,8 @@ class TimePlot {
   }
 
   // lines: [{ stretches: [[[step, value]...]...], colour (a name), dashed, until (a step) }]
-  show(lines, last, dt, floor = Infinity) {
-    Object.assign(this, { lines, last, dt, floor });
+  show(lines, last, dt) {
+    Object.assign(this, { lines, last, dt });
     this.stale = true;
   }
 
@@ -64,6 +64,19 @@ class TimePlot {
     [this.low, this.high] = [ticks[0], ticks.at(-1)];
     this.paintAxes(context, width, height, ticks);
     for (const line of this.lines) this.paintLine(context, width, height, line);
+    for (const { until } of this.lines) this.paintCrash(context, width, height, until);
+  }
+
+  paintCrash(context, width, height, until) {
+    if (!Number.isFinite(until)) return;
+    context.strokeStyle = colours.faint;
+    context.lineWidth = 1;
+    context.setLineDash([1, 3]);
+    context.beginPath();
+    context.moveTo(this.column(until, width), EDGE.top);
+    context.lineTo(this.column(until, width), height - EDGE.bottom);
+    context.stroke();
+    context.setLineDash([]);
   }
 
   paintAxes(context, width, height, ticks) {
@@ -105,7 +118,7 @@ class TimePlot {
 function valueAt(stretches, step) {
   for (const stretch of stretches) {
     const k = Math.round(step - stretch[0]?.[0]);
-    if (k >= 0 && k < stretch.length) return stretch[k][1];
+    if (k >= 0 && k <= stretch.length) return stretch[Math.min(k, stretch.length - 1)][1];
   }
   return null;
 }
@@ -130,7 +143,7 @@ function sparkline(canvas, values, colour) {
   context.beginPath();
   values.forEach((value, k) => {
     const x = 2 + (k / Math.max(values.length - 1, 1)) * (width - 4);
-    context.lineTo(x, height - 4 - ((value - low) / (high - low || 1)) * (height - 8));
+    context.lineTo(x, high > low ? height - 4 - ((value - low) / (high - low)) * (height - 8) : height / 2);
   });
   context.stroke();
 }

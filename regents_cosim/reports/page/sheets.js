@@ -30,12 +30,13 @@ function fillList(id, pairs) {
 
 function fillMotion(rows) {
   byId("motion-sheet").hidden = !rows.length;
-  const heads = ["", "before 95 %", "max", "after 95 %", "max"].map((textContent) => element("th", { textContent, scope: "col" }));
+  const over = [["", 1], ["before", 2], ["after", 2]].map(([textContent, colSpan]) => element("th", { textContent, colSpan }));
+  const heads = ["", "95 %", "most", "95 %", "most"].map((textContent) => element("th", { textContent, scope: "col" }));
   const lines = rows.map(({ quantity, unit, before, after }) =>
     element("tr", {}, element("td", {}, `${quantity} `, element("span", { className: "faint", textContent: unit })),
       ...[...before, ...after].map((value) => element("td", { textContent: value.toFixed(1) }))),
   );
-  byId("motion").replaceChildren(element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...lines));
+  byId("motion").replaceChildren(element("thead", {}, element("tr", {}, ...over), element("tr", {}, ...heads)), element("tbody", {}, ...lines));
 }
 
 function fillCosts({ iterations, terms }) {

@@ -1,0 +1,253 @@
+"""What the report says of cases, and how it is packed."""
+
+import base64
+import gzip
+import itertools
+import json
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from regents_cosim import report
+from regents_cosim.boxes import Boxes, distance
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.driving import Drive
+from regents_cosim.evaluation.report import report_of
+from regents_cosim.reports.html import html_page
+from regents_cosim.reports.packing import CM, differences, stretches
+from regents_cosim.reports.page_case import PageCase, Run
+from regents_cosim.reports.page_map import page_maps
+from regents_cosim.scenario import Avoidability, Fault, Judgement
+from regents_cosim.shipped import shipped
+from regents_cosim.suite import load_cases
+
+REGENTS = Path(sys.executable).parent / "regents"
+QUICKSTART = shipped("scenarios") / "quickstart"
+CASES = load_cases(QUICKSTART)
+CRASHES = [case for case in CASES if case.attack and case.attack.collision]
+HARMFUL = """</script><script>window.hurt = 1</script><img src=x onerror="window.hurt = 1"> & 'ünïcode' <!-- \u2028"""
+
+
+def regents(*words):
+    done = subprocess.run([str(REGENTS), *map(str, words)], capture_output=True, text=True)
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+def unpacked(page: str, name: str):
+    """What the browser finds in the script `name`."""
+    found = re.search(f'<script id="{name}" type="text/plain">([^<]*)</script>', page)
+    assert found is not None
+    return json.loads(gzip.decompress(base64.b64decode(found[1])))
+
+
+def rows_of(page: str):
+    found = re.search(r'<script id="page" type="application/json">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])["rows"]
+
+
+def passing(case):
+    """Tracks in which the ego drives as before the attack, far from everybody."""
+    away = np.where(np.arange(len(case.agents))[:, None] == 0, 1000.0, 0.0)
+    return replace(case.tracks, x=case.tracks.x + away, y=case.tracks.y + away)
+
+
+def drive(case, hits=None, error=""):
+    return Drive(case.id, case.provenance.file, 1.0, 1.0, 1.0, hits, 3 if hits else None, 0.0, error=error)
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))
+def test_positions_come_back_within_half_a_centimetre(values):
+    back = CM * np.cumsum(differences(np.array(values), CM))
+    np.testing.assert_allclose(back, values, atol=0.5 * CM + 1e-6)
+
+
+@given(st.lists(st.booleans(), max_size=30))
+def test_stretches_hold_each_valid_step_once(valid):
+    parts = stretches(np.array(valid, bool))
+    assert [step for part in parts for step in part] == list(np.flatnonzero(valid))
+    assert all((np.diff(part) == 1).all() for part in parts)
+    assert all(b[0] - a[-1] > 1 for a, b in itertools.pairwise(parts))
+
+
+def test_the_page_carries_the_tracks_of_every_case():
+    page = html_page(report_of(CASES, {}))
+    home = {case.id: one for one in page_maps(CASES) for case in one.cases}
+    for index, row in enumerate(rows_of(page)):
+        case = next(case for case in CASES if case.id == row["id"])
+        content, origin = unpacked(page, f"case-{index}"), home[case.id].origin
+        for agent, spans in enumerate([content["runs"][0], *content["tracks"]]):
+            steps = np.flatnonzero(case.tracks.valid[agent])
+            found = np.hstack([np.cumsum(span[1:], axis=1) for span in spans])
+            assert [step for span in spans for step in range(span[0], span[0] + len(span[1]))] == list(steps)
+            expected = np.array([case.tracks.x[agent] - origin[0], case.tracks.y[agent] - origin[1]])[:, steps]
+            np.testing.assert_allclose(0.01 * found[:2], expected, atol=0.00501)
+            np.testing.assert_allclose(0.001 * found[3], case.tracks.speed[agent, steps], atol=0.000501)
+            turn = 0.001 * found[2] - case.tracks.yaw[agent, steps]
+            np.testing.assert_allclose(np.sin(turn), 0.0, atol=0.000501)
+
+
+def test_the_gap_is_that_of_the_exact_boxes():
+    case = CRASHES[0]
+    page = html_page(report_of([case], {}))
+    [[first, values]] = unpacked(page, "case-0")["gaps"]["runs"][0]
+    adversary = next(i for i, a in enumerate(case.agents) if a.role == "adversary")
+    ego, other = (Boxes(*(np.broadcast_to(v, case.tracks.x.shape)[i] for v in case.boxes)) for i in (0, adversary))
+    expected = np.asarray(distance(ego, other))[first : first + len(values)]
+    np.testing.assert_allclose(0.01 * np.cumsum(values), expected, atol=0.00501)
+    assert case.attack is not None
+    assert case.attack.collision is not None
+    assert np.cumsum(values)[case.attack.collision.step - first] == 0
+
+
+def test_the_verdict_of_the_page_is_that_of_the_case():
+    for row in rows_of(html_page(report_of(CASES, {}))):
+        case = next(case for case in CASES if case.id == row["id"])
+        hit = case.attack.collision if case.attack else None
+        [ending] = row["endings"]
+        assert (ending is None) == (hit is None)
+        if ending and hit:
+            assert (ending["agent"], ending["step"]) == (hit.agent, hit.step)
+            assert ending["impact"] == pytest.approx(hit.relative_speed, abs=0.006)
+
+
+def test_a_map_keeps_its_shape_around_the_cases():
+    for one in page_maps(CASES):
+        content = one.content()
+        rings = [0.01 * np.cumsum(ring, axis=1).T + one.origin for ring in content["rings"]]
+        drawn = shapely.Polygon()
+        for ring in rings:
+            drawn = drawn.symmetric_difference(shapely.make_valid(shapely.Polygon(ring)))  # even-odd, as the page fills
+        real = shapely.intersection(one.road.drivable, one.area)
+        assert drawn.buffer(0.06).contains(real)
+        assert real.buffer(0.06).contains(drawn)
+        assert content["dashed"] or content["solid"]
+
+
+def test_cases_on_one_map_carry_it_once():
+    page = html_page(report_of(CASES, {}))
+    roads = {id(case.road) for case in CASES}
+    assert len(re.findall(r'<script id="map-', page)) == len(roads)
+
+
+def test_ids_of_any_letters_do_no_harm():
+    case = replace(CRASHES[0], id=HARMFUL)
+    page = html_page(report_of([case], {HARMFUL: [(drive(case, error=HARMFUL), None)]}))
+    assert "<img" not in page
+    assert "window.hurt = 1</script>" not in page
+    [row] = rows_of(page)
+    assert (row["id"], row["errors"]) == (HARMFUL, [HARMFUL])
+
+
+def test_the_worst_come_first():
+    crashed, passed = CRASHES[0], passing(CRASHES[0])
+    cases = [replace(crashed, id=name) for name in ("fixed", "both", "neither", "broken", "failed")]
+    hits = crashed.agents[1].id
+    end = {"fixed": (1, 0), "both": (1, 1), "neither": (0, 0), "broken": (0, 1), "failed": (0, None)}
+    driven = {
+        name: [
+            (drive(case, error="it stopped"), None)
+            if end[case.id][k] is None
+            else (drive(case, hits if end[case.id][k] else None), crashed.tracks if end[case.id][k] else passed)
+            for case in cases
+        ]
+        for k, name in enumerate(("before", "after"))
+    }
+    rows = rows_of(html_page(report_of(cases, driven)))
+    assert [row["id"] for row in rows] == ["failed", "broken", "both", "neither", "fixed"]
+    assert [row["change"] for row in rows] == ["broken", "broken", "unchanged", "unchanged", "fixed"]
+
+
+def test_scores_count_what_the_cases_hold():
+    judged = []
+    for k, case in enumerate(CRASHES):
+        evaded = Avoidability(k % 2 == 0, 100, 10 * (k % 2 == 0), 3, None)
+        judgement = Judgement(() if k else ("off_road",), evaded, Fault("ego", "rule", "reason"))
+        ego = replace(case.tracks, **{n: getattr(case.tracks, n)[:1] for n in ("x", "y", "yaw", "speed", "valid")},
+                      accel=None, curvature=None)  # fmt: skip
+        judged.append(replace(case, judgement=judgement, evasion=ego if k % 2 == 0 else None))
+    others = [case for case in CASES if case not in CRASHES]
+    scores = {score.label: score for score in report_of([*judged, *others], {}).scores}
+    assert scores["Crashes"].detail == f"{len(CRASHES)} of {len(CASES)} cases"
+    assert scores["Clean crashes"].detail == f"{len(CRASHES) - 1} of {len(CASES)} cases"
+    assert scores["Avoidable"].detail == f"{(len(CRASHES) + 1) // 2} of {len(CRASHES)} crashes"
+    low, high = scores["Crashes"].interval or (0.0, 0.0)
+    assert low < len(CRASHES) / len(CASES) < high
+
+
+def test_recorded_traffic_has_a_report_too():
+    recorded = [case.before_attack() for case in CASES[:2]]
+    made = report_of(recorded, {})
+    assert made.title == "Recorded traffic"
+    assert [row["endings"] for row in rows_of(html_page(made))] == [[None], [None]]
+
+
+def test_a_case_whose_planner_failed_has_no_ego():
+    case = CRASHES[0]
+    page_case = PageCase(case, (Run("mine", None, "it stopped"),))
+    [one] = page_maps([case])
+    content = page_case.content(one, None)
+    assert (content["runs"], content["contacts"], content["gaps"]["runs"]) == ([[]], [None], [[]])
+
+
+def test_three_hundred_cases_stay_small():
+    assert 300 / len(CASES) * len(html_page(report_of(CASES, {}))) < 20e6
+
+
+def test_the_report_in_python(tmp_path):
+    report(QUICKSTART, tmp_path / "new" / "report.html")
+    page = (tmp_path / "new" / "report.html").read_text("utf-8")
+    twin = json.loads((tmp_path / "new" / "report.json").read_text("utf-8"))
+    assert page.startswith("<!doctype html>")
+    assert twin["schema"] == 1
+    assert {row["id"] for row in twin["cases"]} == {case.id for case in CASES}
+    [name] = {row["id"] for row in twin["cases"][:1]}
+    watch = dict(unpacked(page, "case-0")["commands"])["Watch it in SUMO"]
+    assert shlex.split(watch)[:3] == ["regents", "replay", str(QUICKSTART / name)]
+
+
+@pytest.mark.parametrize(
+    ("cases", "name", "planners", "said"),
+    [
+        ([], "r.html", (), "no cases"),
+        ([CASES[0], CASES[0]], "r.html", (), "occurs 2 times"),
+        ("missing", "r.html", (), "missing"),
+        (CASES, "r.pdf", (), "ends in .html"),
+        (CASES, "", (), "ends in .html"),
+        (CASES, "r.html", ("idm", "idm"), "two different"),
+        (CASES, "r.html", ("nobody",), "nobody"),
+    ],
+)
+def test_bad_input_leaves_nothing(cases, name, planners, said, tmp_path):
+    with pytest.raises(RegentsError, match=said):
+        report(tmp_path / cases if isinstance(cases, str) else cases, tmp_path / name, planners)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_place_where_nothing_can_be_written(tmp_path):
+    (tmp_path / "file").touch()
+    done = regents("report", QUICKSTART, "-o", tmp_path / "file" / "report.html")
+    assert done.returncode == 2
+    assert "cannot write" in done.stderr
+    assert (tmp_path / "file").read_bytes() == b""
+
+
+def test_the_command(tmp_path):
+    done = regents("report", QUICKSTART, "-o", tmp_path / "report.html", "--planner", "constant_velocity", "--json")
+    assert done.returncode == 0, done.stderr
+    scores = {row["score"]: row for row in json.loads(done.stdout)}
+    twin = json.loads((tmp_path / "report.json").read_text("utf-8"))
+    assert twin["drivers"] == ["constant_velocity"]
+    crashes = sum(row["endings"][0] is not None for row in twin["cases"])
+    assert scores["Collision rate"]["detail"] == f"{crashes} of {len(CASES)} cases"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "report.json"]

@@ -1,0 +1,324 @@
+"""The page of the report as people use it: in a browser."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from regents_cosim.evaluation.driving import Drive
+from regents_cosim.evaluation.report import report_of
+from regents_cosim.reports.html import html_page
+from regents_cosim.scenario import Avoidability, Fault, Judgement, Manoeuvre, Tracks
+from regents_cosim.shipped import shipped
+from regents_cosim.suite import load_cases
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install -e '.[dev]'")
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chromium-browser"))), None)
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on PATH: apt-get install -y chromium")
+
+EMPTY = "\N{EN DASH}"
+LAPTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
+HARMFUL = """</script><script>window.hurt = 1</script><img src=x onerror="window.hurt = 1"> & 'ü' #t=3"""
+CASES = load_cases(shipped("scenarios") / "quickstart")
+CRASHES = [case for case in CASES if case.attack and case.attack.collision]
+
+# The ratio of WCAG 2.1 between every visible text and the first opaque ground under it; links without a target are off.
+CONTRAST = """() => {
+  const parse = (text) => (text.match(/[\\d.]+/g) ?? []).map(Number);
+  const linear = (v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  const light = ([r, g, b]) => 0.2126 * linear(r / 255) + 0.7152 * linear(g / 255) + 0.0722 * linear(b / 255);
+  const ground = (node) => {
+    for (let at = node; at; at = at.parentElement) {
+      const colour = parse(getComputedStyle(at).backgroundColor);
+      if (colour.length === 3 || colour[3] === 1) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const node = walker.currentNode.parentElement;
+    const text = walker.currentNode.textContent.trim();
+    if (!text || !node.checkVisibility() || node.closest("a:not([href]), script")) continue;
+    const style = getComputedStyle(node);
+    const [a, b] = [light(parse(style.color)), light(ground(node))];
+    const large = parseFloat(style.fontSize) >= (Number(style.fontWeight) >= 700 ? 18.66 : 24);
+    found.push([(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05) / (large ? 3 : 4.5), text]);
+  }
+  return found;
+}"""
+
+
+def judged(case, avoidable):
+    """With a verdict, and a way out that simply stays before the attack."""
+    gentlest = Manoeuvre(5, -2.0, 0.3, 0.3) if avoidable else None
+    verdict = Judgement(
+        (), Avoidability(avoidable, 40, 4 * avoidable, 8 if avoidable else None, gentlest), Fault("ego", "rule", "why")
+    )
+    way = Tracks(*(getattr(case.original, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
+    return replace(case, judgement=verdict, evasion=way if avoidable else None)
+
+
+def driven(case, crash):
+    """A drive that ends as the case, or one in which the ego never leaves."""
+    tracks = case.tracks
+    if not crash:
+        tracks = replace(
+            tracks, **{n: _still(getattr(tracks, n), n) for n in ("x", "y", "speed")}, accel=None, curvature=None
+        )
+    return Drive(case.id, case.provenance.file, 1.0, 1.0, 1.0, "x" if crash else None, None, 0.0), tracks
+
+
+def _still(values, name):
+    values = values.copy()
+    values[0] = 0.0 if name == "speed" else values[0, 0] - 500.0
+    return values
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """One report of a suite, one that compares two planners."""
+    folder = tmp_path_factory.mktemp("report")
+    cases = [judged(case, k % 2 == 0) if case in CRASHES else case for k, case in enumerate(CASES)]
+    cases[0] = replace(cases[0], id=HARMFUL)
+    (folder / "suite.html").write_text(html_page(report_of(cases, {})), "utf-8")
+    some = CRASHES[:4]
+    pair = {
+        "old": [driven(c, k < 3) for k, c in enumerate(some)],
+        "new": [driven(c, k > 0) for k, c in enumerate(some)],
+    }
+    (folder / "pair.html").write_text(html_page(report_of(some, pair)), "utf-8")
+    return folder
+
+
+class Visit:
+    """A page and all that it asked for or complained about."""
+
+    def __init__(self, browser, file, fragment="", **context):
+        self.context = browser.new_context(**({"viewport": LAPTOP} | context))
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(10_000)
+        self.requests, self.complaints = [], []
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.file = file.as_uri()
+        self.page.goto(self.file + fragment)
+
+    def clock(self):
+        return float(self.page.inner_text("#clock").split()[0])
+
+    def names(self):
+        return self.page.locator("#cases tbody .case").all_inner_texts()
+
+    def column(self, name):
+        names = self.page.locator("#cases thead th").all_inner_texts()
+        return self.page.locator(f"#cases tbody td:nth-child({names.index(name) + 1})").all_inner_texts()
+
+    def wait(self, condition):
+        """Playwright's own waiting needs eval in the page, which its content policy forbids."""
+        for _ in range(100):
+            if self.page.evaluate(condition):
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError(f"never came true: {condition}")
+
+    def open_first(self):
+        self.page.click("#cases tbody tr:first-child a")
+        self.page.wait_for_selector("#case:not([hidden])")
+
+    def drawn(self, canvas):
+        """The picture, to compare."""
+        return self.page.eval_on_selector(canvas, "canvas => canvas.toDataURL()")
+
+
+@pytest.fixture
+def visit(browser, files):
+    """Opens a file; at the end nothing was asked of the network, and nothing went wrong."""
+    made = []
+
+    def go(name="suite", fragment="", **context):
+        made.append(Visit(browser, files / f"{name}.html", fragment, **context))
+        return made[-1]
+
+    yield go
+    for one in made:
+        assert one.complaints == []
+        assert all(url.startswith((one.file, "data:")) for url in one.requests)
+        assert one.page.evaluate("window.hurt") is None
+        one.context.close()
+
+
+def test_the_list_shows_every_case_worst_first(visit):
+    seen = visit()
+    assert sorted(seen.names()) == sorted([HARMFUL, *(case.id for case in CASES[1:])])
+    crashes = [text != "No collision" for text in seen.column("Result")]
+    assert crashes == sorted(crashes, reverse=True)
+    assert sum(crashes) == len(CRASHES)
+
+
+def test_sorting(visit):
+    seen = visit()
+    head = seen.page.locator("#cases thead button", has_text="Impact")
+    head.click()
+    assert head.locator("..").get_attribute("aria-sort") == "descending"
+    impacts = [float(text.split()[0]) for text in seen.column("Impact") if text != EMPTY]
+    assert impacts == sorted(impacts, reverse=True)
+    head.click()
+    assert [float(text.split()[0]) for text in seen.column("Impact") if text != EMPTY] == impacts[::-1]
+    assert seen.column("Impact")[-1] == EMPTY  # without a crash there is none
+    head.click()
+    assert head.locator("..").get_attribute("aria-sort") is None
+
+
+def test_filtering(visit):
+    seen = visit()
+    seen.page.select_option("#filter-network", "merge")
+    assert set(seen.column("Network")) == {"merge"}
+    seen.page.select_option("#filter-network", "")
+    kind = seen.page.locator("#filter-kind option").nth(1).inner_text()
+    seen.page.select_option("#filter-kind", kind)
+    assert set(seen.column("Result")) == {kind}
+    seen.page.select_option("#filter-kind", "")
+    seen.page.select_option("#filter-avoidable", "avoidable")
+    assert set(seen.column("Avoidable")) == {"avoidable"}
+    seen.page.select_option("#filter-avoidable", "")
+    seen.page.fill("#search", "ROUNDABOUT")
+    assert all("roundabout" in name for name in seen.names())
+    seen.page.fill("#search", "nobody")
+    seen.page.click("#all")
+    assert len(seen.names()) == len(CASES)
+
+
+def test_a_permalink_opens_the_case_at_its_time(visit):
+    first = visit()
+    first.page.fill("#search", "window.hurt")
+    first.open_first()
+    first.page.keyboard.press("Home")
+    first.page.keyboard.press("Shift+ArrowRight")
+    first.wait("location.hash.endsWith('t=1.0')")
+    again = visit(fragment="#" + first.page.url.partition("#")[2])
+    again.page.wait_for_selector("#case:not([hidden])")
+    assert again.page.inner_text("#case-title") == HARMFUL
+    assert again.clock() == 1.0
+    assert again.drawn("#scene") == first.drawn("#scene")
+
+
+def test_the_player_plays_and_scrubs_and_the_plots_follow(visit):
+    seen = visit()
+    seen.open_first()
+    page = seen.page
+    assert seen.clock() > 0.0  # opens at the crash
+    page.click("#play")
+    seen.wait("parseFloat(document.querySelector('#clock').textContent) > 0.3")
+    page.click("#play")
+    stopped, scene, plot = seen.clock(), seen.drawn("#scene"), seen.drawn("#plot-speed")
+    page.wait_for_timeout(150)
+    assert seen.clock() == stopped
+    page.fill("#time", "12")
+    assert seen.clock() == 1.2
+    assert seen.drawn("#scene") != scene
+    assert seen.drawn("#plot-speed") != plot
+    box = page.locator("#plot-gap").bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + box["width"] - 9, box["y"] + 40)
+    assert seen.clock() == float(page.get_attribute("#time", "max")) / 10
+    whole = seen.drawn("#scene")
+    page.click("[data-layer=original]")
+    assert seen.drawn("#scene") != whole
+    page.click("#zoom-in")
+    page.mouse.move(400, 500)
+    page.mouse.down()
+    page.mouse.move(460, 520)
+    page.mouse.up()
+    assert page.get_attribute("#follow", "aria-pressed") == "false"
+    page.click("#follow")
+    assert page.get_attribute("#follow", "aria-pressed") == "true"
+
+
+def test_the_keyboard_alone_suffices(visit):
+    seen = visit()
+    page = seen.page
+    names = seen.names()
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.textContent") == names[0]:
+            break
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#case:not([hidden])")
+    crash = seen.clock()
+    for key, time in ((".", 0.1), (",", 0.0), ("ArrowLeft", -0.1), ("ArrowRight", 0.0), ("Shift+ArrowLeft", -1.0)):
+        page.keyboard.press(key)
+        assert seen.clock() == pytest.approx(crash + time), key
+    page.keyboard.press("Home")
+    assert seen.clock() == 0.0
+    page.keyboard.press("Space")
+    seen.wait("parseFloat(document.querySelector('#clock').textContent) > 0.1")
+    page.keyboard.press("Space")
+    before = seen.drawn("#scene")
+    page.keyboard.press("+")
+    assert seen.drawn("#scene") != before
+    page.keyboard.press("]")
+    seen.wait(f"document.querySelector('#case-title').textContent === {json.dumps(names[1])}")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#overview:not([hidden])")
+    assert page.evaluate("document.activeElement.textContent") == names[1]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("name", ["suite", "pair"])
+def test_text_has_contrast(visit, scheme, name):
+    seen = visit(name, color_scheme=scheme)
+    texts = seen.page.evaluate(CONTRAST)
+    seen.open_first()
+    seen.page.click("#settings-fold summary")
+    texts += seen.page.evaluate(CONTRAST)
+    assert len(texts) > 80
+    assert [(round(share, 2), text) for share, text in texts if share < 1.0] == []
+
+
+def test_the_button_switches_between_light_and_dark(visit):
+    seen = visit(color_scheme="light")
+    seen.open_first()
+    ground, scene = seen.page.evaluate("getComputedStyle(document.body).backgroundColor"), seen.drawn("#scene")
+    seen.page.click("#theme")
+    assert seen.page.evaluate("getComputedStyle(document.body).backgroundColor") != ground
+    assert seen.drawn("#scene") != scene
+    seen.page.click("#theme")
+    assert seen.drawn("#scene") == scene
+
+
+def test_a_phone_needs_no_sideways_scrolling(visit):
+    seen = visit(viewport=PHONE, is_mobile=True, has_touch=True)
+    wide = "document.documentElement.scrollWidth - innerWidth"
+    assert seen.page.evaluate(wide) <= 0
+    seen.page.tap("#cases tbody tr:first-child a")
+    seen.page.wait_for_selector("#case:not([hidden])")
+    assert seen.page.evaluate(wide) <= 0
+    seen.page.tap("#play")
+    seen.wait("parseFloat(document.querySelector('#clock').textContent) > 0.1")
+
+
+def test_two_planners_side_by_side(visit):
+    seen = visit("pair")
+    assert seen.column("Change") == ["broken", "unchanged", "unchanged", "fixed"]
+    assert seen.page.locator(".change b").all_inner_texts() == ["1", "1", "2"]
+    seen.page.click(".change.fixed")
+    [result] = seen.column("new")
+    assert result == "No collision"
+    assert seen.column("old") != ["No collision"]
+    seen.open_first()
+    assert seen.page.locator("#verdicts li").count() == 2
+    numbers = json.loads(
+        seen.page.evaluate("JSON.stringify([...document.querySelectorAll('#speed-now span')].map(s => s.textContent))")
+    )
+    assert [text.split()[0] for text in numbers if text] == ["old", "new", "adversary"]
