@@ -103,11 +103,12 @@ def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]
 
 
 def _title(drivers: tuple[str, ...], driven: bool, attacked: bool) -> str:
-    if len(drivers) > 1:
-        return f"{drivers[1]} compared with {drivers[0]}"
+    first, *others = drivers
+    if others:
+        return f"{others[0]} compared with {first}"
     if driven:
-        return f"{drivers[0]} among adversaries" if attacked else f"{drivers[0]} in recorded traffic"
-    return f"{drivers[0]} under attack" if attacked else "Recorded traffic"
+        return f"{first} among adversaries" if attacked else f"{first} in recorded traffic"
+    return f"{first} under attack" if attacked else "Recorded traffic"
 
 
 # --- scores -----------------------------------------------------------------------------------

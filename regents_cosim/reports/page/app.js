@@ -54,6 +54,7 @@ async function showCase(row) {
   showLegend(content);
   showPlots(content, row);
   fillSheets(content);
+  byId("judgement-title").textContent = page.driven ? `Verdict on the crash of ${row.attacked}` : "Verdict";
   showMarks(row);
   showTime();
   byId("scene").focus({ preventScroll: true });
@@ -154,8 +155,13 @@ function showValues(place, plot) {
   if (place.children.length !== lines.length) place.replaceChildren(...lines.map(() => element("span")));
   lines.forEach((line, k) => {
     place.children[k].style.color = `var(--${line.colour}-ink)`;
-    place.children[k].textContent = values[k] === null ? "" : `${line.name} ${values[k].toFixed(1).replace("-", "−")}`;
+    place.children[k].textContent = values[k] === null ? "" : `${line.name} ${signed(values[k])}`;
   });
+}
+
+// With a true minus, and none before zero.
+function signed(value) {
+  return value.toFixed(1).replace(/^-0\.0$/, "0.0").replace("-", "−");
 }
 
 // --- buttons and keys ---

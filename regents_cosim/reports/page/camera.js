@@ -1,18 +1,24 @@
 // --- Camera: which part of the map is seen; metres with y up to pixels with y down ---
 
 const CLOSEST = 60, FARTHEST = 0.8; // [px/m]
+const LOST = 60; // [m] between two egos: then the camera stays with the first
 
 class Camera {
   constructor() {
     Object.assign(this, { x: 0, y: 0, scale: 8, width: 1, height: 1, following: true, zoomed: false });
   }
 
-  // Keeps the ego in the middle, as close as it can without losing the adversary, until somebody zooms.
-  follow(ego, adversary) {
+  // Keeps the first ego (of two: their middle, while they are near) in view, as close as it can without losing the
+  // others, until somebody zooms.
+  follow([ego, second], adversary) {
     if (!this.following || !ego) return;
-    Object.assign(this, { x: ego.x, y: ego.y });
+    const apart = second ? Math.hypot(second.x - ego.x, second.y - ego.y) : 0;
+    const share = second ? 0.5 * Math.min(1, LOST / Math.max(apart, LOST)) : 0;
+    this.x = ego.x + share * (second?.x - ego.x || 0);
+    this.y = ego.y + share * (second?.y - ego.y || 0);
     if (this.zoomed) return;
-    const reach = adversary ? Math.hypot(adversary.x - ego.x, adversary.y - ego.y) + 6 : 25;
+    const others = [ego, second, adversary].filter(Boolean);
+    const reach = 8 + Math.max(adversary ? 0 : 17, ...others.map(({ x, y }) => Math.hypot(x - this.x, y - this.y)));
     const half = 0.5 * Math.min(this.width, 1.5 * this.height);
     this.scale = Math.min(Math.max(half / reach, half / 60), half / 30);
   }

@@ -42,11 +42,10 @@ class Player {
     return Math.min(Math.max(...this.driven.map((run) => run.crash)) + Math.round(AFTER_CRASH_SECONDS / this.row.dt), end);
   }
 
-  // Whom the camera follows: the first ego that was driven at all.
-  target(step) {
-    const run = this.driven[0];
-    if (run) return run.track.at(Math.min(step, run.crash));
-    return this.tracks.find((track) => track?.at(step))?.at(step) ?? null;
+  // Whom the camera follows: the egos that were driven at all, or else anybody.
+  targets(step) {
+    if (this.driven.length) return this.driven.map((run) => run.track.at(Math.min(step, run.crash)));
+    return [this.tracks.find((track) => track?.at(step))?.at(step) ?? null];
   }
 
   // --- the clock ---
@@ -99,7 +98,7 @@ class Player {
     if (!this.content || !this.canvas.clientWidth) return;
     const { context, width, height, ratio } = sharp(this.canvas);
     Object.assign(this.camera, { width, height });
-    this.camera.follow(this.target(this.step), this.adversaryPose());
+    this.camera.follow(this.targets(this.step), this.adversaryPose());
     context.fillStyle = colours.land;
     context.fillRect(0, 0, width, height);
     const pixel = 1 / this.camera.scale;
@@ -162,7 +161,7 @@ class Player {
     const agents = this.content.agents;
     for (const [index, track] of this.shows("original") ? this.original : []) {
       const pose = track.at(this.step);
-      const now = index ? this.adversaryPose() : this.target(this.step);
+      const now = index ? this.adversaryPose() : this.targets(this.step)[0];
       const same = pose && now && Math.hypot(now.x - pose.x, now.y - pose.y) < SAME_METRES;
       const colour = colours[index ? "adversary" : "ego"];
       if (pose && !same) drawBody(context, pixel, pose, agents[index], colour, { ghost: 0.1, dashed: true });
@@ -202,7 +201,7 @@ class Player {
     ]);
     if (this.adversary !== null) named.push(["adversary", this.adversaryPose(), this.adversary, "adversary"]);
     const way = this.evasion && this.shows("evasion") && this.evasion.at(this.step);
-    const ego = this.target(this.step);
+    const [ego] = this.targets(this.step);
     if (way && ego && Math.hypot(way.x - ego.x, way.y - ego.y) > 3) named.push(["way out", way, 0, "evasion"]);
     const taken = [];
     const there = named.filter(([, pose]) => pose);

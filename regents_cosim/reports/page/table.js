@@ -36,7 +36,7 @@ class CaseTable {
       { name: "Case", style: "case", value: (row) => row.id, cell: (row) => [element("a", { href: hashOf({ case: row.id }), textContent: row.id })] },
       { name: "Network", value: (row) => row.network },
       planners && { name: this.driven ? "Attacked" : "Planner", value: (row) => row.attacked || null },
-      ...this.drivers.map((driver, k) => ({ name: this.driven ? driver : "Result", value: (row) => endingOf(row, k), cell: (row) => [ending(row, k)] })),
+      ...this.drivers.map((driver, k) => ({ name: this.driven ? driver : "Result", style: "by", labelled: compared, value: (row) => endingOf(row, k), cell: (row) => [ending(row, k)] })),
       { name: "At", unit: " s", style: "number", value: (row) => least(row.endings.map((hit) => hit && hit.step * row.dt)), digits: 1 },
       { name: "Impact", unit: " m/s", style: "number", value: (row) => greatest(row.endings.map((hit) => hit && hit.impact)), digits: 1 },
       judged && { name: "Avoidable", value: avoidability, cell: (row) => [element("span", { className: row.avoidable ? "yes" : "", textContent: avoidability(row) ?? "" })] },
@@ -49,7 +49,7 @@ class CaseTable {
       const value = column.value(row);
       const blank = value === null || value === "";
       const words = blank ? "–" : typeof value === "number" && column.digits !== undefined ? value.toFixed(column.digits) + column.unit : value;
-      const dataset = column.style === "case" || column.cell ? {} : { label: column.name };
+      const dataset = (column.labelled ?? !column.cell) ? { label: column.name } : {};
       return element("td", { className: `${column.style ?? ""} ${blank ? "blank" : ""}`, dataset }, ...(column.cell && !blank ? column.cell(row) : [words]));
     });
     const line = element("tr", {}, ...cells);
@@ -81,7 +81,7 @@ class CaseTable {
     for (const [name, { title, of }] of Object.entries(FILTERS)) {
       const values = [...new Set(this.rows.flatMap((row) => of(row, this.drivers)))].sort();
       this.filters[name] = "";
-      if (values.length < 2) continue;
+      if (values.length < 2 || !title) continue; // without a title: by buttons alone
       const options = values.map((value) => element("option", { value, textContent: value }));
       const select = element("select", { id: `filter-${name}`, ariaLabel: title }, element("option", { value: "", textContent: title }), ...options);
       select.addEventListener("input", () => this.filter(name, select.value));
@@ -131,7 +131,7 @@ class CaseTable {
 
 // What cases can be filtered by: the values that a row has.
 const FILTERS = {
-  change: { title: "Any change", of: (row) => (row.change ? [row.change] : []) },
+  change: { of: (row) => (row.change ? [row.change] : []) },
   network: { title: "Any network", of: (row) => [row.network] },
   kind: { title: "Any collision", of: (row, drivers) => [...new Set(drivers.map((_, k) => endingOf(row, k)))] },
   avoidable: { title: "Avoidable or not", of: (row) => [avoidability(row) ?? "not judged"] },
