@@ -110,6 +110,17 @@ def test_the_gap_is_that_of_the_exact_boxes():
     assert np.cumsum(values)[case.attack.collision.step - first] == 0
 
 
+def test_the_lights_of_the_page_are_those_of_the_case():
+    case = next(case for case in CASES if case.signals)
+    page = html_page(report_of([case], {}))
+    shown = {name: dict(changes) for name, changes in unpacked(page, "case-0")["signals"].items()}
+    assert shown == {signal.id: dict(signal.changes) for signal in case.signals}
+    bars = {(bar["signal"], bar["link"]) for bar in unpacked(page, "map-0")["bars"]}
+    links = {(link.signal, link.link) for link in case.road.connections if link.signal}
+    assert bars
+    assert bars <= links
+
+
 def test_the_verdict_of_the_page_is_that_of_the_case():
     for row in rows_of(html_page(report_of(CASES, {}))):
         case = next(case for case in CASES if case.id == row["id"])

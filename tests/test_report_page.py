@@ -245,6 +245,30 @@ def test_the_player_plays_and_scrubs_and_the_plots_follow(visit):
     assert page.get_attribute("#follow", "aria-pressed") == "true"
 
 
+def test_the_scene_shows_who_is_where(visit):
+    """The camera follows the ego: it is in the middle, and at the crash the adversary and a mark as well."""
+    seen = visit()
+    seen.open_first()
+    count = """name => {
+      const canvas = document.querySelector("#scene"), style = getComputedStyle(document.documentElement);
+      const [r, g, b] = style.getPropertyValue(name).match(/[0-9a-f]{2}/g).map((part) => parseInt(part, 16));
+      const copy = new OffscreenCanvas(120, 120).getContext("2d");
+      copy.drawImage(canvas, 60 - canvas.width / 2, 60 - canvas.height / 2);
+      const { data } = copy.getImageData(0, 0, 120, 120);
+      let found = 0;
+      for (let k = 0; k < data.length; k += 4) found += data[k] === r && data[k + 1] === g && data[k + 2] === b;
+      return found;
+    }"""
+    for layer in ("names", "trails", "original"):
+        seen.page.click(f"[data-layer={layer}]")
+    assert seen.page.evaluate(count, "--ego") > 100
+    assert seen.page.evaluate(count, "--burst") > 20
+    assert seen.page.evaluate(count, "--adversary") > 100
+    seen.page.keyboard.press("Home")
+    assert seen.page.evaluate(count, "--ego") > 100
+    assert seen.page.evaluate(count, "--burst") == 0
+
+
 def test_the_keyboard_alone_suffices(visit):
     seen = visit()
     page = seen.page

@@ -23,6 +23,7 @@ from regents_cosim.suite import load_cases
 Driven = tuple[Drive, Tracks | None]
 
 _MOST_PLANNERS = 2
+_MOST_NAMED = 8  # networks in the subtitle
 
 
 def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: Sequence[str] = ()) -> None:
@@ -67,10 +68,9 @@ def report_of(
     attacked = sorted({scenario.attack.planner for scenario in scenarios if scenario.attack})
     drivers: tuple[str, ...] = tuple(driven) if driven else (" and ".join(attacked) or "log",)
     scores = _driving_scores(driven) if driven else _attack_scores(drivers[0], cases)
-    nets = {network(scenario) for scenario in scenarios}
     return Report(
         title=_title(drivers, bool(driven), bool(attacked)),
-        subtitle=f"{_count(len(cases), 'case')} on {_count(len(nets), 'network')}",
+        subtitle=_subtitle(scenarios),
         drivers=drivers,
         driven=bool(driven),
         scores=tuple(scores),
@@ -98,7 +98,8 @@ def _check_cases(scenarios: Sequence[Scenario]) -> None:
 
 def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]) -> tuple[Run, ...]:
     if not driven:
-        return (Run(scenario.attack.planner if scenario.attack else "log", scenario.tracks),)
+        attack = scenario.attack
+        return (Run(attack.planner, scenario.tracks, attack.planner_error) if attack else Run("log", scenario.tracks),)
     return tuple(Run(name, drives[index][1], drives[index][0].error) for name, drives in driven.items())
 
 
@@ -109,6 +110,17 @@ def _title(drivers: tuple[str, ...], driven: bool, attacked: bool) -> str:
     if driven:
         return f"{first} among adversaries" if attacked else f"{first} in recorded traffic"
     return f"{first} under attack" if attacked else "Recorded traffic"
+
+
+def _subtitle(scenarios: Sequence[Scenario]) -> str:
+    """How many cases, of which traffic, attacked how."""
+    places = sorted({network(scenario) for scenario in scenarios})
+    of_sumo = all(scenario.road.sumo_net for scenario in scenarios)
+    where = _count(len(places), "network" if of_sumo else "recording")
+    named = f": {', '.join(places)}" if len(places) <= _MOST_NAMED else ""
+    methods = sorted({scenario.attack.method for scenario in scenarios if scenario.attack})
+    how = f" Attacked by {' and '.join(methods)}." if methods else ""
+    return f"{_count(len(scenarios), 'case')} on {where}{named}.{how}"
 
 
 # --- scores -----------------------------------------------------------------------------------

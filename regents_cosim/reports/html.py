@@ -10,7 +10,7 @@ import msgspec
 from markupsafe import Markup
 
 from regents_cosim.reports.packing import packed
-from regents_cosim.reports.page_case import PageCase, network
+from regents_cosim.reports.page_case import PageCase
 from regents_cosim.reports.page_colours import DARK, LIGHT
 from regents_cosim.reports.page_map import page_maps
 
@@ -63,7 +63,6 @@ def html_page(report: Report) -> str:
         scores=_by_label(report.scores),
         changes={name: changes.count(name) for name in ("broken", "fixed", "unchanged")},
         kinds=_counts(hit["kind"] for row in rows for hit in row["endings"] if hit),
-        networks=sorted({network(case.scenario) for case in cases}),
         light=LIGHT,
         dark=DARK,
         style=_inlined("style.css"),

@@ -80,7 +80,7 @@ class PageCase:
             "id": case.id,
             "network": network(case),
             "attacked": attack.planner if attack else "",
-            "outcome": OUTCOMES[attack.outcome] if attack else "not attacked",
+            "otherwise": self._otherwise(),
             "endings": [_plain(hit) for hit in self.endings],
             "errors": [run.error for run in self.runs],
             "change": self.change,
@@ -91,6 +91,13 @@ class PageCase:
             "steps": case.tracks.steps,
             "dt": case.dt,
         }
+
+    def _otherwise(self) -> str:
+        """What the table says where nobody collides."""
+        attack = self.scenario.attack
+        if attack is None or attack.planner_error or attack.outcome in ("collision", "no_collision"):
+            return "No collision"
+        return _sentence(OUTCOMES[attack.outcome])
 
     def content(self, page_map: PageMap, folder: Path | None) -> dict[str, Any]:
         """What the player, the plots and the sheets show; `folder` holds the suite."""
@@ -164,14 +171,17 @@ def _ending(case: Scenario, tracks: Tracks) -> Collision | None:
 def _plain(hit: Collision | None) -> dict[str, Any] | None:
     if hit is None:
         return None
-    kind = KINDS[hit.kind]
     return {
         "agent": hit.agent,
         "step": hit.step,
-        "kind": kind[0].upper() + kind[1:],
+        "kind": _sentence(KINDS[hit.kind]),
         "impact": round(hit.relative_speed, 2),
         "adversary": hit.attributed,
     }
+
+
+def _sentence(words: str) -> str:
+    return words[0].upper() + words[1:]
 
 
 def _costs(case: Scenario) -> dict[str, Any]:

@@ -18,7 +18,12 @@ async function route() {
   const row = page.rows.find(({ id }) => id === parts.get("case"));
   if (!row) return showList(parts.get("case"));
   if (document.readyState === "loading") await new Promise((done) => document.addEventListener("DOMContentLoaded", done, { once: true }));
-  if (open !== row) await showCase(row);
+  try {
+    if (open !== row) await showCase(row);
+  } catch (error) {
+    byId("count").textContent = `this browser cannot open the case (${error.message})`; // Safari before 16.4, Firefox before 113
+    return;
+  }
   if (parts.has("t") && Number.isFinite(Number(parts.get("t")))) player.seek(Math.round(Number(parts.get("t")) / row.dt));
 }
 

@@ -143,7 +143,7 @@ function avoidability({ avoidable }) {
 }
 
 function endingOf(row, k) {
-  return row.errors[k] ? "Planner failed" : (row.endings[k]?.kind ?? "No collision");
+  return row.errors[k] ? "Planner failed" : (row.endings[k]?.kind ?? (page.driven ? "No collision" : row.otherwise));
 }
 
 function ending(row, k) {
