@@ -90,6 +90,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     cases = [judged(case, k % 2 == 0) if case in CRASHES else case for k, case in enumerate(CASES)]
     cases[0] = replace(cases[0], id=HARMFUL)
+    cases[1] = replace(cases[1], attack=replace(cases[1].attack, planner="mine"))
     (folder / "suite.html").write_text(html_page(report_of(cases, {})), "utf-8")
     some = CRASHES[:4]
     pair = {
@@ -192,6 +193,9 @@ def test_filtering(visit):
     seen.page.select_option("#filter-avoidable", "avoidable")
     assert set(seen.column("Avoidable")) == {"avoidable"}
     seen.page.select_option("#filter-avoidable", "")
+    seen.page.select_option("#filter-planner", "mine")
+    assert seen.names() == [CASES[1].id]
+    seen.page.select_option("#filter-planner", "")
     seen.page.fill("#search", "ROUNDABOUT")
     assert all("roundabout" in name for name in seen.names())
     seen.page.fill("#search", "nobody")
@@ -336,6 +340,8 @@ def test_two_planners_side_by_side(visit):
     seen = visit("pair")
     assert seen.column("Change") == ["broken", "unchanged", "unchanged", "fixed"]
     assert seen.page.locator(".change b").all_inner_texts() == ["1", "1", "2"]
+    seen.page.select_option("#filter-planner", "old crashes")
+    assert "No collision" not in seen.column("old")
     seen.page.click(".change.fixed")
     [result] = seen.column("new")
     assert result == "No collision"

@@ -158,13 +158,13 @@ def _scores_of(name: str, row: DrivingRow) -> list[Score]:
 
 def _attack_scores(planner: str, cases: Sequence[PageCase]) -> list[Score]:
     crashes = [case for case in cases if case.endings[0] is not None]
-    scores = [_share("Crashes", planner, len(crashes), len(cases), "cases")]
+    scores = [_share("Crashes", planner, len(crashes), len(cases), "case")]
     judged = [case.scenario.judgement for case in crashes if case.scenario.judgement]
     if judged:
-        scores.append(_share("Clean crashes", planner, sum(j.clean for j in judged), len(cases), "cases"))
+        scores.append(_share("Clean crashes", planner, sum(j.clean for j in judged), len(cases), "case"))
     evaded = [j.avoidability.avoidable for j in judged if j.avoidability]
     if evaded:
-        scores.append(_share("Avoidable", planner, sum(evaded), len(evaded), "crashes"))
+        scores.append(_share("Avoidable", planner, sum(evaded), len(evaded), "crash"))
     if crashes:
         impacts = [case.endings[0].relative_speed for case in crashes if case.endings[0]]
         spread = f"median; {min(impacts):.1f} to {max(impacts):.1f} m/s"
@@ -173,8 +173,12 @@ def _attack_scores(planner: str, cases: Sequence[PageCase]) -> list[Score]:
 
 
 def _share(label: str, planner: str, some: int, n: int, of: str) -> Score:
-    return Score(label, planner, f"{100 * some / n:.0f} %", f"{some} of {n} {of}", some / n, wilson(some, n))
+    return Score(label, planner, f"{100 * some / n:.0f} %", f"{some} of {_count(n, of)}", some / n, wilson(some, n))
 
 
 def _count(n: int, word: str) -> str:
-    return f"{n} {word}{'' if n == 1 else 's'}"
+    return f"{n} {word if n == 1 else _plural(word)}"
+
+
+def _plural(word: str) -> str:
+    return word + ("es" if word.endswith("sh") else "s")

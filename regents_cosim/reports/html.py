@@ -75,7 +75,11 @@ def html_page(report: Report) -> str:
 
 def json_twin(report: Report) -> bytes:
     """The scores and the table for machines."""
-    rows = [{k: v for k, v in case.row(0).items() if k != "map"} for case in report.worst_first]
+    rows = [
+        {k: v for k, v in case.row(0).items() if k not in ("map", "otherwise")}
+        | {"outcome": case.scenario.attack.outcome if case.scenario.attack else None}
+        for case in report.worst_first
+    ]
     content = {
         "schema": SCHEMA,
         "title": report.title,

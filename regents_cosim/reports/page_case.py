@@ -241,14 +241,15 @@ def _facts(case: Scenario) -> list[tuple[str, str]]:
 
 
 def _commands(case: Scenario, drivers: list[str], folder: Path | None) -> list[tuple[str, str]]:
-    """How to make the case again, and how to drive it again."""
-    place = shlex.quote(str(folder / case.id if folder else case.id))
-    attacked = case.attack.planner if case.attack else None
+    """How to make the case again and, where it lies in a `folder`, to drive and to watch it."""
+    found = [("Make the suite again", case.provenance.command)] if case.provenance.command else []
+    if folder is None:
+        return found
+    place = shlex.quote(str(folder / case.id))
+    if case.road.sumo_net:
+        found.insert(0, ("Watch it in SUMO", f"regents replay {place} --in sumo --gui"))
     again = [
         (f"Drive it again with {name}", f"regents replay {place} --in mirror --planner {shlex.quote(name)}")
         for name in drivers
-        if name != attacked
     ]
-    watch = ("Watch it in SUMO", f"regents replay {place} --in sumo --gui") if case.road.sumo_net else None
-    made = ("Make the suite again", case.provenance.command) if case.provenance.command else None
-    return [line for line in (*again, watch, made) if line]
+    return [*again, *found]

@@ -134,24 +134,30 @@ function showPlots(content, row) {
 }
 
 let saving = 0;
+let last = ""; // what the words said
 
 function showTime() {
   if (!open) return;
   const seconds = (player.step * open.dt).toFixed(1);
-  byId("clock").textContent = `${seconds} s`;
+  plots.forEach((plot) => plot.draw(player.step));
   byId("time").value = Math.round(player.step);
-  byId("time").setAttribute("aria-valuetext", `${seconds} seconds`);
-  byId("play").textContent = player.playing ? "❚❚" : "▶";
-  byId("play").ariaLabel = player.playing ? "Pause" : "Play";
-  byId("follow").ariaPressed = String(player.camera.following);
-  plots.forEach((plot, k) => {
-    plot.draw(player.step);
-    showValues(byId(["speed-now", "accel-now", "gap-now"][k]), plot);
-  });
+  const said = [open.id, seconds, player.playing, player.camera.following].join();
+  if (said !== last) showWords(seconds);
+  last = said;
   if (player.playing || player.atRest) return;
   clearTimeout(saving);
   const hash = hashOf({ case: open.id, t: seconds });
   saving = setTimeout(() => open && history.replaceState(null, "", hash), 150); // browsers bound how often
+}
+
+// What changes ten times a second at most: laying out words is dear.
+function showWords(seconds) {
+  byId("clock").textContent = `${seconds} s`;
+  byId("time").setAttribute("aria-valuetext", `${seconds} seconds`);
+  byId("play").textContent = player.playing ? "❚❚" : "▶";
+  byId("play").ariaLabel = player.playing ? "Pause" : "Play";
+  byId("follow").ariaPressed = String(player.camera.following);
+  plots.forEach((plot, k) => showValues(byId(["speed-now", "accel-now", "gap-now"][k]), plot));
 }
 
 function showValues(place, plot) {
