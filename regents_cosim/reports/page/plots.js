@@ -115,10 +115,13 @@ class TimePlot {
   }
 }
 
+// Halfway between two samples the earlier: what led here, not what a crash made of it.
 function valueAt(stretches, step) {
   for (const stretch of stretches) {
-    const k = Math.round(step - stretch[0]?.[0]);
-    if (k >= 0 && k <= stretch.length) return stretch[Math.min(k, stretch.length - 1)][1];
+    const since = step - stretch[0]?.[0];
+    if (since < -0.5 || since > stretch.length) continue;
+    const k = Math.min(Math.max(Math.ceil(since - 0.5), 0), stretch.length - 1);
+    if (k in stretch) return stretch[k][1];
   }
   return null;
 }
