@@ -37,4 +37,4 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "report.html"
         report(suite, page)
-        shoot(page, case, seconds).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE).save(target, optimize=True)
+        shoot(page, case, seconds).convert("RGB").save(target, optimize=True)
