@@ -21,7 +21,8 @@ from regents_cosim import report
 from regents_cosim.boxes import Boxes, distance
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.driving import Drive
-from regents_cosim.evaluation.report import report_of
+from regents_cosim.evaluation.realism import realism
+from regents_cosim.evaluation.report import motion_sheet, report_of
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.packing import CM, differences, stretches
 from regents_cosim.reports.page_case import PageCase, Run
@@ -194,6 +195,28 @@ def test_scores_count_what_the_cases_hold():
     assert scores["Avoidable"].detail == f"{(len(CRASHES) + 1) // 2} of {len(CRASHES)} crashes"
     low, high = scores["Crashes"].interval or (0.0, 0.0)
     assert low < len(CRASHES) / len(CASES) < high
+
+
+def test_the_motion_sheet_is_that_of_the_realism_of_the_case():
+    case = CRASHES[0]
+    whole = realism([case])
+    assert whole is not None
+    for row, expected in zip(motion_sheet(case), whole.quantities, strict=True):
+        for found, percentiles in (
+            (row.after, expected.percentiles),
+            (row.before, expected.percentiles_before),
+            (row.traffic, expected.percentiles_traffic),
+        ):
+            assert found == (round(percentiles[1], 2), round(percentiles[3], 2))
+        assert row.beyond_percent == round(expected.beyond_percent, 1)
+
+
+def test_an_adversary_that_meets_the_ego_at_once_has_no_motion_sheet():
+    case = CRASHES[0]
+    assert case.attack is not None
+    assert case.attack.collision is not None
+    attack = replace(case.attack, collision=replace(case.attack.collision, step=1))
+    assert motion_sheet(replace(case, attack=attack)) == ()
 
 
 def test_recorded_traffic_has_a_report_too():

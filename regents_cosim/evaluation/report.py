@@ -9,16 +9,26 @@ from pathlib import Path
 from statistics import median
 
 from regents_cosim.atomic import explain_write, require_writable, write_atomic
+from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.driving import Drive, DrivingRow, drive_and_keep, driving_row
+from regents_cosim.evaluation.realism import PERCENTILES, Limits, motion, pooled, quantity
+from regents_cosim.evaluation.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.provenance import command
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.reports.html import Report, Score, html_page, json_twin
-from regents_cosim.reports.page_case import PageCase, Run, network
+from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, Run, network
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.suite import load_cases
+
+_MOTIONS = {
+    "accel": ("Acceleration", "m/s²"),
+    "lateral": ("Lateral acceleration", "m/s²"),
+    "jerk": ("Jerk", "m/s³"),
+    "yaw_rate": ("Yaw rate", "rad/s"),
+}
 
 Driven = tuple[Drive, Tracks | None]
 
@@ -64,7 +74,9 @@ def report_of(
 ) -> Report:
     """What the page says: of the drives of each planner in `driven`, or of those that the cases hold."""
     _check_cases(scenarios)
-    cases = tuple(PageCase(scenario, _runs(scenario, i, driven)) for i, scenario in enumerate(scenarios))
+    cases = tuple(
+        PageCase(scenario, _runs(scenario, i, driven), motion_sheet(scenario)) for i, scenario in enumerate(scenarios)
+    )
     attacked = sorted({scenario.attack.planner for scenario in scenarios if scenario.attack})
     drivers: tuple[str, ...] = tuple(driven) if driven else (" and ".join(attacked) or "log",)
     scores = _driving_scores(driven) if driven else _attack_scores(drivers[0], cases)
@@ -97,10 +109,47 @@ def _check_cases(scenarios: Sequence[Scenario]) -> None:
 
 
 def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]) -> tuple[Run, ...]:
-    if not driven:
-        attack = scenario.attack
-        return (Run(attack.planner, scenario.tracks, attack.planner_error) if attack else Run("log", scenario.tracks),)
-    return tuple(Run(name, drives[index][1], drives[index][0].error) for name, drives in driven.items())
+    if driven:
+        found = [(name, *drives[index]) for name, drives in driven.items()]
+        return tuple(
+            Run(name, tracks, drive.error, _closest(drive) if tracks else None) for name, drive, tracks in found
+        )
+    tracks, attack = scenario.tracks, scenario.attack
+    contact = first_contact(scenario.agents, tracks)
+    closest = _closest(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None))
+    name, error = (attack.planner, attack.planner_error) if attack else ("log", "")
+    return (Run(name, tracks, error, closest),)
+
+
+def _closest(found: Drive | Safety) -> ClosestCall:
+    values = (found.min_ttc_s, found.min_pet_s, found.max_drac_m_s2, found.min_gap_m)
+    return ClosestCall(*(None if value is None else round(value, 2) for value in values))
+
+
+def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
+    """How the adversary moves before and after the attack, beside the traffic; nothing where it hardly moves."""
+    agent = next((i for i, a in enumerate(scenario.agents) if a.role == "adversary"), None)
+    if agent is None or scenario.original is None or scenario.attack is None:
+        return ()
+    hit, log, dt = scenario.attack.collision, scenario.original, scenario.dt
+    end = hit.step + 1 if hit else None
+    after, before = motion(scenario.tracks, agent, dt, end), motion(log, agent, dt, end)
+    if not len(after.jerk) or not len(before.jerk):
+        return ()
+    traffic = pooled([motion(log, i, dt) for i in range(1, len(scenario.agents))])
+    rows = []
+    for key, (name, unit) in _MOTIONS.items():
+        limit = getattr(Limits(), key)
+        found = quantity(key, (getattr(after, key), getattr(before, key), getattr(traffic, key)), limit)
+        most = _most(found.percentiles_before), _most(found.percentiles), _most(found.percentiles_traffic)
+        rows.append(MotionRow(name, unit, *most, limit, round(found.beyond_percent, 1)))
+    return tuple(rows)
+
+
+def _most(cuts: tuple[float, ...]) -> tuple[float, float]:
+    """Where all but the least and the greatest twentieth lie."""
+    low, high = (cuts[PERCENTILES.index(percent)] for percent in (5, 95))
+    return round(low, 2), round(high, 2)
 
 
 def _title(drivers: tuple[str, ...], driven: bool, attacked: bool) -> str:

@@ -3,6 +3,7 @@
 import shlex
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from math import inf
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,7 +12,6 @@ import numpy as np
 from regents_cosim.boxes import Boxes, distance
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.reports.caption import KINDS, OUTCOMES
-from regents_cosim.reports.motion_sheet import motion_sheet
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.scene import contact_point
@@ -28,6 +28,16 @@ _FLAWS = {
 }
 
 
+@dataclass(frozen=True)
+class ClosestCall:
+    """How near a drive came to a collision, by measures of surrogate safety; None where never defined."""
+
+    ttc_s: float | None  # least time to collision
+    pet_s: float | None  # least post-encroachment time
+    drac_m_s2: float | None  # greatest deceleration needed
+    gap_m: float | None  # least distance of the boxes
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """A case with one driver at the wheel of its ego."""
@@ -35,6 +45,20 @@ class Run:
     driver: str
     tracks: Tracks | None  # of all agents; None where the planner failed
     error: str = ""
+    closest: ClosestCall | None = None
+
+
+@dataclass(frozen=True)
+class MotionRow:
+    """One quantity of the adversary's motion; its 5th and 95th percentiles, up to the crash."""
+
+    quantity: str
+    unit: str
+    before: tuple[float, float]
+    after: tuple[float, float]
+    traffic: tuple[float, float]  # of everybody, before the attack
+    limit: float  # what a car on a dry road does at most
+    beyond_percent: float  # of the adversary's steps after the attack
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +67,7 @@ class PageCase:
 
     scenario: Scenario
     runs: tuple[Run, ...]
+    motion: tuple[MotionRow, ...] = ()  # is the adversary still traffic?
 
     @cached_property
     def endings(self) -> tuple[Collision | None, ...]:
@@ -63,14 +88,16 @@ class PageCase:
         return next((i for i, agent in enumerate(self.scenario.agents) if agent.role == "adversary"), None)
 
     @property
-    def badness(self) -> tuple[int, int, int, int, float]:
-        """Sorts the worst first: what broke, what crashes for a reason that counts, the hardest impact."""
+    def badness(self) -> tuple[int, int, int, int, float, float]:
+        """Sorts the worst first: what broke, crashes that count, hard impacts, close calls."""
         order = {"broken": 0, None: 1, "unchanged": 1, "fixed": 2}
         judgement = self.scenario.judgement
         failed = any(run.error for run in self.runs)
         impact = max((hit.relative_speed for hit in self.endings if hit), default=-1.0)
+        calls = [run.closest.ttc_s for run in self.runs if run.closest and run.closest.ttc_s is not None]
+        call = min(calls, default=inf)
         actionable = judgement is not None and judgement.actionable
-        return order[self.change], -int(failed), -int(impact >= 0.0), -int(actionable), -impact
+        return order[self.change], -int(failed), -int(impact >= 0.0), -int(actionable), -impact, call
 
     def row(self, map_index: int) -> dict[str, Any]:
         """What the table says."""
@@ -83,6 +110,7 @@ class PageCase:
             "otherwise": self._otherwise(),
             "endings": [_plain(hit) for hit in self.endings],
             "errors": [run.error for run in self.runs],
+            "closest": [asdict(run.closest) if run.closest else None for run in self.runs],
             "change": self.change,
             "avoidable": avoidability.avoidable if avoidability else None,
             "fault": judgement.fault.at_fault if judgement and judgement.fault else None,
@@ -124,7 +152,7 @@ class PageCase:
             "origin": origin.tolist(),
             "signals": {signal.id: signal.changes for signal in case.signals},
             "costs": _costs(case),
-            "motion": [asdict(row) for row in motion_sheet(case)],
+            "motion": [asdict(row) for row in self.motion],
             "judgement": _judgement(case),
             "facts": _facts(case),
             "settings": case.attack.settings if case.attack else {},

@@ -68,7 +68,15 @@ async function showCase(row) {
 function verdict(row, hit, k) {
   const who = page.drivers.length > 1 ? [element("b", { className: `driver driver-${k}`, textContent: page.drivers[k] }), " "] : [];
   const how = hit ? [` at ${(hit.step * row.dt).toFixed(1)} s, impact ${hit.impact.toFixed(1)} m/s (${(3.6 * hit.impact).toFixed(0)} km/h) with ${hit.agent}`] : [];
-  return element("li", {}, ...who, ending(row, k), ...how);
+  return element("li", {}, ...who, ending(row, k), ...how, ...(hit ? [] : closeness(row.closest[k])));
+}
+
+function closeness(closest) {
+  if (!closest) return [];
+  const { ttc_s: ttc, pet_s: pet, gap_m: gap } = closest;
+  const parts = [[ttc, "s to collision"], [pet, "s between passing the same place"], [gap, "m apart"]]
+    .filter(([value]) => value !== null).map(([value, words]) => `${value.toFixed(1)} ${words}`);
+  return parts.length ? [element("span", { className: "faint", textContent: `, at the closest ${parts.join(", ")}` })] : [];
 }
 
 function showNeighbours(row) {

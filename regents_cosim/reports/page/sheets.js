@@ -30,13 +30,14 @@ function fillList(id, pairs) {
 
 function fillMotion(rows) {
   byId("motion-sheet").hidden = !rows.length;
-  const over = [["", 1], ["before", 2], ["after", 2]].map(([textContent, colSpan]) => element("th", { textContent, colSpan }));
-  const heads = ["", "95 %", "most", "95 %", "most"].map((textContent) => element("th", { textContent, scope: "col" }));
-  const lines = rows.map(({ quantity, unit, before, after }) =>
-    element("tr", {}, element("td", {}, `${quantity} `, element("span", { className: "faint", textContent: unit })),
-      ...[...before, ...after].map((value) => element("td", { textContent: value.toFixed(1) }))),
+  const heads = ["5 … 95 %", "traffic", "before", "after"].map((textContent) => element("th", { textContent, scope: "col" }));
+  const range = ([low, high]) => element("td", { textContent: `${signed(low)} … ${signed(high)}` });
+  const lines = rows.map(({ quantity, unit, traffic, before, after }) =>
+    element("tr", {}, element("td", {}, `${quantity} `, element("span", { className: "faint", textContent: unit })), ...[traffic, before, after].map(range)),
   );
-  byId("motion").replaceChildren(element("thead", {}, element("tr", {}, ...over), element("tr", {}, ...heads)), element("tbody", {}, ...lines));
+  const beyond = rows.filter((row) => row.beyond_percent > 0).map((row) => `${row.quantity.toLowerCase()} ${row.beyond_percent} % of the time beyond ${row.limit} ${row.unit}`);
+  byId("beyond").textContent = beyond.length ? `After the attack: ${beyond.join("; ")}.` : "After the attack within what a car on a dry road does.";
+  byId("motion").replaceChildren(element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...lines));
 }
 
 function fillCosts({ iterations, terms }) {

@@ -39,6 +39,7 @@ class CaseTable {
       ...this.drivers.map((driver, k) => ({ name: this.driven ? driver : "Result", style: "by", labelled: compared, value: (row) => endingOf(row, k), cell: (row) => [ending(row, k)] })),
       { name: "At", unit: " s", style: "number", value: (row) => least(row.endings.map((hit) => hit && hit.step * row.dt)), digits: 1 },
       { name: "Impact", unit: " m/s", style: "number", value: (row) => greatest(row.endings.map((hit) => hit && hit.impact)), digits: 1 },
+      !compared && { name: "Least TTC", unit: " s", style: "number", value: (row) => (row.endings[0] ? null : (row.closest[0]?.ttc_s ?? null)), digits: 1 },
       judged && { name: "Avoidable", value: avoidability, cell: (row) => [element("span", { className: row.avoidable ? "yes" : "", textContent: avoidability(row) ?? "" })] },
       blamed && { name: "At fault", value: (row) => row.fault },
     ].filter(Boolean);
@@ -71,7 +72,7 @@ class CaseTable {
 
   // First as is natural, then the other way, then worst first again.
   sort(column) {
-    const down = column.style === "number";
+    const down = column.style === "number" && column.name !== "Least TTC";
     if (this.sorted?.column !== column) this.sorted = { column, down };
     else this.sorted = this.sorted.down === down ? { column, down: !down } : null;
     this.refresh();
