@@ -15,7 +15,7 @@ from regents_cosim.reports.caption import KINDS, OUTCOMES
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.scene import contact_point
-from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.scenario import Collision, Manoeuvre, Scenario, Tracks
 
 Change = Literal["broken", "fixed", "unchanged"]
 _MOST_COSTS = 240  # iterations drawn
@@ -232,19 +232,20 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
         ways = f"{found.evading} of {found.tried} manoeuvres within tyre friction evade it"
         said.append(("Avoidable", f"yes: {ways}" if found.avoidable else f"no: {ways}"))
         if found.gentlest is not None:
-            way = found.gentlest
-            said.append(
-                (
-                    "Gentlest way out",
-                    f"from {way.onset_step * case.dt:.1f} s on, {way.accel:+.1f} m/s² along and "
-                    f"{way.lateral_accel:+.1f} m/s² to the left: {100 * way.friction_share:.0f} % of the friction",
-                )
-            )
+            said.append(("Gentlest way out", _describe(found.gentlest, case.dt)))
         if found.last_onset_step is not None:
             said.append(("Last chance", f"{found.last_onset_step * case.dt:.1f} s"))
     if judgement.fault is not None:
         said.append(("At fault", f"{judgement.fault.at_fault}, by {judgement.fault.rule}: {judgement.fault.reason}"))
     return said
+
+
+def _describe(way: Manoeuvre, dt: float) -> str:
+    """A manoeuvre in words."""
+    pedal = f"{'brake' if way.accel < 0.0 else 'accelerate'} with {abs(way.accel):.1f} m/s²"
+    side = "left" if way.lateral_accel > 0.0 else "right"
+    wheel = f", turn {side} with {abs(way.lateral_accel):.1f} m/s²" if way.lateral_accel else ""
+    return f"from {way.onset_step * dt:.1f} s on {pedal}{wheel}: {100 * way.friction_share:.0f} % of the friction"
 
 
 def _facts(case: Scenario) -> list[tuple[str, str]]:
