@@ -22,7 +22,7 @@ from regents_cosim.boxes import Boxes, distance
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.driving import Drive
 from regents_cosim.evaluation.realism import realism
-from regents_cosim.evaluation.report import motion_sheet, report_of
+from regents_cosim.evaluation.report import judge_rest, motion_sheet, report_of
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.packing import CM, differences, stretches
 from regents_cosim.reports.page_case import PageCase, Run
@@ -285,3 +285,10 @@ def test_the_command(tmp_path):
     crashes = sum(row["endings"][0] is not None for row in twin["cases"])
     assert scores["Collision rate"]["detail"] == f"{crashes} of {len(CASES)} cases"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "report.json"]
+
+
+def test_the_report_judges_the_crashes_that_nobody_has_judged():
+    for before, after in zip(CASES, judge_rest(CASES), strict=True):
+        assert (after.judgement is None) == (before not in CRASHES)
+        again = next(iter(judge_rest([after])))
+        assert again is after

@@ -52,7 +52,7 @@ CONTRAST = """() => {
 
 def judged(case, avoidable):
     """With a verdict, and a way out that simply stays before the attack."""
-    gentlest = Manoeuvre(5, -2.0, 0.3, 0.3) if avoidable else None
+    gentlest = Manoeuvre(5, -2.0, None, 0.3, 0.5, 0.3) if avoidable else None
     verdict = Judgement(
         (), Avoidability(avoidable, 40, 4 * avoidable, 8 if avoidable else None, gentlest), Fault("ego", "rule", "why")
     )

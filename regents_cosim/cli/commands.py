@@ -332,13 +332,14 @@ def report(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.evaluation.report import check_report, drive_for_report, report_of, save_report
+    from regents_cosim.evaluation.report import check_report, drive_for_report, judge_rest, report_of, save_report
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
     check_report(output, planner)
-    scenarios = load_cases(cases)
+    loaded = load_cases(cases)
+    scenarios = list(terminal.each(judge_rest(loaded), "judging crashes", len(loaded)))
     if compile_cache:
         keep_compiled_programs()
     driven = {

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ from regents_cosim.atomic import explain_write, require_writable, write_atomic
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.driving import Drive, DrivingRow, drive_and_keep, driving_row
+from regents_cosim.evaluation.judgement import judge
 from regents_cosim.evaluation.realism import PERCENTILES, Limits, motion, pooled, quantity
 from regents_cosim.evaluation.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
@@ -46,6 +47,7 @@ def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: S
     check_report(Path(path), planners)
     folder = Path(cases) if isinstance(cases, (str, Path)) else None
     scenarios = load_cases(folder) if folder else list(cases)  # type: ignore[arg-type]
+    scenarios = list(judge_rest(scenarios))
     driven = {name: list(drive_for_report(scenarios, name)) for name in planners}
     save_report(report_of(scenarios, driven, folder), Path(path))
 
@@ -59,6 +61,12 @@ def check_report(path: Path, planners: Sequence[str]) -> None:
     require_writable(path.parent)
     if len(planners) > _MOST_PLANNERS or len(set(planners)) < len(planners):
         raise RegentsError(f"--planner {', '.join(planners)}: expected one planner, or two different ones to compare")
+
+
+def judge_rest(scenarios: Iterable[Scenario]) -> Iterator[Scenario]:
+    """Judge the crashes that nobody has judged, in order."""
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        yield from pool.map(lambda case: case if case.judgement else judge(case), scenarios)
 
 
 def drive_for_report(

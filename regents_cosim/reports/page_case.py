@@ -11,11 +11,11 @@ import numpy as np
 
 from regents_cosim.boxes import Boxes, distance
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
-from regents_cosim.reports.caption import KINDS, OUTCOMES
+from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.scene import contact_point
-from regents_cosim.scenario import Collision, Manoeuvre, Scenario, Tracks
+from regents_cosim.scenario import Collision, Scenario, Tracks
 
 Change = Literal["broken", "fixed", "unchanged"]
 _MOST_COSTS = 240  # iterations drawn
@@ -232,20 +232,13 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
         ways = f"{found.evading} of {found.tried} manoeuvres within tyre friction evade it"
         said.append(("Avoidable", f"yes: {ways}" if found.avoidable else f"no: {ways}"))
         if found.gentlest is not None:
-            said.append(("Gentlest way out", _describe(found.gentlest, case.dt)))
+            way = manoeuvre_words(found.gentlest, case.dt).replace("m/s2", "m/s²")
+            said.append(("Gentlest way out", f"{way}: {100 * found.gentlest.friction_share:.0f} % of the friction"))
         if found.last_onset_step is not None:
             said.append(("Last chance", f"{found.last_onset_step * case.dt:.1f} s"))
     if judgement.fault is not None:
         said.append(("At fault", f"{judgement.fault.at_fault}, by {judgement.fault.rule}: {judgement.fault.reason}"))
     return said
-
-
-def _describe(way: Manoeuvre, dt: float) -> str:
-    """A manoeuvre in words."""
-    pedal = f"{'brake' if way.accel < 0.0 else 'accelerate'} with {abs(way.accel):.1f} m/s²"
-    side = "left" if way.lateral_accel > 0.0 else "right"
-    wheel = f", turn {side} with {abs(way.lateral_accel):.1f} m/s²" if way.lateral_accel else ""
-    return f"from {way.onset_step * dt:.1f} s on {pedal}{wheel}: {100 * way.friction_share:.0f} % of the friction"
 
 
 def _facts(case: Scenario) -> list[tuple[str, str]]:
@@ -277,6 +270,8 @@ def _commands(case: Scenario, drivers: list[str], folder: Path | None) -> list[t
     place = shlex.quote(str(folder / case.id))
     if case.road.sumo_net:
         found.insert(0, ("Watch it in SUMO", f"regents replay {place} --in sumo --gui"))
+        if case.evasion is not None:
+            found.insert(1, ("Watch the way out", f"regents replay {place} --in sumo --gui --ego evasion"))
     again = [
         (f"Drive it again with {name}", f"regents replay {place} --in mirror --planner {shlex.quote(name)}")
         for name in drivers

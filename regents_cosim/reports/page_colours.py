@@ -42,7 +42,7 @@ LIGHT = _css(
         "land": LAND, "road": ROAD, "kerb": KERB, "marking": MARKING, "other": OTHER,
         "ego": EGO, "adversary": ADVERSARY, "second": SECOND, "evasion": EVASION,
         "ego-ink": mix(EGO, INK, 0.1), "adversary-ink": mix(ADVERSARY, INK, 0.35),
-        "second-ink": mix(SECOND, INK, 0.25), "evasion-ink": mix(EVASION, INK, 0.45),
+        "second-ink": mix(SECOND, INK, 0.25), "evasion-ink": mix(EVASION, INK, 0.2),
         **_LIGHTS,
     }
 )  # fmt: skip
@@ -52,9 +52,9 @@ DARK = _css(
         "faint": (160, 169, 181), "land": (22, 26, 31), "road": (50, 56, 66), "kerb": (78, 86, 98),
         "marking": (120, 128, 140), "other": (128, 137, 150),
         "ego": mix(EGO, _WHITE, 0.3), "adversary": mix(ADVERSARY, _WHITE, 0.15),
-        "second": mix(SECOND, _WHITE, 0.25), "evasion": mix(EVASION, _WHITE, 0.1),
+        "second": mix(SECOND, _WHITE, 0.25), "evasion": mix(EVASION, _WHITE, 0.3),
         "ego-ink": mix(EGO, _WHITE, 0.5), "adversary-ink": mix(ADVERSARY, _WHITE, 0.35),
-        "second-ink": mix(SECOND, _WHITE, 0.5), "evasion-ink": mix(EVASION, _WHITE, 0.35),
+        "second-ink": mix(SECOND, _WHITE, 0.5), "evasion-ink": mix(EVASION, _WHITE, 0.5),
         **_LIGHTS,
     }
 )  # fmt: skip
