@@ -15,7 +15,7 @@ from playwright.sync_api import sync_playwright
 
 from regents_cosim import report
 
-SIZE = {"width": 1280, "height": 800}
+SIZE = {"width": 1360, "height": 820}
 
 
 def shoot(page: Path, case: str, seconds: str) -> Image.Image:

@@ -237,7 +237,12 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
         if found.last_onset_step is not None:
             said.append(("Last chance", f"{found.last_onset_step * case.dt:.1f} s"))
     if judgement.fault is not None:
-        said.append(("At fault", f"{judgement.fault.at_fault}, by {judgement.fault.rule}: {judgement.fault.reason}"))
+        said.append(
+            (
+                "At fault",
+                f"{judgement.fault.at_fault}, by {judgement.fault.rule.replace('_', ' ')}: {judgement.fault.reason}",
+            )
+        )
     return said
 
 
