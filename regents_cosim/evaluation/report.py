@@ -195,7 +195,7 @@ def _scores_of(name: str, row: DrivingRow) -> list[Score]:
             "Collision rate",
             row.collision_rate_percent,
             row.collision_interval_percent,
-            f"{row.collisions} of {row.n} cases",
+            f"{row.collisions} of {_count(row.n, 'case')}",
         ),
         ("Driving score", row.driving_score_percent, row.driving_interval_percent, f"mean of {row.n}"),
         ("Route completion", row.route_completion_percent, row.completion_interval_percent, f"mean of {row.n}"),
