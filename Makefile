@@ -17,9 +17,10 @@ CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 	$(BIN)/python -m pip install --quiet --editable '.[dev]' torch==2.13.0
 	touch $@
 
-demo: .venv/installed  ## from nothing to verified crashes and pictures, in ./demo
+demo: .venv/installed  ## from nothing to verified crashes, pictures and a report, in ./demo
 	$(BIN)/regents attack -c sumo_nets/crossing/crossing.sumocfg --planner idm --count 10 --seed 0 -o demo
-	@echo "pictures: demo/*/still.png"
+	$(BIN)/regents report demo -o demo/report.html
+	@echo "pictures: demo/*/still.png, and all of it in a browser: demo/report.html"
 
 # The report is tested in a browser. Where none can be installed these tests are skipped, and say so.
 browser:
