@@ -1,5 +1,6 @@
 """`regents evaluate --against`: the verdicts of the pytest plugin without pytest."""
 
+import dataclasses
 import os
 import sys
 from collections.abc import Sequence
@@ -19,10 +20,10 @@ from regents_cosim.evaluation.margin import attack_margin
 from regents_cosim.evaluation.regression import (
     Verdict,
     changes,
-    describe,
     judge_drive,
     markdown,
     reproduce,
+    short,
     tally,
     thresholds_measurable,
     unused,
@@ -96,7 +97,8 @@ class Comparison:
         else:
             if self.options.markdown is not None:
                 _write(self.options.markdown, summary)
-            terminal.show(f"{self.planner} in {self.where} against {self.file}", [_row(v) for v in verdicts])
+            rows = [dataclasses.asdict(v) if terminal.json else _row(v) for v in verdicts]
+            terminal.show(f"{self.planner} in {self.where} against {self.file}", rows)
         terminal.say(tally(verdicts))
         for verdict in verdicts:
             if verdict.fails(self.options.strict) and not self.options.update:
@@ -128,9 +130,9 @@ def _row(verdict: Verdict) -> dict[str, Any]:
     return {
         "case": verdict.case,
         "verdict": verdict.status,
-        "baseline": describe(verdict.before),
-        "now": describe(verdict.now),
-        "why": "; ".join(verdict.reasons),
+        "baseline": short(verdict.before),
+        "now": short(verdict.now),
+        "why": "; ".join(verdict.reasons) or None,
     }
 
 

@@ -114,7 +114,7 @@ class Against:
     """fail on improvements that are not accepted yet"""
     margin: bool = False
     """measure how little of an attack makes the planner collide (up to six more drives per case, in the mirror)"""
-    markdown: Path | None = None
+    markdown: Annotated[Path | None, Parameter(allow_leading_hyphen=True)] = None
     """file for a summary that a pull request can show; - for stdout, in place of the table"""
 
 

@@ -15,6 +15,7 @@ class Card:
     case: str
     network: str  # or environment of highway-env, or log
     kind: str  # of its collision; "no_collision" for an attack that found none, "ordinary" for recorded traffic
+    clean: bool | None  # no flaw spoils it as a test; None: not judged
     avoidable: bool | None  # None: not judged
     planner: str | None  # that was attacked
     method: str | None
@@ -47,6 +48,7 @@ def card(case: Header | Scenario, digest: str) -> Card:
         case=case.id,
         network=case.provenance.file.removeprefix("highway:").partition(".")[0],
         kind="ordinary" if attack is None else hit.kind if hit else "no_collision",
+        clean=judgement.clean if judgement else None,
         avoidable=avoidability.avoidable if avoidability else None,
         planner=attack.planner if attack else None,
         method=attack.method if attack else None,

@@ -15,7 +15,7 @@ from typing import Literal
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.baseline import Driven
-from regents_cosim.evaluation.thresholds import Threshold, shown
+from regents_cosim.evaluation.thresholds import METRICS, Threshold, shown
 
 Status = Literal["same", "known_failure", "improved", "missing", "regression"]
 
@@ -81,8 +81,13 @@ def describe(driven: Driven | None) -> str:
     happened = "no collision"
     if driven.outcome == "collision":
         happened = f"{driven.kind} collision with {driven.agent} at {driven.time_s:g} s (step {driven.step})"
-    told = {name: value for name, value in driven.metrics.items() if name != "collision" and value is not None}
-    return "; ".join([happened, *filter(None, [", ".join(f"{name} {shown(value)}" for name, value in told.items())])])
+    told = {name: driven.metrics.get(name) for name in METRICS if name != "collision"}
+    return "; ".join(
+        [
+            happened,
+            *filter(None, [", ".join(f"{name} {shown(value)}" for name, value in told.items() if value is not None)]),
+        ]
+    )
 
 
 def reproduce(case: Path, planner: str, where: str) -> str:
@@ -121,7 +126,7 @@ def changes(verdict: Verdict) -> str:
     parts = [f"{name} {shown(before.metrics.get(name))} -> {shown(value)}" for name, value in now.metrics.items()
              if before.metrics.get(name) != value or name not in before.metrics]  # fmt: skip
     if (before.outcome, before.agent, before.step) != (now.outcome, now.agent, now.step):
-        parts.insert(0, f"{_short(before)} -> {_short(now)}")
+        parts.insert(0, f"{short(before)} -> {short(now)}")
     if before.hash != now.hash:
         parts.insert(0, f"case {_hashes(before, now)}")
     return f"{verdict.case}: {', '.join(parts)}"
@@ -143,7 +148,7 @@ def markdown(verdicts: Sequence[Verdict], suite: Path, planner: str, where: str,
         lines += ["| case | verdict | baseline | now |", "|---|---|---|---|"]
         for v in told:
             why = f"{v.status.replace('_', ' ')}{': ' if v.reasons else ''}{'; '.join(v.reasons)}"
-            lines.append(f"| {_cell(v.case)} | {_cell(why)} | {_cell(_short(v.before))} | {_cell(_short(v.now))} |")
+            lines.append(f"| {_cell(v.case)} | {_cell(why)} | {_cell(short(v.before))} | {_cell(short(v.now))} |")
         lines.append("")
     if left:
         lines += [f"Baseline entries without a case: {', '.join(map(_cell, left))}", ""]
@@ -153,7 +158,8 @@ def markdown(verdicts: Sequence[Verdict], suite: Path, planner: str, where: str,
     return "\n".join(lines)
 
 
-def _short(driven: Driven | None) -> str:
+def short(driven: Driven | None) -> str:
+    """The outcome without the metrics."""
     if driven is None or driven.outcome == "planner_error":
         return describe(driven)
     return describe(driven).partition(";")[0]
