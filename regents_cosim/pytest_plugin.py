@@ -156,10 +156,9 @@ class _Run:
         self.where = _where(config)
         with _usage_errors():
             self._read()
-        for suite in self.cases:
-            manifest = str(suite / "suite.json")
-            if manifest not in config.args:
-                config.args.append(manifest)
+        here = config.invocation_params.dir
+        named = {Path(here, argument.partition("::")[0]).resolve() for argument in config.args}
+        config.args += [str(suite / "suite.json") for suite in self.cases if suite / "suite.json" not in named]
 
     def _read(self) -> None:
         from regents_cosim.evaluation.baseline import load_baseline, require_one_home
@@ -275,7 +274,7 @@ class _Run:
         say = terminalreporter.write_line
         terminalreporter.section(f"regents: {self.planner} in {self.where}")
         say(tally(list(self.verdicts.values())))
-        told = [("improved", "improved (accept with --regents-update)"), ("known_failure", "known failure")]
+        told = [("improved", "improved (accept with --regents-update)"), ("known_failure", "known to fail")]
         for status, title in () if self.update else told:
             for case in sorted(case for (_, case), v in self.verdicts.items() if v.status == status):
                 say(f"{title}: {case}")

@@ -23,7 +23,7 @@ def build(
     adversarial: int = 80,
     unavoidable: int = 5,
     ordinary: int = 40,
-    planner: str = "idm",
+    planner: tuple[str, ...] = ("idm",),
     method: Literal["regents", "king", "focused"] = "focused",
     seed: int = 0,
     compile_cache: bool = True,
@@ -50,7 +50,8 @@ def build(
     ordinary
         windows of recorded traffic that the planner drives without a collision, half of them behind somebody
     planner
-        that is attacked
+        that is attacked; may be given more than once. Crashes of others are near misses of a good one: they show
+        when it gets worse. The first has to drive the ordinary cases without a collision
     method
         of the attack
     seed
@@ -76,7 +77,7 @@ def build(
     for name, count in counts.items():
         if count < (1 if name == "windows" else 0):
             raise RegentsError(f"--{name} {count}, expected {1 if name == 'windows' else 0} or more")
-    recipe = Recipe(networks, _words(highway), **counts, planner=planner, method=method, seed=seed)
+    recipe = Recipe(networks, _words(highway), **counts, planners=planner, method=method, seed=seed)
     scenarios = run_build(recipe, judge, terminal.say)
     write_suite(output, scenarios, seed)
     rows = [dataclasses.asdict(card(scenario, content_hash(scenario)[:12])) for scenario in scenarios]

@@ -33,16 +33,19 @@ def choose_ordinary(cards: Sequence[Card], followers: Collection[str], count: in
 
 
 def _balanced(cards: Sequence[Card], count: int, seed: int, kind: Callable[[Card], object]) -> list[Card]:
-    """The next is always of the rarest kind so far, then of its rarest network, then of the rarest window."""
+    """The next is always of the rarest kind so far, then of its rarest network, planner and window."""
     left = {card.case: card for card in cards}
     chosen: list[Card] = []
     had: Counter[object] = Counter()
     alike: set[tuple[object, ...]] = set()
 
-    def rarity(card: Card) -> tuple[int, int, int, int, str]:
-        cell = (kind(card), card.network)
+    def traits(card: Card) -> list[tuple[object, ...]]:
+        cell = ("cell", kind(card), card.network)
+        return [("kind", kind(card)), cell, ("by", card.planner), ("net", card.network), ("window", card.window)]
+
+    def rarity(card: Card) -> tuple[int | str, ...]:
         lot = hashlib.sha256(f"{seed} {card.case}".encode()).hexdigest()  # no favour for early windows
-        return had["kind", kind(card)], had[cell], had["net", card.network], had["window", card.window], lot
+        return *(had[trait] for trait in traits(card)), lot
 
     while left and len(chosen) < count:
         card = left.pop(min(left.values(), key=rarity).case)
@@ -50,7 +53,7 @@ def _balanced(cards: Sequence[Card], count: int, seed: int, kind: Callable[[Card
         if likeness in alike or had["window", card.window] >= _PER_WINDOW:
             continue
         alike.add(likeness)
-        had.update([("kind", kind(card)), (kind(card), card.network), ("net", card.network), ("window", card.window)])
+        had.update(traits(card))
         chosen.append(card)
     return chosen
 

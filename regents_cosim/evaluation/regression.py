@@ -21,10 +21,10 @@ Status = Literal["same", "known_failure", "improved", "missing", "regression"]
 
 _ACCEPT = "(accept what it does now with --regents-update, or `regents evaluate --update`)"
 _SAID: dict[Status, str] = {
-    "regression": "regressions",
+    "regression": "regressed",
     "missing": "no baseline",
     "improved": "improved",
-    "known_failure": "known failures",
+    "known_failure": "known to fail",
     "same": "as before",
 }
 
@@ -135,7 +135,9 @@ def changes(verdict: Verdict) -> str:
 def tally(verdicts: Sequence[Verdict]) -> str:
     """How many of each, on one line, the worst first."""
     counts = ((said, sum(v.status == status for v in verdicts)) for status, said in _SAID.items())
-    return f"{len(verdicts)} cases: " + ", ".join(f"{number} {said}" for said, number in counts if number)
+    return f"{len(verdicts)} case{'' if len(verdicts) == 1 else 's'}: " + ", ".join(
+        f"{number} {said}" for said, number in counts if number
+    )
 
 
 def markdown(verdicts: Sequence[Verdict], suite: Path, planner: str, where: str, left: Sequence[str] = ()) -> str:

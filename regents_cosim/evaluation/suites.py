@@ -9,7 +9,6 @@ from regents_cosim.atomic import explain_write, new_folder, require_writable
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.baseline import FILE, Baseline, load_baseline, save_baseline
 from regents_cosim.files import content_hash, load_case, load_suite
-from regents_cosim.replays.replay import Simulator, replay_each
 from regents_cosim.scenario import Scenario
 from regents_cosim.suite import SuiteWriter
 
@@ -141,6 +140,8 @@ def _accepted(baseline: Baseline, case: str) -> dict[str, str]:
 
 def _replayed(scenarios: Sequence[Scenario]) -> dict[str, tuple[str | None, str]]:
     """Where each case was replayed, and what differed."""
+    from regents_cosim.replays.replay import Simulator, replay_each  # imports JAX, which a check does without
+
     found: dict[str, tuple[str | None, str]] = {}
     places: tuple[tuple[Simulator, list[Scenario]], ...] = (
         ("sumo", [s for s in scenarios if s.road.sumo_net]),
