@@ -19,7 +19,6 @@ from regents_cosim.evaluation.curation import choose_adversarial, choose_ordinar
 from regents_cosim.evaluation.suite_building import Recipe, build, follows
 from regents_cosim.evaluation.suites import write_suite
 from regents_cosim.files import content_hash, load_suite
-from regents_cosim.scenario import Avoidability, Judgement
 from regents_cosim.suite import SuiteWriter
 
 KINDS = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on")
@@ -95,15 +94,10 @@ def test_who_follows():
 # --- building ---------------------------------------------------------------------------------
 
 
-def judged(scenario):
-    """A judge who finds every crash clean, and those of even steps unavoidable."""
-    return replace(scenario, judgement=Judgement((), Avoidability(False, 8, 0, None, None)))
-
-
 @pytest.mark.slow
 def test_the_same_recipe_gives_the_same_suite(tmp_path):
     recipe = Recipe(nets=("merge", "crossing"), windows=2, adversarial=4, unavoidable=4, ordinary=2, method="regents")
-    first, again = (build(recipe, judged) for _ in range(2))
+    first, again = (build(recipe) for _ in range(2))
     assert [content_hash(one) for one in first] == [content_hash(one) for one in again]
     assert {one.attack is None for one in first} == {True, False}
     for name, scenarios in (("one", first), ("two", again)):

@@ -60,7 +60,6 @@ def build(
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.evaluation.cards import card
-    from regents_cosim.evaluation.judgement import judge
     from regents_cosim.evaluation.suite_building import Recipe
     from regents_cosim.evaluation.suite_building import build as run_build
     from regents_cosim.evaluation.suites import require_place, write_suite
@@ -78,7 +77,7 @@ def build(
         if count < (1 if name == "windows" else 0):
             raise RegentsError(f"--{name} {count}, expected {1 if name == 'windows' else 0} or more")
     recipe = Recipe(networks, _words(highway), **counts, planners=planner, method=method, seed=seed)
-    scenarios = run_build(recipe, judge, terminal.say)
+    scenarios = run_build(recipe, terminal.say)
     write_suite(output, scenarios, seed)
     rows = [dataclasses.asdict(card(scenario, content_hash(scenario)[:12])) for scenario in scenarios]
     terminal.show(f"{len(rows)} cases in {output}", rows)

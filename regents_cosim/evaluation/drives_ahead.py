@@ -107,10 +107,10 @@ def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) 
         return Driven(digest, "planner_error", error=" ".join(drive.error.split()))
     measured = {
         "collision": float(drive.hits is not None),
-        "min_ttc_s": getattr(drive, "min_ttc_s", None),
-        "min_pet_s": getattr(drive, "min_pet_s", None),
-        "max_drac_m_s2": getattr(drive, "max_drac_m_s2", None),
-        "min_gap_m": getattr(drive, "min_gap_m", None),
+        "min_ttc_s": drive.min_ttc_s,
+        "min_pet_s": drive.min_pet_s,
+        "max_drac_m_s2": drive.max_drac_m_s2,
+        "min_gap_m": drive.min_gap_m,
         "route_completion": drive.completion,
         "score": drive.score,
         "off_road": drive.off_road,

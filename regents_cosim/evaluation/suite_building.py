@@ -12,6 +12,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.cards import Card, card
 from regents_cosim.evaluation.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.driving import drive_each
+from regents_cosim.evaluation.judgement import judge_each
 from regents_cosim.files import content_hash
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Scenario
@@ -41,16 +42,10 @@ class Recipe:
     seed: int = 0
 
 
-def build(
-    recipe: Recipe, judge: Callable[[Scenario], Scenario], tell: Callable[[str], None] = lambda line: None
-) -> list[Scenario]:
-    """The cases of the suite, by name.
-
-    `judge` says what a crash is worth (`evaluation.judgement.judge`). Raises RegentsError where
-    traffic cannot be recorded or no case is left.
-    """
+def build(recipe: Recipe, tell: Callable[[str], None] = lambda line: None) -> list[Scenario]:
+    """The cases of the suite, by name. Raises RegentsError where traffic cannot be recorded or no case is left."""
     windows = [scenario for source in _sources(recipe) for scenario in _recorded(source, recipe, tell)]
-    crashes = _crashes(windows, recipe, judge, tell)
+    crashes = _crashes(windows, recipe, tell)
     ordinary = _collision_free(windows, recipe)
     adversarial = choose_adversarial(_cards(crashes), recipe.adversarial, recipe.unavoidable, recipe.seed)
     followers = {scenario.id for scenario in ordinary if follows(scenario)}
@@ -84,19 +79,15 @@ def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None]) -
     return record(source, count=recipe.windows, seed=recipe.seed)
 
 
-def _crashes(
-    windows: Sequence[Scenario],
-    recipe: Recipe,
-    judge: Callable[[Scenario], Scenario],
-    tell: Callable[[str], None],
-) -> list[Scenario]:
-    found = []
+def _crashes(windows: Sequence[Scenario], recipe: Recipe, tell: Callable[[str], None]) -> list[Scenario]:
+    found: list[Scenario] = []
     for planner in recipe.planners:
         for number, results in enumerate(attack_each(windows, METHODS[recipe.method], planner), start=1):
-            found += [judge(case) for case in results if case.attack and case.attack.outcome == "collision"]
+            found += [case for case in results if case.attack and case.attack.outcome == "collision"]
             if number % 25 == 0 or number == len(windows):
                 tell(f"attacked {planner} in {number} of {len(windows)} windows: {len(found)} crashes")
-    return found
+    tell(f"judging {len(found)} crashes")
+    return list(judge_each(found))
 
 
 def _collision_free(windows: Sequence[Scenario], recipe: Recipe) -> list[Scenario]:
