@@ -29,8 +29,8 @@ _Kind = TypeVar("_Kind")
 
 
 @dataclass(frozen=True)
-class _Header:
-    """scenario.json, except for `schema`."""
+class Header:
+    """scenario.json, except for `schema`: all of a case but its tracks and its map."""
 
     id: str
     hash: str
@@ -91,7 +91,7 @@ def load_case(folder: Path) -> Scenario:
     Raises CaseError with what was found and expected where a file is missing, truncated, of
     a newer schema, or does not match its content hash.
     """
-    header = _load_header(folder)
+    header = load_header(folder)
     with _explain_read(folder):
         scenario = Scenario(
             id=header.id,
@@ -116,6 +116,15 @@ def load_case(folder: Path) -> Scenario:
             f"{folder}: content hash {found[:12]}, expected {header.hash[:12]} (was a file of the case changed?)"
         )
     return scenario
+
+
+def load_header(folder: Path) -> Header:
+    """What a case says of itself; reads neither tracks nor maps and checks no hash. Raises CaseError."""
+    path = folder / "scenario.json"
+    if not path.is_file():
+        raise CaseError(f"no scenario.json in {folder} (expected a case folder)")
+    with _explain_read(folder):
+        return _decode(path.read_bytes(), Header, path)
 
 
 def content_hash(scenario: Scenario) -> str:
@@ -162,8 +171,8 @@ def find_cases(path: Path) -> list[Path]:
 # --- one case ---------------------------------------------------------------------------------
 
 
-def _header(scenario: Scenario, files: MapFiles, digest: str) -> _Header:
-    return _Header(
+def _header(scenario: Scenario, files: MapFiles, digest: str) -> Header:
+    return Header(
         id=scenario.id,
         hash=digest,
         dt=scenario.dt,
@@ -193,14 +202,6 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
             if not values.get(name):
                 values.pop(name, None)
     return msgspec.json.encode(values)
-
-
-def _load_header(folder: Path) -> _Header:
-    path = folder / "scenario.json"
-    if not path.is_file():
-        raise CaseError(f"no scenario.json in {folder} (expected a case folder)")
-    with _explain_read(folder):
-        return _decode(path.read_bytes(), _Header, path)
 
 
 def _decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:

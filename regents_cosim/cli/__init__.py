@@ -12,10 +12,12 @@ from cyclopts import CycloptsError
 
 from regents_cosim.cli.bench import bench
 from regents_cosim.cli.commands import app, training
+from regents_cosim.cli.suite import suites
 from regents_cosim.errors import RegentsError
 
 app.command(bench)
 app.command(training)
+app.command(suites)
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

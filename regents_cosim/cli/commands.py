@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Search, SumoOptions, Talk, Traffic
+from regents_cosim.cli.options import Against, Search, SumoOptions, Talk, Traffic
 from regents_cosim.cli.shared import (
     attacked_planner,
     draw,
@@ -263,12 +263,13 @@ def evaluate(
     *,
     planner: str,
     where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
+    baseline: Against = Against(),
     act_timeout: float = 10.0,
     executor: str = "local",
     compile_cache: bool = True,
     talk: Talk = Talk(),
 ) -> int:
-    """How well a planner drives: route completion, collision rate and driving score.
+    """How well a planner drives: route completion, collision rate and driving score; or whether it got worse.
 
     Parameters
     ----------
@@ -286,6 +287,7 @@ def evaluate(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
+    from regents_cosim.cli.against import Comparison
     from regents_cosim.evaluation.driving import drive_each, driving_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.suite import load_cases
@@ -294,10 +296,13 @@ def evaluate(
     terminal = open_terminal(talk)
     if compile_cache:
         keep_compiled_programs()
+    comparison = Comparison.asked(baseline, cases, planner, where)
     scenarios = load_cases(cases)
     with executor_for(executor) as pool:
         found = drive_each(scenarios, planner, act_timeout, where, pool)
         drives = list(terminal.each(found, f"driving {planner}", len(scenarios)))
+    if comparison is not None:
+        return comparison.report(scenarios, drives, terminal)
     rows = [dataclasses.asdict(row) for row in driving_rows(drives)]
     terminal.show(f"{planner} on {len(drives)} cases in {where}", rows)
     errors = [drive for drive in drives if drive.error]

@@ -101,6 +101,25 @@ class Search:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
+class Against:
+    """Whether the planner got worse than a baseline allows."""
+
+    against: Path | None = None
+    """baseline.json of accepted outcomes: exit code 1 where the planner collides and did not before, or fails"""
+    update: bool = False
+    """accept what the planner does now, and say what changed (default file: baseline.json in the suite)"""
+    fail: str = ""
+    """fail on metrics that get worse as well, e.g. "min_ttc_s:-5% collision:+0": how far each may fall or rise"""
+    strict: bool = False
+    """fail on improvements that are not accepted yet"""
+    margin: bool = False
+    """measure how little of an attack makes the planner collide (up to six more drives per case, in the mirror)"""
+    markdown: Annotated[Path | None, Parameter(allow_leading_hyphen=True)] = None
+    """file for a summary that a pull request can show; - for stdout, in place of the table"""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
 class Talk:
     """How results are shown."""
 

@@ -12,7 +12,7 @@ import shapely
 from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners
-from regents_cosim.collisions import first_contact
+from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
@@ -21,7 +21,7 @@ from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, replay_each
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import CollisionKind, Scenario, Tracks
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class Drive:
     hits: str | None  # agent that the ego collides with
     step: int | None  # of the collision
     off_road: float  # share of the way driven
+    kind: CollisionKind | None = None  # of the collision
     act_s: tuple[float, ...] = ()  # time of each decision of a planner outside the mirror
     error: str = ""  # how the planner failed; it got nowhere then
     min_ttc_s: float | None = None  # surrogate safety: see `safety.Safety`
@@ -162,6 +163,7 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
         step=contact[1] if contact else None,
         off_road=off_road,
         **asdict(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None)),
+        kind=collision_kind(scenario.agents, tracks, *contact) if contact else None,
     )
 
 

@@ -24,6 +24,10 @@ def keep_compiled_programs() -> None:
     folder = cache_folder()
     if folder is None:
         return
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    for option, value in (
+        ("jax_compilation_cache_dir", str(folder)),
+        ("jax_persistent_cache_min_compile_time_secs", 0.0),
+        ("jax_persistent_cache_min_entry_size_bytes", -1),
+    ):
+        jax.config.update(option, value)
+        os.environ[option.upper()] = str(value)  # for processes that this one starts: SUMO's drive planners in JAX

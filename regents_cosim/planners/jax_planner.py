@@ -11,6 +11,7 @@ return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), m
 
 import traceback
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -85,7 +86,7 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
     traffic, ego = others(world, now, world.valid[:, :1]), jax.tree.map(lambda values: values[0, 0], now)
     try:
         memory = planner.init(scene)
-        control, after = jax.eval_shape(lambda *given: decide(planner, *given), memory, traffic, ego)
+        control, after = _forms(planner, memory, traffic, ego)
     except Exception as error:  # somebody else's code: whatever it raises is an answer
         said = str(error).strip().partition("\n")[0]
         raise DriveError(
@@ -98,6 +99,17 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
     if jax.tree.map(_form, memory) != jax.tree.map(_form, after):
         raise DriveError(f"planner {name!r}: `step` returns another kind of memory than it was given")
     return memory
+
+
+def _forms(planner: JaxPlanner, *given: Any) -> tuple[Controls, Any]:
+    """The form of what `decide` returns. Traced once for all scenes of one shape: tracing costs more than a drive."""
+    arrays, rest = eqx.partition(planner, eqx.is_array)
+    return _decided.eval_shape(rest, arrays, *given)
+
+
+@partial(jax.jit, static_argnums=0)
+def _decided(rest: JaxPlanner, arrays: JaxPlanner, *given: Any) -> tuple[Controls, Any]:
+    return decide(eqx.combine(arrays, rest), *given)
 
 
 def _form(value: Any) -> tuple[tuple[int, ...], str]:

@@ -1,0 +1,160 @@
+"""`regents suite`: make, look at, check and merge suites."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+
+from regents_cosim.cli.options import Talk
+from regents_cosim.cli.shared import open_terminal
+from regents_cosim.errors import RegentsError
+
+suites = App(name="suite", help="Make, look at, check and merge suites: folders of cases that planners are tested on.")
+
+
+@suites.command
+def build(
+    *,
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    nets: str = "all",
+    highway: str = "",
+    windows: int = 25,
+    adversarial: int = 80,
+    unavoidable: int = 5,
+    ordinary: int = 40,
+    planner: tuple[str, ...] = ("idm",),
+    method: Literal["regents", "king", "focused"] = "focused",
+    seed: int = 0,
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """Record traffic, attack it, and keep a balanced choice. The same command gives the same suite, bit for bit.
+
+    What the folder held before is replaced when the new suite is complete; its baseline stays.
+
+    Parameters
+    ----------
+    output
+        folder for the suite
+    nets
+        SUMO networks, separated by commas: all, none, names of shipped ones, or .sumocfg files
+    highway
+        environments of highway-env, separated by commas, e.g. merge-v1,roundabout-v1
+    windows
+        of traffic, on each network and environment
+    adversarial
+        clean crashes that the planner could have avoided, balanced over kinds of collision and networks
+    unavoidable
+        crashes that nobody could have avoided, marked so
+    ordinary
+        windows of recorded traffic that the planner drives without a collision, half of them behind somebody
+    planner
+        that is attacked; may be given more than once. Crashes of others are near misses of a good one: they show
+        when it gets worse. The first has to drive the ordinary cases without a collision
+    method
+        of the attack
+    seed
+        of the traffic and of the choice
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.cards import card
+    from regents_cosim.evaluation.suite_building import Recipe
+    from regents_cosim.evaluation.suite_building import build as run_build
+    from regents_cosim.evaluation.suites import require_place, write_suite
+    from regents_cosim.files import content_hash
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.shipped import NETWORKS
+
+    terminal = open_terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    require_place(output)
+    networks = NETWORKS if nets == "all" else () if nets == "none" else _words(nets)
+    counts = {"windows": windows, "adversarial": adversarial, "unavoidable": unavoidable, "ordinary": ordinary}
+    for name, count in counts.items():
+        if count < (1 if name == "windows" else 0):
+            raise RegentsError(f"--{name} {count}, expected {1 if name == 'windows' else 0} or more")
+    recipe = Recipe(networks, _words(highway), **counts, planners=planner, method=method, seed=seed)
+    scenarios = run_build(recipe, terminal.say)
+    write_suite(output, scenarios, seed)
+    rows = [dataclasses.asdict(card(scenario, content_hash(scenario)[:12])) for scenario in scenarios]
+    terminal.show(f"{len(rows)} cases in {output}", rows)
+    return 0
+
+
+@suites.command(name="list")
+def list_cases(suite: Path, *, talk: Talk = Talk()) -> int:
+    """What a suite holds.
+
+    Parameters
+    ----------
+    suite
+        a folder of cases
+    """
+    from regents_cosim.evaluation.cards import card_of, suite_cases
+
+    rows = [dataclasses.asdict(card_of(suite / case)) for case in suite_cases(suite)]
+    if not talk.json:
+        rows = [{**row, "hash": row["hash"][:12]} for row in rows]
+    open_terminal(talk).show(f"{len(rows)} cases in {suite}", rows)
+    return 0
+
+
+@suites.command
+def check(suite: Path, *, replay: bool = False, talk: Talk = Talk()) -> int:
+    """Whether every case of a suite loads as it was saved, with its maps, and fits its manifest and its baseline.
+
+    Parameters
+    ----------
+    suite
+        a folder of cases
+    replay
+        replay every case in the simulator that it is from as well, and compare every position
+    """
+    from regents_cosim.evaluation.suites import check_suite
+
+    terminal = open_terminal(talk)
+    with terminal.waiting("checking"):
+        rows = list(check_suite(suite, replay))
+    bad = [row for row in rows if row.problem]
+    terminal.show(
+        f"{len(rows)} cases checked in {suite}, {len(bad)} with a problem",
+        [dataclasses.asdict(row) for row in (rows if talk.json else bad)],
+    )
+    return 1 if bad else 0
+
+
+@suites.command
+def merge(
+    *folders: Path,
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    seed: int = 0,
+    talk: Talk = Talk(),
+) -> int:
+    """Make one suite of several, with their baselines; refuses different cases of one name.
+
+    Parameters
+    ----------
+    folders
+        the suites
+    output
+        folder for the new one
+    seed
+        that the manifest notes
+    """
+    from regents_cosim.evaluation.suites import merge as run_merge
+    from regents_cosim.evaluation.suites import require_place, write_suite
+
+    require_place(output)
+    if len(folders) < 2:
+        raise RegentsError(f"{len(folders)} suites named, expected two or more to merge")
+    scenarios, baseline = run_merge(folders)
+    write_suite(output, scenarios, seed, baseline)
+    open_terminal(talk).say(f"{len(scenarios)} cases of {len(folders)} suites in {output}")
+    return 0
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(",") if word.strip())

@@ -1,0 +1,97 @@
+"""Baselines: what a planner did in every case of a suite when somebody last looked and agreed. No JAX here.
+
+One file per suite, `<suite>/baseline.json`: by planner, simulator and case.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from regents_cosim.atomic import explain_write, write_atomic
+from regents_cosim.errors import CaseError, RegentsError
+from regents_cosim.provenance import versions
+
+SCHEMA = 1
+FILE = "baseline.json"
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What a planner did in one case."""
+
+    hash: str  # of the case's content
+    outcome: Literal["no_collision", "collision", "planner_error"]
+    agent: str | None = None  # whom the ego hits
+    step: int | None = None  # of the collision
+    time_s: float | None = None  # of the collision
+    kind: str | None = None  # of the collision
+    metrics: dict[str, float | None] = field(default_factory=dict)  # `thresholds.METRICS`; None: nothing to measure
+    error: str = ""  # how the planner failed
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """baseline.json."""
+
+    planners: dict[str, dict[str, dict[str, Driven]]] = field(default_factory=dict)  # planner, simulator, case
+    versions: dict[str, str] = field(default_factory=dict)  # of the packages that it was last accepted with
+    schema: int = SCHEMA
+
+    def of(self, planner: str, where: str) -> Mapping[str, Driven]:
+        """What was accepted of a planner in a simulator, by case."""
+        return self.planners.get(planner, {}).get(where, {})
+
+    def accepting(self, planner: str, where: str, driven: Mapping[str, Driven], cases: Iterable[str]) -> "Baseline":
+        """With `driven` accepted, and without entries of this planner and simulator for anything but `cases`."""
+        kept, listed = self.of(planner, where), set(cases)
+        entries = {case: one for case, one in sorted({**kept, **driven}.items()) if case in listed}
+        simulators = {**self.planners.get(planner, {}), where: entries}
+        return replace(self, planners={**self.planners, planner: simulators}, versions=versions())
+
+
+@dataclass(frozen=True)
+class _Schema:
+    schema: int
+
+
+def load_baseline(path: Path) -> Baseline:
+    """Read a baseline; an empty one where there is no file. Raises CaseError for one that cannot be read."""
+    if not path.exists():
+        return Baseline()
+    try:
+        text = path.read_bytes()
+        schema = msgspec.json.decode(text, type=_Schema).schema
+        if schema != SCHEMA:
+            raise CaseError(
+                f"{path}: schema {schema}, this version reads {SCHEMA} "
+                "(upgrade regents_cosim, or accept a new baseline in another file)"
+            )
+        return msgspec.json.decode(text, type=Baseline)
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise CaseError(
+            f"{path}: not a baseline, or damaged or truncated ({str(error).splitlines()[0]}); "
+            "restore it, or delete it and accept anew"
+        ) from error
+
+
+def save_baseline(path: Path, baseline: Baseline) -> None:
+    """Write a baseline as a whole or not at all."""
+    with explain_write(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, msgspec.json.format(msgspec.json.encode(baseline, order="sorted"), indent=1) + b"\n")
+
+
+def require_one_home(cases: Mapping[Path, Iterable[str]], files: Mapping[Path, Path]) -> None:
+    """Raise RegentsError where suites that share a baseline have cases of one name. `cases` and `files`: by suite."""
+    homes: dict[tuple[Path, str], Path] = {}
+    for suite, names in cases.items():
+        for name in names:
+            other = homes.setdefault((files[suite], name), suite)
+            if other != suite:
+                raise RegentsError(
+                    f"case {name} is in {other} and in {suite}, and one baseline cannot hold both: "
+                    "leave --regents-baseline out, or run the suites one by one"
+                )

@@ -1,0 +1,66 @@
+"""What a case of a suite says of itself, read without its tracks and without JAX."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from regents_cosim.errors import CaseError
+from regents_cosim.files import Header, load_header, load_suite
+from regents_cosim.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Card:
+    """One case at a glance."""
+
+    case: str
+    network: str  # or environment of highway-env, or log
+    kind: str  # of its collision; "no_collision" for an attack that found none, "ordinary" for recorded traffic
+    clean: bool | None  # no flaw spoils it as a test; None: not judged
+    avoidable: bool | None  # None: not judged
+    planner: str | None  # that was attacked
+    method: str | None
+    adversary: str | None  # whom the attacked planner hits
+    window: str  # the recorded case behind it
+    hash: str
+
+    @property
+    def adversary_in_words(self) -> str:
+        """Who attacks, whom, and how that was found."""
+        if self.method is None:
+            return "none: recorded traffic"
+        return (
+            f"{self.adversary or 'nobody in particular'} ({self.kind}, found by {self.method} against {self.planner})"
+        )
+
+
+def card_of(folder: Path) -> Card:
+    """The card of the case in `folder`. Raises CaseError."""
+    header = load_header(folder)
+    return card(header, header.hash)
+
+
+def card(case: Header | Scenario, digest: str) -> Card:
+    """The card of a case with that content hash."""
+    attack, judgement = case.attack, case.judgement
+    hit = attack.collision if attack and attack.outcome == "collision" else None
+    avoidability = judgement.avoidability if judgement else None
+    return Card(
+        case=case.id,
+        network=case.provenance.file.removeprefix("highway:").partition(".")[0],
+        kind="ordinary" if attack is None else hit.kind if hit else "no_collision",
+        clean=judgement.clean if judgement else None,
+        avoidable=avoidability.avoidable if avoidability else None,
+        planner=attack.planner if attack else None,
+        method=attack.method if attack else None,
+        adversary=hit.agent if hit else None,
+        window=attack.case if attack else case.id,
+        hash=digest,
+    )
+
+
+def suite_cases(suite: Path) -> tuple[str, ...]:
+    """The names of the cases that a suite lists. Raises CaseError where there are none."""
+    cases = tuple(entry.case for entry in load_suite(suite).cases)
+    if not cases:
+        raise CaseError(f"{suite}: the suite lists no cases (make some with `regents attack` or `regents suite build`)")
+    return cases

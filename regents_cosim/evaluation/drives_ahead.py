@@ -1,0 +1,153 @@
+"""Drives of one planner through the cases of suites, begun before somebody asks for them.
+
+A test item asks for one case at a time; all cores work on those to come meanwhile. A planner that
+raises or hangs costs its own case only; SUMO runs in processes of its own.
+"""
+
+import os
+import queue
+from collections.abc import Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.baseline import Driven
+from regents_cosim.evaluation.driving import Drive, drive_case, drive_each
+from regents_cosim.evaluation.margin import attack_margin
+from regents_cosim.files import load_case, load_header
+from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.replay import Simulator, check
+from regents_cosim.scenario import Scenario
+from regents_cosim.workers import local_processes, submit
+
+_DIGITS = 4  # kept of a metric: a drive is the same to more than that on another machine
+
+
+class DrivesAhead:
+    """One planner in one simulator. A context manager that ends what is still running."""
+
+    def __init__(
+        self,
+        planner: str,
+        where: Simulator = "mirror",
+        act_timeout_s: float = ACT_TIMEOUT_S,
+        workers: int | None = None,
+        margin: bool = False,
+    ) -> None:
+        """Raises PlannerError where the planner cannot be found, RegentsError for a margin outside the mirror.
+
+        `workers` cases are driven at a time, by default one per core; in highway-env one.
+        """
+        if margin and where != "mirror":
+            raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
+        keep_compiled_programs()
+        check(where, planner)
+        self.planner = planner
+        self.where: Simulator = where
+        self._act_timeout_s, self._margin = act_timeout_s, margin
+        self._wheel = Wheel(planner, act_timeout_s)
+        self._processes = _Processes()
+        # highway-env draws with pygame, which is not made for threads
+        self._pool = ThreadPoolExecutor(1 if where == "highway" else workers or os.cpu_count() or 1)
+        self._begun: dict[Path, Future[tuple[Drive, Driven]]] = {}
+
+    def __enter__(self) -> "DrivesAhead":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give up what has not begun, and end all processes."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._wheel.__exit__(None, None, None)
+        self._pool.shutdown(wait=True)
+        self._processes.close()
+
+    def begin(self, folders: Iterable[Path]) -> None:
+        """Drive these cases as soon as there is a free core, in this order."""
+        for folder in folders:
+            if folder not in self._begun:
+                self._begun[folder] = self._pool.submit(self._drive_folder, folder)
+
+    def of(self, folder: Path) -> Driven:
+        """What the planner did in the case of that folder. Raises CaseError for one that cannot be read."""
+        return self._result(folder)[1]
+
+    def drive(self, case: Path | Scenario) -> Drive:
+        """The drive through a case, with its scores."""
+        return self._drive(case) if isinstance(case, Scenario) else self._result(case)[0]
+
+    def _result(self, folder: Path) -> tuple[Drive, Driven]:
+        self.begin([folder])
+        return self._begun[folder].result()
+
+    def _drive_folder(self, folder: Path) -> tuple[Drive, Driven]:
+        scenario = load_case(folder)
+        drive = self._drive(scenario)
+        margin = None if drive.error or not self._margin else attack_margin(scenario, self._wheel)
+        more = {"margin": margin} if self._margin else {}
+        return drive, driven(drive, load_header(folder).hash, scenario.dt, more)
+
+    def _drive(self, scenario: Scenario) -> Drive:
+        if self.where == "mirror":
+            return drive_case(scenario, self._wheel)
+        if self.where == "highway":
+            return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where))
+        with self._processes.lend() as process:
+            return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, process))
+
+
+def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) -> Driven:
+    """A drive as baselines keep it: the outcome and the metrics, to four digits after the point."""
+    if drive.error:
+        return Driven(digest, "planner_error", error=" ".join(drive.error.split()))
+    measured = {
+        "collision": float(drive.hits is not None),
+        "min_ttc_s": drive.min_ttc_s,
+        "min_pet_s": drive.min_pet_s,
+        "max_drac_m_s2": drive.max_drac_m_s2,
+        "min_gap_m": drive.min_gap_m,
+        "route_completion": drive.completion,
+        "score": drive.score,
+        "off_road": drive.off_road,
+        **more,
+    }
+    return Driven(
+        hash=digest,
+        outcome="no_collision" if drive.hits is None else "collision",
+        agent=drive.hits,
+        step=drive.step,
+        time_s=None if drive.step is None else round(drive.step * dt, 6),
+        kind=drive.kind,
+        metrics={name: None if value is None else round(float(value), _DIGITS) for name, value in measured.items()},
+    )
+
+
+class _Processes:
+    """Processes for SUMO, as many as there are threads that ask; one that has died is replaced."""
+
+    def __init__(self) -> None:
+        self._free: queue.SimpleQueue[ProcessPoolExecutor] = queue.SimpleQueue()
+
+    @contextmanager
+    def lend(self) -> Iterator[Executor]:
+        try:
+            process = self._free.get_nowait()
+        except queue.Empty:
+            process = local_processes(1)
+        try:
+            yield process
+        finally:
+            try:
+                submit(process, os.getpid)
+            except BrokenExecutor:
+                process = local_processes(1)
+            self._free.put(process)
+
+    def close(self) -> None:
+        while not self._free.empty():
+            self._free.get_nowait().shutdown(wait=True, cancel_futures=True)

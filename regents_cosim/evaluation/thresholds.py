@@ -1,0 +1,92 @@
+"""Expressions that say which change of a metric is a regression. No JAX here.
+
+    expression = limit { " " limit }
+    limit      = metric ":" sign number [ "%" ]
+    sign       = "-" | "+"
+
+`min_ttc_s:-5%` allows the metric to fall by at most 5 % of its baseline, `max_drac_m_s2:+0.5` to rise by
+at most 0.5, `collision:+0` no collision more. A metric without a value counts as the best there is:
+who meets nobody has all the time in the world.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from regents_cosim.errors import RegentsError
+
+# Which metrics there are, and what each is where there is nothing to measure. Those that are good when they are
+# great are limited downwards, the others upwards.
+_GREAT_IS_GOOD = {
+    "min_ttc_s": math.inf,
+    "min_pet_s": math.inf,
+    "min_gap_m": math.inf,
+    "margin": math.inf,
+    "route_completion": 1.0,
+    "score": 1.0,
+}
+_SMALL_IS_GOOD = {"collision": 0.0, "max_drac_m_s2": 0.0, "off_road": 0.0}
+METRICS = (*_GREAT_IS_GOOD, *_SMALL_IS_GOOD)
+
+_LIMIT = re.compile(r"(?P<metric>[a-z_0-9]+):(?P<sign>[+-])(?P<number>\d+(\.\d*)?|\.\d+)(?P<percent>%?)")
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """How far a metric may get worse."""
+
+    metric: str
+    allowed: float  # 0 or more, of the metric's unit, or a share of its baseline
+    relative: bool
+    text: str  # as it was written
+
+    def violated(self, before: Mapping[str, float | None], now: Mapping[str, float | None]) -> str:
+        """What got worse by more than is allowed, in words; empty where nothing did."""
+        if self.metric not in before:
+            return f"{self.text}: the baseline has no {self.metric} (accept it with --regents-update or --update)"
+        was, is_ = (_value(self.metric, values.get(self.metric)) for values in (before, now))
+        falls = self.metric in _GREAT_IS_GOOD
+        change = self.allowed * abs(was) if self.relative and math.isfinite(was) else self.allowed
+        bound = was - change if falls else was + change
+        worse = is_ < bound - _ROUNDING if falls else is_ > bound + _ROUNDING
+        if not worse:
+            return ""
+        moved = "fell" if falls else "rose"
+        return f"{self.text}: {self.metric} {moved} from {shown(was)} to {shown(is_)}, allowed to {shown(bound)}"
+
+
+def parse_thresholds(expression: str) -> tuple[Threshold, ...]:
+    """The limits of an expression. Raises RegentsError that says what is wrong with which."""
+    return tuple(_threshold(word) for word in expression.split())
+
+
+def shown(value: float | None) -> str:
+    """A metric for people."""
+    return "-" if value is None else "never" if math.isinf(value) else f"{value:.4g}"
+
+
+def _threshold(word: str) -> Threshold:
+    found = _LIMIT.fullmatch(word)
+    if found is None:
+        raise RegentsError(
+            f"threshold {word!r}, expected METRIC:-NUMBER or METRIC:+NUMBER, with % for a share of the baseline, "
+            "e.g. min_ttc_s:-5% or collision:+0"
+        )
+    metric, sign = found["metric"], found["sign"]
+    if metric not in METRICS:
+        raise RegentsError(f"threshold {word!r}: unknown metric {metric!r}, expected one of {', '.join(METRICS)}")
+    right = "-" if metric in _GREAT_IS_GOOD else "+"
+    if sign != right:
+        good = "more" if right == "-" else "less"
+        raise RegentsError(
+            f"threshold {word!r}: of {metric} {good} is better, so say how far it may "
+            f"{'fall' if right == '-' else 'rise'}: {metric}:{right}{found['number']}{found['percent']}"
+        )
+    relative = bool(found["percent"])
+    return Threshold(metric, float(found["number"]) / (100.0 if relative else 1.0), relative, word)
+
+
+def _value(metric: str, measured: float | None) -> float:
+    return {**_GREAT_IS_GOOD, **_SMALL_IS_GOOD}[metric] if measured is None else measured

@@ -1,0 +1,218 @@
+"""`regents suite`: what is chosen, built, listed, checked and merged."""
+
+import json
+import shutil
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+import regression_cases
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import platoon, scene
+
+from regents_cosim.cli import run
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.baseline import Baseline, Driven, load_baseline, save_baseline
+from regents_cosim.evaluation.cards import Card, card_of
+from regents_cosim.evaluation.curation import choose_adversarial, choose_ordinary
+from regents_cosim.evaluation.suite_building import Recipe, build, follows
+from regents_cosim.evaluation.suites import write_suite
+from regents_cosim.files import content_hash, load_suite
+from regents_cosim.suite import SuiteWriter
+
+KINDS = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on")
+
+
+def card(number=0, kind="t_bone", network="merge", window="w", adversary="car1", clean=True, avoidable=True, **rest):
+    values = {"planner": "idm", "method": "focused", "hash": "", **rest}
+    return Card(f"case{number:03d}", network, kind, clean, avoidable, adversary=adversary, window=window, **values)
+
+
+cards = st.lists(
+    st.builds(
+        card,
+        kind=st.sampled_from(KINDS),
+        network=st.sampled_from(["merge", "grid", "crossing"]),
+        window=st.sampled_from([f"w{i}" for i in range(12)]),
+        adversary=st.sampled_from(["car1", "car2"]),
+        clean=st.sampled_from([True, True, False, None]),
+        avoidable=st.sampled_from([True, True, False, None]),
+        planner=st.sampled_from(["idm", "log_replay"]),
+    ),
+    max_size=40,
+).map(lambda found: [replace(one, case=f"case{i:03d}") for i, one in enumerate(found)])
+
+
+# --- what is chosen ---------------------------------------------------------------------------
+
+
+@given(cards, st.integers(0, 20), st.integers(0, 5), st.randoms())
+def test_the_choice_does_not_depend_on_the_order_and_keeps_the_rules(found, count, unavoidable, random):
+    chosen = choose_adversarial(found, count, unavoidable, seed=0)
+    shuffled = random.sample(found, len(found))
+    assert choose_adversarial(shuffled, count, unavoidable, seed=0) == chosen
+    assert all(one.clean and one.avoidable is not None for one in chosen)
+    could = [one for one in chosen if one.avoidable]
+    assert len(could) <= count
+    assert len(chosen) - len(could) <= unavoidable
+    assert max(Counter(one.window for one in could).values(), default=0) <= 2
+    alike = Counter((one.window, one.adversary, one.kind) for one in could)
+    assert max(alike.values(), default=0) <= 1
+    assert [one.case for one in chosen] == sorted(one.case for one in chosen)
+
+
+def test_kinds_and_networks_are_balanced():
+    many = [
+        card(i, kind=kind, network=network, window=f"w{i}")
+        for i, (kind, network) in enumerate(
+            [("t_bone", "grid")] * 50
+            + [("t_bone", "merge")] * 9
+            + [("head_on", "grid")] * 7
+            + [("side_swipe", "merge")] * 3
+        )
+    ]
+    chosen = choose_adversarial(many, 15, 0, seed=0)
+    assert Counter(one.kind for one in chosen) == {"t_bone": 6, "head_on": 6, "side_swipe": 3}
+    assert Counter(one.network for one in chosen if one.kind == "t_bone") == {"grid": 3, "merge": 3}
+    assert choose_adversarial(many, 15, 0, seed=1) != chosen
+
+
+def test_half_of_the_ordinary_cases_follow_somebody():
+    recorded = [card(i, kind="ordinary", window=f"w{i}", clean=None, avoidable=None, adversary=None) for i in range(30)]
+    followers = {one.case for one in recorded[:6]}
+    chosen = choose_ordinary(recorded, followers, 10, seed=0)
+    assert sum(one.case in followers for one in chosen) == 5
+
+
+def test_who_follows():
+    assert follows(regression_cases.follows())
+    assert not follows(scene((0, 0, 10), (0, 3.2, 10), (-20, 0, 10)))
+    assert not follows(scene((0, 0, 10), (60, 0, 10)))
+
+
+# --- building ---------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_same_recipe_gives_the_same_suite(tmp_path):
+    recipe = Recipe(nets=("merge", "crossing"), windows=2, adversarial=4, unavoidable=4, ordinary=2, method="regents")
+    first, again = (build(recipe) for _ in range(2))
+    assert [content_hash(one) for one in first] == [content_hash(one) for one in again]
+    assert {one.attack is None for one in first} == {True, False}
+    for name, scenarios in (("one", first), ("two", again)):
+        write_suite(tmp_path / name, scenarios, 0)
+    files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
+    assert all((tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes() for file in files)
+
+
+def test_a_suite_takes_the_place_of_the_one_before(tmp_path):
+    folder = regression_cases.write(tmp_path / "suite")
+    save_baseline(
+        folder / "baseline.json",
+        Baseline().accepting("idm", "mirror", {"follows": Driven("", "collision")}, ["follows"]),
+    )
+    write_suite(folder, [platoon()], 3)
+    assert [entry.case for entry in load_suite(folder).cases] == ["platoon0"]
+    assert sorted(path.name for path in folder.iterdir()) == ["baseline.json", "maps", "platoon0", "suite.json"]
+    assert not [path for path in tmp_path.iterdir() if path != folder]
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("")
+    with pytest.raises(RegentsError, match="exists and is no suite"):
+        write_suite(tmp_path / "other", [platoon()], 0)
+
+
+# --- the commands -----------------------------------------------------------------------------
+
+
+def regents(capsys, *words):
+    code = run(["suite", *map(str, words)])
+    shown = capsys.readouterr()
+    return code, shown.out, " ".join(shown.err.split())
+
+
+def test_list(tmp_path, capsys):
+    folder = regression_cases.write(tmp_path / "suite")
+    code, out, _ = regents(capsys, "list", folder, "--json")
+    rows = {row["case"]: row for row in json.loads(out)}
+    assert code == 0
+    assert [row["kind"] for row in rows.values()] == ["ordinary", "side_swipe", "side_swipe"]
+    assert rows["pushes"]["adversary"] == "car02"
+    assert rows["pushes"]["hash"] == load_suite(folder).cases[1].hash == card_of(folder / "pushes").hash
+
+
+def _truncate_tracks(folder):
+    (folder / "follows" / "tracks.npz").write_bytes(b"PK")
+
+
+def _lose_map(folder):
+    for file in (folder / "maps").iterdir():
+        file.unlink()
+
+
+def _another_content(folder):
+    SuiteWriter(folder.parent / "other", 0).add(replace(regression_cases.follows(), target=(1.0, 2.0)))
+    shutil.rmtree(folder / "follows")
+    shutil.copytree(folder.parent / "other" / "follows", folder / "follows")
+
+
+def _forget_a_case(folder):
+    suite = load_suite(folder)
+    text = (folder / "suite.json").read_text()
+    assert suite.cases[0].case == "follows"
+    manifest = json.loads(text)
+    manifest["cases"] = manifest["cases"][1:]
+    (folder / "suite.json").write_text(json.dumps(manifest))
+
+
+def _stale_baseline(folder):
+    entries = {"follows": Driven("0" * 64, "no_collision")}
+    save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", entries, entries))
+
+
+def _baseline_of_nothing(folder):
+    entries = {"follows2": Driven("0" * 64, "no_collision")}
+    save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", entries, entries))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (_truncate_tracks, "missing, damaged or truncated"),
+        (_lose_map, "road.json.gz not found"),
+        (_another_content, "suite.json says"),
+        (_forget_a_case, "suite.json does not list it"),
+        (_stale_baseline, "baseline of another content: idm in mirror"),
+        (_baseline_of_nothing, "has a baseline (idm in mirror), but is not in the suite"),
+    ],
+)
+def test_check_finds(spoil, said, tmp_path, capsys):
+    folder = regression_cases.write(tmp_path / "suite")
+    assert regents(capsys, "check", folder)[0] == 0
+    spoil(folder)
+    code, out, _ = regents(capsys, "check", folder, "--json")
+    assert code == 1
+    assert any(said in row["problem"] for row in json.loads(out))
+    code, _, err = regents(capsys, "check", tmp_path)
+    assert code == 2
+    assert "no suite.json" in err
+
+
+def test_merge(tmp_path, capsys):
+    one, two = regression_cases.write(tmp_path / "one"), tmp_path / "two"
+    SuiteWriter(two, 0).add(platoon())
+    SuiteWriter(two, 0).add(regression_cases.follows())
+    for folder, case in ((one, "pushes"), (two, "platoon0")):
+        entries = {case: Driven(card_of(folder / case).hash, "no_collision")}
+        save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", entries, entries))
+    assert regents(capsys, "merge", one, two, "-o", tmp_path / "both")[0] == 0
+    assert [e.case for e in load_suite(tmp_path / "both").cases] == ["follows", "platoon0", "pushes", "squeezes_in"]
+    assert sorted(load_baseline(tmp_path / "both" / "baseline.json").of("idm", "mirror")) == ["platoon0", "pushes"]
+    assert regents(capsys, "check", tmp_path / "both")[0] == 0
+
+    SuiteWriter(two, 0).add(replace(regression_cases.follows(), target=(1.0, 2.0)))
+    code, _, err = regents(capsys, "merge", one, two, "-o", tmp_path / "clash")
+    assert code == 2
+    assert "case follows is in" in err
+    assert not (tmp_path / "clash").exists()
+    assert regents(capsys, "merge", one, "-o", tmp_path / "alone")[0] == 2
