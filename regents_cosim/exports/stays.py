@@ -57,4 +57,3 @@ def lanes_along(scenario: Scenario, points: Float[np.ndarray, "time 2"]) -> list
         held = name or held
         filled.append(held)
     return filled
-
