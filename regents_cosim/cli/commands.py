@@ -258,6 +258,40 @@ def replay(
 
 
 @app.command
+def export(
+    case: Path,
+    *,
+    to: Literal["fcd", "csv", "openscenario", "commonroad"],
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    talk: Talk = Talk(),
+) -> int:
+    """Write a case as other tools read it.
+
+    Parameters
+    ----------
+    case
+        folder of one case
+    to
+        fcd: SUMO's FCD with net and configuration, which plain sumo-gui opens; csv: a table of tracks;
+        openscenario: OpenSCENARIO 1.2 and OpenDRIVE; commonroad: CommonRoad 2020a
+    output
+        new folder for the files
+    """
+    from regents_cosim.exports.export import export as run_export
+    from regents_cosim.suite import load_cases
+
+    terminal = open_terminal(talk)
+    scenarios = load_cases(case)
+    if len(scenarios) > 1:
+        raise RegentsError(f"{case} holds {len(scenarios)} cases; export takes one, name its folder")
+    with terminal.waiting(f"writing {output}"):
+        files = run_export(scenarios[0], to, output)
+    rows = [{"file": file.name, "bytes": file.stat().st_size} for file in files]
+    terminal.show(f"{scenarios[0].id} as {to} in {output}", rows)
+    return 0
+
+
+@app.command
 def evaluate(
     cases: Path,
     *,

@@ -1,0 +1,177 @@
+"""CommonRoad XML 2020a: lanelets, dynamic obstacles, and a planning problem for the ego.
+
+Two files, as there are two uses: `planning.xml` has everyone but the ego, whose start and target are
+the planning problem; `recorded.xml` has the ego among the obstacles and no problem. CommonRoad knows
+lanelets and obstacles by number alone; `ids.csv` says whom the numbers stand for.
+
+Source of the format: CommonRoad 2020a, "Documentation of the XML format".
+"""
+
+import csv
+import datetime
+import itertools
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.exports.stays import Stay, poses, stays
+from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.scenario import Kind, Scenario
+
+_TYPES: dict[Kind, str] = {
+    "car": "car", "truck": "truck", "bus": "bus", "motorcycle": "motorcycle", "bicycle": "bicycle",
+    "pedestrian": "pedestrian", "other": "unknown",
+}  # fmt: skip
+_SHARPEST = 0.25  # cosine of half a bend at which a bound stops reaching out further
+_GOAL_M = (6.0, 3.0)  # length and width of the place to reach
+_LEAST_STEP_M = 1e-3  # lines with points closer than that have no direction there
+
+
+def write_commonroad(scenario: Scenario, folder: Path) -> None:
+    """Write `planning.xml`, `recorded.xml` and `ids.csv` into `folder`."""
+    numbers = itertools.count(1)
+    lanes = {lane.id: str(next(numbers)) for lane in scenario.road.lanes}
+    others = [(str(next(numbers)), stay) for stay in stays(scenario)]
+    recorded, planning = _document(scenario, "recorded"), _document(scenario, "planning")
+    for root in (recorded, planning):
+        root.extend(_lanelets(scenario.road, lanes))
+    for number, stay in others:
+        recorded.append(_obstacle(scenario, number, stay))
+        if stay.index:
+            planning.append(_obstacle(scenario, number, stay))
+    planning.append(_problem(scenario, str(next(numbers))))
+    for name, root in {"recorded": recorded, "planning": planning}.items():
+        ET.indent(root)
+        (folder / f"{name}.xml").write_bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
+    rows = [("lanelet", number, name, "") for name, number in lanes.items()]
+    rows += [("obstacle", number, stay.agent.id, stay.agent.role) for number, stay in others]
+    with (folder / "ids.csv").open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows([("what", "number", "id", "role"), *rows])
+
+
+def _document(scenario: Scenario, use: str) -> ET.Element:
+    root = ET.Element(
+        "commonRoad",
+        commonRoadVersion="2020a",
+        benchmarkID=f"ZAM_{_letters(scenario.id)}-1_1_T-1",
+        date=datetime.date.today().isoformat(),
+        author="",
+        affiliation="",
+        source=f"regents_cosim, case {scenario.id}, {use}",
+        timeStepSize=repr(scenario.dt),
+    )
+    location = ET.SubElement(root, "location")
+    for name, value in {"geoNameId": "-999", "gpsLatitude": "999", "gpsLongitude": "999"}.items():
+        ET.SubElement(location, name).text = value
+    ET.SubElement(ET.SubElement(root, "scenarioTags"), "simulated")
+    return root
+
+
+def _letters(name: str) -> str:
+    """The letters and digits of a name: a benchmark's id has room for no others."""
+    return "".join(c for c in name if c.isascii() and c.isalnum()) or "case"
+
+
+# --- lanelets ---------------------------------------------------------------------------------
+
+
+def _lanelets(road: RoadMap, numbers: dict[str, str]) -> Iterator[ET.Element]:
+    before: dict[str, list[str]] = {name: [] for name in numbers}
+    for link in road.connections:
+        before[link.target].append(numbers[link.source])
+    for lane in road.lanes:
+        element = ET.Element("lanelet", id=numbers[lane.id])
+        for side, bound in zip(("leftBound", "rightBound"), bounds(lane), strict=True):
+            _points(ET.SubElement(element, side), bound)
+        after = [numbers[link.target] for link in road.exits[lane.id]]
+        for name, others in {"predecessor": before[lane.id], "successor": after}.items():
+            for other in dict.fromkeys(others):
+                ET.SubElement(element, name, ref=other)
+        for name, other in {"adjacentLeft": lane.left, "adjacentRight": lane.right}.items():
+            if other in numbers:
+                ET.SubElement(element, name, ref=numbers[other], drivingDir="same")
+        ET.SubElement(element, "laneletType").text = "intersection" if lane.junction else "urban"
+        yield element
+
+
+def bounds(lane: Lane) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2"]]:
+    """Left and right bound [m] of a lane: its centre line, half the width to each side, mitred at bends."""
+    steps = np.diff(lane.centre, axis=0)
+    kept = np.hypot(*steps.T) > _LEAST_STEP_M
+    centre = lane.centre[np.concatenate([[True], kept])] if kept.any() else lane.centre[[0, -1]]
+    along = np.diff(centre, axis=0)
+    along /= np.maximum(np.hypot(*along.T), 1e-12)[:, None]
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+    both = np.concatenate([normal[:1], normal]) + np.concatenate([normal, normal[-1:]])
+    length = np.hypot(*both.T)  # twice the cosine of half the bend
+    across = both / np.maximum(length, 1e-12)[:, None] / np.maximum(0.5 * length, _SHARPEST)[:, None]
+    return centre + 0.5 * lane.width * across, centre - 0.5 * lane.width * across
+
+
+def _points(parent: ET.Element, points: Iterable[Iterable[float]]) -> None:
+    for point in points:
+        place = ET.SubElement(parent, "point")
+        for name, value in zip(("x", "y"), point, strict=True):
+            ET.SubElement(place, name).text = _number(value)
+
+
+# --- traffic ----------------------------------------------------------------------------------
+
+
+def _obstacle(scenario: Scenario, number: str, stay: Stay) -> ET.Element:
+    element = ET.Element("dynamicObstacle", id=number)
+    ET.SubElement(element, "type").text = _TYPES[stay.agent.kind]
+    rectangle = ET.SubElement(ET.SubElement(element, "shape"), "rectangle")
+    for name, size in {"length": stay.agent.length, "width": stay.agent.width}.items():
+        ET.SubElement(rectangle, name).text = _number(size)
+    first, *rest = poses(scenario, stay)
+    _state(ET.SubElement(element, "initialState"), stay.first, first)
+    if rest:
+        trajectory = ET.SubElement(element, "trajectory")
+        for step, pose in enumerate(rest, start=stay.first + 1):
+            _state(ET.SubElement(trajectory, "state"), step, pose)
+    return element
+
+
+def _state(state: ET.Element, step: int, pose: Float[np.ndarray, " 4"]) -> None:
+    x, y, yaw, speed = pose.tolist()
+    _points(ET.SubElement(state, "position"), [(x, y)])
+    _exact(state, "orientation", _number(yaw))
+    _exact(state, "time", str(step))
+    _exact(state, "velocity", _number(speed))
+
+
+def _exact(parent: ET.Element, name: str, value: str) -> None:
+    ET.SubElement(ET.SubElement(parent, name), "exact").text = value
+
+
+def _number(value: float) -> str:
+    return f"{value:.9f}"
+
+
+# --- the ego ----------------------------------------------------------------------------------
+
+
+def _problem(scenario: Scenario, number: str) -> ET.Element:
+    """From where the ego is at step 0 to around its target, at the latest at the end of the case."""
+    problem = ET.Element("planningProblem", id=number)
+    initial = ET.SubElement(problem, "initialState")
+    ego = next(stays(scenario))
+    _state(initial, 0, poses(scenario, ego)[0])
+    for name in ("yawRate", "slipAngle"):
+        _exact(initial, name, "0.0")
+    goal = ET.SubElement(problem, "goalState")
+    place = ET.SubElement(ET.SubElement(goal, "position"), "rectangle")
+    yaw = float(scenario.tracks.yaw[0, -1])
+    for name, value in zip(("length", "width", "orientation"), (*_GOAL_M, yaw), strict=True):
+        ET.SubElement(place, name).text = _number(value)
+    centre = ET.SubElement(place, "center")
+    for name, value in zip(("x", "y"), scenario.target, strict=True):
+        ET.SubElement(centre, name).text = _number(value)
+    time = ET.SubElement(goal, "time")
+    ET.SubElement(time, "intervalStart").text = "1"
+    ET.SubElement(time, "intervalEnd").text = str(scenario.tracks.steps - 1)
+    return problem

@@ -1,0 +1,41 @@
+"""`export`: a case as other tools read it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from regents_cosim.atomic import explain_write, new_folder, require_writable
+from regents_cosim.errors import RegentsError
+from regents_cosim.exports.commonroad import write_commonroad
+from regents_cosim.exports.fcd import write_fcd
+from regents_cosim.exports.openscenario import write_openscenario
+from regents_cosim.exports.table import write_table
+from regents_cosim.scenario import Scenario
+
+Format = Literal["fcd", "csv", "openscenario", "commonroad"]
+
+_WRITERS: dict[Format, Callable[[Scenario, Path], None]] = {
+    "fcd": write_fcd,
+    "csv": write_table,
+    "openscenario": write_openscenario,
+    "commonroad": write_commonroad,
+}
+
+
+def export(scenario: Scenario, to: Format, folder: Path) -> list[Path]:
+    """Write `scenario` in the format `to` into `folder`, new or empty; return its files.
+
+    fcd is for SUMO, openscenario 1.2 (with OpenDRIVE) for esmini and its kin, commonroad 2020a, csv for
+    everybody. Positions survive to less than 1 mm. The folder appears as a whole or not at all.
+
+    Raises RegentsError where `folder` holds something or cannot be written, where a package is missing, and
+    where the case has no SUMO network but the format needs one.
+    """
+    require_writable(folder)
+    if folder.exists() and any(folder.iterdir()):
+        raise RegentsError(f"{folder} is not empty; name a new folder with -o")
+    with explain_write(folder):
+        folder.absolute().parent.mkdir(parents=True, exist_ok=True)
+        with new_folder(folder) as fresh:
+            _WRITERS[to](scenario, fresh)
+    return sorted(folder.iterdir())

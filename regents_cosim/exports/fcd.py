@@ -1,0 +1,142 @@
+"""A folder that plain `sumo-gui` opens: the network, vehicle types, the case as FCD, and a configuration.
+
+SUMO's own replayer (`--device.fcd-replay.files`, 1.28) places every vehicle where the FCD has it;
+nothing of this package is needed to watch. It starts at time 0, and the lights show what they
+showed in the case.
+"""
+
+import gzip
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.exports.stays import lanes_along, poses, stays
+from regents_cosim.frames import Pose, to_sumo
+from regents_cosim.scenario import Agent, Kind, Role, Scenario, Signal
+
+_CLASSES: dict[Kind, str] = {
+    "car": "passenger", "truck": "truck", "bus": "bus", "motorcycle": "motorcycle", "bicycle": "bicycle",
+    "pedestrian": "pedestrian", "other": "container",
+}  # fmt: skip
+_COLOURS: dict[Role, str] = {"ego": "8,104,201", "adversary": "226,84,10", "background": "146,154,165"}
+_DIGITS = 6  # SUMO's default of two decimals is 1 cm
+_GUI_DELAY_MS = 100.0
+
+
+def write_fcd(scenario: Scenario, folder: Path) -> None:
+    """Write `case.net.xml.gz`, `types.add.xml`, `fcd.xml.gz`, `view.xml` and `case.sumocfg` into `folder`.
+
+    Raises RegentsError where the map of the case has no SUMO network.
+    """
+    net = scenario.road.sumo_net
+    if net is None:
+        raise RegentsError(
+            f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}), which a "
+            "replay in SUMO needs; cases from elsewhere go --to csv or --to commonroad"
+        )
+    (folder / "case.net.xml.gz").write_bytes(net)
+    _write(folder / "types.add.xml", _additional(scenario))
+    (folder / "fcd.xml.gz").write_bytes(gzip.compress(_bytes(_log(scenario)), mtime=0))
+    _write(folder / "view.xml", _view(scenario))
+    _write(folder / "case.sumocfg", _configuration(scenario))
+
+
+def _write(path: Path, root: ET.Element) -> None:
+    path.write_bytes(_bytes(root))
+
+
+def _bytes(root: ET.Element) -> bytes:
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+# --- the log ----------------------------------------------------------------------------------
+
+
+def _log(scenario: Scenario) -> ET.Element:
+    root = ET.Element("fcd-export")
+    instants = [
+        ET.SubElement(root, "timestep", time=_number(step * scenario.dt)) for step in range(scenario.tracks.steps)
+    ]
+    for step, vehicle in _vehicles(scenario):
+        instants[step].append(vehicle)
+    return root
+
+
+def _vehicles(scenario: Scenario) -> Iterator[tuple[int, ET.Element]]:
+    for stay in stays(scenario):
+        x, y, yaw, speed = poses(scenario, stay).T
+        front = to_sumo(Pose(x, y, yaw), stay.agent.length)
+        points = np.stack([front.x, front.y], axis=-1)
+        lanes = lanes_along(scenario, points)
+        lines = [shapely.LineString(scenario.road.lane[lane].centre) for lane in lanes]
+        along = shapely.line_locate_point(lines, shapely.points(points))
+        values = {"x": front.x, "y": front.y, "angle": front.angle, "speed": speed, "pos": along}
+        for k, lane in enumerate(lanes):
+            entry = {"id": stay.agent.id, "type": _type_of(stay.agent), "lane": lane, "slope": "0"}
+            numbers = {name: _number(column[k]) for name, column in values.items()}
+            yield stay.first + k, ET.Element("vehicle", entry | numbers)
+
+
+def _number(value: float) -> str:
+    return f"{value:.{_DIGITS}f}"
+
+
+# --- types and lights -------------------------------------------------------------------------
+
+
+def _type_of(agent: Agent) -> str:
+    return f"{agent.role}_{agent.kind}_{agent.length:.6g}x{agent.width:.6g}"
+
+
+def _additional(scenario: Scenario) -> ET.Element:
+    root = ET.Element("additional")
+    for name, agent in {_type_of(agent): agent for agent in scenario.agents}.items():
+        size = {"length": repr(agent.length), "width": repr(agent.width), "minGap": "0"}
+        look = {"vClass": _CLASSES[agent.kind], "color": _COLOURS[agent.role]}
+        ET.SubElement(root, "vType", {"id": name} | look | size)
+    root.extend(_program(signal, scenario) for signal in scenario.signals)
+    return root
+
+
+def _program(signal: Signal, scenario: Scenario) -> ET.Element:
+    """A light that does from time 0 on what it did in the case, then stays as it is."""
+    program = ET.Element("tlLogic", id=signal.id, type="static", programID="case", offset="0")
+    ends = [step for step, _ in signal.changes[1:]] + [10 * scenario.tracks.steps]
+    for (begin, letters), end in zip(signal.changes, ends, strict=True):
+        ET.SubElement(program, "phase", duration=_number((end - begin) * scenario.dt), state=letters)
+    return program
+
+
+# --- configuration ----------------------------------------------------------------------------
+
+
+def _configuration(scenario: Scenario) -> ET.Element:
+    sections = {
+        "input": {"net-file": "case.net.xml.gz", "additional-files": "types.add.xml"},
+        "time": {"begin": "0", "end": _number(scenario.tracks.steps * scenario.dt), "step-length": repr(scenario.dt)},
+        "processing": {"time-to-teleport": "-1", "collision.action": "none", "insertion-checks": "none"},
+        "report": {"no-warnings": "true", "no-step-log": "true"},  # that vehicles brake harder than their type allows
+        "fcd_replay_device": {"device.fcd-replay.files": "fcd.xml.gz"},
+        "gui_only": {"gui-settings-file": "view.xml"},
+    }
+    root = ET.Element("configuration")
+    for section, options in sections.items():
+        part = ET.SubElement(root, section)
+        for name, value in options.items():
+            ET.SubElement(part, name, value=value)
+    return root
+
+
+def _view(scenario: Scenario) -> ET.Element:
+    """Where sumo-gui looks: at the middle of the ego's way, slowly enough to see something."""
+    root = ET.Element("viewsettings")
+    middle = scenario.tracks.steps // 2
+    centre = {"x": _number(scenario.tracks.x[0, middle]), "y": _number(scenario.tracks.y[0, middle])}
+    ET.SubElement(root, "viewport", {"zoom": "1000"} | centre)
+    ET.SubElement(root, "delay", value=_number(_GUI_DELAY_MS))
+    return root

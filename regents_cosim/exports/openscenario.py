@@ -1,0 +1,158 @@
+"""OpenSCENARIO 1.2 with the road as OpenDRIVE: every agent follows its trajectory, as timed.
+
+As the standard has it a vehicle's position is that of its rear axle, here 0.3 of its length behind the box
+centre, and its bounding box lies that far ahead of it; pedestrians and other objects are placed by their
+centre. Agents that come later are added, and those that leave deleted, at their time.
+
+Source of the format: ASAM OpenSCENARIO XML 1.2.0, FollowTrajectoryAction, Vehicle, Axles, BoundingBox.
+"""
+
+import subprocess
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.exports.stays import Stay, poses, stays
+from regents_cosim.scenario import Agent, Scenario
+
+_REAR_AXLE = 0.3  # of the length, behind the centre: a wheelbase of 0.6
+_CATEGORIES = {"car": "car", "truck": "truck", "bus": "bus", "motorcycle": "motorbike", "bicycle": "bicycle"}
+_HEIGHTS_M = {"truck": 3.4, "bus": 3.2}
+_HEIGHT_M = 1.6
+_MASS_KG = 80.0  # of pedestrians and other objects; the schema wants one
+_WHEEL_M = 0.6
+_STEER_RAD = 0.6
+_SPEED_M_S, _ACCEL_M_S2 = 70.0, 10.0  # what a vehicle can do; trajectories do not ask
+_NET, _ROAD, _CASE = "case.net.xml.gz", "case.xodr", "case.xosc"
+
+
+def write_openscenario(scenario: Scenario, folder: Path) -> None:
+    """Write `case.xosc`, `case.xodr` and the network that it was made from into `folder`.
+
+    Raises RegentsError where the packages of the extra `openscenario` are missing, or the case has no SUMO network.
+    """
+    if scenario.road.sumo_net is None:
+        raise RegentsError(
+            f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}), from which "
+            "the OpenDRIVE road is made; cases from elsewhere go --to csv or --to commonroad"
+        )
+    xosc = _package("scenariogeneration.xosc")
+    (folder / _NET).write_bytes(scenario.road.sumo_net)
+    _write_road(folder)
+    _Storyboard(xosc, scenario).scenario().write_xml(str(folder / _CASE))
+
+
+def rear_axle(agent: Agent) -> float:
+    """How far the reference point is behind the box centre [m]."""
+    return 0.0 if agent.kind in ("pedestrian", "other") else _REAR_AXLE * agent.length
+
+
+def _package(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise RegentsError(
+            f"OpenSCENARIO needs scenariogeneration and eclipse-sumo ({error}); install them with "
+            "pip install 'regents_cosim[openscenario]'"
+        ) from error
+
+
+def _write_road(folder: Path) -> None:
+    """OpenDRIVE in the coordinates of the network: netconvert shifts nothing that it reads from one."""
+    program = Path(_package("sumo").SUMO_HOME) / "bin" / "netconvert"
+    words = ["--sumo-net-file", _NET, "--opendrive-output", _ROAD, "--offset.disable-normalization", "--no-warnings"]
+    # Run inside the folder, for it writes into the road by which names it was called.
+    done = subprocess.run([str(program), *words], capture_output=True, text=True, cwd=folder)
+    if done.returncode or not (folder / _ROAD).is_file():
+        raise RegentsError(f"netconvert made no OpenDRIVE of the network: {' '.join(done.stderr.split())[-500:]}")
+
+
+class _Storyboard:
+    """One Scenario in the words of scenariogeneration's `xosc`."""
+
+    def __init__(self, xosc: Any, scenario: Scenario) -> None:
+        self._xosc, self._case = xosc, scenario
+
+    def scenario(self) -> Any:
+        """The whole file."""
+        xosc = self._xosc
+        entities = xosc.Entities()
+        for agent in self._case.agents:
+            entities.add_scenario_object(agent.id, self._entity(agent))
+        return xosc.Scenario(
+            self._case.id, "regents_cosim", xosc.ParameterDeclarations(), entities, self._storyboard(),
+            xosc.RoadNetwork(_ROAD), xosc.Catalog(), osc_minor_version=2,
+        )  # fmt: skip
+
+    def _entity(self, agent: Agent) -> Any:
+        xosc, height = self._xosc, _HEIGHTS_M.get(agent.kind, _HEIGHT_M)
+        back = rear_axle(agent)
+        box = xosc.BoundingBox(agent.width, agent.length, height, back, 0.0, 0.5 * height)
+        if agent.kind == "pedestrian":
+            return xosc.Pedestrian(agent.kind, _MASS_KG, xosc.PedestrianCategory.pedestrian, box)
+        if agent.kind == "other":
+            return xosc.MiscObject(agent.kind, _MASS_KG, xosc.MiscObjectCategory.obstacle, box)
+        front, rear = (
+            xosc.Axle(steer, _WHEEL_M, 0.9 * agent.width, at, 0.5 * _WHEEL_M)
+            for steer, at in ((_STEER_RAD, 2.0 * back), (0.0, 0.0))
+        )
+        category = getattr(xosc.VehicleCategory, _CATEGORIES[agent.kind])
+        return xosc.Vehicle(agent.kind, category, box, front, rear, _SPEED_M_S, _ACCEL_M_S2, _ACCEL_M_S2)
+
+    def _storyboard(self) -> Any:
+        xosc = self._xosc
+        board = xosc.StoryBoard(xosc.Init(), self._at((self._case.tracks.steps - 1) * self._case.dt, "end", "stop"))
+        act = xosc.Act("replay", self._at(0.0, "begin"))
+        for number, stay in enumerate(stays(self._case)):
+            places = self._places(stay)
+            if stay.first == 0:
+                board.init.add_init_action(stay.agent.id, xosc.TeleportAction(places[0]))
+            act.add_maneuver_group(self._group(f"{stay.agent.id} {number}", stay, places))
+        story = xosc.Story("replay")
+        story.add_act(act)
+        board.add_story(story)
+        return board
+
+    def _group(self, name: str, stay: Stay, places: list[Any]) -> Any:
+        """One agent comes (unless it is there from the start), follows its trajectory, and leaves (unless it stays)."""
+        xosc, dt, who = self._xosc, self._case.dt, stay.agent.id
+        maneuver = xosc.Maneuver(name)
+        if stay.first > 0:
+            maneuver.add_event(self._event(f"{name} comes", stay.first * dt, xosc.AddEntityAction(who, places[0])))
+        if len(places) > 1:
+            maneuver.add_event(self._event(f"{name} drives", stay.first * dt, self._follow(name, stay, places)))
+        if stay.last + 1 < self._case.tracks.steps:
+            gone = (stay.last + 1) * dt
+            maneuver.add_event(self._event(f"{name} leaves", gone, xosc.DeleteEntityAction(who)))
+        group = xosc.ManeuverGroup(name)
+        group.add_actor(who)
+        group.add_maneuver(maneuver)
+        return group
+
+    def _follow(self, name: str, stay: Stay, places: list[Any]) -> Any:
+        xosc = self._xosc
+        times = [round(step * self._case.dt, 9) for step in range(stay.first, stay.last + 1)]
+        trajectory = xosc.Trajectory(name, closed=False)
+        trajectory.add_shape(xosc.Polyline(times, places))
+        timing = (xosc.ReferenceContext.absolute, 1.0, 0.0)
+        return xosc.FollowTrajectoryAction(trajectory, xosc.FollowingMode.position, *timing)
+
+    def _places(self, stay: Stay) -> list[Any]:
+        x, y, yaw, _ = poses(self._case, stay).T
+        back = rear_axle(stay.agent)
+        rows = np.stack([x - back * np.cos(yaw), y - back * np.sin(yaw), yaw], axis=-1).tolist()
+        return [self._xosc.WorldPosition(x=px, y=py, z=0.0, h=h, p=0.0, r=0.0) for px, py, h in rows]
+
+    def _event(self, name: str, time_s: float, action: Any) -> Any:
+        event = self._xosc.Event(name, self._xosc.Priority.parallel)
+        event.add_action(name, action)
+        event.add_trigger(self._at(time_s, name))
+        return event
+
+    def _at(self, time_s: float, name: str, point: str = "start") -> Any:
+        xosc = self._xosc
+        condition = xosc.SimulationTimeCondition(round(time_s, 9), xosc.Rule.greaterOrEqual)
+        return xosc.ValueTrigger(f"{name} at", 0, xosc.ConditionEdge.none, condition, triggeringpoint=point)
