@@ -117,11 +117,12 @@ def test_a_table_and_commonroad_come_back(name, request, tmp_path):
     check_commonroad(case, tmp_path / "commonroad")
 
 
-SPAN = st.tuples(st.integers(0, 9), st.integers(0, 9)).map(sorted)
+# CommonRoad's readers, ours too, take an obstacle with a single state for one that stands there all the time.
+SPAN = st.tuples(st.integers(0, 9), st.integers(0, 9)).map(sorted).filter(lambda span: span[0] < span[1])
 
 
 @given(seed=st.integers(0, 99), spans=st.lists(SPAN, min_size=3, max_size=3))
-@settings(max_examples=15)
+@settings(max_examples=8)
 def test_whoever_comes_late_or_leaves_early_does_so_in_the_file(seed, spans):
     y = np.random.default_rng(seed).uniform(0, 6, 4)
     case = come_and_go(scene(*((20.0 * i, y[i], 3.0 * i) for i in range(4)), steps=10), spans)
