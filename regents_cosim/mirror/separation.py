@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
 
+_TIE_M = 1e-4  # corners that are closer by less are equally close
 _CORNERS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # front left, front right, rear right, rear left
 
 
@@ -95,7 +96,9 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
             (theirs.on_corner[0], ours.on_box[0]), (theirs.on_corner[1], ours.on_box[1]),
         )
     )  # fmt: skip
-    closest = (squares == squares.min(axis=0)).astype(value.dtype)
+    # Not only those that equal the least: XLA computes them once for the minimum and once for the comparison, and
+    # rounds differently. Then none is equal, and the step had no gradient (5 to 25 % of the steps of an attack).
+    closest = (jnp.sqrt(squares) <= jnp.sqrt(squares.min(axis=0)) + _TIE_M).astype(value.dtype)
     apart = value > 0.0
     share = jnp.where(apart, closest / (closest.sum(axis=0) * jnp.where(apart, value, 1.0)), 0.0)
     x, y = share * x, share * y
