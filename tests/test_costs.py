@@ -213,4 +213,4 @@ def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
     one_by_one, compiled = slope(nudged), eqx.filter_jit(slope)(nudged)
     for name in ("x", "y", "cos", "sin"):
         mine, theirs = (np.asarray(getattr(found, name))[4] for found in (compiled, one_by_one))
-        assert mine == pytest.approx(theirs, abs=1e-3 * np.abs(theirs).max())
+        assert mine == pytest.approx(theirs, abs=1e-3 * float(np.abs(theirs).max()))
