@@ -25,11 +25,14 @@ from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.lanes import search_in_lanes
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.pursuit import Drives, in_compiled_loop, in_process, pursue
+from regents_cosim.attacks.pursuit import Drives, Request, in_compiled_loop, in_process, pursue
+from regents_cosim.attacks.replanned import Traffic
 from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.search import descend
+from regents_cosim.attacks.universal import Several
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
@@ -50,9 +53,10 @@ def attack(
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
+    against: Sequence[str] = (),
 ) -> Iterator[Scenario]:
     """All results of `attack_each`, one after the other."""
-    for results in attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s):
+    for results in attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s, against):
         yield from results
 
 
@@ -64,6 +68,7 @@ def attack_each(
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
+    against: Sequence[str] = (),
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
 
@@ -83,8 +88,14 @@ def attack_each(
 
     `extra_cost` of (World, Motion [agent, time] with the ego in row 0, Controls [agent, step]) is
     added to the cost, to ask for more than a collision; it must be differentiable by JAX.
+
+    `against` names more planners, in JAX too: then one adversary is to make all of them crash
+    (`universal`), and `attack.settings["crashed"]` names those that do. The ego of the resulting
+    case is driven by `planner`.
     """
     under_test = find_planner(planner)
+    if against:
+        under_test = _several(under_test, (planner, *against), config)
     if config.optimiser != "adam" and isinstance(under_test, HostPlanner):
         raise RegentsError(f"method {config.method} needs a planner in JAX, {planner!r} is not: take king or regents")
     batch = max(batch, 1)
@@ -99,6 +110,38 @@ def attack_each(
     only_threads = under_attack.config.replan_every > 1 or config.optimiser != "adam"
     run = _in_threads if engine == "threads" or only_threads else _in_lanes
     yield from run(scenarios, under_attack, batch)
+
+
+def _several(first: JaxPlanner | HostPlanner, names: tuple[str, ...], config: AttackConfig) -> Several:
+    """The planners of an attack on several. Raises PlannerError, RegentsError."""
+    planners = [first, *(find_planner(name) for name in names[1:])]
+    for name, planner in zip(names, planners, strict=True):
+        if not isinstance(planner, JaxPlanner):
+            raise RegentsError(
+                f"planner {name!r} is not in JAX: only planners in JAX are attacked several at once "
+                "(attack one of them and replay its adversaries against the others: `regents bench cross`)"
+            )
+    if len(set(names)) < len(names):
+        raise RegentsError(f"planners {', '.join(names)}: expected each of them once")
+    if config.as_published or config.replan_every > 1 or config.optimiser != "adam":
+        raise RegentsError(
+            "several planners are attacked at once by gradients, in every iteration and by our own code: "
+            "leave out --as-published and --replan-every, and take method king, regents or focused"
+        )
+    return Several(tuple(planner for planner in planners if isinstance(planner, JaxPlanner)), names)
+
+
+def _who_crashes(several: Several, scenario: Scenario, job: Job, found: Found) -> list[str]:
+    """Names of the planners that crash among what was found, each in a drive of its own, by the exact boxes."""
+    crashed = []
+    for name, planner, memory in zip(several.names, several.planners, job.memory, strict=True):
+        request = Request(scenario, job._replace(memory=memory), Traffic(found.motion, None))
+        (driven,) = in_compiled_loop(planner)([request])
+        assert not isinstance(driven, DriveError)
+        tracks = to_tracks(with_ego(found.motion, driven.ego.motion), found.controls, scenario)
+        if first_contact(scenario.agents, tracks):
+            crashed.append(name)
+    return crashed
 
 
 def _replanning(config: AttackConfig, default: int) -> AttackConfig:
@@ -127,7 +170,9 @@ class _Attack:
         world = to_world(scenario, self.dynamics(scenario))
         memory = None
         if isinstance(self.planner, JaxPlanner):
-            memory = start(self.planner, LoopScene(scenario, world), self.planner_name)
+            scene = LoopScene(scenario, world)
+            several = isinstance(self.planner, Several)
+            memory = self.planner.init(scene) if several else start(self.planner, scene, self.planner_name)
         allowed = np.asarray(_candidates(world, self.config))
         if self.config.search == "joint" or not allowed.any():
             return [Job(world, memory, Movers.among(jnp.asarray(allowed)))]
@@ -243,6 +288,9 @@ class _Attack:
             candidates=tuple(scenario.agents[index].id for index in np.flatnonzero(job.movers.candidate)),
             cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
         )
+        if isinstance(self.planner, Several) and outcome != "diverged":
+            crashed = _who_crashes(self.planner, scenario, job, found)
+            record = replace(record, settings=record.settings | {"crashed": " ".join(crashed)})
         return replace(
             scenario, id=self.name(scenario), agents=agents, tracks=tracks, attack=record, original=scenario.tracks
         )
@@ -255,18 +303,22 @@ class _Attack:
     def record(self, scenario: Scenario, outcome: Outcome) -> AttackRecord:
         """What is known of an attack before it has done anything."""
         config = replace(self.config, dynamics=self.dynamics(scenario))
+        settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("method", "universal")}
+        if isinstance(self.planner, Several):
+            settings |= {"universal": config.universal, "against": " ".join(self.planner.names[1:])}
         return AttackRecord(
             case=scenario.id,
             method=config.method,
             planner=self.planner_name,
             outcome=outcome,
             iterations=0,
-            settings={k: v for k, v in dataclasses.asdict(config).items() if k != "method"},
+            settings=settings,
         )
 
     def name(self, scenario: Scenario) -> str:
         """The id of an attacked case."""
-        return f"{scenario.id}-{self.config.label}-{_label(self.planner_name)}"
+        names = self.planner.names if isinstance(self.planner, Several) else (self.planner_name,)
+        return f"{scenario.id}-{self.config.label}-{'+'.join(map(_label, names))}"
 
 
 def _in_threads(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> Iterator[list[Scenario]]:

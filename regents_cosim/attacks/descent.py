@@ -147,7 +147,7 @@ class Descent(eqx.Module):
         steps, state = self.optimiser().update(gradient, search.adam)
         steps = self.steps(steps)
         accelerates = self.movers.rows(self.movers.candidate)
-        steers = accelerates & self.may_steer(search.seen.motion)
+        steers = accelerates & self.may_steer(search.seen)
         moved = Controls(
             search.actions.accel + jnp.where(accelerates[:, None], steps.accel, 0.0),
             search.actions.curvature + jnp.where(steers[:, None], steps.curvature, 0.0),
@@ -253,9 +253,9 @@ class Descent(eqx.Module):
         deviation = jax.tree.map(lambda new, old: jnp.abs(new - old).max(axis=1), actions, self.logged())
         return jnp.maximum(deviation.accel, deviation.curvature) > _UNCHANGED
 
-    def may_steer(self, motion: Motion) -> Bool[Array, " mover"]:
+    def may_steer(self, seen: Seen) -> Bool[Array, " mover"]:
         """Movers whose steering is updated (rule 1)."""
-        valid = self.movers.rows(self.world.valid)
+        motion, valid = seen.motion, self.movers.rows(self.world.valid)
         if not self.config.cancel_front_steering:
             return jnp.ones(valid.shape[0], bool)
         ego = jax.tree.map(lambda values: values[0], motion)

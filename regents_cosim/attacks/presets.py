@@ -47,6 +47,7 @@ class AttackConfig:
     dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"  # how vehicles move; recorded: as in their source
     background: Literal["log", "reactive"] = "log"  # do agents that are no candidates brake for what is in their way?
     replan_every: int = 0  # iterations between two closed loops of the planner; 0: 1 in the compiled loop, 10 outside
+    universal: Literal["mean", "worst"] = "mean"  # of the costs of several planners that are attacked at once
     as_published: bool = False  # where the public ReGentS code departs from the paper, do as the code does
 
     def __post_init__(self) -> None:

@@ -197,11 +197,11 @@ class PublishedDescent(Descent):
         """Adam's steps as shares of the limits."""
         return in_physical_units(steps, self.config)
 
-    def may_steer(self, motion: Motion) -> Bool[Array, " mover"]:
+    def may_steer(self, seen: Seen) -> Bool[Array, " mover"]:
         """Rule 1."""
         if not self.config.cancel_front_steering:
             return jnp.ones_like(self.movers.candidate)
-        return ~diverging_in_front(motion, self.config)
+        return ~diverging_in_front(seen.motion, self.config)
 
     def hit(self, seen: Seen) -> Bool[Array, ""]:
         """Whether an optimised agent meets the ego."""

@@ -8,6 +8,7 @@ from regents_cosim.attacks.descent import Descent, ExtraCost, Found
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.published import PublishedDescent
+from regents_cosim.attacks.universal import Several, UniversalDescent
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.mirror.world import World
@@ -24,6 +25,7 @@ def set_up(
 ) -> Descent:
     """The descent that `config` asks for, on `planner` (with its `memory` of the scene) in `world`."""
     kind = PublishedDescent if config.as_published else Descent
+    kind = UniversalDescent if isinstance(planner, Several) else kind
     return kind.of(world, planner, memory, movers, config, start, extra_cost)
 
 

@@ -12,12 +12,14 @@ from cyclopts import CycloptsError
 
 from regents_cosim.cli.bench import bench
 from regents_cosim.cli.commands import app, training
+from regents_cosim.cli.shrink import shrink
 from regents_cosim.cli.suite import suites
 from regents_cosim.errors import RegentsError
 
 app.command(bench)
 app.command(training)
 app.command(suites)
+app.command(shrink)
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -3,7 +3,7 @@
 import dataclasses
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
@@ -15,6 +15,10 @@ from regents_cosim.cli.shared import (
     one_of_each_shape,
     open_terminal,
 )
+from regents_cosim.errors import RegentsError
+
+if TYPE_CHECKING:
+    from regents_cosim.scenario import Scenario
 
 Method = Literal["king", "regents", "focused", "random", "cma-es", "sumo-aggressive"]
 
@@ -279,4 +283,75 @@ def transfer(cases: Path, *, talk: Talk = Talk()) -> int:
         replays = {"replays": [dataclasses.asdict(report) for report in reports]} if talk.json else {}
         rows.append(dataclasses.asdict(row) | replays)
     terminal.show(f"transfer of {cases}", rows)
+    return 0
+
+
+@bench.command
+def cross(
+    cases: tuple[Path, ...] = (),
+    *,
+    planners: tuple[str, ...] = (),
+    universal: tuple[Literal["mean", "worst"], ...] = (),
+    method: Literal["king", "regents", "focused"] = "focused",
+    count: int = 8,
+    seed: int = 0,
+    nets: tuple[str, ...] = (),
+    act_timeout: float = 10.0,
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """Whether adversaries that were found for one planner make others crash, or one adversary all of them.
+
+    Of windows in which a planner collides without any attack nothing is learnt about it: they are left out for it.
+
+    Parameters
+    ----------
+    cases
+        folders of attacked cases, in place of attacks on networks
+    planners
+        systems under test; by default those that were attacked in the cases
+    universal
+        attack all planners (in JAX) with one adversary as well: by the mean of their costs, by the worst, or both
+    method
+        preset of the attacks
+    count
+        windows per network
+    nets
+        shipped networks, or .sumocfg files; all shipped ones by default
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.attacks.attack import attack_each
+    from regents_cosim.evaluation.cross import cross_rows
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.suite import load_cases
+
+    terminal = open_terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    attacked: dict[str, list[Scenario]] = {}
+    if cases:
+        if universal or nets:
+            raise RegentsError("--universal and --nets make attacks; cases that were attacked already stand alone")
+        for case in (case for folder in cases for case in load_cases(folder)):
+            if case.attack is None:
+                raise RegentsError(f"case {case.id} was never attacked (expected cases of `regents attack`)")
+            against = str(case.attack.settings.get("against", "")).split()
+            attacked.setdefault(" + ".join((case.attack.planner, *against)), []).append(case)
+        planners = planners or tuple(dict.fromkeys(one for name in attacked for one in name.split(" + ")))
+    elif len(planners) < 2:
+        raise RegentsError("expected two or more --planners to attack, or folders of attacked cases")
+    else:
+        windows = [one for found in network_traffic(nets, count, seed, terminal).values() for one in found]
+        attacks: dict[str, tuple[str, Search, tuple[str, ...]]] = {p: (p, Search(method), ()) for p in planners}
+        for how in universal:
+            attacks[f"all, {how}"] = planners[0], Search(method, universal=how), planners[1:]
+        for name, (first, search, others) in attacks.items():
+            results = attack_each(windows, search.config(), first, act_timeout_s=act_timeout, against=others)
+            attacked[name] = [c for some in terminal.each(results, f"attacking {name}", len(windows)) for c in some]
+    with terminal.waiting("driving"):
+        rows = cross_rows(attacked, planners, act_timeout)
+    terminal.show("planners among adversaries that were found for others", [dataclasses.asdict(row) for row in rows])
     return 0

@@ -112,6 +112,7 @@ def attack(
     traffic: Traffic = Traffic(),
     *,
     planner: str = "idm",
+    against: tuple[str, ...] = (),
     output: Annotated[Path, Parameter(["--output", "-o"])],
     search: Search = Search(),
     batch: int = 32,
@@ -134,6 +135,8 @@ def attack(
     planner
         system under test: aim-bev, idm, log_replay, constant_velocity, sumo, highway:AGENT, torch:MODULE, exec:COMMAND,
         package.module:attribute or file.py:attribute
+    against
+        another planner (in JAX) that the same adversary is to make crash; as many as you like
     output
         folder for the attacked cases
     batch
@@ -171,7 +174,7 @@ def attack(
     suite = SuiteWriter(output, traffic.seed)
     scenarios = load_cases(cases) if cases else record_traffic(traffic, sumo, executor, terminal)
     attacked = []
-    runs = run_attack_each(scenarios, config, planner, batch, engine=engine, act_timeout_s=act_timeout)
+    runs = run_attack_each(scenarios, config, planner, batch, engine=engine, act_timeout_s=act_timeout, against=against)
     for results in terminal.each(runs, "attacking", len(scenarios)):
         judged = list(judge_each(results)) if judge else results
         for scenario in judged:
@@ -181,7 +184,8 @@ def attack(
     if pictures:
         draw_stills(attacked, output, terminal)
     rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
-    terminal.show(f"{config.label} against {planner}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
+    planners = " and ".join((planner, *against))
+    terminal.show(f"{config.label} against {planners}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
     return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))
 
 

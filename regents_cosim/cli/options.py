@@ -86,6 +86,8 @@ class Search:
     """searches for each candidate, from another timing each, until one succeeds"""
     replan_every: int | None = None
     """iterations between two closed loops of the planner; 1 in the compiled loop, 10 for planners outside it"""
+    universal: Literal["mean", "worst"] | None = None
+    """with --against: lower the mean of the planners' costs, or the cost of the one furthest from a crash"""
     max_deviation: float | None = None
     """of an action from the logged one, as a share of its limit; 0: no bound"""
     max_lateral_accel: float | None = None

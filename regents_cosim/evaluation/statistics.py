@@ -39,3 +39,14 @@ def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> float:
     if only_first + only_second == 0:
         return 1.0
     return float(binomtest(only_first, only_first + only_second, 0.5).pvalue)
+
+
+def percent(part: int, whole: int) -> float:
+    """A share, as tables print it; 0 of nothing is 0."""
+    return round(100.0 * part / whole, 1) if whole else 0.0
+
+
+def percent_interval(part: int, whole: int) -> tuple[float, float]:
+    """Its 95 % interval (`wilson`)."""
+    low, high = wilson(part, whole)
+    return round(100.0 * low, 1), round(100.0 * high, 1)

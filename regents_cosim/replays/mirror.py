@@ -26,11 +26,14 @@ class Lap:
 
 
 class Wheel:
-    """One planner at the wheel of one scenario after the other, from several threads. A context manager."""
+    """One planner at the wheel of one scenario after the other, from several threads. A context manager.
+
+    `planner` is its name.
+    """
 
     def __init__(self, planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises PlannerError where the planner cannot be found."""
-        self._name, self._planner = planner, find_planner(planner)
+        self.planner, self._planner = planner, find_planner(planner)
         self._processes = HostPool(planner, act_timeout_s)
 
     def __enter__(self) -> "Wheel":
@@ -43,7 +46,7 @@ class Wheel:
         """The tracks of `scenario`, its ego driven in closed loop. Raises DriveError."""
         world = to_world(scenario)
         if isinstance(self._planner, JaxPlanner):
-            memory = start(self._planner, LoopScene(scenario, world), self._name)
+            memory = start(self._planner, LoopScene(scenario, world), self.planner)
             return Lap(_with_ego(scenario, world, EgoTrack(*_drive(self._planner, memory, world, world.log))))
         with self._processes.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, None)

@@ -64,13 +64,34 @@ def animate(scenario: Scenario, path: Path, progress: Progress | None = None) ->
     _write_frames(path, frame, frame_steps(scene.last_step, scenario.dt), scenario.dt, progress)
 
 
-def animate_pair(left: Scenario, right: Scenario, path: Path, progress: Progress | None = None) -> None:
-    """Write one GIF of two Scenarios on the same map, mostly before and after an attack.
+def animate_pair(
+    left: Scenario,
+    right: Scenario,
+    path: Path,
+    progress: Progress | None = None,
+    titles: tuple[str, str] | None = None,
+) -> None:
+    """Write one GIF of two Scenarios on the same map, mostly before and after an attack: so their titles.
 
     Both are seen by the same camera, beside each other, or below where the scene is wide. The
     adversary of the right one is coloured in both, and the title speaks of the right one.
     Raises RegentsError as `animate` does, and where the time steps differ.
     """
+    frame, last = _pair(left, right, titles)
+    _write_frames(path, frame, frame_steps(last, right.dt), right.dt, progress)
+
+
+def draw_pair(left: Scenario, right: Scenario, path: Path, titles: tuple[str, str]) -> None:
+    """Write a PNG of two Scenarios as `animate_pair` has them, at the collision of the right one."""
+    frame, last = _pair(left, right, titles)
+    contact = first_contact(right.agents, right.tracks)
+    buffer = io.BytesIO()
+    frame(min(contact[1], last) if contact else last).save(buffer, "PNG")
+    _write(path, buffer.getvalue())
+
+
+def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tuple[Callable[[int], Image.Image], int]:
+    """What draws the picture of both at a step, and the last step that both have."""
     require(left.dt == right.dt, f"time steps of {left.dt:g} s and {right.dt:g} s, expected equal ones", RegentsError)
     after = Scene.of(right)
     before = Scene(left, after.adversary)
@@ -78,7 +99,10 @@ def animate_pair(left: Scenario, right: Scenario, path: Path, progress: Progress
     points = np.concatenate([scene.main_points()[: last + 1] for scene in (before, after)], axis=1)
     size = _pair_size(points)
     views = shoot(points, right.dt, size, size[1])
-    panels = [(Ground(scene, views[0], _ZOOM), _draw_strip(scene, size[0]), scene) for scene in (before, after)]
+    panels = [
+        (Ground(scene, views[0], _ZOOM), _draw_strip(title, scene, size[0]), scene)
+        for title, scene in zip(titles or (_when(left), _when(right)), (before, after), strict=True)
+    ]
     right_px, down_px = (size[0] + _GAP_PX, 0) if size == _BESIDE else (0, STRIP_PX + size[1])
 
     def frame(step: int) -> Image.Image:
@@ -90,7 +114,7 @@ def animate_pair(left: Scenario, right: Scenario, path: Path, progress: Progress
             body.paste(picture, index * right_px, index * down_px + STRIP_PX)
         return _framed(body, after, views[step], step).finish()
 
-    _write_frames(path, frame, frame_steps(last, right.dt), right.dt, progress)
+    return frame, last
 
 
 def _inside(size: tuple[int, int]) -> tuple[int, int]:
@@ -115,12 +139,15 @@ def _pair_size(points: Float[np.ndarray, "time agent 2"]) -> tuple[int, int]:
     return max((_BESIDE, _BELOW), key=lambda size: fit(present, size).px_per_m)
 
 
-def _draw_strip(scene: Scene, width: int) -> Canvas:
+def _when(scenario: Scenario) -> str:
+    return f"{'after' if scenario.attack else 'before'} the attack"
+
+
+def _draw_strip(title: str, scene: Scene, width: int) -> Canvas:
     """The title of one of two pictures; the verdict is that of the exact boxes."""
     contact = first_contact(scene.scenario.agents, scene.scenario.tracks)
     end = "no collision" if contact is None else f"collision at {contact[1] * scene.scenario.dt:.1f} s"
-    when = "after" if scene.scenario.attack else "before"
-    return draw_strip(f"{when} the attack: {end}", INK if contact is None else ADVERSARY, width, _ZOOM)
+    return draw_strip(f"{title}: {end}", INK if contact is None else ADVERSARY, width, _ZOOM)
 
 
 def _write_frames(

@@ -1,0 +1,102 @@
+"""One adversary against several planners at once: the question that the ReGentS paper leaves open.
+
+Every planner drives among the same adversary in a closed loop of its own. What the search lowers is
+the mean of their costs, or the cost of the planner that is furthest from a crash; it ends once all
+of them crash, each in a way that the configuration accepts.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.attacks.costs import Costs
+from regents_cosim.attacks.descent import Descent, Found, Search, Seen
+from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.rollout import LoopPlanner
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+
+
+class Several(JaxPlanner):
+    """Planners that one adversary is to make crash, the first one being the ego of the case that results.
+
+    Stands in a planner's place as `rollout.Held` does: it is never asked for a step.
+    """
+
+    planners: tuple[LoopPlanner, ...]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    def init(self, scene: LoopScene) -> tuple[Any, ...]:
+        """The memory of each. Raises DriveError for one that cannot take a step."""
+        named = zip(self.names, self.planners, strict=True)
+        return tuple(start(planner, scene, name) for name, planner in named if isinstance(planner, JaxPlanner))
+
+
+class SeenByAll(Seen):
+    """What the roll-out with the first planner shows, and those with each of them."""
+
+    each: tuple[Seen, ...]
+
+
+class UniversalDescent(Descent):
+    """The descent with a closed loop for each of several planners."""
+
+    def alone(self) -> tuple[Descent, ...]:
+        """The descent against each of the planners."""
+        assert isinstance(self.planner, Several)
+        return tuple(
+            Descent(
+                self.world, planner, memory, self.movers, self.undisturbed, self.start, self.config, self.extra_cost
+            )
+            for planner, memory in zip(self.planner.planners, self.memory, strict=True)
+        )
+
+    def look(self, actions: Controls) -> Seen:
+        """Roll out with each planner."""
+        each = tuple(one.look(actions) for one in self.alone())
+        return SeenByAll(each[0].motion, each[0].boxes, each[0].ego_controls, each)
+
+    def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
+        """Of the mean cost, or of the cost of the planner that is furthest from the adversary."""
+        found = [one.gradient(actions, own) for one, own in zip(self.alone(), _each(seen), strict=True)]
+        totals, costs, gradients = (jax.tree.map(lambda *v: jnp.stack(v), *part) for part in zip(*found, strict=True))
+        if self.config.universal == "worst":
+            weights = jax.nn.one_hot(jnp.argmax(costs.ego), len(found), dtype=costs.ego.dtype)
+        else:
+            weights = jnp.full(len(found), 1.0 / len(found), costs.ego.dtype)
+        return jax.tree.map(lambda values: jnp.tensordot(weights, values, 1), (totals, costs, gradients))
+
+    def may_steer(self, seen: Seen) -> Bool[Array, " mover"]:
+        """Movers that rule 1 lets steer in front of at least one of the egos."""
+        return self._of_each("may_steer", _each(seen)).any(axis=0)
+
+    def hit(self, seen: Seen) -> Bool[Array, ""]:
+        """Whether one of them collides."""
+        return self._of_each("hit", _each(seen)).any()
+
+    def accepted(self, search: Search) -> Bool[Array, ""]:
+        """Whether all of them crash as wanted; or need not be looked at: one of them collides in the log already."""
+        each = _each(search.seen)
+        at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
+        searches = [replace(search, seen=own) for own in each]
+        return self._of_each("accepted", searches).all() | (at_log & self.hit(search.seen))
+
+    def result(self, end: Search) -> Found:
+        """Where the loop ended, with the ego of the first planner, or of the first that collides in the log."""
+        each = _each(end.seen)
+        log_only = end.iterations == 0
+        shown = jnp.where(log_only, jnp.argmax(self._of_each("hit", each)), 0)
+        first = jax.tree.map(lambda *values: jnp.stack(values)[shown], *each)
+        return super().result(replace(end, seen=SeenByAll(first.motion, first.boxes, first.ego_controls, each)))
+
+    def _of_each(self, question: str, about: Any) -> Bool[Array, "planner *rest"]:
+        asked = zip(self.alone(), about, strict=True)
+        return jnp.stack([getattr(one, question)(own) for one, own in asked])
+
+
+def _each(seen: Seen) -> tuple[Seen, ...]:
+    assert isinstance(seen, SeenByAll)
+    return seen.each

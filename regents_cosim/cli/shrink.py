@@ -1,0 +1,82 @@
+"""`regents shrink`: options in, calls of the package, tables out."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from regents_cosim.cli.options import Talk
+from regents_cosim.cli.shared import open_terminal
+from regents_cosim.errors import RegentsError
+
+
+def shrink(
+    cases: Path,
+    *,
+    output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
+    planner: str | None = None,
+    lead: float = 2.0,
+    record: Path | None = None,
+    act_timeout: float = 10.0,
+    compile_cache: bool = True,
+    talk: Talk = Talk(),
+) -> int:
+    """Find the least of a crash: fewest changed agents, least deviation, shortest window.
+
+    Every step is confirmed by the planner, which must still crash in closed loop with the same adversary.
+
+    Parameters
+    ----------
+    cases
+        an attacked case that ends in a collision, or a folder of cases, of which those are taken
+    output
+        folder for the shrunk cases, NAME-shrunk; the folder that holds the case by default
+    planner
+        who drives the ego; default the planner that was attacked
+    lead
+        the window begins so long before the crash at the latest [s]
+    record
+        file for a picture of one case before and after: .gif moves, .png is a still
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.shrink import shrink as run_shrink
+    from regents_cosim.evaluation.shrink import size
+    from regents_cosim.files import load_suite
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.replays.mirror import Wheel
+    from regents_cosim.reports.picture import animate_pair, draw_pair
+    from regents_cosim.suite import SuiteWriter, load_cases
+
+    terminal = open_terminal(talk)
+    if record and record.suffix not in (".gif", ".png"):
+        raise RegentsError(f"--record {record}: expected a name that ends in .gif (moves) or .png (a still)")
+    if lead < 0.0:
+        raise RegentsError(f"--lead {lead:g}: expected seconds before the crash, 0 or more")
+    found = load_cases(cases)
+    is_case = (cases / "scenario.json").is_file()
+    crashes = found if is_case else [case for case in found if case.attack and case.attack.outcome == "collision"]
+    if not crashes:
+        raise RegentsError(f"{cases} holds no case that ends in a collision (make some with `regents attack`)")
+    if record and len(crashes) > 1:
+        raise RegentsError(f"{cases} holds {len(crashes)} crashes; --record shows one, name its folder")
+    if compile_cache:
+        keep_compiled_programs()
+    folder = output or (cases.resolve().parent if is_case else cases)
+    seed = load_suite(folder).seed if (folder / "suite.json").is_file() else 0
+    suite = SuiteWriter(folder, seed)
+    rows = []
+    for case in terminal.each(crashes, "shrinking", len(crashes)):
+        with Wheel(planner or (case.attack.planner if case.attack else "idm"), act_timeout) as wheel:
+            shrunk = run_shrink(case, wheel, lead)
+        suite.add(shrunk.case)
+        rows += [dataclasses.asdict(size(one)) for one in (shrunk.attacked, shrunk.case)]
+        if record:
+            with terminal.waiting(f"drawing {record}"):
+                draw = animate_pair if record.suffix == ".gif" else draw_pair
+                draw(shrunk.in_time, shrunk.case, record, titles=("as attacked", "shrunk"))
+    terminal.show(f"{len(crashes)} cases before and after, in {folder}", rows)
+    return 0

@@ -1,0 +1,71 @@
+"""A part of a case: some of its steps, some of its agents."""
+
+from collections.abc import Collection
+from dataclasses import fields, replace
+
+import numpy as np
+from jaxtyping import Bool
+
+from regents_cosim.scenario import Overlap, Scenario, Signal, Tracks
+
+
+def cut(scenario: Scenario, begin: int, end: int) -> Scenario:
+    """The steps from `begin` to `end`, both included; agents that are never there then are left out.
+
+    What was judged of the whole is forgotten. Of an attacked case the original is cut alike.
+    """
+    there = scenario.tracks.valid[:, begin : end + 1].any(axis=1)
+    shorter = replace(
+        scenario,
+        tracks=_cut(scenario.tracks, begin, end),
+        original=scenario.original and _cut(scenario.original, begin, end),
+        signals=tuple(_cut_signal(signal, begin, end) for signal in scenario.signals),
+        overlaps=tuple(
+            Overlap(pair.agents, max(pair.first_step - begin, 0), min(pair.last_step, end) - begin)
+            for pair in scenario.overlaps
+            if pair.first_step <= end and pair.last_step >= begin
+        ),
+        provenance=replace(scenario.provenance, begin_s=round(scenario.provenance.begin_s + begin * scenario.dt, 9)),
+        judgement=None,
+        evasion=None,
+    )
+    return keep(shorter, there)
+
+
+def without(scenario: Scenario, names: Collection[str]) -> Scenario:
+    """The case without the agents of these ids."""
+    return keep(scenario, np.array([agent.id not in names for agent in scenario.agents]))
+
+
+def keep(scenario: Scenario, kept: Bool[np.ndarray, " agent"]) -> Scenario:
+    """The case with the `kept` agents only; what was judged of it is forgotten."""
+    agents = tuple(agent for agent, stays in zip(scenario.agents, kept, strict=True) if stays)
+    names = {agent.id for agent in agents}
+    record = scenario.attack
+    return replace(
+        scenario,
+        agents=agents,
+        tracks=_rows(scenario.tracks, kept),
+        original=scenario.original and _rows(scenario.original, kept),
+        overlaps=tuple(pair for pair in scenario.overlaps if names.issuperset(pair.agents)),
+        attack=record and replace(record, candidates=tuple(name for name in record.candidates if name in names)),
+        judgement=None,
+        evasion=None,
+    )
+
+
+def _cut(tracks: Tracks, begin: int, end: int) -> Tracks:
+    parts = {name: getattr(tracks, name)[:, begin : end + 1] for name in ("x", "y", "yaw", "speed", "valid")}
+    if tracks.accel is None or tracks.curvature is None:
+        return Tracks(**parts)
+    return Tracks(**parts, accel=tracks.accel[:, begin:end], curvature=tracks.curvature[:, begin:end])
+
+
+def _rows(tracks: Tracks, kept: Bool[np.ndarray, " agent"]) -> Tracks:
+    given = {item.name: getattr(tracks, item.name) for item in fields(tracks)}
+    return Tracks(**{name: values[kept] for name, values in given.items() if values is not None})
+
+
+def _cut_signal(signal: Signal, begin: int, end: int) -> Signal:
+    later = tuple((step - begin, letters) for step, letters in signal.changes if begin < step <= end)
+    return replace(signal, changes=((0, signal.letters(begin)), *later))

@@ -1,0 +1,72 @@
+"""From an attack back to the log: who is how far away, and what lies in between."""
+
+from dataclasses import replace
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.dynamics import controls_between, roll_out
+from regents_cosim.mirror.world import World, to_tracks, to_world
+from regents_cosim.scenario import Scenario, Tracks
+
+Part = Literal["both", "accel", "curvature"]
+
+CHANGED_M = 0.1  # the fit of a log is closer than that
+
+
+def changed_agents(attacked: Scenario) -> tuple[str, ...]:
+    """Other agents than the ego that are more than `CHANGED_M` from the log at some step."""
+    now, log = attacked.tracks, attacked.original or attacked.tracks
+    far = (np.hypot(now.x - log.x, now.y - log.y) > CHANGED_M) & now.valid & log.valid
+    return tuple(agent.id for agent, is_far in zip(attacked.agents[1:], far[1:].any(axis=1), strict=True) if is_far)
+
+
+class WayBack:
+    """From an agent's attacked controls to its logged ones: all in between are controls of the same vehicle."""
+
+    def __init__(self, attacked: Scenario, agent: int) -> None:
+        """`agent` is an index."""
+        logged = attacked.original or attacked.tracks
+        # With the ego where it is, so that both have one origin on the device.
+        among = replace(attacked, tracks=_with_row(logged, attacked.tracks, 0), original=logged)
+        self._attacked, self._agent, self._logged = attacked, agent, to_world(among)
+        self._world = to_world(attacked)
+
+    def at(self, share: float, part: Part) -> Scenario:
+        """The case with that share of the attack left in the controls of the agent, or in a `part` of them.
+
+        Its first state is in between as well, for a case that begins after the attack did.
+        """
+        shares = Controls(*(jnp.float32(share if part in ("both", name) else 1.0) for name in ("accel", "curvature")))
+        motion, controls = _between(self._world, self._logged, shares)
+        found = to_tracks(motion, controls, self._attacked)
+        return replace(self._attacked, tracks=_with_row(self._attacked.tracks, found, self._agent))
+
+
+@eqx.filter_jit
+def _between(world: World, logged: World, shares: Controls) -> tuple[Motion, Controls]:
+    attacked = controls_between(world.dynamics, world.log, world.dt)
+    controls = jax.tree.map(lambda log, own, share: log + share * (own - log), logged.controls, attacked, shares)
+    most = jnp.maximum(shares.accel, shares.curvature)
+
+    def first(log: Float[Array, " agent"], own: Float[Array, " agent"]) -> Float[Array, " agent"]:
+        return log + most * (own - log)
+
+    start = jax.tree.map(first, logged.start, world.start)
+    return roll_out(world.dynamics, start, controls, world.moving, world.half_length, world.dt), controls
+
+
+def _with_row(tracks: Tracks, other: Tracks, agent: int) -> Tracks:
+    """`tracks` with one row of `other`."""
+    return with_rows(tracks, other, np.arange(len(tracks.x)) == agent)
+
+
+def with_rows(tracks: Tracks, other: Tracks, chosen: np.ndarray) -> Tracks:
+    """`tracks` with the `chosen` rows of `other`: of the motion; whose controls they were is forgotten."""
+    names = ("x", "y", "yaw", "speed", "valid")
+    return Tracks(**{name: np.where(chosen[:, None], getattr(other, name), getattr(tracks, name)) for name in names})

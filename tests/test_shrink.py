@@ -1,0 +1,109 @@
+"""The least of a crash: what is taken away, and that the planner still crashes without it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import platoon, scene
+
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.collisions import first_contact
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.shrink import shrink, size
+from regents_cosim.evaluation.way_back import WayBack
+from regents_cosim.files import content_hash, load_case, save_case
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.mirror.dynamics import controls_between
+from regents_cosim.mirror.world import to_world
+from regents_cosim.replays.mirror import Wheel
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    with Wheel("constant_velocity") as at_the_wheel:
+        yield at_the_wheel
+
+
+@pytest.fixture(scope="module")
+def attacked():
+    return next(attack([platoon(seed=1)], REGENTS, "constant_velocity"))
+
+
+@pytest.fixture(scope="module")
+def shrunk(attacked, wheel):
+    return shrink(attacked, wheel)
+
+
+def test_there_is_less_of_everything(attacked, shrunk):
+    before, after = size(attacked), size(shrunk.case)
+    assert before.changed_agents > 1
+    assert after.changed_agents == 1
+    assert after.agents < before.agents
+    assert after.steps < before.steps
+    assert after.deviation_mean_m < before.deviation_mean_m
+    assert after.collision_step * 0.1 >= 2.0
+
+
+def test_the_planner_still_crashes_with_the_same_adversary(attacked, shrunk, wheel):
+    case = shrunk.case
+    hit = case.attack.collision
+    assert hit.agent == attacked.attack.collision.agent
+    for tracks in (case.tracks, wheel.drive(case).tracks):
+        agent, step = first_contact(case.agents, tracks)
+        assert (case.agents[agent].id, case.agents[agent].role, step) == (hit.agent, "adversary", hit.step)
+    assert (case.id, case.attack.settings["shrunk_from"]) == (f"{attacked.id}-shrunk", attacked.id)
+
+
+def test_the_original_is_cut_alike_and_free_of_collisions(attacked, shrunk):
+    case, begin = shrunk.case, shrunk.begin
+    rows = [row for row, agent in enumerate(attacked.agents) if agent.id in {a.id for a in case.agents}]
+    assert np.array_equal(case.original.x, attacked.original.x[rows, begin : begin + case.tracks.steps])
+    before = case.before_attack()
+    assert first_contact(before.agents, before.tracks) is None
+
+
+def test_a_shrunk_case_shrinks_no_further(shrunk, wheel, tmp_path):
+    saved = load_case(save_case(shrunk.case, tmp_path))
+    assert content_hash(shrink(saved, wheel).case) == content_hash(shrunk.case)
+
+
+@pytest.mark.parametrize("part", ["both", "accel", "curvature"])
+def test_on_the_way_back_vehicles_move_as_they_can(attacked, part):
+    agent = next(i for i, a in enumerate(attacked.agents) if a.role == "adversary")
+    way_back = WayBack(attacked, agent)
+    log = np.stack([attacked.original.x[agent], attacked.original.y[agent]])
+    apart = []
+    for share in (1.0, 0.5, 0.0):
+        case = way_back.at(share, part)
+        world = to_world(case)
+        controls = controls_between(world.dynamics, world.log, world.dt)
+        assert np.abs(controls.accel[agent]).max() <= ACCEL_LIMIT + 1e-2
+        assert np.abs(controls.curvature[agent]).max() <= CURVATURE_LIMIT + 1e-2
+        apart.append(np.hypot(case.tracks.x[agent] - log[0], case.tracks.y[agent] - log[1]).mean())
+    whole = np.hypot(attacked.tracks.x[agent] - log[0], attacked.tracks.y[agent] - log[1]).mean()
+    assert apart[0] == pytest.approx(whole, abs=0.01)
+    if part == "both":
+        assert apart[0] > apart[1] > apart[2]
+        assert apart[2] < 0.05
+
+
+def test_without_a_collision_there_is_nothing_to_shrink(wheel):
+    missed = next(attack([platoon()], replace(REGENTS, iterations=1), "constant_velocity"))
+    with pytest.raises(RegentsError, match="no collision to shrink: its attack ended as no_collision"):
+        shrink(missed, wheel)
+    with pytest.raises(RegentsError, match="no collision to shrink: it was never attacked"):
+        shrink(scene((0, 0, 10), (20, 0, 10)), wheel)
+
+
+def test_a_planner_that_does_not_crash_there(attacked):
+    with (
+        Wheel("idm") as other,
+        pytest.raises(RegentsError, match="planner 'idm' .*, expected a crash with car"),
+    ):
+        shrink(safe_for_idm(attacked), other)
+
+
+def safe_for_idm(attacked):
+    """The case with its original tracks, in which nobody collides."""
+    return replace(attacked, tracks=attacked.original)
