@@ -122,6 +122,7 @@ def test_a_case_that_changed_has_no_baseline_any_more(project):
     assert "no baseline: the case has changed since its baseline was accepted" in done.stdout.str()
 
 
+@pytest.mark.slow
 def test_one_baseline_for_several_planners_somewhere_else(project):
     words = ("--regents-baseline", "accepted.json")
     for planner in ("planner.py:Mine", "constant_velocity"):
@@ -147,6 +148,7 @@ def test_metrics_that_get_worse_fail_where_that_is_asked_for(project):
     done.stdout.fnmatch_lines(["regression: score:-5%: score fell from * to *, allowed to *", "  case       follows"])
 
 
+@pytest.mark.slow
 def test_the_margin_shows_what_is_left_before_a_crash(project):
     session(project, "--regents-update", "--regents-margin")
     margins = {
@@ -230,6 +232,7 @@ def test_tests_written_by_hand(project):
     session(project, "--regents-update", ".").assert_outcomes(passed=5)
 
 
+@pytest.mark.slow
 def test_ini_keys_do_as_the_options(project):
     project.makeini(
         "[pytest]\naddopts = --strict-config -p no:jaxtyping\n"
@@ -240,6 +243,7 @@ def test_ini_keys_do_as_the_options(project):
     assert (project.path / "accepted.json").is_file()
 
 
+@pytest.mark.slow
 def test_in_sumo(project):
     """A case of the shipped suite, whose network SUMO has; the planner runs in a process of its own."""
     name = "merge-00218.7s-main.exit.126-regents-idm"

@@ -41,7 +41,8 @@ def test_there_is_less_of_everything(attacked, shrunk):
     assert after.changed_agents == 1
     assert after.agents < before.agents
     assert after.steps < before.steps
-    assert after.deviation_mean_m < before.deviation_mean_m
+    # The mean is over a shorter window, which ends at the crash: only the greatest compares.
+    assert after.deviation_max_m <= before.deviation_max_m
     assert after.collision_step * 0.1 >= 2.0
 
 

@@ -65,6 +65,7 @@ def test_what_cannot_be_shrunk(tmp_path):
     assert "--record shows one" in refused("shrink", SUITE, "-o", tmp_path, "--record", "pair.png")
 
 
+@pytest.mark.slow
 def test_adversaries_of_a_suite_among_other_planners():
     done = regents("bench", "cross", SUITE, "--planners", "idm", "--planners", "constant_velocity", "--json")
     assert done.returncode == 0, done.stderr

@@ -69,6 +69,7 @@ print(digest.hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_episode_in_any_process(capsys):
     for _ in range(2):
         exec(compile(EPISODE, "episode", "exec"), {})
@@ -273,6 +274,7 @@ def test_pictures_need_no_screen():
         SumoReplayEnv(render_mode="human")
 
 
+@pytest.mark.slow
 def test_vector_environments():
     both = gymnasium.make_vec(ID, num_envs=2, vectorization_mode="sync", config={"suite": str(QUICKSTART)})
     observation, _ = both.reset(seed=[1, 2])

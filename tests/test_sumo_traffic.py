@@ -95,6 +95,7 @@ def test_routes_are_those_of_the_logged_vehicles():
 
 
 @pytest.mark.parametrize("net", NETWORKS)
+@pytest.mark.slow
 def test_recorded_traffic_stays_free_of_collisions_when_sumo_drives_all_of_it(net, drive):
     """From where it was, as fast as it was, on its routes."""
     (made,) = record(SumoInput(network_config(net), end_s=120.0), count=1)
@@ -217,6 +218,7 @@ def under_constant_velocity(name):
     return dataclasses.replace(case, attack=dataclasses.replace(case.attack, planner="constant_velocity"))
 
 
+@pytest.mark.slow
 def test_the_transfer_report_names_every_case_in_every_place():
     cases = [under_constant_velocity(name) for name in ("grid-00064*", "merge-00218*")]
     places = [place for place in PLACES if place.name in ("SUMO, reactive, planner drives", "highway-env, track")]

@@ -42,6 +42,7 @@ def test_one_adversary_makes_all_of_them_crash(attacked):
         assert first_contact(attacked.agents, tracks) is not None
 
 
+@pytest.mark.slow
 def test_a_second_planner_that_is_the_first_changes_nothing():
     """The mean of two equal costs is the cost: the search goes the same way."""
     twin = "regents_cosim.planners.log_replay:LogReplay"
@@ -53,6 +54,7 @@ def test_a_second_planner_that_is_the_first_changes_nothing():
 
 
 @pytest.mark.parametrize("how", ["mean", "worst"])
+@pytest.mark.slow
 def test_the_gradient_is_that_of_finite_differences(x64, how):
     world = to_world(scene((0, 0, 10), (20, 2.9, 9), (50, 3.2, 10)))
     world = jax.tree.map(lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, world)
@@ -122,6 +124,7 @@ def test_the_ego_of_another_planner_does_not_follow_the_one_that_crashed(attacke
     assert content_hash(other.before_attack()) == content_hash(attacked.before_attack())
 
 
+@pytest.mark.slow
 def test_planners_crash_among_the_adversaries_that_were_found_for_them():
     windows = [platoon(seed=1), replace(scene((0, 0, 10), (20, 0, 4), (30, 3.2, 10)), id="queue")]
     found = {name: list(attack(windows, REGENTS, name)) for name in PLANNERS}

@@ -29,7 +29,7 @@ def cut(scenario: Scenario, begin: int, end: int) -> Scenario:
         judgement=None,
         evasion=None,
     )
-    return keep(shorter, there)
+    return keep(shorter, np.asarray(there))
 
 
 def without(scenario: Scenario, names: Collection[str]) -> Scenario:

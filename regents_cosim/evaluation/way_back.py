@@ -23,7 +23,9 @@ def changed_agents(attacked: Scenario) -> tuple[str, ...]:
     """Other agents than the ego that are more than `CHANGED_M` from the log at some step."""
     now, log = attacked.tracks, attacked.original or attacked.tracks
     far = (np.hypot(now.x - log.x, now.y - log.y) > CHANGED_M) & now.valid & log.valid
-    return tuple(agent.id for agent, is_far in zip(attacked.agents[1:], far[1:].any(axis=1), strict=True) if is_far)
+    return tuple(
+        agent.id for agent, is_far in zip(attacked.agents[1:], np.any(far[1:], axis=1).tolist(), strict=True) if is_far
+    )
 
 
 class WayBack:
