@@ -104,6 +104,10 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
 def _forms(planner: JaxPlanner, *given: Any) -> tuple[Controls, Any]:
     """The form of what `decide` returns. Traced once for all scenes of one shape: tracing costs more than a drive."""
     arrays, rest = eqx.partition(planner, eqx.is_array)
+    try:
+        hash(rest)
+    except TypeError:  # it holds what cannot be a key, such as the arrays of a translated torch module
+        return eqx.filter_eval_shape(decide, planner, *given)
     return _decided.eval_shape(rest, arrays, *given)
 
 
