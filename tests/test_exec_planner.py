@@ -36,6 +36,7 @@ HOLDS = """
 import fcntl, sys, time
 lock = open(sys.argv[1], "w")
 fcntl.flock(lock, fcntl.LOCK_EX)
+sys.stdin.readline()  # the reset: an answer before the question is an error
 print('{"ok": true}', flush=True)
 time.sleep(60)
 """
