@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.frames import wrap
-from regents_cosim.scenario import Agent, CollisionKind, Overlap, Tracks, boxes_of
+from regents_cosim.scenario import Agent, Collision, CollisionKind, Overlap, Tracks, boxes_of
 
 _ACROSS_RAD = np.deg2rad(45.0)  # headings that differ by less run the same way
 _HEAD_ON_RAD = np.deg2rad(135.0)  # by more: against each other
@@ -44,6 +44,21 @@ def first_contact(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[int, int] 
     if not len(steps):
         return None
     return int(np.argmax(hits[:, steps[0]])), int(steps[0])
+
+
+def collision_at(
+    agents: tuple[Agent, ...], tracks: Tracks, contact: tuple[int, int], dt: float, attributed: bool
+) -> Collision:
+    """The ego's collision at a `contact` (agent index, step), `attributed` if the attack moved that agent."""
+    agent, step = contact
+    return Collision(
+        agent=agents[agent].id,
+        step=step,
+        time_s=round(step * dt, 9),
+        kind=collision_kind(agents, tracks, agent, step),
+        relative_speed=relative_speed(tracks, agent, step),
+        attributed=attributed,
+    )
 
 
 def collision_kind(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -> CollisionKind:

@@ -30,7 +30,7 @@ from regents_cosim.attacks.replanned import Traffic
 from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.universal import Several
-from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
@@ -410,15 +410,7 @@ def _collision(scenario: Scenario, tracks: Tracks, found: Found) -> Collision:
     contact = first_contact(scenario.agents, tracks)
     if contact is None:
         raise RuntimeError(f"case {scenario.id}: the mirror saw a collision that the exact boxes do not confirm")
-    agent, step = contact
-    return Collision(
-        agent=scenario.agents[agent].id,
-        step=step,
-        time_s=round(step * scenario.dt, 9),
-        kind=collision_kind(scenario.agents, tracks, agent, step),
-        relative_speed=relative_speed(tracks, agent, step),
-        attributed=bool(found.changed[agent]),
-    )
+    return collision_at(scenario.agents, tracks, contact, scenario.dt, bool(found.changed[contact[0]]))
 
 
 def _history(found: Found) -> list[tuple[float, ...]]:

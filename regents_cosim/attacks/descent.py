@@ -236,14 +236,15 @@ class Descent(eqx.Module):
 
     def accepted(self, search: Search) -> Bool[Array, ""]:
         """Whether the search has found its collision, or need not look: the ego collides in the log already."""
-        hit = self.hit(search.seen)
         if self.config.accept == "any":
-            return hit
-        at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
+            return self.hit(search.seen)
         boxes, ego_speed = search.seen.boxes, search.seen.motion.speed[0]
+        contacts = ego_contacts(self.world, boxes)
+        hit = contacts.any()
+        at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
         clean = jax.lax.cond(
             hit,
-            lambda: is_clean(self.world, self.movers, boxes, ego_speed, ego_contacts(self.world, boxes)),
+            lambda: is_clean(self.world, self.movers, boxes, ego_speed, contacts),
             lambda: jnp.asarray(False),
         )
         return hit & (at_log | clean)

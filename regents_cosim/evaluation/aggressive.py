@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
-from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.scores import Results
+from regents_cosim.evaluation.scores import Results, collides_before
 from regents_cosim.replays.replay import SumoDrive, drive_in_sumo_each
 from regents_cosim.replays.sumo import SumoReplay
 from regents_cosim.replays.sumo_drivers import AGGRESSIVE_DRIVER, DriverParameters
-from regents_cosim.scenario import VEHICLE_KINDS, AttackRecord, Collision, Scenario, Tracks
+from regents_cosim.scenario import VEHICLE_KINDS, AttackRecord, Scenario, Tracks
 
 METHOD = "sumo-aggressive"
 
@@ -22,16 +22,12 @@ def drive_aggressively(
 
     `before` are results of an attack on the same windows: where the planner collides before it, so it is noted here.
     """
-    colliding = [next(filter(_collides_before, results), None) for results in before]
+    colliding = [next(filter(collides_before, results), None) for results in before]
     pairs = zip(windows, colliding, strict=True)
     drives = [SumoDrive(window, planner, _drivers(window)) for window, known in pairs if known is None]
     seen = drive_in_sumo_each(drives, executor)
     for window, known in zip(windows, colliding, strict=True):
         yield [known if known is not None else _case(window, next(seen), planner)]
-
-
-def _collides_before(case: Scenario) -> bool:
-    return case.attack is not None and case.attack.outcome == "already_colliding"
 
 
 def _case(window: Scenario, seen: SumoReplay | RegentsError, planner: str) -> Scenario:
@@ -56,16 +52,8 @@ def _attacked(window: Scenario, tracks: Tracks, planner: str) -> Scenario:
     hit = None
     agents = window.agents
     if contact is not None:
-        agent, step = contact
-        hit = Collision(
-            agent=agents[agent].id,
-            step=step,
-            time_s=round(step * window.dt, 9),
-            kind=collision_kind(agents, tracks, agent, step),
-            relative_speed=relative_speed(tracks, agent, step),
-            attributed=True,
-        )
-        agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(agents))
+        hit = collision_at(agents, tracks, contact, window.dt, attributed=True)
+        agents = tuple(replace(a, role="adversary") if i == contact[0] else a for i, a in enumerate(agents))
     names = tuple(agent.id for agent in agents[1:] if agent.kind in VEHICLE_KINDS)
     outcome = "no_collision" if hit is None else "collision"
     record = AttackRecord(window.id, METHOD, planner, outcome, 1, hit, names)

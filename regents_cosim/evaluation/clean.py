@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners, overlap
+from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 
 OFF_ROAD_M = 0.3  # logged traffic cuts corners by as much
@@ -43,11 +45,16 @@ def cleanness(attacked: Scenario) -> Cleanness | None:
     )
 
 
+def corners_off_road(road: RoadMap, box: Boxes) -> Bool[np.ndarray, "*axes 4"]:
+    """Which corners of boxes are more than 0.3 m off the road."""
+    return np.asarray(shapely.distance(road.drivable, shapely.points(corners(box)))) > OFF_ROAD_M
+
+
 def _leaves_road(attacked: Scenario, agent: int, step: int) -> bool:
     """Whether a corner that began on the road is more than 0.3 m off it up to `step`."""
     steps = np.flatnonzero(attacked.tracks.valid[agent, : step + 1])
     box = Boxes(*(np.broadcast_to(values, attacked.tracks.x.shape)[agent, steps] for values in attacked.boxes))
-    off = np.asarray(shapely.distance(attacked.road.drivable, shapely.points(corners(box)))) > OFF_ROAD_M
+    off = corners_off_road(attacked.road, box)
     return bool(off[:, ~off[0]].any())
 
 

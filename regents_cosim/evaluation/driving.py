@@ -8,13 +8,12 @@ from functools import partial
 from statistics import fmean
 
 import numpy as np
-import shapely
 from jaxtyping import Bool
 
-from regents_cosim.boxes import Boxes, corners
+from regents_cosim.boxes import Boxes
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.evaluation.clean import OFF_ROAD_M
+from regents_cosim.evaluation.clean import corners_off_road
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
@@ -171,8 +170,7 @@ def _off_road(scenario: Scenario, tracks: Tracks) -> Bool[np.ndarray, " time"]:
     """At which steps a corner of the ego is more than 0.3 m off the road."""
     ego = scenario.ego
     box = Boxes(tracks.x[0], tracks.y[0], tracks.yaw[0], np.float64(ego.length), np.float64(ego.width))
-    away = np.asarray(shapely.distance(scenario.road.drivable, shapely.points(corners(box))))
-    return np.any(away > OFF_ROAD_M, axis=-1)
+    return np.any(corners_off_road(scenario.road, box), axis=-1)
 
 
 def _interval(bounds: tuple[float, float]) -> tuple[float, float]:

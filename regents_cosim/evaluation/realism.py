@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-import shapely
 from jaxtyping import Bool, Float
 from scipy.stats import wasserstein_distance
 
-from regents_cosim.boxes import Boxes, corners
-from regents_cosim.evaluation.clean import OFF_ROAD_M, cleanness
+from regents_cosim.boxes import Boxes
+from regents_cosim.evaluation.clean import cleanness, corners_off_road
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks, boxes_of
 
@@ -131,8 +130,7 @@ def off_road_steps(scenario: Scenario, agent: int, end: int) -> Bool[np.ndarray,
     shape = scenario.tracks.x.shape
     boxes = boxes_of(scenario.agents, scenario.tracks)
     box = Boxes(*(np.broadcast_to(values, shape)[agent, steps] for values in boxes))
-    away = np.asarray(shapely.distance(scenario.road.drivable, shapely.points(corners(box))))
-    return np.any(away > OFF_ROAD_M, axis=-1)
+    return np.any(corners_off_road(scenario.road, box), axis=-1)
 
 
 def _cuts(values: Samples) -> tuple[float, ...]:

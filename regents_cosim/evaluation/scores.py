@@ -12,7 +12,7 @@ from regents_cosim.evaluation.deviation import deviation
 from regents_cosim.evaluation.driving import driving_row, score
 from regents_cosim.evaluation.failures import count_reasons
 from regents_cosim.evaluation.realism import realism
-from regents_cosim.evaluation.statistics import wilson
+from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
 
@@ -106,13 +106,13 @@ def scores(run: Run, source: str = "all") -> MethodScores:
         n=n,
         successes=successes,
         success_percent=percent(successes, n),
-        success_interval=interval(successes, n),
+        success_interval=percent_interval(successes, n),
         clean=clean,
         clean_percent=percent(clean, n),
-        clean_interval=interval(clean, n),
+        clean_interval=percent_interval(clean, n),
         actionable=actionable,
         actionable_percent=percent(actionable, n),
-        actionable_interval=interval(actionable, n),
+        actionable_interval=percent_interval(actionable, n),
         route_completion_percent=driven.route_completion_percent,
         infraction_score=driven.infraction_score,
         driving_score_percent=driven.driving_score_percent,
@@ -142,7 +142,12 @@ def scores(run: Run, source: str = "all") -> MethodScores:
 
 def collided_before(results: Results) -> bool:
     """Whether the planner collides without any attack."""
-    return any(case.attack is not None and case.attack.outcome == "already_colliding" for case in results)
+    return any(map(collides_before, results))
+
+
+def collides_before(case: Scenario) -> bool:
+    """Whether a result says so."""
+    return case.attack is not None and case.attack.outcome == "already_colliding"
 
 
 def is_crash(case: Scenario) -> bool:
@@ -169,17 +174,6 @@ def rollouts_at_most(config: AttackConfig) -> int:
     """How many closed loops of the planner a window may take."""
     searches = 1 if config.search == "joint" else config.nearest * config.attempts
     return searches * config.iterations
-
-
-def percent(part: int, whole: int) -> float:
-    """A share in percent; 0 of nothing."""
-    return round(100.0 * part / whole, 1) if whole else 0.0
-
-
-def interval(part: int, whole: int) -> Interval:
-    """Its 95 % Wilson interval in percent."""
-    low, high = wilson(part, whole)
-    return round(100.0 * low, 1), round(100.0 * high, 1)
 
 
 def _flawed(crashes: Sequence[Scenario], flaw: str) -> float:

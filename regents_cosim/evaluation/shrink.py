@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.evaluation.clean import cleanness
 from regents_cosim.evaluation.deviation import deviation
@@ -157,15 +157,8 @@ class _Trial:
         assert record is not None
         hit = None
         if contact is not None:
-            agent, step = contact
-            hit = Collision(
-                agent=case.agents[agent].id,
-                step=step,
-                time_s=round(step * case.dt, 9),
-                kind=collision_kind(case.agents, tracks, agent, step),
-                relative_speed=relative_speed(tracks, agent, step),
-                attributed=record.collision is not None and record.collision.attributed,
-            )
+            attributed = record.collision is not None and record.collision.attributed
+            hit = collision_at(case.agents, tracks, contact, case.dt, attributed)
         return replace(case, tracks=tracks, attack=replace(record, collision=hit), judgement=None, evasion=None)
 
     def _is_kept(self, driven: Scenario) -> bool:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.errors import PlannerError
-from regents_cosim.evaluation.statistics import wilson
+from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.replays.replay import Background, Mode, Simulator, replay_each
 from regents_cosim.replays.verify import Replay, ReportedCollision, failed
 from regents_cosim.scenario import Scenario
@@ -166,8 +166,8 @@ def highway_row(environment: str, config: AttackConfig, ego: str, attacked: Sequ
         ego=ego,
         n=n,
         successes=won,
-        success_percent=_percent(won, n),
-        interval_percent=_interval(won, n),
+        success_percent=percent(won, n),
+        interval_percent=percent_interval(won, n),
         track_same=track.same_crash,
         track_error_mm=track.position_error_mm,
         actions_same=actions.same_crash,
@@ -186,8 +186,8 @@ def _transfer_row(place: str, cases: Sequence[Scenario], replays: Sequence[Repla
         cases=len(cases),
         crashes=len(crashes),
         same_crash=same,
-        same_crash_percent=_percent(same, len(crashes)),
-        interval_percent=_interval(same, len(crashes)),
+        same_crash_percent=percent(same, len(crashes)),
+        interval_percent=percent_interval(same, len(crashes)),
         same_agent=len(apart),
         steps_apart_median=float(median(apart)) if apart else None,
         steps_apart_max=max(apart, default=None),
@@ -208,12 +208,3 @@ def _worst(errors: Float[np.ndarray, "agent time"] | None) -> float:
 
 def _mm(metres: float | None) -> float | None:
     return None if metres is None else 1e3 * metres
-
-
-def _interval(part: int, whole: int) -> tuple[float, float]:
-    low, high = wilson(part, whole)
-    return round(100.0 * low, 1), round(100.0 * high, 1)
-
-
-def _percent(part: int, whole: int) -> float:
-    return round(100.0 * part / whole, 1) if whole else 0.0

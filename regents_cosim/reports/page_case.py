@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from regents_cosim.boxes import Boxes, distance
-from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
@@ -185,15 +185,7 @@ def _ending(case: Scenario, tracks: Tracks) -> Collision | None:
     contact = first_contact(case.agents, tracks)
     if contact is None:
         return None
-    agent, step = contact
-    return Collision(
-        agent=case.agents[agent].id,
-        step=step,
-        time_s=round(step * case.dt, 9),
-        kind=collision_kind(case.agents, tracks, agent, step),
-        relative_speed=relative_speed(tracks, agent, step),
-        attributed=case.agents[agent].role == "adversary",
-    )
+    return collision_at(case.agents, tracks, contact, case.dt, case.agents[contact[0]].role == "adversary")
 
 
 def _plain(hit: Collision | None) -> dict[str, Any] | None:
