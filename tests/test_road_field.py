@@ -3,6 +3,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 from scenes import straight_road
 from scipy.stats import norm
 
@@ -57,3 +59,14 @@ def test_rows_are_y_and_columns_are_x():
 def test_holes_are_off_the_road():
     road = RoadMap(ROAD.lanes, (), shapely.box(-50, -20, 50, 30).difference(shapely.Point(0, 5).buffer(4)))
     assert lookup(field_of(road), [0.0, 20.0], [5.0, 5.0]).tolist() == pytest.approx([1.0, 0.0], abs=1e-3)
+
+
+@given(st.lists(st.tuples(st.floats(-12, 12), st.floats(-9, 9), st.floats(0.3, 7.0)), min_size=1, max_size=6))
+def test_the_raster_is_that_of_its_cell_centres(discs):
+    x, y, size = np.array(discs).T
+    area = shapely.union_all(shapely.buffer(shapely.points(x, y), size))
+    for holed in (area, area.difference(shapely.Point(x[0], y[0]).buffer(0.5 * size[0]))):
+        raster = RoadMap(ROAD.lanes, (), holed).raster((-8.05, -5.03), (51, 82), 0.2)
+        east, north = np.meshgrid(-8.05 + 0.2 * np.arange(82), -5.03 + 0.2 * np.arange(51))
+        clear = shapely.distance(holed.boundary, shapely.points(east, north)) > 1e-9
+        assert (raster == shapely.contains_xy(holed, east, north))[clear].all()
