@@ -62,7 +62,7 @@ def test_on_your_own_traffic(tmp_path):
     (tmp_path / "your.sumocfg").symlink_to(net / "grid.sumocfg")
     (block,) = (block for block in blocks("bash") if "your.sumocfg --planner" in block)
     lines = [line.split("#")[0].strip() for line in block.splitlines() if line.startswith("regents")]
-    run(f"{lines[0]} --count 2", tmp_path)
+    run(f"{lines[0]} --count 1", tmp_path)
     case = load_suite(tmp_path / "suite").cases[0].case
     for line in lines[1:]:
         run(line.replace("CASE", case), tmp_path)

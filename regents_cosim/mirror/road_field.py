@@ -56,6 +56,7 @@ def blur(
     field = gaussian_filter(off_road.astype(np.float32), SIGMA_M / CELL_M, mode="nearest")
     size = next((size for size in _SIZES if size >= field.size), field.size)
     cells = np.zeros((size, 4), np.float32)
-    for neighbour, shift in enumerate(((0, 0), (0, -1), (-1, 0), (-1, -1))):
-        cells[: field.size, neighbour] = np.roll(field, shift, (0, 1)).ravel()
+    packed = cells[: field.size].reshape(rows, columns, 4)
+    for neighbour, (up, right) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):  # those beyond the border are never read
+        packed[: rows - up, : columns - right, neighbour] = field[up:, right:]
     return RoadField(jnp.asarray(cells), jnp.array([rows, columns]), jnp.asarray(low - origin, jnp.float32))
