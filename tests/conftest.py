@@ -1,3 +1,5 @@
+import os
+
 import hypothesis
 import jax
 import pytest
@@ -9,8 +11,12 @@ keep_compiled_programs()
 
 # The machine that runs the tests is shared: an example may take long without being wrong.
 # Fixtures of one test serve all its examples: the only ones with @given set a precision or a folder.
+# New examples are for whoever changes something: a commit does not fail by chance.
 hypothesis.settings.register_profile(
-    "shared", deadline=None, suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture]
+    "shared",
+    deadline=None,
+    derandomize="CI" in os.environ,
+    suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture],
 )
 hypothesis.settings.load_profile("shared")
 

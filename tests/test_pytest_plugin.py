@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -251,6 +252,25 @@ def test_in_sumo(project):
     done = session(project, "--regents-in", "sumo", "--regents-update", "-k", "merge", planner="idm")
     done.assert_outcomes(passed=1, deselected=3)
     assert "side_swipe collision with ramp.exit.37 at 4.8 s" in done.stdout.str()
+
+
+@pytest.mark.slow
+def test_a_session_that_is_killed_leaves_suite_and_baseline_whole(project):
+    words = ["--regents-suite", "suite", "--regents-planner", "constant_velocity", "--regents-update"]
+    command = [sys.executable, "-m", "pytest", *PLUGIN, *words]
+    began = time.monotonic()
+    assert subprocess.run(command, cwd=project.path, capture_output=True).returncode == 0
+    whole_s, before = time.monotonic() - began, (project.path / "suite" / "baseline.json").read_bytes()
+    for part in (0.5, 0.8, 0.9, 1.0):
+        (project.path / "suite" / "baseline.json").unlink(missing_ok=True)
+        with subprocess.Popen(command, cwd=project.path, stdout=subprocess.DEVNULL) as running:
+            time.sleep(part * whole_s)
+            running.kill()
+        if (project.path / "suite" / "baseline.json").exists():
+            assert (project.path / "suite" / "baseline.json").read_bytes() == before
+        assert sorted(load_case(project.path / "suite" / name).id for name in CASES) == CASES
+    session(project, "--regents-update", planner="constant_velocity").assert_outcomes(passed=3)
+    assert (project.path / "suite" / "baseline.json").read_bytes() == before
 
 
 # --- wrong usage ------------------------------------------------------------------------------

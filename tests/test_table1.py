@@ -1,7 +1,10 @@
 """The results table: shares with their intervals, pairs of methods, and a text and a picture of them."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -120,3 +123,27 @@ def test_bars_are_as_high_as_their_shares(tmp_path):
     rows = np.flatnonzero((np.abs(pixels[:, column] - colour) < 8).all(axis=1)) / scale
     assert rows.min() == pytest.approx(72, abs=3)
     assert rows.max() == pytest.approx(360 - 44, abs=3)
+
+
+@pytest.mark.slow
+def test_our_preset_makes_more_actionable_crashes_than_those_of_the_papers(tmp_path):
+    """The table of the README on twenty windows of each network, among them those that nothing was tuned on."""
+    program = Path(sys.executable).parent / "regents"
+    done = subprocess.run(
+        [str(program), "bench", "table1", "--count", "20", "--seed", "3", "-o", str(tmp_path), "--quiet"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    table = json.loads((tmp_path / "table1.json").read_text())
+    found = {row["method"]: row for row in table["scores"]}
+    assert set(found) == {"king", "regents", "focused"}
+    assert found["focused"]["n"] > 100
+    assert found["focused"]["clean_percent"] >= 65.0
+    assert found["focused"]["actionable_percent"] >= 55.0
+    assert found["focused"]["off_road_percent"] < 2.0
+    assert found["focused"]["hits_others_percent"] < 2.0
+    against = [c for c in table["comparisons"] if (c["second"], c["count"]) == ("focused", "actionable")]
+    assert {c["first"] for c in against} == {"king", "regents"}
+    assert all(c["only_second"] > c["only_first"] and c["p"] < 0.05 for c in against)
+    assert all(row["verified_in_sumo"] == row["crashes"] for row in found.values())
