@@ -99,6 +99,7 @@ def test_another_timing_keeps_to_the_path_and_moves_along_it():
     assert round(float(np.hypot(*np.diff(path, axis=0).T).sum()), 1) not in ends
 
 
+@pytest.mark.slow
 def test_later_attempts_are_counted_and_cost_what_they_cost():
     far = scene((0, 0, 10), (60, 6.4, 10))
     few = replace(REGENTS_FOCUSED, iterations=3)

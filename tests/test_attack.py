@@ -147,11 +147,12 @@ def test_a_search_per_candidate_finds_every_adversary_once():
 
 def test_a_search_per_candidate_without_success_gives_one_result():
     far = scene((0, 0, 10), (90, 6.4, 10), (95, 3.2, 10))
-    (result,) = attack([far], replace(REGENTS_FOCUSED, iterations=2), "log_replay")
+    few = replace(REGENTS_FOCUSED, iterations=2)
+    (result,) = attack([far], few, "log_replay")
     assert result.attack.outcome == "no_collision"
-    (result,) = attack([scene((0, 0, 10))], REGENTS_FOCUSED, "log_replay")
+    (result,) = attack([scene((0, 0, 10))], few, "log_replay")
     assert result.attack.outcome == "no_candidate"
-    (result,) = attack([scene((0, 0, 10), (20, 0, 4), (30, 3.2, 10))], REGENTS_FOCUSED, "log_replay")
+    (result,) = attack([scene((0, 0, 10), (20, 0, 4), (30, 3.2, 10))], few, "log_replay")
     assert result.attack.outcome == "already_colliding"
 
 

@@ -72,8 +72,8 @@ def test_agents_of_highway_env_are_scored_there(tmp_path):
 
 def test_simulators_that_cannot_drive_a_case_say_why():
     with ThreadPoolExecutor(1) as pool:
-        (drive,) = drive_each([scene((0, 0, 10.0))], "constant_velocity", where="sumo", executor=pool)
-    assert "no SUMO network" in drive.error
+        (drive,) = drive_each([scene((0, 0, 10.0))], "sumo", where="sumo", executor=pool)
+    assert "needs a case recorded in SUMO" in drive.error
     assert drive.completion == 0.0
 
 

@@ -22,7 +22,9 @@ from regents_cosim.frames import wrap
 from regents_cosim.replays import replay as replays
 from regents_cosim.replays.replay import _in_sumo, replay, replay_each
 from regents_cosim.replays.sumo import EgoState, replay_in_sumo
+from regents_cosim.replays.sumo_drivers import DriverParameters
 from regents_cosim.replays.verify import compare
+from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import AttackRecord, Collision, Kind, Signal
 from regents_cosim.shipped import NETWORKS, network_config
 from regents_cosim.sources.record import record
@@ -377,13 +379,33 @@ def test_a_driver_that_fails_is_a_planner_error(in_sumo, answer, message):
     assert "\n" not in str(error.value)
 
 
-# --- what cannot be replayed ------------------------------------------------------------------
+# --- maps that do not come from SUMO ----------------------------------------------------------
 
 
-def test_a_map_without_a_network_is_said(in_sumo):
+def test_a_crash_of_a_map_without_a_network_happens_on_its_bare_lanes(in_sumo):
     made = t_bone()
-    with pytest.raises(ScenarioError, match=r"case made: its map has no SUMO network \(source: test\)"):
-        in_sumo(dataclasses.replace(made, road=dataclasses.replace(made.road, sumo_net=None)))
+    lanes = tuple(dataclasses.replace(lane, id=f"{lane.id} | {k}") for k, lane in enumerate(made.road.lanes))
+    elsewhere = RoadMap(lanes, (), made.road.drivable)
+    light = Signal("a light of the log", ((0, "rG"),))
+    bare = dataclasses.replace(made, road=elsewhere, signals=(light,))
+    seen, expected = in_sumo(bare), in_sumo(made)
+    assert np.array_equal(seen.tracks.valid, made.tracks.valid)
+    assert np.allclose(seen.tracks.x, made.tracks.x, atol=1e-9, rtol=0)
+    assert np.allclose(seen.tracks.y, made.tracks.y, atol=1e-9, rtol=0)
+    assert first_contact(made.agents, seen.tracks) == first_contact(made.agents, expected.tracks)
+    assert seen.signals == ()
+
+
+def test_sumo_drives_nobody_on_bare_lanes(in_sumo):
+    made = t_bone()
+    bare = dataclasses.replace(made, road=dataclasses.replace(made.road, sumo_net=None))
+    with pytest.raises(
+        ScenarioError, match=r"case made: its map has no SUMO network \(source: test\) for SUMO to drive in"
+    ):
+        in_sumo(bare, None, False, {1: DriverParameters()})
+
+
+# --- what cannot be replayed ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("net", [b"no gzip", b"", b"\x1f\x8b\x08\x00broken"])

@@ -121,11 +121,11 @@ def logged_traffic(logs: tuple[Path, ...], count: int, seed: int, terminal: "Ter
 
 
 def verify_in_sumo(attacked: "list[Scenario]", executor: str, terminal: "Terminal") -> "dict[str, Replay]":
-    """Replays in SUMO of the crashes among `attacked` that have a SUMO network, by case."""
+    """Replays in SUMO of the crashes among `attacked`, by case."""
     from regents_cosim.replays.replay import replay_each
     from regents_cosim.workers import executor_for
 
-    crashes = [s for s in attacked if s.attack and s.attack.outcome == "collision" and s.road.sumo_net]
+    crashes = [s for s in attacked if s.attack and s.attack.outcome == "collision"]
     with executor_for(executor) as pool:
         replays = replay_each(crashes, "sumo", executor=pool)
         return {replay.case: replay for replay in terminal.each(replays, "verifying in SUMO", len(crashes))}

@@ -144,7 +144,7 @@ def _replayed(scenarios: Sequence[Scenario]) -> dict[str, tuple[str | None, str]
 
     found: dict[str, tuple[str | None, str]] = {}
     places: tuple[tuple[Simulator, list[Scenario]], ...] = (
-        ("sumo", [s for s in scenarios if s.road.sumo_net]),
+        ("sumo", [s for s in scenarios if s.provenance.source != "highway"]),
         ("highway", [s for s in scenarios if s.provenance.source == "highway"]),
     )
     for where, its in places:

@@ -96,12 +96,13 @@ class HighwayRow:
 def transfer(
     cases: Sequence[Scenario], places: Sequence[Place] = PLACES
 ) -> Iterator[tuple[TransferRow, list[CrashReport]]]:
-    """What becomes of `cases`, place by place: in SUMO where all have a network, planners where all were attacked.
+    """What becomes of `cases`, place by place.
 
+    SUMO's own traffic is a place where all come from SUMO, planners drive where all were attacked.
     A case that a place cannot replay is one without a crash there; its report says why.
     """
     for place in places:
-        if place.where == "sumo" and not all(case.road.sumo_net for case in cases):
+        if place.background == "reactive" and not all(case.road.sumo_net for case in cases):
             continue
         if place.planner_drives and not all(case.attack for case in cases):
             continue

@@ -28,8 +28,7 @@ def export(scenario: Scenario, to: Format, folder: Path) -> list[Path]:
     fcd is for SUMO, openscenario 1.2 (with OpenDRIVE) for esmini and its kin, commonroad 2020a, csv for
     everybody. Positions survive to less than 1 mm. The folder appears as a whole or not at all.
 
-    Raises RegentsError where `folder` holds something or cannot be written, where a package is missing, and
-    where the case has no SUMO network but the format needs one.
+    Raises RegentsError where `folder` holds something or cannot be written, or a package is missing.
     """
     require_writable(folder)
     if folder.exists() and any(folder.iterdir()):

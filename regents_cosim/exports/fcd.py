@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from regents_cosim.errors import RegentsError
 from regents_cosim.exports.stays import lanes_along, poses, stays
 from regents_cosim.frames import Pose, to_sumo
+from regents_cosim.replays.bare_network import lane_names, network_of
+from regents_cosim.replays.sumo import free_name
 from regents_cosim.scenario import Agent, Kind, Role, Scenario, Signal
 
 _CLASSES: dict[Kind, str] = {
@@ -30,15 +31,9 @@ _GUI_DELAY_MS = 100.0
 def write_fcd(scenario: Scenario, folder: Path) -> None:
     """Write `case.net.xml.gz`, `types.add.xml`, `fcd.xml.gz`, `view.xml` and `case.sumocfg` into `folder`.
 
-    Raises RegentsError where the map of the case has no SUMO network.
+    A map that does not come from SUMO becomes a network of bare lanes, without lights.
     """
-    net = scenario.road.sumo_net
-    if net is None:
-        raise RegentsError(
-            f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}), which a "
-            "replay in SUMO needs; cases from elsewhere go --to csv or --to commonroad"
-        )
-    (folder / "case.net.xml.gz").write_bytes(net)
+    (folder / "case.net.xml.gz").write_bytes(network_of(scenario.road))
     _write(folder / "types.add.xml", _additional(scenario))
     (folder / "fcd.xml.gz").write_bytes(gzip.compress(_bytes(_log(scenario)), mtime=0))
     _write(folder / "view.xml", _view(scenario))
@@ -68,18 +63,30 @@ def _log(scenario: Scenario) -> ET.Element:
 
 
 def _vehicles(scenario: Scenario) -> Iterator[tuple[int, ET.Element]]:
+    lanes_there, names = lane_names(scenario.road), _names(scenario)
+    first_lane: dict[int, str] = {}  # of an agent
     for stay in stays(scenario):
         x, y, yaw, speed = poses(scenario, stay).T
         front = to_sumo(Pose(x, y, yaw), stay.agent.length)
         points = np.stack([front.x, front.y], axis=-1)
         lanes = lanes_along(scenario, points)
+        if not scenario.road.sumo_net:  # bare lanes lead nowhere, and the replayer makes a route of the log
+            lanes = [first_lane.setdefault(stay.index, lanes[0])] * len(lanes)
         lines = [shapely.LineString(scenario.road.lane[lane].centre) for lane in lanes]
         along = shapely.line_locate_point(lines, shapely.points(points))
         values = {"x": front.x, "y": front.y, "angle": front.angle, "speed": speed, "pos": along}
         for k, lane in enumerate(lanes):
-            entry = {"id": stay.agent.id, "type": _type_of(stay.agent), "lane": lane, "slope": "0"}
+            entry = {"id": names[stay.agent.id], "type": _type_of(stay.agent), "lane": lanes_there[lane], "slope": "0"}
             numbers = {name: _number(column[k]) for name, column in values.items()}
             yield stay.first + k, ET.Element("vehicle", entry | numbers)
+
+
+def _names(scenario: Scenario) -> dict[str, str]:
+    """What SUMO calls each agent: its id, but for characters that SUMO does not take."""
+    names: dict[str, str] = {}
+    for agent in scenario.agents:
+        names[agent.id] = free_name(agent.id, names.values())
+    return names
 
 
 def _number(value: float) -> str:
@@ -99,7 +106,8 @@ def _additional(scenario: Scenario) -> ET.Element:
         size = {"length": repr(agent.length), "width": repr(agent.width), "minGap": "0"}
         look = {"vClass": _CLASSES[agent.kind], "color": _COLOURS[agent.role]}
         ET.SubElement(root, "vType", {"id": name} | look | size)
-    root.extend(_program(signal, scenario) for signal in scenario.signals)
+    if scenario.road.sumo_net:
+        root.extend(_program(signal, scenario) for signal in scenario.signals)
     return root
 
 

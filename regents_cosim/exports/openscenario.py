@@ -16,6 +16,7 @@ import numpy as np
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.exports.stays import Stay, poses, stays
+from regents_cosim.replays.bare_network import network_of
 from regents_cosim.scenario import Agent, Scenario
 
 _REAR_AXLE = 0.3  # of the length, behind the centre: a wheelbase of 0.6
@@ -32,15 +33,10 @@ _NET, _ROAD, _CASE = "case.net.xml.gz", "case.xodr", "case.xosc"
 def write_openscenario(scenario: Scenario, folder: Path) -> None:
     """Write `case.xosc`, `case.xodr` and the network that it was made from into `folder`.
 
-    Raises RegentsError where the packages of the extra `openscenario` are missing, or the case has no SUMO network.
+    Raises RegentsError where the packages of the extra `openscenario` are missing.
     """
-    if scenario.road.sumo_net is None:
-        raise RegentsError(
-            f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}), from which "
-            "the OpenDRIVE road is made; cases from elsewhere go --to csv or --to commonroad"
-        )
     xosc = _package("scenariogeneration.xosc")
-    (folder / _NET).write_bytes(scenario.road.sumo_net)
+    (folder / _NET).write_bytes(network_of(scenario.road))
     _write_road(folder)
     _Storyboard(xosc, scenario).scenario().write_xml(str(folder / _CASE))
 

@@ -8,7 +8,7 @@ drives on a grid). Runs in a worker process (`workers`).
 import re
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +22,7 @@ from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.errors import DriveError, PlannerError, RegentsError, ScenarioError, SumoError
 from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo
 from regents_cosim.planners.interface import AgentState, Seen
+from regents_cosim.replays.bare_network import BARE_EDGE, network_of
 from regents_cosim.replays.sumo_drivers import DriverParameters, driven_type, type_file
 from regents_cosim.replays.sumo_routes import edge_of, route_of
 from regents_cosim.replays.verify import ReportedCollision
@@ -93,9 +94,15 @@ def replay_in_sumo(
     placed once, where and as fast as they first are, and then driven by SUMO until their route
     ends; those for whom no route is found stay on their tracks. `seed` is for SUMO's dice.
 
-    Raises ScenarioError where the scenario has no SUMO network, SumoError with SUMO's own words
-    where it refuses, PlannerError where the driver fails.
+    A map that does not come from SUMO is a network of bare lanes there, without lights (`bare_network`).
+    Raises ScenarioError where SUMO is to drive in such a one, SumoError with SUMO's own words where it
+    refuses, PlannerError where the driver fails.
     """
+    if released and scenario.road.sumo_net is None:
+        raise ScenarioError(
+            f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}) for SUMO to drive "
+            "in; expected a case recorded in SUMO, or --background log"
+        )
     if driver is not None:
         ask(lambda: driver.start(scenario), "before the first step")
     routes = {index: route for index in released or {} if (route := route_of(scenario, index)) is not None}
@@ -114,12 +121,7 @@ def replay_in_sumo(
 @contextmanager
 def _files(scenario: Scenario, drivers: Mapping[int, DriverParameters]) -> Iterator[dict[str, str]]:
     """Input files by SUMO's options for them."""
-    if scenario.road.sumo_net is None:
-        raise ScenarioError(
-            f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}); "
-            "only cases recorded in SUMO can be replayed there, use --in mirror"
-        )
-    with network_file(scenario.road.sumo_net) as path:
+    with network_file(network_of(scenario.road)) as path:
         types = path.with_name("types.add.xml")
         types.write_bytes(type_file(scenario.agents, drivers))
         yield {"net-file": str(path), "additional-files": str(types)}
@@ -206,7 +208,8 @@ class _Stage:
         self._agent: dict[str, int] = {}  # and back; names are never used twice
         self._seen: list[Seen] = []
         self._collisions: list[ReportedCollision] = []
-        self._letters: dict[str, list[str]] = {signal.id: [] for signal in scenario.signals}
+        self._signals = scenario.signals if scenario.road.sumo_net else ()  # bare lanes have no lights
+        self._letters: dict[str, list[str]] = {signal.id: [] for signal in self._signals}
         self._check_signals()
         sumo.route.add("replay", [_some_edge(scenario)])
         for index, edges in routes.items():
@@ -295,7 +298,7 @@ class _Stage:
 
     def _enter(self, index: int) -> None:
         vehicle, agent = self._sumo.vehicle, self._scenario.agents[index]
-        name = _free_name(agent.id, self._agent)
+        name = free_name(agent.id, self._agent)
         if index in self._drivers:
             vehicle.add(name, driven_type(index), driven_type(index))
         else:
@@ -335,7 +338,7 @@ class _Stage:
     def _check_signals(self) -> None:
         light = self._sumo.trafficlight
         known = set(light.getIDList())
-        for signal in self._scenario.signals:
+        for signal in self._signals:
             if signal.id not in known:
                 raise SumoError(
                     f"case {self._scenario.id}: signal {signal.id!r} is not in its SUMO network, which has "
@@ -350,7 +353,7 @@ class _Stage:
             _check_letters(signal)
 
     def _show_signals(self, step: int) -> None:
-        for signal in self._scenario.signals:
+        for signal in self._signals:
             for since, letters in signal.changes:
                 if since == step:
                     self._sumo.trafficlight.setRedYellowGreenState(signal.id, letters)
@@ -358,6 +361,8 @@ class _Stage:
 
 def _some_edge(scenario: Scenario) -> str:
     """An edge that cars may use: SUMO wants a route for every vehicle, wherever it is placed."""
+    if scenario.road.sumo_net is None:
+        return BARE_EDGE
     return edge_of(next(lane for lane in scenario.road.lanes if not lane.junction))
 
 
@@ -382,7 +387,7 @@ def _type_name(index: int) -> str:
     return f"agent{index}"
 
 
-def _free_name(agent_id: str, taken: dict[str, int]) -> str:
+def free_name(agent_id: str, taken: Collection[str]) -> str:
     """A name that SUMO takes and that nobody had before: logs hold blanks, bars, any character."""
     plain = re.sub(r"[^A-Za-z0-9_.-]", "_", agent_id) or "_"
     name, number = plain, 1

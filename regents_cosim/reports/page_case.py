@@ -265,10 +265,9 @@ def _commands(case: Scenario, drivers: list[str], folder: Path | None) -> list[t
     if folder is None:
         return found
     place = shlex.quote(str(folder / case.id))
-    if case.road.sumo_net:
-        found.insert(0, ("Watch it in SUMO", f"regents replay {place} --in sumo --gui"))
-        if case.evasion is not None:
-            found.insert(1, ("Watch the way out", f"regents replay {place} --in sumo --gui --ego evasion"))
+    found.insert(0, ("Watch it in SUMO", f"regents replay {place} --in sumo --gui"))
+    if case.evasion is not None:
+        found.insert(1, ("Watch the way out", f"regents replay {place} --in sumo --gui --ego evasion"))
     again = [
         (f"Drive it again with {name}", f"regents replay {place} --in mirror --planner {shlex.quote(name)}")
         for name in drivers
