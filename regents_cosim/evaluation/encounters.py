@@ -146,10 +146,13 @@ def joining(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
     The area is that place alone, and only who has it ahead approaches it, as in SUMO's SSM device: behind it one of
     the two follows the other.
     """
+    touching = 0.5 * (ego.agent.width + other.agent.width)
+    if shapely.distance(ego.line, other.line) > touching:
+        return None
     own = np.arange(0.0, ego.line.length, _SPACING_M)
     others, away = other.place(ego.at(own))
     turn = np.abs(wrap(ego.direction(own) - other.direction(others)))
-    beside = (away < 0.5 * (ego.agent.width + other.agent.width)) & (turn < _ALONG_RAD)
+    beside = (away < touching) & (turn < _ALONG_RAD)
     begins = np.flatnonzero(beside & ~np.append(True, beside[:-1]) & (turn > _ACROSS_RAD))
     for first in begins:
         last = first + np.argmin(np.append(beside[first:], False))

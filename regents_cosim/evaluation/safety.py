@@ -46,7 +46,8 @@ def time_to_collision(gap: Values, closing: Values) -> Values:
 
 def deceleration_to_follow(gap: Values, closing: Values) -> Values:
     """The least steady deceleration with which a follower reaches its leader's speed in time: closing^2 / (2 gap)."""
-    return np.where(closing > 0.0, 0.5 * np.square(closing) / gap, np.nan)
+    needed = (closing > 0.0) & (gap > 0.0)
+    return np.divide(0.5 * np.square(closing), gap, out=np.full(np.shape(gap), np.nan), where=needed)
 
 
 def arrival_time(way: Values, speed: Values, accel: Values) -> Values:
