@@ -1,12 +1,12 @@
 """Crossings and joins as SUMO's SSM device sees them: by lanes, which tracks do not have.
 
-In words, after the device's documentation and what its source (1.28, MSDevice_SSM and MSLink) computes:
+In our words, after its documentation (Simulation/Output/SSM_Device) and its source (MSDevice_SSM, MSLink):
 - distances are counted along the lanes' centre lines, from the front;
 - two ways join where their common lane begins, and that area has no length;
-- where two lanes cross at an angle a, the area begins (1 / sin a - 1) widths of the foe's lane, and half of the foe's
-  own width, before the centre lines meet, and is as long as the foe is wide. So in an oblique crossing it is over
-  before the bodies' paths part;
-- on the second lane of a turn, behind the place where it waits, it begins with that lane, however far the crossing is.
+- where two lanes cross at an angle a, the area begins (1 / sin a - 1) widths of the foe's lane and half of the foe's
+  own width before the centre lines meet, and is as long as the foe is wide. At 45 degrees, cars of 1.8 m and lanes of
+  3.4 m, it ends 0.5 m before the centre lines meet, while one body is in the other's band until 2.2 m behind;
+- on the second lane of a turn, behind where it waits for others, it begins with that lane, however far the crossing is.
 """
 
 import xml.etree.ElementTree as ET

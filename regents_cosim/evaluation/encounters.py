@@ -115,7 +115,8 @@ def crossing(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
     """The first place where the two ways cross, None where they do not.
 
     The area is where the bands meet that the two bodies sweep: at a right angle it ends half of the other's width
-    before and behind that place, as in SUMO's SSM device.
+    before and behind that place, as in SUMO's SSM device. At other angles the device has an area of that length too,
+    but shifts it, by the widths of the lanes and by where the lanes wait.
     """
     meeting = shapely.get_coordinates(shapely.intersection(ego.line, other.line))
     if not len(meeting):

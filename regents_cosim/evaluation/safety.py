@@ -1,7 +1,8 @@
 """Surrogate safety: how close a drive came to a collision, one short pure function per measure.
 
 Sources: Hayward 1972 (time to collision); Allen, Shin and Cooper 1978 (post-encroachment time); Cooper and
-Ferguson 1976 (deceleration rate to avoid a crash). Where these leave a choice, it is that of SUMO's SSM device.
+Ferguson 1976 (deceleration rate to avoid a crash). Where these leave a choice, it is that of SUMO's SSM device
+(its documentation, Simulation/Output/SSM_Device), but for the area of a crossing: see `encounters.crossing`.
 """
 
 from collections.abc import Callable, Iterable
