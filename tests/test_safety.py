@@ -160,6 +160,12 @@ def test_who_waits_to_turn_is_not_on_the_way_of_others():
     assert measured(turning_left(0.0)).min_ttc_s is None
 
 
+@pytest.mark.parametrize(("y", "ttc"), [(-1.0, 1.0), (0.0, 1.0), (1.0, 1.0), (-8.0, None)])
+def test_who_stands_across_my_way(y, ttc):
+    found = measured(turned((-13.2, 0, 0, 10), (0, y, np.pi / 2, 0), steps=2))  # 13.2 = 10 + 2.3 + 0.9
+    assert found.min_ttc_s == (ttc if ttc is None else pytest.approx(ttc - 0.1))
+
+
 def test_behind_a_leader():
     found = measured(scene((0, 0, 10.0), (64.6, 0, 5.0)))  # 60 m between the bumpers, 20 m after 8 s
     assert found.min_gap_m == pytest.approx(20.0)

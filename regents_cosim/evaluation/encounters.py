@@ -1,7 +1,7 @@
 """Encounters: who is on whose way. A leader ahead, a place where two ways cross, or one from which on they are one.
 
-A way is the line that the middle of an agent's front drove, and 50 m straight on, or 5 m if it was turning: where to
-is not known. Lanes are not asked, so that what leaves its lane is seen as well.
+A way is the line that the middle of an agent's front drove, from its rear at first and 50 m straight on, or 5 m if it
+was turning or never drove: where to is not known. Lanes are not asked, so that what leaves its lane is seen as well.
 """
 
 from collections.abc import Iterator
@@ -18,6 +18,7 @@ from regents_cosim.scenario import Agent, Tracks
 _BEYOND_M = 50.0  # SUMO's device looks as far
 _BEYOND_A_TURN_M = 5.0
 _TURNING_RAD = np.deg2rad(5.0)  # within its last 5 m
+_DROVE_M = 1.0  # whoever drove less stood
 _ALONG_RAD = np.deg2rad(45.0)  # whoever is on a way and off its direction by less goes ahead or behind on it
 _ACROSS_RAD = np.deg2rad(15.0)  # ways that meet at less neither cross nor join: a change of lanes, or head-on
 _AS_ONE_RAD = np.deg2rad(2.0)  # ways whose directions differ by less, one on the other, have joined
@@ -43,7 +44,7 @@ class Way:
         ahead = np.stack([np.cos(self.yaw), np.sin(self.yaw)], axis=-1)
         self._driven, self._yaws = (self.points + 0.5 * agent.length * ahead)[steps], np.unwrap(self.yaw[steps])
         ways = np.hypot(*np.diff(self._driven, axis=0).T)
-        self._s = np.concatenate([[0.0], np.cumsum(ways)])
+        self._s = agent.length + np.concatenate([[0.0], np.cumsum(ways)])
         self.s = np.full(len(self.there), np.nan)  # [m] along the line, of the front; NaN where absent
         self.s[steps] = self._s
 
@@ -51,11 +52,14 @@ class Way:
     def _corners(self) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
         """Points of the line [m], as driven and straight on, and how far along it they are [m]."""
         moved = np.diff(self._s, prepend=-np.inf) > _STANDING_M
-        s, yaw = self._s[-1], self._yaws[-1]
-        turned = np.abs(yaw - np.interp(s - _BEYOND_A_TURN_M, self._s, self._yaws))
-        beyond = _BEYOND_A_TURN_M if turned > _TURNING_RAD else _BEYOND_M
-        onward = self._driven[-1] + beyond * np.array([np.cos(yaw), np.sin(yaw)])
-        return np.concatenate([self._driven[moved], onward[None]]), np.append(self._s[moved], s + beyond)
+        end, ahead = self._s[-1], np.stack([np.cos(self._yaws), np.sin(self._yaws)], axis=-1)
+        turned = np.abs(self._yaws[-1] - np.interp(end - _BEYOND_A_TURN_M, self._s, self._yaws)) > _TURNING_RAD
+        beyond = _BEYOND_A_TURN_M if turned or end - self._s[0] < _DROVE_M else _BEYOND_M
+        rear, onward = self._driven[0] - self.agent.length * ahead[0], self._driven[-1] + beyond * ahead[-1]
+        return (
+            np.concatenate([rear[None], self._driven[moved], onward[None]]),
+            np.concatenate([[0.0], self._s[moved], [end + beyond]]),
+        )
 
     @cached_property
     def line(self) -> shapely.LineString:
