@@ -7,13 +7,15 @@ from hypothesis import strategies as st
 from scenes import scene
 
 from regents_cosim.evaluation.driving import drive_each, driving_rows
-from regents_cosim.evaluation.encounters import Approach
+from regents_cosim.evaluation.encounters import Approach, Way, joining
 from regents_cosim.evaluation.safety import (
     Safety,
     arrival_time,
     crossing_ttc,
     deceleration_to_follow,
+    deceleration_to_join,
     deceleration_to_yield,
+    joining_ttc,
     measure_drive,
     post_encroachment_time,
     time_to_collision,
@@ -31,6 +33,16 @@ def across(ego_speed, other_speed, ego_from=-40.0, other_from=-40.0, steps=81):
     made = scene((ego_from, 0, ego_speed), (0, other_from, other_speed), steps=steps)
     x, y, yaw = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.yaw))
     y[1], x[1], yaw[1] = other_from + other_speed * DT * np.arange(steps), 0.0, np.pi / 2
+    return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=yaw))
+
+
+def turned(*agents, steps=81):
+    """Agents at a constant speed from (x, y) along `yaw` [rad]: the ego first."""
+    made = scene(*((x, y, speed) for x, y, _, speed in agents), steps=steps)
+    along = DT * np.arange(steps)
+    x = np.stack([x + speed * along * np.cos(yaw) for x, _, yaw, speed in agents])
+    y = np.stack([y + speed * along * np.sin(yaw) for _, y, yaw, speed in agents])
+    yaw = np.stack([np.full(steps, yaw) for _, _, yaw, _ in agents])
     return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=yaw))
 
 
@@ -76,6 +88,82 @@ def test_two_that_meet_at_a_crossing():
 
 def test_who_stops_before_the_crossing_endangers_nobody():
     assert np.isnan(crossing_ttc(approach(10.0, 10.0), approach(12.0, 10.0, -5.0)))
+
+
+def test_two_that_join():
+    first, second = approach(10.0, 10.0, length=4.6), approach(14.0, 10.0, length=4.6)
+    assert joining_ttc(first, second) == pytest.approx([1.4])  # the first one's rear is there until 1.46 s
+    assert deceleration_to_join(first, second) == pytest.approx([100 / 28])
+    assert np.isnan(joining_ttc(second, first))
+    later = approach(30.0, 16.0, length=4.6)  # 15.4 m behind the rear of the first, 6 m/s faster
+    assert joining_ttc(first, later) == pytest.approx([15.4 / 6])
+    assert deceleration_to_join(first, later) == pytest.approx([36 / (2 * 15.4)])
+    assert np.isnan(joining_ttc(first, approach(30.0, 9.0, length=4.6)))
+    assert np.isnan(joining_ttc(approach(-1.0, 10.0, length=4.6), second))  # it follows by now
+
+
+def coming_round(radius, turn, ahead=20.0, steps=81):
+    """The ego along +x through the origin; another one reaches +x there, on an arc that turned it by `turn`."""
+    made = scene((-40, 0, 10.0), (0, 0, 10.0), steps=steps)
+    driven = 10.0 * DT * np.arange(steps) - radius * turn - ahead  # [m] past the end of the arc
+    angle = np.clip(-driven / radius, 0.0, turn)  # [rad] still to turn
+    straight = driven + radius * angle  # [m] behind the arc, or before it
+    x, y, yaw = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.yaw))
+    x[1] = -radius * np.sin(angle) + straight * np.cos(angle)
+    y[1] = -radius * (1 - np.cos(angle)) + straight * np.sin(angle)
+    yaw[1] = angle
+    return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=yaw))
+
+
+def test_ways_join_where_the_turn_ends():
+    made = coming_round(15.0, np.pi / 2)
+    ego, other = (Way(made.agents[i], made.tracks, i, DT) for i in (0, 1))
+    for joint, order in ((joining(ego, other), (0, 1)), (joining(other, ego), (1, 0))):
+        assert joint is not None
+        mine, theirs = (joint[i] for i in order)
+        assert mine.entry[0] == pytest.approx(40.0 - 2.3, abs=1.0)
+        assert theirs.entry[0] == pytest.approx(15.0 * np.pi / 2 + 20.0 - 2.3, abs=1.0)
+        assert mine.exit - mine.entry == pytest.approx(np.full(81, 4.6))
+
+
+def test_a_change_of_lanes_is_no_join():
+    made = coming_round(300.0, np.deg2rad(10.0))
+    assert joining(*(Way(made.agents[i], made.tracks, i, DT) for i in (0, 1))) is None
+
+
+def test_an_oblique_crossing_takes_longer():
+    # two bands of 1.8 m at 60 degrees: each body is in the other's from (1.8 + 1.8 / 2) / 2 / sin 60 before
+    reach = 1.35 / np.sin(np.pi / 3)
+    found = measured(turned((-30, 0, 0, 10), (-52 * 0.5, -52 * np.sin(np.pi / 3), np.pi / 3, 10)))
+    assert found.min_pet_s == pytest.approx((52 - reach - 2.3 - 30 - reach - 2.3) / 10)
+
+
+def test_who_drives_against_my_way_but_across_it_is_no_leader():
+    oncoming = np.pi - np.deg2rad(30)
+    found = measured(turned((-60, 0, 0, 5), (40 * np.cos(np.pi / 6), -20, oncoming, 10)))
+    assert found.min_ttc_s is None
+
+
+def turning_left(stop, steps=81):
+    """The ego along +x at 10 m/s up to x = `stop`, and there 10 degrees to the left; another one comes on y = 3.5."""
+    made = turned((-40, 0, 0, 10), (70, 3.5, np.pi, 10), steps=steps)
+    x, y, yaw = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.yaw))
+    x[0] = np.minimum(x[0], stop)
+    yaw[0] = np.interp(x[0], [stop - 4, stop], [0.0, np.deg2rad(10)])
+    y[0] = np.maximum(x[0] - stop + 4, 0.0) * np.deg2rad(5)
+    speed = np.where(x < stop, made.tracks.speed, 0.0)
+    speed[1] = 10.0
+    return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=yaw, speed=speed))
+
+
+def test_who_waits_to_turn_is_not_on_the_way_of_others():
+    assert measured(turning_left(0.0)).min_ttc_s is None
+
+
+@pytest.mark.parametrize(("y", "ttc"), [(-1.0, 1.0), (0.0, 1.0), (1.0, 1.0), (-8.0, None)])
+def test_who_stands_across_my_way(y, ttc):
+    found = measured(turned((-13.2, 0, 0, 10), (0, y, np.pi / 2, 0), steps=2))  # 13.2 = 10 + 2.3 + 0.9
+    assert found.min_ttc_s == (ttc if ttc is None else pytest.approx(ttc - 0.1))
 
 
 def test_behind_a_leader():

@@ -1,7 +1,7 @@
-"""Encounters: who is on whose way. A leader ahead, or a place where two ways cross.
+"""Encounters: who is on whose way. A leader ahead, a place where two ways cross, or one from which on they are one.
 
-A way is the line that an agent's centre drove, and 50 m straight on. Lanes are not asked, so that what leaves its lane
-is seen as well.
+A way is the line that the middle of an agent's front drove, from its rear at first and 50 m straight on, or 5 m if it
+was turning or never drove: where to is not known. Lanes are not asked, so that what leaves its lane is seen as well.
 """
 
 from collections.abc import Iterator
@@ -16,54 +16,70 @@ from regents_cosim.frames import wrap
 from regents_cosim.scenario import Agent, Tracks
 
 _BEYOND_M = 50.0  # SUMO's device looks as far
-_ALONG_RAD = np.deg2rad(45.0)  # headings that differ by less follow each other
-_ACROSS_RAD = np.deg2rad(15.0)  # ways that meet at less merge: there is no place where they cross
+_BEYOND_A_TURN_M = 5.0
+_TURNING_RAD = np.deg2rad(5.0)  # within its last 5 m
+_DROVE_M = 1.0  # whoever drove less stood
+_ALONG_RAD = np.deg2rad(45.0)  # whoever is on a way and off its direction by less goes ahead or behind on it
+_ACROSS_RAD = np.deg2rad(15.0)  # ways that meet at less neither cross nor join: a change of lanes, or head-on
+_AS_ONE_RAD = np.deg2rad(2.0)  # ways whose directions differ by less, one on the other, have joined
 _STANDING_M = 1e-6  # a step that is no way
+_SPACING_M = 0.5  # of the points at which a way is compared with another one
+_CHORD_M = 1.0  # before and behind the point of a way where its direction is asked
 
 Steps = Float[np.ndarray, " time"]
 
 
 class Way:
-    """Where one agent drove: a line, and how far along it the agent is at each step."""
+    """Where the front of one agent drove: a line, and how far along it the front is at each step."""
 
     def __init__(self, agent: Agent, tracks: Tracks, index: int, dt: float) -> None:
         """`index` is the agent's row in `tracks`; it must be valid at two steps at least."""
         self.agent = agent
         self.there = tracks.valid[index]
         steps = np.flatnonzero(self.there)
-        self.points = np.stack([tracks.x[index], tracks.y[index]], axis=-1)  # [time, 2]
+        self.points = np.stack([tracks.x[index], tracks.y[index]], axis=-1)  # [time, 2], of the centre
         self.yaw = tracks.yaw[index]
         self.speed = np.where(self.there, tracks.speed[index], np.nan)
-        self.accel = np.gradient(self.speed, dt)
-        self._driven, self._yaws = self.points[steps], np.unwrap(self.yaw[steps])
+        self.accel = np.nan_to_num(np.diff(self.speed, prepend=np.nan)) / dt  # [m/s^2] of the step just made
+        ahead = np.stack([np.cos(self.yaw), np.sin(self.yaw)], axis=-1)
+        self._driven, self._yaws = (self.points + 0.5 * agent.length * ahead)[steps], np.unwrap(self.yaw[steps])
         ways = np.hypot(*np.diff(self._driven, axis=0).T)
-        self._s = np.concatenate([[0.0], np.cumsum(ways)])
-        self.s = np.full(len(self.there), np.nan)  # [m] along the line, of the centre; NaN where absent
+        self._s = agent.length + np.concatenate([[0.0], np.cumsum(ways)])
+        self.s = np.full(len(self.there), np.nan)  # [m] along the line, of the front; NaN where absent
         self.s[steps] = self._s
 
     @cached_property
     def _corners(self) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
-        """Points of the line [m], as driven and 50 m straight on, and how far along it they are [m]."""
+        """Points of the line [m], as driven and straight on, and how far along it they are [m]."""
         moved = np.diff(self._s, prepend=-np.inf) > _STANDING_M
-        onward = self._driven[-1] + _BEYOND_M * np.array([np.cos(self._yaws[-1]), np.sin(self._yaws[-1])])
-        return np.concatenate([self._driven[moved], onward[None]]), np.append(self._s[moved], self._s[-1] + _BEYOND_M)
+        end, ahead = self._s[-1], np.stack([np.cos(self._yaws), np.sin(self._yaws)], axis=-1)
+        turned = np.abs(self._yaws[-1] - np.interp(end - _BEYOND_A_TURN_M, self._s, self._yaws)) > _TURNING_RAD
+        beyond = _BEYOND_A_TURN_M if turned or end - self._s[0] < _DROVE_M else _BEYOND_M
+        rear, onward = self._driven[0] - self.agent.length * ahead[0], self._driven[-1] + beyond * ahead[-1]
+        return (
+            np.concatenate([rear[None], self._driven[moved], onward[None]]),
+            np.concatenate([[0.0], self._s[moved], [end + beyond]]),
+        )
 
     @cached_property
     def line(self) -> shapely.LineString:
-        """The way, as driven and 50 m straight on."""
+        """The way, as driven and straight on."""
         return shapely.LineString(self._corners[0])
+
+    def at(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """Points at distances along the line [m]."""
+        corners, along = self._corners
+        return np.stack([np.interp(s, along, corners[:, 0]), np.interp(s, along, corners[:, 1])], axis=-1)
 
     def place(self, points: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Distance along the line, and from it, of points [m]."""
         s = np.asarray(shapely.line_locate_point(self.line, shapely.points(points)))
-        corners, at = self._corners
-        return s, np.hypot(
-            points[:, 0] - np.interp(s, at, corners[:, 0]), points[:, 1] - np.interp(s, at, corners[:, 1])
-        )
+        return s, np.hypot(*(points - self.at(s)).T)
 
-    def heading(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Heading of the agent at `s` [rad]."""
-        return np.interp(s, self._s, self._yaws)
+    def direction(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Direction of the line at `s` [rad]."""
+        chord = self.at(s + _CHORD_M) - self.at(s - _CHORD_M)
+        return np.arctan2(chord[:, 1], chord[:, 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +92,17 @@ class Following:
 
 def followings(ego: Way, other: Way) -> Iterator[Following]:
     """Both by the ego's way and by the other's, the ego behind or ahead: one may have swerved, seldom both."""
-    half = 0.5 * (ego.agent.length + other.agent.length)
     beside = 0.5 * (ego.agent.width + other.agent.width)
     for owner, guest in ((ego, other), (other, ego)):
         s, away = owner.place(guest.points)
-        turn = np.cos(guest.yaw - owner.heading(s))
-        aligned = (np.abs(turn) > np.cos(_ALONG_RAD)) & (away < beside) & (s > 0.0)
+        turn = np.cos(guest.yaw - owner.direction(s))
+        aligned = ((turn > np.cos(_ALONG_RAD)) | (turn < -np.cos(_ACROSS_RAD))) & (away < beside) & (s > 0.0)
         ahead = np.where(aligned & owner.there & guest.there, s - owner.s, np.nan)
         approach = owner.speed - guest.speed * turn
-        for gap, closing in ((ahead - half, approach), (-ahead - half, -approach)):
-            yield Following(np.where(gap > 0.0, gap, np.nan), np.where(gap > 0.0, closing, np.nan))
+        behind = -ahead - owner.agent.length
+        for gap, closing in ((ahead, approach), (behind, -approach)):
+            free = gap - 0.5 * guest.agent.length
+            yield Following(np.where(free > 0.0, free, np.nan), np.where(free > 0.0, closing, np.nan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,20 +118,51 @@ class Approach:
 def crossing(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
     """The first place where the two ways cross, None where they do not.
 
-    The area ends half of the other's width before and behind that place, as in SUMO's SSM device.
+    The area is where the bands meet that the two bodies sweep: at a right angle it ends half of the other's width
+    before and behind that place, as in SUMO's SSM device. At other angles the device has an area of that length too,
+    but shifts it, by the widths of the lanes and by where the lanes wait.
     """
     meeting = shapely.get_coordinates(shapely.intersection(ego.line, other.line))
     if not len(meeting):
         return None
     (own, _), (others, _) = ego.place(meeting), other.place(meeting)
-    across = np.abs(wrap(ego.heading(own) - other.heading(others)))
-    across = np.minimum(across, np.pi - across) > _ACROSS_RAD
+    turn = np.abs(wrap(ego.direction(own) - other.direction(others)))
+    across = np.minimum(turn, np.pi - turn) > _ACROSS_RAD
     if not across.any():
         return None
     first = np.flatnonzero(across)[np.argmin(own[across])]
-    return _approach(ego, float(own[first]), other), _approach(other, float(others[first]), ego)
+    angle, at = float(turn[first]), (float(own[first]), float(others[first]))
+    return _approach(ego, at[0], _reach(ego, other, angle)), _approach(other, at[1], _reach(other, ego, angle))
 
 
-def _approach(way: Way, place: float, foe: Way) -> Approach:
-    entry = place - 0.5 * foe.agent.width - 0.5 * way.agent.length - way.s
-    return Approach(entry, entry + way.agent.length + foe.agent.width, way.speed, way.accel)
+def _reach(way: Way, foe: Way, angle: float) -> float:
+    """How far [m] before and behind the crossing the corners of an agent are in the band of the other's width."""
+    return 0.5 * (foe.agent.width + way.agent.width * abs(np.cos(angle))) / np.sin(angle)
+
+
+def _approach(way: Way, place: float, reach: float) -> Approach:
+    entry = place - reach - way.s
+    return Approach(entry, entry + way.agent.length + 2.0 * reach, way.speed, way.accel)
+
+
+def joining(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
+    """The place from which on two ways that come from different directions are one, None where there is none.
+
+    The area is that place alone, and only who has it ahead approaches it, as in SUMO's SSM device: behind it one of
+    the two follows the other.
+    """
+    touching = 0.5 * (ego.agent.width + other.agent.width)
+    if shapely.distance(ego.line, other.line) > touching:
+        return None
+    own = np.arange(0.0, ego.line.length, _SPACING_M)
+    others, away = other.place(ego.at(own))
+    turn = np.abs(wrap(ego.direction(own) - other.direction(others)))
+    beside = (away < touching) & (turn < _ALONG_RAD)
+    begins = np.flatnonzero(beside & ~np.append(True, beside[:-1]) & (turn > _ACROSS_RAD))
+    for first in begins:
+        last = first + np.argmin(np.append(beside[first:], False))
+        joined = np.flatnonzero(turn[first:last] < _AS_ONE_RAD)
+        if len(joined):
+            place = first + joined[0]
+            return _approach(ego, float(own[place]), 0.0), _approach(other, float(others[place]), 0.0)
+    return None

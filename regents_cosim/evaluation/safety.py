@@ -1,7 +1,8 @@
 """Surrogate safety: how close a drive came to a collision, one short pure function per measure.
 
 Sources: Hayward 1972 (time to collision); Allen, Shin and Cooper 1978 (post-encroachment time); Cooper and
-Ferguson 1976 (deceleration rate to avoid a crash). Where these leave a choice, it is that of SUMO's SSM device.
+Ferguson 1976 (deceleration rate to avoid a crash). Where these leave a choice, it is that of SUMO's SSM device
+(its documentation, Simulation/Output/SSM_Device), but for the area of a crossing: see `encounters.crossing`.
 """
 
 from collections.abc import Callable, Iterable
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.boxes import Boxes, distance
-from regents_cosim.evaluation.encounters import Approach, Way, crossing, followings
+from regents_cosim.evaluation.encounters import Approach, Way, crossing, followings, joining
 from regents_cosim.scenario import Agent, Tracks, boxes_of
 
 Values = Float[np.ndarray, "*n"]
@@ -46,7 +47,8 @@ def time_to_collision(gap: Values, closing: Values) -> Values:
 
 def deceleration_to_follow(gap: Values, closing: Values) -> Values:
     """The least steady deceleration with which a follower reaches its leader's speed in time: closing^2 / (2 gap)."""
-    return np.where(closing > 0.0, 0.5 * np.square(closing) / gap, np.nan)
+    needed = (closing > 0.0) & (gap > 0.0)
+    return np.divide(0.5 * np.square(closing), gap, out=np.full(np.shape(gap), np.nan), where=needed)
 
 
 def arrival_time(way: Values, speed: Values, accel: Values) -> Values:
@@ -92,15 +94,36 @@ def _yield(yielding: Approach, passing: Approach) -> Values:
     )
 
 
+def joining_ttc(first: Approach, second: Approach) -> Values:
+    """Seconds until `second` is at the place where the ways join, if the rear of `first` is not past it by then.
+
+    Otherwise until it has caught up behind that place. Both keep their speeds; NaN if they will not touch.
+    """
+    reaches, clear = _steadily(second.entry, second.speed), _steadily(first.exit, first.speed)
+    behind = time_to_collision(second.entry - first.exit, second.speed - first.speed)
+    return np.where(_in_this_order(first, second), np.where(reaches <= clear, reaches, behind), np.nan)
+
+
+def deceleration_to_join(first: Approach, second: Approach) -> Values:
+    """The least steady deceleration with which `second` stops before the place where the ways join, as above.
+
+    Where the rear of `first` will be past it, that with which it reaches the speed of `first` in time.
+    """
+    reaches, clear = _steadily(second.entry, second.speed), _steadily(first.exit, first.speed)
+    behind = deceleration_to_follow(second.entry - first.exit, second.speed - first.speed)
+    stopping = deceleration_to_follow(second.entry, second.speed)
+    return np.where(_in_this_order(first, second), np.where(reaches <= clear, stopping, behind), np.nan)
+
+
 def post_encroachment_time(one: Approach, other: Approach, dt: float) -> float | None:
     """Seconds between the first one's leaving the area and the second one's entering it; None unless both did.
 
-    Negative where the second entered before.
+    0 where the second entered before.
     """
     enters, leaves = [_passing(a.entry, dt) for a in (one, other)], [_passing(a.exit, dt) for a in (one, other)]
     if np.isnan([*enters, *leaves]).any():
         return None
-    return enters[1] - leaves[0] if enters[0] <= enters[1] else enters[0] - leaves[1]
+    return max(enters[1] - leaves[0] if enters[0] <= enters[1] else enters[0] - leaves[1], 0.0)
 
 
 def _first_in_time(first: Approach, second: Approach) -> Bool[np.ndarray, " time"]:
@@ -108,6 +131,12 @@ def _first_in_time(first: Approach, second: Approach) -> Bool[np.ndarray, " time
     due = [arrival_time(a.entry, a.speed, a.accel) for a in (first, second)]
     sooner = due[0] <= due[1]  # on a tie either may be called the first
     return sooner & (first.exit > 0.0) & (second.entry > 0.0)
+
+
+def _in_this_order(first: Approach, second: Approach) -> Bool[np.ndarray, " time"]:
+    """Steps at which both drive towards the place where their ways join, `first` to be there before `second`."""
+    due = [_steadily(a.entry, a.speed) for a in (first, second)]
+    return (due[0] > 0.0) & (due[0] <= due[1]) & np.isfinite(due[1])
 
 
 def _steadily(way: Values, speed: Values) -> Values:
@@ -139,6 +168,11 @@ def measure_pair(ego: Way, other: Way, dt: float) -> Pair:
             ttc.append(crossing_ttc(first, second))
         drac.append(deceleration_to_yield(*meeting))
         pet = post_encroachment_time(*meeting, dt)
+    joint = joining(ego, other)
+    if joint is not None:
+        for first, second in (joint, joint[::-1]):
+            ttc.append(joining_ttc(first, second))
+            drac.append(deceleration_to_join(first, second))
     return Pair(np.fmin.reduce(ttc), np.fmax.reduce(drac), pet)
 
 
