@@ -83,14 +83,20 @@ class AttackConfig:
         )
 
     def compiled(self) -> "AttackConfig":
-        """Without what a compiled program does not depend on."""
-        return replace(self, replan_every=0, attempts=1)
+        """Without what a compiled program does not depend on: who is searched, and how often."""
+        chosen_before = {name: getattr(type(self), name) for name in _CHOSEN_BEFORE}
+        return replace(self, method="", **chosen_before)
 
     @property
     def label(self) -> str:
         """The method, and whether it runs as published: what tables and ids say."""
         return f"{self.method}-published" if self.as_published else self.method
 
+
+_CHOSEN_BEFORE = (
+    "replan_every", "attempts", "nearest", "dynamics",
+    "exclude_rear", "rear_share", "rear_sector_rad", "exclude_static", "static_m",
+)  # fmt: skip
 
 KING = AttackConfig("king")
 REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True, exclude_static=True)
