@@ -214,6 +214,6 @@ def test_king_is_regents_without_its_rules():
 
 
 def test_who_is_searched_and_how_often_needs_no_other_program():
-    fewer = replace(REGENTS_FOCUSED, method="mine", nearest=1, attempts=1, static_m=1.0, exclude_rear=False)
+    fewer = replace(REGENTS_FOCUSED, method="mine", iterations=7, nearest=1, attempts=1, exclude_rear=False)
     assert fewer.compiled() == REGENTS_FOCUSED.compiled()
     assert REGENTS_FOCUSED.compiled() != replace(REGENTS_FOCUSED, pair_weight=1.0).compiled()

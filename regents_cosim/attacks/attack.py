@@ -217,9 +217,9 @@ class _Attack:
     def descend(self, jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
         """One descent after the other, with a planner in JAX that drives in every iteration."""
         assert isinstance(self.planner, JaxPlanner)
-        config = self.config.compiled()
+        planner, config, iterations = self.planner, self.config.compiled(), jnp.int32(self.config.iterations)
         return [
-            Ended(descend(job.world, self.planner, job.memory, config, job.movers, job.start, self.extra_cost))
+            Ended(descend(job.world, planner, job.memory, config, job.movers, iterations, job.start, self.extra_cost))
             for _, job in jobs
         ]
 
@@ -238,8 +238,7 @@ class _Attack:
         planner = self.planner
 
         def run(jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
-            config = self.config.compiled()
-            found = search_in_lanes((job for _, job in jobs), planner, config, batch, self.extra_cost)
+            found = search_in_lanes((job for _, job in jobs), planner, self.config, batch, self.extra_cost)
             return [Ended(one) for one in found]
 
         return run

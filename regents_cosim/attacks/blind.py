@@ -75,7 +75,7 @@ def search_blindly(
     jobs: Sequence[tuple[Scenario, Job]], planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None
 ) -> list[Ended]:
     """Try changes for each job until one is accepted or `config.iterations` roll-outs are spent."""
-    return [Ended(_search(scenario, job, planner, config.compiled(), extra_cost)) for scenario, job in jobs]
+    return [Ended(_search(scenario, job, planner, config, extra_cost)) for scenario, job in jobs]
 
 
 def _search(
@@ -83,16 +83,17 @@ def _search(
 ) -> Found:
     seed = zlib.crc32(f"{scenario.id} {int(job.movers.first)}".encode())
     sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
-    history = np.zeros((config.iterations, 3), np.float32)
+    compiled, most = config.compiled(), config.iterations
+    history = np.zeros((compiled.iterations, 3), np.float32)
     best, least, tried = np.zeros(2 * _KNOTS), np.inf, 0
     # The log itself comes first: whoever collides in it is not attacked.
-    _, _, accepted = _try(job, planner, config, extra_cost, jnp.zeros((_BATCH, 2 * _KNOTS)))
-    while not accepted.any() and tried < config.iterations and bool(job.movers.candidate.any()):
-        changes = sampler.ask()[: config.iterations - tried]
+    _, _, accepted = _try(job, planner, compiled, extra_cost, jnp.zeros((_BATCH, 2 * _KNOTS)))
+    while not accepted.any() and tried < most and bool(job.movers.candidate.any()):
+        changes = sampler.ask()[: most - tried]
         padded = np.pad(changes, ((0, _BATCH - len(changes)), (0, 0)))
         totals, terms, accepted = (
             np.asarray(values)[: len(changes)]
-            for values in _try(job, planner, config, extra_cost, jnp.asarray(padded, jnp.float32))
+            for values in _try(job, planner, compiled, extra_cost, jnp.asarray(padded, jnp.float32))
         )
         chosen = int(np.argmax(accepted)) if accepted.any() else int(np.argmin(totals))
         if accepted.any() or totals[chosen] < least:
@@ -103,7 +104,7 @@ def _search(
         if len(changes) == _BATCH:
             sampler.tell(changes, totals)
     return _end(
-        job, planner, config, extra_cost, jnp.asarray(best, jnp.float32), jnp.int32(tried), jnp.asarray(history)
+        job, planner, compiled, extra_cost, jnp.asarray(best, jnp.float32), jnp.int32(tried), jnp.asarray(history)
     )
 
 

@@ -28,25 +28,31 @@ def search_in_lanes(
     jobs: Iterable[Job], planner: LoopPlanner, config: AttackConfig, lanes: int, extra_cost: ExtraCost | None = None
 ) -> list[Found]:
     """The outcome of every job, in their order, at most `lanes` at a time; jobs of one shape share a program."""
+    most, config = jnp.int32(config.iterations), config.compiled()
     by_shape: dict[Any, list[tuple[int, Job]]] = defaultdict(list)
     for number, job in enumerate(jobs):
         shapes = tuple(leaf.shape for leaf in jax.tree.leaves(job))
         by_shape[jax.tree.structure(job), shapes].append((number, job))
     found: dict[int, Found] = {}
     for group in by_shape.values():
-        found.update(_search_group(group, planner, config, min(lanes, len(group)), extra_cost))
+        found.update(_search_group(group, planner, config, most, min(lanes, len(group)), extra_cost))
     return [found[number] for number in sorted(found)]
 
 
 def _search_group(
-    group: list[tuple[int, Job]], planner: LoopPlanner, config: AttackConfig, lanes: int, extra_cost: ExtraCost | None
+    group: list[tuple[int, Job]],
+    planner: LoopPlanner,
+    config: AttackConfig,
+    most: Int[Array, ""],
+    lanes: int,
+    extra_cost: ExtraCost | None,
 ) -> Iterator[tuple[int, Found]]:
     waiting = iter(group[lanes:])
     numbers: list[int | None] = [number for number, _ in group[:lanes]]
     jobs = jax.tree.map(lambda *values: jnp.stack(values), *(job for _, job in group[:lanes]))
     searches = _begin(jobs, planner, config, extra_cost)
     while any(number is not None for number in numbers):
-        searches, goes_on = _advance(jobs, searches, planner, config, extra_cost)
+        searches, goes_on = _advance(jobs, searches, planner, config, most, extra_cost)
         for lane in np.flatnonzero(~np.asarray(goes_on)).tolist():
             number = numbers[lane]
             if number is None:
@@ -66,12 +72,17 @@ def _begin(jobs: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: Ex
 
 @eqx.filter_jit
 def _advance(
-    jobs: Job, searches: Search, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None
+    jobs: Job,
+    searches: Search,
+    planner: LoopPlanner,
+    config: AttackConfig,
+    most: Int[Array, ""],
+    extra_cost: ExtraCost | None,
 ) -> tuple[Search, Bool[Array, " lane"]]:
     def advance(job: Job, search: Search) -> tuple[Search, Bool[Array, ""]]:
         descent = _descent(job, planner, config, extra_cost)
-        search = descent.advance(search, _PASSES)
-        return search, descent.goes_on(search)
+        search = descent.advance(search, jnp.minimum(_PASSES, most - search.iterations))
+        return search, descent.goes_on(search) & (search.iterations < most)
 
     return jax.vmap(advance)(jobs, searches)
 

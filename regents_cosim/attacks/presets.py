@@ -83,9 +83,10 @@ class AttackConfig:
         )
 
     def compiled(self) -> "AttackConfig":
-        """Without what a compiled program does not depend on: who is searched, and how often."""
+        """Without what a compiled program does not depend on: who is searched; how long, but for the room for it."""
         chosen_before = {name: getattr(type(self), name) for name in _CHOSEN_BEFORE}
-        return replace(self, method="", **chosen_before)
+        room = max(-(-self.iterations // _ROOM), 1) * _ROOM
+        return replace(self, method="", iterations=room, **chosen_before)
 
     @property
     def label(self) -> str:
@@ -93,6 +94,7 @@ class AttackConfig:
         return f"{self.method}-published" if self.as_published else self.method
 
 
+_ROOM = 500  # iterations that programs keep the costs of
 _CHOSEN_BEFORE = (
     "replan_every", "attempts", "nearest", "dynamics",
     "exclude_rear", "rear_share", "rear_sector_rad", "exclude_static", "static_m",

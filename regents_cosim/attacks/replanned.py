@@ -42,8 +42,9 @@ def searching(
     given = (world, config.compiled(), movers, start, extra_cost)
     ego = yield _first(given)
     search, goes_on = _begin(given, ego)
-    while goes_on:
-        search, traffic = _advance(given, ego, search, jnp.int32(every))
+    while goes_on and search.iterations < config.iterations:
+        passes = jnp.minimum(every, config.iterations - search.iterations)
+        search, traffic = _advance(given, ego, search, passes)
         ego = yield traffic
         search, goes_on = _look_again(given, ego, search)
     return _result(given, ego, search)

@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+from jaxtyping import Array, Int
 
 from regents_cosim.attacks.descent import Descent, ExtraCost, Found
 from regents_cosim.attacks.movers import Movers
@@ -36,12 +37,14 @@ def descend(
     memory: Any,
     config: AttackConfig,
     movers: Movers,
+    iterations: Int[Array, ""],
     start: Controls | None = None,
     extra_cost: ExtraCost | None = None,
 ) -> Found:
-    """Attack `planner` in `world` with the controls of `movers`, up to a collision or the last iteration.
+    """Attack `planner` in `world` with the controls of `movers`, up to a collision or the last of `iterations`.
 
-    The search begins with the actions `start` [mover step], or with the logged ones.
+    The search begins with the actions `start` [mover step], or with the logged ones. `config` is what
+    `AttackConfig.compiled` leaves, so that the number of iterations needs no program of its own.
     """
     descent = set_up(world, planner, memory, config, movers, start, extra_cost)
-    return descent.result(descent.advance(descent.begin(), config.iterations))
+    return descent.result(descent.advance(descent.begin(), iterations))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scenes import scene
 
@@ -39,7 +40,9 @@ def job(scenario: Scenario, planner: str) -> tuple[Any, Job]:
 
 def attack(planner: Any, wanted: Job, config: AttackConfig = STILL) -> Any:
     """One search to its end."""
-    return jax.block_until_ready(descend(wanted.world, planner, wanted.memory, config, wanted.movers))
+    return jax.block_until_ready(
+        descend(wanted.world, planner, wanted.memory, config.compiled(), wanted.movers, jnp.int32(config.iterations))
+    )
 
 
 def seconds(work: Callable[[], Any], rounds: int = 7) -> float:
