@@ -9,10 +9,11 @@ from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.blind import AtRandom, ByEvolution
-from regents_cosim.attacks.presets import CMA_ES, RANDOM
+from regents_cosim.attacks.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.aggressive import drive_aggressively
+from regents_cosim.evaluation.scores import rollouts_at_most
 from regents_cosim.files import load_case
 from regents_cosim.scenario import AttackRecord
 from regents_cosim.shipped import shipped
@@ -33,6 +34,11 @@ def test_a_blind_search_finds_collisions_and_finds_them_again(config):
             assert (one.agents[agent].id, step) == (one.attack.collision.agent, one.attack.collision.step)
             assert 1 <= one.attack.iterations <= 60
             assert len(one.attack.cost_history["ego"]) == one.attack.iterations
+
+
+@pytest.mark.parametrize("config", [RANDOM, CMA_ES], ids=lambda config: config.method)
+def test_a_blind_search_has_as_many_roll_outs_as_our_preset(config):
+    assert rollouts_at_most(config) == rollouts_at_most(REGENTS_FOCUSED)
 
 
 def test_a_blind_search_spends_its_roll_outs_and_no_more():

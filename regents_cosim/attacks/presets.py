@@ -121,7 +121,7 @@ REGENTS_FOCUSED = replace(
 )
 
 # The same cost without its gradient, with as many roll-outs for each candidate.
-RANDOM = replace(REGENTS_FOCUSED, method="random", optimiser="random", iterations=1500, attempts=1)
+RANDOM = replace(REGENTS_FOCUSED, method="random", optimiser="random", iterations=1000, attempts=1)
 CMA_ES = replace(RANDOM, method="cma-es", optimiser="cma-es")
 
 METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, RANDOM, CMA_ES)}
