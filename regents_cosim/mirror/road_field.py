@@ -5,6 +5,7 @@ the map once and looking it up bilinearly is the same number, and far cheaper.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -55,8 +56,14 @@ def blur(
     off_road = ~road.raster((float(low[0]), float(low[1])), (rows, columns), CELL_M)
     field = gaussian_filter(off_road.astype(np.float32), SIGMA_M / CELL_M, mode="nearest")
     size = next((size for size in _SIZES if size >= field.size), field.size)
-    cells = np.zeros((size, 4), np.float32)
-    packed = cells[: field.size].reshape(rows, columns, 4)
-    for neighbour, (up, right) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):  # those beyond the border are never read
-        packed[: rows - up, : columns - right, neighbour] = field[up:, right:]
-    return RoadField(jnp.asarray(cells), jnp.array([rows, columns]), jnp.asarray(low - origin, jnp.float32))
+    flat = np.zeros(size, np.float32)
+    flat[: field.size] = field.ravel()
+    cells = _with_neighbours(jnp.asarray(flat), jnp.asarray(np.int32(columns)))
+    return RoadField(cells, jnp.array([rows, columns]), jnp.asarray(low - origin, jnp.float32))
+
+
+@jax.jit
+def _with_neighbours(field: Float[Array, " cell"], columns: Int[Array, ""]) -> Float[Array, "cell 4"]:
+    """Each cell with those to its right, above it, and both; beyond the border they are never read."""
+    shift = jnp.stack([jnp.zeros_like(columns), jnp.ones_like(columns), columns, columns + 1])
+    return field[jnp.minimum(jnp.arange(field.size)[:, None] + shift, field.size - 1)]
