@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Against, Search, SumoOptions, Talk, Traffic
+from regents_cosim.cli.options import Against, FineTune, Search, SumoOptions, Talk, Traffic
 from regents_cosim.cli.shared import (
     attacked_planner,
     draw,
@@ -133,8 +133,8 @@ def attack(
     cases
         a case or a folder of cases, as `regents record` makes them; or name traffic with -c
     planner
-        system under test: aim-bev, idm, log_replay, constant_velocity, sumo, highway:AGENT, torch:MODULE, exec:COMMAND,
-        package.module:attribute or file.py:attribute
+        system under test: aim-bev, aim-bev:WEIGHTS, idm, log_replay, constant_velocity, sumo, highway:AGENT,
+        torch:MODULE, exec:COMMAND, package.module:attribute or file.py:attribute
     against
         another planner (in JAX) that the same adversary is to make crash; as many as you like
     output
@@ -314,8 +314,8 @@ def evaluate(
     cases
         a case or a folder of cases; attacked ones are driven among their adversaries
     planner
-        system under test: aim-bev, idm, log_replay, constant_velocity, sumo, highway:AGENT, torch:MODULE, exec:COMMAND,
-        package.module:attribute or file.py:attribute
+        system under test: aim-bev, aim-bev:WEIGHTS, idm, log_replay, constant_velocity, sumo, highway:AGENT,
+        torch:MODULE, exec:COMMAND, package.module:attribute or file.py:attribute
     where
         in the mirror, in SUMO, or in highway-env
     act_timeout
@@ -405,20 +405,21 @@ def train_aim_bev(
     cases: Path,
     *,
     output: Annotated[Path, Parameter(["--output", "-o"])],
-    epochs: int = 40,
-    lessons: int = 4096,
+    epochs: int | None = None,
+    lessons: int | None = None,
     drives: int = 40,
-    frozen: int = 0,
-    learning_rate: float = 1e-3,
+    frozen: int | None = None,
+    learning_rate: float | None = None,
     threads: int = 2,
     seed: int = 0,
     resume: Path | None = None,
+    fine_tune: FineTune = FineTune(),
     talk: Talk = Talk(),
 ) -> int:
     """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install 'regents_cosim[torch]').
 
     Every vehicle near the ego of a case is a teacher. After each epoch the weights, a checkpoint and a picture of
-    the training are written.
+    the training are written. With --finetune it also learns from its own crashes.
 
     Parameters
     ----------
@@ -427,15 +428,16 @@ def train_aim_bev(
     output
         file for the weights (.safetensors)
     epochs
-        passes; the learning rate falls to a hundredth over them
+        passes; the learning rate falls to a hundredth over them; 40, or 8 with --finetune
     lessons
-        new ones per epoch; each is repeated in four epochs
+        new ones per epoch; each is repeated in four epochs; 4096, or 2048 with --finetune
     drives
         drives of the network by itself per epoch, from whose states it learns as well
     frozen
-        first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8
+        first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8;
+        0, or 8 with --finetune
     learning_rate
-        of Adam, at the first epoch
+        of Adam, at the first epoch; 0.001, or 0.0002 with --finetune
     threads
         of torch
     seed
@@ -444,6 +446,8 @@ def train_aim_bev(
         a checkpoint to go on from, or weights for a warm start
     """
     from regents_cosim.atomic import require_writable
+    from regents_cosim.cli.fine_tuning import course, crashes_of, show_before_after
+    from regents_cosim.planners.aim_bev.weights_file import SHIPPED
     from regents_cosim.reports.curve import draw_curve
     from regents_cosim.suite import load_cases
 
@@ -452,21 +456,37 @@ def train_aim_bev(
         raise RegentsError(f"--output {output}: expected a name that ends in .safetensors")
     require_writable(output.parent)
     try:
-        from regents_cosim.planners.aim_bev.train import TrainConfig, train
+        from regents_cosim.planners.aim_bev.train import FINE_TUNING, TrainConfig, train
     except ModuleNotFoundError as error:
         raise RegentsError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
-    config = TrainConfig(
-        epochs, seed, lessons, learning_rate=learning_rate, frozen=frozen, drives=drives, threads=threads
+    given = {"epochs": epochs, "lessons": lessons, "frozen": frozen, "learning_rate": learning_rate}
+    config = dataclasses.replace(
+        FINE_TUNING if fine_tune.finetune else TrainConfig(),
+        **{name: value for name, value in given.items() if value is not None},
+        **{"seed": seed, "drives": drives, "threads": threads, "evading": fine_tune.evading},
     )
-    scenarios = load_cases(cases)
+    scenarios, crashes, held_out = [], [], {}
+    if fine_tune.finetune is None:
+        if fine_tune.held_out or fine_tune.ordinary:
+            raise RegentsError("--held-out and --ordinary judge a fine-tuning; expected --finetune SUITE with them")
+        scenarios = load_cases(cases)
+    else:
+        resume = resume or SHIPPED
+        found = course(cases, fine_tune.finetune, fine_tune)
+        scenarios, held_out = found.ordinary, found.held_out
+        crashes = crashes_of(resume, found.adversarial, terminal)
     output.parent.mkdir(parents=True, exist_ok=True)
     done = []
-    for done in terminal.each(train(scenarios, output, config, resume), "training", epochs):
+    for done in terminal.each(train(scenarios, output, config, resume, crashes), "training", config.epochs):
         last = done[-1]
-        terminal.say(f"epoch {len(done)} of {epochs}: loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m")
+        error = f"loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m"
+        terminal.say(f"epoch {len(done)} of {config.epochs}: {error}")
         lines = {"loss [m]": [e.loss_m for e in done], "held back [m]": [e.held_back_m for e in done]}
         draw_curve("AIM-BEV: error of the waypoints", lines, output.with_suffix(".png"))
-    terminal.show(f"weights in {output}", [dataclasses.asdict(epoch) for epoch in done])
+    if fine_tune.finetune is None:
+        terminal.show(f"weights in {output}", [dataclasses.asdict(epoch) for epoch in done])
+    else:
+        show_before_after(resume, output, held_out, terminal)
     return 0
 
 

@@ -122,6 +122,22 @@ class Against:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
+class FineTune:
+    """Learning from crashes, and the cases that tell whether it helped."""
+
+    finetune: Path | None = None
+    """a suite of attacked cases: of those that the weights crash in and could have passed, they learn to; begins with
+    the shipped weights (or --resume), and prints scores before and after"""
+    evading: float = 0.3
+    """share of the lessons that are of these"""
+    held_out: Path | None = None
+    """another suite of attacked cases for the scores; default every fifth window of the first, which is not taught"""
+    ordinary: Path | None = None
+    """recorded cases for the scores; default every fifth of those to train on, which is not taught"""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
 class Talk:
     """How results are shown."""
 

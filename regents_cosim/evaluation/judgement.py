@@ -8,15 +8,19 @@ from dataclasses import replace
 from regents_cosim.evaluation.avoidability import avoidability
 from regents_cosim.evaluation.clean import Cleanness, cleanness
 from regents_cosim.evaluation.fault import fault
+from regents_cosim.evaluation.manoeuvres import BANK, Bank
 from regents_cosim.scenario import Judgement, Scenario
 
 
-def judge(attacked: Scenario) -> Scenario:
-    """The scenario with the judgement of its crash, and the track that avoids it; unchanged where there is none."""
+def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
+    """The scenario with the judgement of its crash, and the track that avoids it; unchanged where there is none.
+
+    It counts as avoidable where a manoeuvre of `bank` avoids it.
+    """
     flaws = cleanness(attacked)
     if flaws is None:
         return attacked
-    avoidable, evasion = avoidability(attacked)
+    avoidable, evasion = avoidability(attacked, bank)
     return replace(attacked, judgement=Judgement(_words(flaws), avoidable, fault(attacked)), evasion=evasion)
 
 

@@ -14,6 +14,7 @@ from regents_cosim.user_code import import_named
 # Somebody else's kind of planner behind a prefix: `exec:./my_planner --fast`. What the factory gets is the rest.
 # Modules by name, as entry points are: those that need the simulators of `replays` are found there.
 BRIDGES: dict[str, str] = {
+    "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
     "exec": "regents_cosim.planners.exec_planner:ExecPlanner",
     "highway": "regents_cosim.replays.highway_ego:HighwayEgo",
     "sumo": "regents_cosim.replays.sumo_ego:SumoEgo",
@@ -23,16 +24,17 @@ BRIDGES: dict[str, str] = {
 
 def find_attribute(name: str) -> Any:
     """What a name stands for: a planner, or something that makes one without arguments. Raises PlannerError."""
+    known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
     bridge, _, rest = name.partition(":")
-    if bridge in BRIDGES:
+    if bridge in BRIDGES and name not in known:
         factory: Callable[[str], Planner] = find_attribute(BRIDGES[bridge])
         return lambda: factory(rest)
-    known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
     module_name, _, attribute = known.get(name, name).rpartition(":")
     if not module_name:
         raise PlannerError(
             f"planner {name!r} not found, expected one of {', '.join(sorted(known))}, sumo, "
-            "highway:AGENT, torch:MODULE, exec:COMMAND, `package.module:attribute` or `file.py:attribute`"
+            "aim-bev:WEIGHTS, highway:AGENT, torch:MODULE, exec:COMMAND, "
+            "`package.module:attribute` or `file.py:attribute`"
         )
     found = getattr(import_named(module_name, f"planner {name!r}"), attribute, None)
     if found is None:

@@ -3,20 +3,28 @@
 Imitation of the log alone drifts: an ego that is once beside its log has never seen what to do
 there. So every lesson starts from a perturbed state, and states that the network itself drove
 into are added (DAgger, Ross et al. 2011).
+
+Crashes that the network could have avoided are lessons of their own kind: only their ego is
+taught, on the drive that avoids the crash, while it evades.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from regents_cosim.errors import ScenarioError
 from regents_cosim.frames import wrap
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
+from regents_cosim.scenario import Scenario
 
-KINDS = ("stopping", "merging", "turning", "following", "cruising")  # the first that holds counts
+EVADING = "evading"
+KINDS = (EVADING, "stopping", "merging", "turning", "following", "cruising")  # the first that holds counts
 _AHEAD_STEPS = 30  # how far the log is looked ahead to say what a vehicle does
 _TURN_RAD = np.deg2rad(15.0)
 _ASIDE_M = 1.2  # to the side while hardly turning: a change of lanes
@@ -29,6 +37,7 @@ _PERTURBED = 0.75  # of the lessons
 _LATE = 0.35  # of them: from where the log would be had it kept its speed ...
 _LATE_STEPS = 20  # ... for up to 2 s,
 _LATE_M = 7.0  # or up to this far
+_OVER_S = 1.0  # after the instant of a crash, the drive that avoids it has avoided it
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +48,13 @@ class Curriculum:
     last: Int[np.ndarray, "scene agent"]
     log: tuple[Float[np.ndarray, "scene agent time"], ...]  # x, y [m], yaw [rad], speed [m/s]
     valid: Bool[np.ndarray, "scene agent time"]
+    targets: Float[np.ndarray, "scene 2"]  # [m] of the egos
+    evasions: Mapping[int, range]  # scenes in which the ego evades, and the steps at which it does
     dt: float  # [s]
 
-    def draw(self, count: int, rng: np.random.Generator) -> Lesson:
-        """`count` lessons, as many of each kind, from perturbed states."""
-        kinds = rng.choice([kind for kind in KINDS if len(self.rows[kind])], count)
+    def draw(self, count: int, rng: np.random.Generator, evading: float = 0.0) -> Lesson:
+        """`count` lessons from perturbed states: a share `evading` of that kind, as many of each of the others."""
+        kinds = rng.choice(KINDS, count, p=self._shares(evading))
         rows = np.array([self.rows[kind][rng.integers(len(self.rows[kind]))] for kind in kinds])
         late = rng.random(count) < _LATE
         states = self.states(rows)
@@ -51,14 +62,28 @@ class Curriculum:
         return self.lessons(rows, _perturbed(states, rng), rng)
 
     def lessons(self, rows: Int[np.ndarray, "lesson 3"], states: np.ndarray, rng: np.random.Generator) -> Lesson:
-        """Lessons from given states (x, y, yaw, speed), each with a target: the end of the log, or a step before it."""
+        """Lessons from given states (x, y, yaw, speed), each with a target: the end of the log, or a step before it.
+
+        The target of an ego that evades is the one it had before: the end of its evasion would give it away.
+        """
         scene, agent, step = rows.T
         last = self.last[scene, agent]
         soonest = np.minimum(step + WAYPOINTS, last)
         goal = np.where(rng.random(len(rows)) < 0.5, last, rng.integers(soonest, last + 1))
-        scene, agent, step, goal = (jnp.asarray(values, jnp.int32) for values in (scene, agent, step, goal))
+        logged = np.stack([values[scene, agent, goal] for values in self.log[:2]], axis=-1)
+        evades = np.isin(scene, list(self.evasions))
+        goal = jnp.asarray(np.where(evades[:, None], self.targets[scene], logged), jnp.float32)
+        scene, agent, step = (jnp.asarray(values, jnp.int32) for values in (scene, agent, step))
         x, y, yaw, speed = (jnp.asarray(values, jnp.float32) for values in states.T)
         return Lesson(scene, agent, step, goal, Motion(x, y, yaw, speed))
+
+    def _shares(self, evading: float) -> Float[np.ndarray, " kind"]:
+        """Of each of KINDS; none of those of which there are no lessons."""
+        there = np.array([len(self.rows[kind]) > 0 for kind in KINDS])
+        evades = np.array([kind == EVADING for kind in KINDS])
+        ordinary = there & ~evades
+        shares = np.where(evades & there, evading, (1.0 - evading) * ordinary / max(ordinary.sum(), 1))
+        return shares / shares.sum()
 
     def _too_late(self, row: Int[np.ndarray, " 3"], rng: np.random.Generator) -> Float[np.ndarray, " 4"]:
         """The state (x, y, yaw, speed) of an ego that kept its speed for some time when its log did not.
@@ -82,20 +107,37 @@ class Curriculum:
         return np.stack([values[tuple(rows.T)] for values in self.log], axis=-1)
 
 
-def plan(room: Classroom) -> Curriculum:
-    """All lessons that `room` holds: vehicles that stay for the next 0.8 s, near the window's ego."""
+def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({})) -> Curriculum:
+    """All lessons that `room` holds: vehicles that stay for the next 0.8 s, near the window's ego.
+
+    In the scenes of `evasions` only the ego is taught, at the steps named: the others drive there as an attack wants.
+    """
     log = tuple(np.asarray(values) for values in (room.log.x, room.log.y, room.log.yaw, room.log.speed))
     valid, half_width = np.asarray(room.valid), np.asarray(room.half_width)
     found: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
     for scene in range(len(valid)):
         taught = _usable(log, valid, half_width, scene)
         x, y, yaw, speed = (values[scene] for values in log)
-        kinds = _kinds(x, y, yaw, speed, valid[scene])
+        kinds = _kinds(x, y, yaw, speed, valid[scene]) | {EVADING: _evades(valid[scene], evasions.get(scene))}
+        taught &= kinds[EVADING] | (scene not in evasions)
         for kind in KINDS:
             found[kind].append(np.insert(np.argwhere(taught & kinds[kind]), 0, scene, axis=1))
             taught &= ~kinds[kind]
     rows = {kind: np.concatenate(lessons) for kind, lessons in found.items()}
-    return Curriculum(rows, np.asarray(room.last), log, valid, room.dt)
+    return Curriculum(rows, np.asarray(room.last), log, valid, np.asarray(room.target), evasions, room.dt)
+
+
+def evading_steps(crash: Scenario) -> range:
+    """Steps at which the drive that avoids `crash` is taught: while its waypoints or itself evade.
+
+    Once the danger is over there is nothing to learn from an ego that stands on a road that is free again.
+    Raises ScenarioError where no drive that avoids it is known.
+    """
+    avoidability = crash.judgement.avoidability if crash.judgement else None
+    if crash.attack is None or crash.attack.collision is None or avoidability is None or avoidability.gentlest is None:
+        raise ScenarioError(f"case {crash.id} has no evasion, expected a collision that the ego could have avoided")
+    begin = max(avoidability.gentlest.onset_step - WAYPOINTS, 0)
+    return range(begin, crash.attack.collision.step + round(_OVER_S / crash.dt))
 
 
 def _usable(log: tuple[np.ndarray, ...], valid: np.ndarray, half_width: np.ndarray, scene: int) -> np.ndarray:
@@ -105,6 +147,13 @@ def _usable(log: tuple[np.ndarray, ...], valid: np.ndarray, half_width: np.ndarr
     near = np.hypot(x - x[0], y - y[0]) < _SEEN_M
     moves = (speed * valid[scene]).sum(axis=1, keepdims=True) > 10.0  # a metre in all
     return stays & near & moves & (half_width[scene][:, None] > 0.5)
+
+
+def _evades(valid: Bool[np.ndarray, "agent time"], steps: range | None) -> Bool[np.ndarray, "agent time"]:
+    found = np.zeros_like(valid)
+    if steps is not None:
+        found[0, steps.start : steps.stop] = True
+    return found
 
 
 def _kinds(

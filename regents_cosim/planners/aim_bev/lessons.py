@@ -32,7 +32,7 @@ class Lesson(eqx.Module):
     scene: Int[Array, "*axes"]
     agent: Int[Array, "*axes"]
     step: Int[Array, "*axes"]
-    goal: Int[Array, "*axes"]  # step whose logged position is the target
+    goal: Float[Array, "*axes 2"]  # [m, map frame]
     state: Motion  # [m, map frame]
 
 
@@ -44,6 +44,7 @@ class Classroom(eqx.Module):
     half_length: Float[Array, "scene agent"]  # [m]
     half_width: Float[Array, "scene agent"]  # [m]
     last: Int[Array, "scene agent"]  # last valid step
+    target: Float[Array, "scene 2"]  # [m] where the ego is to go
     lights: UInt8[Array, "scene time bar"]
     road: Int[Array, " scene"]
     ground: Ground  # [road]
@@ -58,8 +59,7 @@ class Classroom(eqx.Module):
     @eqx.filter_jit
     def targets(self, lesson: Lesson) -> Float[Array, "batch 2"]:
         """Where each of the taught is to go [m, its own frame]."""
-        goal = self.log.x[lesson.scene, lesson.agent, lesson.goal], self.log.y[lesson.scene, lesson.agent, lesson.goal]
-        return jax.vmap(to_frame)(*goal, lesson.state)
+        return jax.vmap(to_frame)(lesson.goal[:, 0], lesson.goal[:, 1], lesson.state)
 
     @eqx.filter_jit
     def labels(self, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
@@ -90,11 +90,7 @@ def to_frame(x: Float[Array, ""], y: Float[Array, ""], ego: Motion) -> Float[Arr
 
 def gather(scenarios: Sequence[Scenario]) -> Classroom:
     """All of `scenarios` on the device. Raises RegentsError where their horizons differ."""
-    steps = {(scenario.tracks.steps, scenario.dt) for scenario in scenarios}
-    require(
-        len(steps) == 1, f"the cases have {len(steps)} different horizons or time steps, expected one", RegentsError
-    )
-    (count, dt), agents = steps.pop(), max(len(scenario.agents) for scenario in scenarios)
+    (count, dt), agents = common_horizon(scenarios), max(len(scenario.agents) for scenario in scenarios)
     roads = list({id(scenario.road): scenario.road for scenario in scenarios}.values())
     drawn = [_draw(road, [s for s in scenarios if s.road is road]) for road in roads]
     tracks = [fill_gaps(scenario.tracks) for scenario in scenarios]
@@ -115,12 +111,21 @@ def gather(scenarios: Sequence[Scenario]) -> Classroom:
         half_length=jnp.asarray(0.5 * sizes[..., 0]),
         half_width=jnp.asarray(0.5 * sizes[..., 1]),
         last=jnp.asarray(count - 1 - np.argmax(valid[..., ::-1], axis=-1)),
+        target=jnp.array([scenario.target for scenario in scenarios], jnp.float32),
         lights=lights,
         road=jnp.array([[road is s.road for road in roads].index(True) for s in scenarios]),
         ground=_together(drawn),
         bars=bars,
         dt=dt,
     )
+
+
+def common_horizon(scenarios: Sequence[Scenario]) -> tuple[int, float]:
+    """Steps and time step [s] that all of `scenarios` share. Raises RegentsError where they differ."""
+    found = {(scenario.tracks.steps, scenario.dt) for scenario in scenarios}
+    several = ", ".join(f"{(steps - 1) * dt:g} s in steps of {dt:g} s" for steps, dt in sorted(found)[:3])
+    require(len(found) == 1, f"the cases have {len(found)} different horizons ({several}), expected one", RegentsError)
+    return found.pop()
 
 
 def _draw(road: RoadMap, scenarios: Sequence[Scenario]) -> tuple[np.ndarray, Float[np.ndarray, " 2"]]:

@@ -87,7 +87,11 @@ def with_weights(path: Path) -> AimBev:
     return AimBev(to_network(load_weights(path)), Controller())
 
 
+def aim_bev(weights: str = "") -> AimBev:
+    """AIM-BEV, named `aim-bev` with the weights that come with the package, `aim-bev:WEIGHTS` with those of a file."""
+    return with_weights(Path(weights)) if weights else _shipped()
+
+
 @functools.cache
-def aim_bev() -> AimBev:
-    """AIM-BEV with the weights that come with the package."""
+def _shipped() -> AimBev:
     return with_weights(SHIPPED)

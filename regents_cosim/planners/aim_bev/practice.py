@@ -37,13 +37,13 @@ def practise(
     """Drive the egos of some scenes from their first step with everybody else on their logs."""
     drives = jnp.asarray(scene)
     agent = jnp.zeros_like(drives)
-    last = room.last[drives, agent]
+    goal = room.target[drives]
     state = jax.tree.map(lambda values: values[drives, 0, 0], room.log)
     errors = jax.vmap(lambda _: controller.begin())(drives)
     alive, hit = np.ones(len(scene), bool), np.zeros(len(scene), bool)
     rows, states, away = [], [], []
     for now in range(room.log.x.shape[2] - WAYPOINTS):
-        lesson = Lesson(drives, agent, jnp.full_like(drives, now), last, state)
+        lesson = Lesson(drives, agent, jnp.full_like(drives, now), goal, state)
         known = np.stack([np.asarray(value) for value in (state.x, state.y, state.yaw, state.speed)], axis=-1)
         hits, gone = map(np.asarray, _mishaps(room, lesson))
         hit |= alive & hits

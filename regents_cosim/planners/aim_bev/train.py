@@ -12,7 +12,7 @@ from torch import Tensor
 
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.controller import Controller
-from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, plan
+from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, evading_steps, plan
 from regents_cosim.planners.aim_bev.lessons import Classroom, gather
 from regents_cosim.planners.aim_bev.practice import Predict, practise
 from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
@@ -35,12 +35,17 @@ class TrainConfig:
     frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
     warm_up: int = 3  # epochs before the network drives by itself
     drives: int = 40  # of the network by itself, per epoch
+    evading: float = 0.3  # share of the lessons and drives, where there are crashes to learn from
     threads: int = 2  # of torch
 
     def __post_init__(self) -> None:
         for name in ("epochs", "lessons", "kept", "batch", "threads"):
             require(getattr(self, name) >= 1, f"{name} {getattr(self, name)}, expected at least 1", RegentsError)
         require(0 <= self.frozen <= 13, f"{self.frozen} frozen layers, expected 0 to 13", RegentsError)
+        require(0 < self.evading < 1, f"a share {self.evading} of lessons, expected one between 0 and 1", RegentsError)
+
+
+FINE_TUNING = TrainConfig(epochs=8, lessons=2048, learning_rate=2e-4, frozen=8, warm_up=0)  # of trained weights
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,11 @@ class _Course:
 
 
 def train(
-    scenarios: Sequence[Scenario], output: Path, config: TrainConfig, resume: Path | None = None
+    scenarios: Sequence[Scenario],
+    output: Path,
+    config: TrainConfig,
+    resume: Path | None = None,
+    crashes: Sequence[Scenario] = (),
 ) -> Iterator[list[Epoch]]:
     """Teach the network epoch by epoch; yields all epochs so far, those before a resumption included.
 
@@ -75,12 +84,13 @@ def train(
 
     `resume` goes on from a checkpoint, or from weights alone (a warm start). Uninterrupted, the
     same scenarios, configuration and machine give the same weights; a resumed run begins with new
-    lessons. Raises RegentsError where the scenarios hold too few.
+    lessons. From `crashes` of the network, each with the drive that avoids it, it learns to evade.
+    Raises RegentsError where the scenarios hold too few lessons, or their horizons differ.
     """
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
-    room = gather(scenarios)
-    curriculum = plan(room)
+    room = gather([*scenarios, *(crash.evaded() for crash in crashes)])
+    curriculum = plan(room, {len(scenarios) + index: evading_steps(crash) for index, crash in enumerate(crashes)})
     total = sum(map(len, curriculum.rows.values()))
     require(total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError)
     taught, held_back = _split(curriculum)
@@ -121,7 +131,7 @@ def _prepare(
     parts = []
     with torch.inference_mode():
         for _ in range(config.lessons // config.batch):
-            views, *others = _lessons(course, room, taught, rng, config.batch)
+            views, *others = _lessons(course, room, taught, rng, config)
             begun = course.network.encoder.begin(_pictures(views), config.frozen) if config.frozen else views
             parts.append([begun.half() if config.frozen else begun, *others])
     return [torch.cat(columns).clone() for columns in zip(*parts, strict=True)]
@@ -155,10 +165,11 @@ def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None
 
 
 def _lessons(
-    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, count: int
+    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
 ) -> tuple[Tensor, ...]:
-    """Views, speeds, targets and labels of `count` lessons."""
-    lesson = taught.draw(count, rng)
+    """Views, speeds, targets and labels of a batch of lessons."""
+    count = config.batch
+    lesson = taught.draw(count, rng, config.evading)
     if len(course.rows):
         met = rng.random(count) < _FROM_PRACTICE
         drawn = rng.integers(len(course.rows), size=count)
@@ -176,7 +187,7 @@ def _pictures(views: Tensor) -> Tensor:
 
 def _check(course: _Course, room: Classroom, held_back: Curriculum, config: TrainConfig) -> float:
     """Loss [m] on windows that are not taught, the same lessons in every epoch."""
-    lesson = held_back.draw(min(256, config.lessons), np.random.default_rng(config.seed))
+    lesson = held_back.draw(min(256, config.lessons), np.random.default_rng(config.seed), config.evading)
     found = _predict(course.network)(
         np.asarray(room.views(lesson)), np.asarray(lesson.state.speed), np.asarray(room.targets(lesson))
     )
@@ -188,11 +199,18 @@ def _practise(
 ) -> tuple[float, float]:
     """Let the network drive, keep the states that it met, return its collision rate and distance to the log."""
     scenes = np.unique(np.concatenate([rows[:, 0] for rows in taught.rows.values()]))
-    chosen = rng.choice(scenes, config.drives, replace=len(scenes) < config.drives)
+    evaded = np.isin(scenes, list(taught.evasions))
+    evading = round(config.evading * config.drives) if evaded.any() else 0
+    chosen = np.concatenate([_draw(scenes[evaded], evading, rng), _draw(scenes[~evaded], config.drives - evading, rng)])
     found = practise(room, _predict(course.network), Controller(), chosen)
-    course.rows = np.concatenate([course.rows, found.rows])
-    course.states = np.concatenate([course.states, found.states])
+    taught_yet = np.array([step < taught.evasions.get(scene, range(10**9)).stop for scene, _, step in found.rows])
+    course.rows = np.concatenate([course.rows, found.rows[taught_yet]])
+    course.states = np.concatenate([course.states, found.states[taught_yet]])
     return found.collision_rate, found.mean_away_m
+
+
+def _draw(scenes: Int[np.ndarray, " scene"], count: int, rng: np.random.Generator) -> Int[np.ndarray, " drive"]:
+    return rng.choice(scenes, count, replace=len(scenes) < count)
 
 
 def _predict(network: AimBevNetwork) -> Predict:
