@@ -1,0 +1,248 @@
+"""Learning from crashes: which count, what is taught of them, and whether it helped."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import crash, platoon, scene
+
+from regents_cosim.cli import run
+from regents_cosim.collisions import first_contact
+from regents_cosim.errors import PlannerError, RegentsError, ScenarioError
+from regents_cosim.evaluation.before_after import before_after, hold_back
+from regents_cosim.evaluation.driving import Drive
+from regents_cosim.evaluation.failed_drives import BRAKING, failed_drives, teachable
+from regents_cosim.evaluation.judgement import judge
+from regents_cosim.planners.aim_bev.curriculum import EVADING, KINDS, evading_steps, plan
+from regents_cosim.planners.aim_bev.lessons import gather
+from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
+from regents_cosim.planners.systems import find_planner
+from regents_cosim.suite import SuiteWriter
+
+REGENTS = Path(sys.executable).parent / "regents"
+STOPS_AT = 30  # step at which the car ahead stands still
+
+
+def stopping_ahead(gap=40.0, name="stops"):
+    """An attacked case that its ego passes: the car ahead, which drove on, now stops; the ego changed lanes."""
+    made = scene((0, 0, 10.0), (gap, 0, 10.0), name=name)
+    x, y, speed = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.speed))
+    x[1], speed[1] = np.minimum(x[1], x[1, STOPS_AT]), np.where(np.arange(81) < STOPS_AT, 10.0, 0.0)
+    y[0] = np.clip(0.1 * np.arange(81), 0.0, 3.2)
+    attacked = replace(made.tracks, x=x, y=y, speed=speed)
+    record = crash(made, replace(attacked, y=0 * y)).attack
+    return replace(
+        made, tracks=attacked, attack=replace(record, outcome="no_collision", collision=None), original=made.tracks
+    )
+
+
+@pytest.fixture(scope="module")
+def failed():
+    (found,) = failed_drives([stopping_ahead()], "constant_velocity")
+    return found
+
+
+def test_a_failed_drive_is_the_planners_own(failed):
+    case = stopping_ahead()
+    assert first_contact(case.agents, case.tracks) is None, "the ego of the case itself passes"
+    assert failed.tracks.x[0] == pytest.approx(10.0 * 0.1 * np.arange(81), abs=1e-3)
+    assert np.array_equal(failed.tracks.x[1:], case.tracks.x[1:]), "everybody else as in the case"
+    hit = failed.attack.collision
+    assert (hit.agent, hit.kind, hit.attributed) == ("car01", "rear_end_by_ego", True)
+    assert failed.attack.planner == "constant_velocity"
+    assert failed.judgement.actionable
+    assert teachable([failed, None]) == [failed]
+
+
+def test_the_teacher_brakes_as_late_as_firm_braking_allows(failed):
+    gentlest = failed.judgement.avoidability.gentlest
+    assert (gentlest.accel, gentlest.shift) == (-4.0, 0.0)
+    assert first_contact(failed.agents, failed.evaded().tracks) is None
+    # 70 m to where the other stands, less a car; 12.5 m to stop from 10 m/s at 4 m/s^2
+    latest = (70.0 - 4.6 - 0.1 - 12.5) / 10.0 / 0.1
+    assert latest - 2 <= gentlest.onset_step <= latest
+
+
+def test_what_the_planner_passes_is_no_failure():
+    assert list(failed_drives([scene((0, 0, 10.0), (40, 0, 10.0))], "constant_velocity")) == [None]
+
+
+def test_a_crash_of_ordinary_traffic_is_nobodys_attack():
+    (found,) = failed_drives([replace(stopping_ahead(), attack=None, original=None)], "constant_velocity")
+    assert not found.attack.collision.attributed
+    assert np.array_equal(found.original.x, stopping_ahead().tracks.x)
+
+
+def test_an_ego_that_is_run_into_has_nothing_to_learn():
+    behind = scene((0, 0, 5.0), (-20, 0, 15.0))
+    (found,) = failed_drives([behind], "constant_velocity")
+    assert "rear_ends_ego" in found.judgement.flaws
+    assert teachable([found]) == []
+
+
+def test_only_the_ego_is_taught_while_it_evades(failed):
+    steps = evading_steps(failed)
+    assert steps == range(failed.judgement.avoidability.gentlest.onset_step - 8, failed.attack.collision.step + 10)
+    curriculum = plan(gather([platoon(), failed.evaded()]), {1: steps})
+    rows = curriculum.rows[EVADING]
+    assert set(rows[:, 0]) == {1}
+    assert set(rows[:, 1]) == {0}
+    assert list(rows[:, 2]) == [step for step in steps if step < 81 - 8]
+    assert all(set(curriculum.rows[kind][:, 0]) <= {0} for kind in KINDS if kind != EVADING), (
+        "no adversary is a teacher"
+    )
+
+
+def test_lessons_of_evasion_brake_and_do_not_give_away_where(failed):
+    room = gather([platoon(), failed.evaded()])
+    curriculum = plan(room, {1: evading_steps(failed)})
+    lesson = curriculum.draw(200, np.random.default_rng(0), evading=0.5)
+    evades = np.asarray(lesson.scene) == 1
+    assert 0.3 < evades.mean() < 0.7
+    assert np.asarray(lesson.goal)[evades] == pytest.approx(np.tile(failed.target, (evades.sum(), 1)))
+    onset = failed.judgement.avoidability.gentlest.onset_step
+    rows = np.array([[1, 0, onset + 10]])
+    on_its_way = curriculum.lessons(rows, curriculum.states(rows), np.random.default_rng(0))
+    way = np.asarray(room.labels(on_its_way))[0, :, 0]
+    speeds = np.diff(way) / 0.1
+    assert np.diff(speeds) / 0.1 == pytest.approx(-4.0, abs=0.2)
+    assert room.targets(on_its_way)[0, 0] == pytest.approx(
+        failed.target[0] - failed.evaded().tracks.x[0, onset + 10], abs=1e-3
+    )
+
+
+def test_without_crashes_the_shares_are_as_ever():
+    curriculum = plan(gather([platoon()]))
+    assert len(curriculum.rows[EVADING]) == 0
+    lesson = curriculum.draw(50, np.random.default_rng(0), evading=0.3)
+    assert set(np.asarray(lesson.scene)) == {0}
+    assert lesson.goal.dtype == jnp.float32
+
+
+def test_a_crash_that_nothing_avoids_teaches_nothing():
+    unavoidable = judge(crash(scene((0, 0, 10.0), (40, 0, 10.0)), scene((0, 0, 10.0), (5.5, 0, 0.0)).tracks), BRAKING)
+    with pytest.raises(ScenarioError, match="expected a collision that the ego could have avoided"):
+        evading_steps(unavoidable)
+
+
+def drive(case, hits, completion=1.0):
+    return Drive(case, "made by hand", completion, 1.0, completion, "other" if hits else None, 3 if hits else None, 0.0)
+
+
+def test_the_table_compares_case_by_case():
+    before = [drive(str(i), i < 8) for i in range(20)]
+    after = [drive(str(i), i in (0, 10), completion=0.9) for i in range(20)]
+    first, second = before_after("adversarial", before, after)
+    assert (first.weights, first.collisions, first.alone) == ("before", 8, 7)
+    assert (second.weights, second.collisions, second.alone) == ("after", 2, 1)
+    assert second.collision_interval_percent == pytest.approx((2.8, 30.1), abs=0.1)
+    assert first.p_value == second.p_value == pytest.approx(0.0703, abs=1e-4)  # 2 (1 + 8) / 2^8
+    assert (first.route_completion_percent, second.route_completion_percent) == (100.0, 90.0)
+
+
+def test_windows_are_held_back_whole():
+    cases = [stopping_ahead(name=f"{window}-{way}") for window in range(10) for way in "ab"]
+    cases = [replace(c, attack=replace(c.attack, case=c.id[0])) for c in cases]
+    taught, held = hold_back(cases)
+    assert [c.id for c in held] == ["4-a", "4-b", "9-a", "9-b"]
+    assert len(taught) == 16
+
+
+def test_weights_by_name():
+    assert find_planner("aim-bev") is aim_bev()
+    assert isinstance(find_planner(f"aim-bev:{SHIPPED}"), AimBev)
+    with pytest.raises(RegentsError, match="weights"):
+        find_planner("aim-bev:nowhere.safetensors")
+    with pytest.raises(PlannerError, match="aim-bev:WEIGHTS"):
+        find_planner("aim-bef")
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Suites: ordinary traffic, crashes that can be avoided, what is passed anyway, another horizon."""
+    root = tmp_path_factory.mktemp("fine_tuning")
+    suites = {
+        "ordinary": [platoon(cars=2, seed=seed) for seed in range(5)],
+        "hard": [stopping_ahead(40.0 + i, f"hard{i}") for i in range(5)],
+        "easy": [scene((0, 0, 10.0), (60.0 + i, 0, 10.0), name=f"easy{i}") for i in range(5)],
+        "short": [scene((0, 0, 10.0), (60, 0, 10.0), steps=41)],
+    }
+    for name, made in suites.items():
+        suite = SuiteWriter(root / name, 0)
+        for case in made:
+            suite.add(case)
+    return root
+
+
+@pytest.fixture(scope="module")
+def blind(tmp_path_factory):
+    """Weights that see nothing: they plan to go straight on."""
+    path = tmp_path_factory.mktemp("weights") / "blind.safetensors"
+    save_weights({name: 0 * v if name.startswith("output.") else v for name, v in load_weights(SHIPPED).items()}, path)
+    return path
+
+
+def fine_tune(folders, suite, out, *more):
+    small = ["--lessons", "64", "--drives", "2", "--epochs", "1", "--frozen", "13", "--quiet"]
+    named = [str(folders / "ordinary"), "--finetune", str(folders / suite), "-o", str(out)]
+    return ["train", "aim-bev", *named, *small, *(str(word) for word in more)]
+
+
+@pytest.mark.parametrize(
+    ("suite", "more", "complaint"),
+    [
+        ("short", (), "2 different horizons (4 s in steps of 0.1 s, 8 s in steps of 0.1 s), expected one"),
+        ("nothing", (), "nothing"),
+        ("hard", ("--evading", "1.5"), "a share 1.5 of lessons, expected one between 0 and 1"),
+        ("hard", ("--resume", "no.safetensors"), "no.safetensors"),
+    ],
+)
+def test_what_cannot_be_trained_on_is_said_at_once(folders, tmp_path, capsys, suite, more, complaint):
+    pytest.importorskip("torch", reason="torch is an extra")
+    assert run(fine_tune(folders, suite, tmp_path / "new" / "weights.safetensors", *more)) == 2
+    assert complaint in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "new").exists(), "nothing is half written"
+
+
+def test_too_few_windows_to_judge_by(folders, tmp_path, capsys):
+    pytest.importorskip("torch", reason="torch is an extra")
+    words = fine_tune(folders, "hard", tmp_path / "weights.safetensors")
+    words[2] = str(folders / "easy" / "easy0")
+    assert run(words) == 2
+    assert "--ordinary CASES to judge by" in capsys.readouterr().err
+
+
+def test_cases_to_judge_by_need_a_fine_tuning(folders, tmp_path, capsys):
+    pytest.importorskip("torch", reason="torch is an extra")
+    words = ["train", "aim-bev", str(folders / "ordinary"), "--held-out", str(folders / "hard")]
+    assert run([*words, "-o", str(tmp_path / "weights.safetensors")]) == 2
+    assert "expected --finetune SUITE" in capsys.readouterr().err
+
+
+def test_a_suite_without_failures_teaches_nothing(folders, blind, tmp_path, capsys):
+    pytest.importorskip("torch", reason="torch is an extra")
+    assert run(fine_tune(folders, "easy", tmp_path / "weights.safetensors", "--resume", blind)) == 2
+    assert "crashes in 0 of 4 cases" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_fine_tuning_from_the_command_line(folders, blind, tmp_path):
+    pytest.importorskip("torch", reason="torch is an extra")
+    out = tmp_path / "weights.safetensors"
+    words = fine_tune(folders, "hard", out, "--resume", blind, "--json")
+    done = subprocess.run([REGENTS, *words], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)
+    assert [(row["cases"], row["weights"], row["n"]) for row in rows] == [
+        (cases, weights, 1) for cases in ("adversarial", "ordinary") for weights in ("before", "after")
+    ]
+    assert rows[0]["collisions"] == 1
+    assert not np.array_equal(load_weights(out)["output.weight"], load_weights(blind)["output.weight"])
+    assert isinstance(find_planner(f"aim-bev:{out}"), AimBev)
