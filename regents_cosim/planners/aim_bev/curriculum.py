@@ -77,6 +77,11 @@ class Curriculum:
         x, y, yaw, speed = (jnp.asarray(values, jnp.float32) for values in states.T)
         return Lesson(scene, agent, step, goal, Motion(x, y, yaw, speed))
 
+    def worth_teaching(self, rows: Int[np.ndarray, "lesson 3"]) -> Bool[np.ndarray, " lesson"]:
+        """Which of the states that a drive came through have a teacher: where an ego evades, those up to its end."""
+        over = {scene: steps.stop for scene, steps in self.evasions.items()}
+        return np.array([step < over.get(scene, step + 1) for scene, _, step in rows.tolist()], bool)
+
     def _shares(self, evading: float) -> Float[np.ndarray, " kind"]:
         """Of each of KINDS; none of those of which there are no lessons."""
         there = np.array([len(self.rows[kind]) > 0 for kind in KINDS])

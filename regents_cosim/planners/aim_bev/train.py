@@ -203,9 +203,9 @@ def _practise(
     evading = round(config.evading * config.drives) if evaded.any() else 0
     chosen = np.concatenate([_draw(scenes[evaded], evading, rng), _draw(scenes[~evaded], config.drives - evading, rng)])
     found = practise(room, _predict(course.network), Controller(), chosen)
-    taught_yet = np.array([step < taught.evasions.get(scene, range(10**9)).stop for scene, _, step in found.rows])
-    course.rows = np.concatenate([course.rows, found.rows[taught_yet]])
-    course.states = np.concatenate([course.states, found.states[taught_yet]])
+    worth = taught.worth_teaching(found.rows)
+    course.rows = np.concatenate([course.rows, found.rows[worth]])
+    course.states = np.concatenate([course.states, found.states[worth]])
     return found.collision_rate, found.mean_away_m
 
 
