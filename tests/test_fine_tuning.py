@@ -112,7 +112,7 @@ def test_lessons_of_evasion_brake_and_do_not_give_away_where(failed):
     way = np.asarray(room.labels(on_its_way))[0, :, 0]
     speeds = np.diff(way) / 0.1
     assert np.diff(speeds) / 0.1 == pytest.approx(-4.0, abs=0.2)
-    assert room.targets(on_its_way)[0, 0] == pytest.approx(
+    assert float(room.targets(on_its_way)[0, 0]) == pytest.approx(
         failed.target[0] - failed.evaded().tracks.x[0, onset + 10], abs=1e-3
     )
 
