@@ -437,7 +437,7 @@ def train_aim_bev(
         first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8;
         0, or 8 with --finetune
     learning_rate
-        of Adam, at the first epoch; 0.001, or 0.0002 with --finetune
+        of Adam, at the first epoch; 0.001, or 0.0001 with --finetune
     threads
         of torch
     seed
@@ -446,7 +446,7 @@ def train_aim_bev(
         a checkpoint to go on from, or weights for a warm start
     """
     from regents_cosim.atomic import require_writable
-    from regents_cosim.cli.fine_tuning import course, crashes_of, show_before_after
+    from regents_cosim.cli.fine_tuning import course, crashes_of, keep_best, learnt_path, show_before_after
     from regents_cosim.planners.aim_bev.weights_file import SHIPPED
     from regents_cosim.reports.curve import draw_curve
     from regents_cosim.suite import load_cases
@@ -465,28 +465,27 @@ def train_aim_bev(
         **{name: value for name, value in given.items() if value is not None},
         **{"seed": seed, "drives": drives, "threads": threads, "evading": fine_tune.evading},
     )
-    scenarios, crashes, held_out = [], [], {}
     if fine_tune.finetune is None:
         if fine_tune.held_out or fine_tune.ordinary:
             raise RegentsError("--held-out and --ordinary judge a fine-tuning; expected --finetune SUITE with them")
-        scenarios = load_cases(cases)
+        plan, scenarios, crashes, learnt = None, load_cases(cases), [], output
     else:
-        resume = resume or SHIPPED
-        found = course(cases, fine_tune.finetune, fine_tune)
-        scenarios, held_out = found.ordinary, found.held_out
-        crashes = crashes_of(resume, found.adversarial, terminal)
+        resume, learnt = resume or SHIPPED, learnt_path(output)
+        plan = course(cases, fine_tune.finetune, fine_tune)
+        scenarios, crashes = plan.taught.ordinary, crashes_of(resume, plan.taught.adversarial, terminal)
     output.parent.mkdir(parents=True, exist_ok=True)
     done = []
-    for done in terminal.each(train(scenarios, output, config, resume, crashes), "training", config.epochs):
+    for done in terminal.each(train(scenarios, learnt, config, resume, crashes), "training", config.epochs):
         last = done[-1]
         error = f"loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m"
         terminal.say(f"epoch {len(done)} of {config.epochs}: {error}")
         lines = {"loss [m]": [e.loss_m for e in done], "held back [m]": [e.held_back_m for e in done]}
         draw_curve("AIM-BEV: error of the waypoints", lines, output.with_suffix(".png"))
-    if fine_tune.finetune is None:
+    if plan is None or resume is None:
         terminal.show(f"weights in {output}", [dataclasses.asdict(epoch) for epoch in done])
     else:
-        show_before_after(resume, output, held_out, terminal)
+        keep_best(resume, learnt, output, plan.chosen_by, terminal)
+        show_before_after(resume, output, plan.judged_by, terminal)
     return 0
 
 

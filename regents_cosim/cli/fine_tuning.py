@@ -1,6 +1,7 @@
-"""`regents train aim-bev --finetune`: crashes to learn from, and scores before and after."""
+"""`regents train aim-bev --finetune`: crashes to learn from, how much of it to keep, and scores before and after."""
 
 import dataclasses
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,17 +10,27 @@ from regents_cosim.cli.options import FineTune
 from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
+    from regents_cosim.evaluation.driving import Drive
+    from regents_cosim.evaluation.mixture import Mixture
     from regents_cosim.scenario import Scenario
     from regents_cosim.terminal import Terminal
 
 
 @dataclass(frozen=True)
-class Course:
-    """Cases to learn from and cases to judge by."""
+class Cases:
+    """Attacked cases, and ordinary ones."""
 
-    ordinary: "list[Scenario]"
     adversarial: "list[Scenario]"
-    held_out: "dict[str, list[Scenario]]"  # by name
+    ordinary: "list[Scenario]"
+
+
+@dataclass(frozen=True)
+class Course:
+    """Cases to learn from, to choose the weights by, and to judge them by; no window is in two of them."""
+
+    taught: Cases
+    chosen_by: Cases
+    judged_by: Cases
 
 
 def course(cases: Path, suite: Path, options: FineTune) -> Course:
@@ -27,26 +38,25 @@ def course(cases: Path, suite: Path, options: FineTune) -> Course:
     from regents_cosim.planners.aim_bev.lessons import common_horizon
     from regents_cosim.suite import load_cases
 
-    ordinary, adversarial = load_cases(cases), load_cases(suite)
+    adversarial, ordinary = load_cases(suite), load_cases(cases)
     common_horizon([*ordinary, *adversarial])
-    adversarial, held_attacks = _held_back(adversarial, options.held_out, "--held-out")
-    ordinary, held_ordinary = _held_back(ordinary, options.ordinary, "--ordinary")
-    return Course(ordinary, adversarial, {"adversarial": held_attacks, "ordinary": held_ordinary})
+    parts = [_parts(adversarial, options.held_out, "--held-out"), _parts(ordinary, options.ordinary, "--ordinary")]
+    return Course(*(Cases(*part) for part in zip(*parts, strict=True)))
 
 
-def _held_back(
-    scenarios: "list[Scenario]", others: Path | None, option: str
-) -> "tuple[list[Scenario], list[Scenario]]":
-    """What to train on, and what to judge by: the cases of `others` where those are named."""
+def _parts(scenarios: "list[Scenario]", others: Path | None, option: str) -> "tuple[list[Scenario], ...]":
+    """What to train on, to choose by, and to judge by: the cases of `others` where those are named."""
     from regents_cosim.evaluation.before_after import hold_back
     from regents_cosim.suite import load_cases
 
-    if others is not None:
-        return scenarios, load_cases(others)
-    taught, held = hold_back(scenarios)
-    if not held:
-        raise RegentsError(f"{len(taught)} cases of fewer than 5 windows, expected more, or {option} CASES to judge by")
-    return taught, held
+    rest, judged_by = hold_back(scenarios) if others is None else (scenarios, load_cases(others))
+    taught, chosen_by = hold_back(rest)
+    if not chosen_by:
+        raise RegentsError(
+            f"{len(scenarios)} cases of too few windows: a fifth of them is held back to choose the weights by, "
+            f"and another to judge them by; expected at least 7 windows, or 5 and {option} CASES to judge by"
+        )
+    return taught, chosen_by, judged_by
 
 
 def crashes_of(weights: Path, adversarial: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":
@@ -58,7 +68,7 @@ def crashes_of(weights: Path, adversarial: "list[Scenario]", terminal: "Terminal
     crashes = teachable(failed)
     found = (
         f"aim-bev:{weights} crashes in {sum(case is not None for case in failed)} of {len(failed)} cases, "
-        f"of which it could have avoided {len(crashes)} by braking"
+        f"of which it could have avoided {len(crashes)} by braking in the last 3 s"
     )
     if not crashes:
         raise RegentsError(f"{found}; expected some to learn from (`regents attack` makes cases)")
@@ -66,16 +76,52 @@ def crashes_of(weights: Path, adversarial: "list[Scenario]", terminal: "Terminal
     return crashes
 
 
-def show_before_after(before: Path, after: Path, held_out: "dict[str, list[Scenario]]", terminal: "Terminal") -> None:
+def learnt_path(output: Path) -> Path:
+    """Where the weights lie at the end of the training, before they are mixed with those before it."""
+    return output.with_suffix(".learnt.safetensors")
+
+
+def keep_best(before: Path, learnt: Path, output: Path, chosen_by: Cases, terminal: "Terminal") -> None:
+    """Write the mixture of both weights to `output` that drives the cases to choose by best."""
+    from regents_cosim.evaluation.mixture import SHARES, best
+    from regents_cosim.planners.aim_bev.interpolate import interpolate
+    from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
+
+    ends = load_weights(before), load_weights(learnt)
+    with tempfile.TemporaryDirectory() as folder:
+        mixtures = []
+        for share in (0.0, *SHARES):
+            weights = Path(folder) / f"{share:g}.safetensors"
+            save_weights(interpolate(*ends, share), weights)
+            mixtures.append(_driven(share, weights, chosen_by, terminal))
+    chosen = best(mixtures[0], mixtures[1:])
+    terminal.say(f"kept: {100 * chosen.share:.0f} % of what was learnt")
+    save_weights(interpolate(*ends, chosen.share), output)
+
+
+def _driven(share: float, weights: Path, cases: Cases, terminal: "Terminal") -> "Mixture":
+    from regents_cosim.evaluation.mixture import mixture
+
+    found = mixture(share, _drives(cases.adversarial, weights, terminal), _drives(cases.ordinary, weights, terminal))
+    terminal.say(
+        f"{100 * share:.0f} % of what was learnt: {found.collisions} of {len(cases.adversarial)} attacked cases crash, "
+        f"{100 * found.completion:.1f} % of {len(cases.ordinary)} ordinary routes are driven"
+    )
+    return found
+
+
+def show_before_after(before: Path, after: Path, judged_by: Cases, terminal: "Terminal") -> None:
     """The table that says whether the training helped."""
     from regents_cosim.evaluation.before_after import before_after
-    from regents_cosim.evaluation.driving import drive_each
 
     rows = []
-    for name, scenarios in held_out.items():
-        drives = [
-            list(terminal.each(drive_each(scenarios, f"aim-bev:{weights}"), f"driving {name} cases", len(scenarios)))
-            for weights in (before, after)
-        ]
-        rows += before_after(name, *drives)
+    for name, scenarios in vars(judged_by).items():
+        rows += before_after(name, *(_drives(scenarios, weights, terminal) for weights in (before, after)))
     terminal.show(f"before ({before.name}) and after ({after.name})", [dataclasses.asdict(row) for row in rows])
+
+
+def _drives(scenarios: "list[Scenario]", weights: Path, terminal: "Terminal") -> "list[Drive]":
+    from regents_cosim.evaluation.driving import drive_each
+
+    drives = drive_each(scenarios, f"aim-bev:{weights}")
+    return list(terminal.each(drives, f"driving with {weights.stem}", len(scenarios)))

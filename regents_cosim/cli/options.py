@@ -127,11 +127,13 @@ class FineTune:
 
     finetune: Path | None = None
     """a suite of attacked cases: of those that the weights crash in and could have passed, they learn to; begins with
-    the shipped weights (or --resume), and prints scores before and after"""
-    evading: float = 0.3
+    the shipped weights (or --resume), keeps as much of what was learnt as ordinary traffic bears, and prints scores
+    before and after"""
+    evading: float = 0.2
     """share of the lessons that are of these"""
     held_out: Path | None = None
-    """another suite of attacked cases for the scores; default every fifth window of the first, which is not taught"""
+    """another suite of attacked cases for the scores; default every fifth window of the first, which is not taught
+    (of the rest another fifth, to choose the weights by)"""
     ordinary: Path | None = None
     """recorded cases for the scores; default every fifth of those to train on, which is not taught"""
 

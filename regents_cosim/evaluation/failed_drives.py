@@ -16,8 +16,11 @@ from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import AttackRecord, Scenario, Tracks
 
 # What a planner that sees one instant can learn: to brake once there is something to brake for, firmly rather than
-# as early as only who knows the future would. The gentlest of these begins as late as such braking allows.
-BRAKING = replace(BANK, accels=(-6.0, -4.0), lasting_s=(None,), shifts=(), lateral_accels=())
+# as early as only who knows the future would. The gentlest of these begins as late as such braking allows, and at
+# most 3 s before the crash. (With earlier onsets AIM-BEV learnt to brake at nothing.)
+BRAKING = replace(
+    BANK, accels=(-6.0, -4.0), lasting_s=(None,), shifts=(), lateral_accels=(), onsets_s=((1.0, 0.1), (3.0, 0.2))
+)
 
 
 def failed_drives(scenarios: Sequence[Scenario], planner: str, bank: Bank = BRAKING) -> Iterator[Scenario | None]:

@@ -42,7 +42,8 @@ class Bank:
     lasting_s: tuple[float | None, ...] = (1.0, 2.0, None)  # None: to the end; nobody gains speed for so long
     shifts: tuple[float, ...] = (0.9, 1.8, 3.5)  # [m] half a car, a car, a lane
     lateral_accels: tuple[float, ...] = (1.0, 4.0, 6.5)  # [m/s^2] 4.2 is what full braking leaves
-    onsets_s: tuple[tuple[float, float], ...] = ((1.0, 0.1), (3.0, 0.2), (np.inf, 0.5))  # (up to so early, spacing)
+    # (up to so early, spacing); none begins earlier than the last of these
+    onsets_s: tuple[tuple[float, float], ...] = ((1.0, 0.1), (3.0, 0.2), (np.inf, 0.5))
 
     @property
     def along(self) -> list[tuple[float, float | None]]:
@@ -61,7 +62,9 @@ class Bank:
         found = [before - 1]
         while found[-1] >= 0:
             early = (before - found[-1]) * dt
-            spacing = next(spacing for until, spacing in self.onsets_s if early < until)
+            spacing = next((spacing for until, spacing in self.onsets_s if early < until), None)
+            if spacing is None:
+                return found
             found.append(found[-1] - max(round(spacing / dt), 1))
         return found[:-1]
 

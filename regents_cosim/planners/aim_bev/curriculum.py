@@ -5,7 +5,8 @@ there. So every lesson starts from a perturbed state, and states that the networ
 into are added (DAgger, Ross et al. 2011).
 
 Crashes that the network could have avoided are lessons of their own kind: only their ego is
-taught, on the drive that avoids the crash, while it evades.
+taught, on the drive that avoids the crash. Before it evades, its lessons are ordinary ones: there
+is nothing to brake for yet.
 """
 
 from collections.abc import Mapping
@@ -107,6 +108,11 @@ class Curriculum:
             [x[near] + further * np.cos(yaw[near]), y[near] + further * np.sin(yaw[near]), yaw[near], speed[before]]
         )
 
+    def evades(self, lesson: Lesson) -> Bool[np.ndarray, " lesson"]:
+        """Whether each of `lesson` is on an evasion."""
+        at = zip(np.asarray(lesson.scene).tolist(), np.asarray(lesson.step).tolist(), strict=True)
+        return np.array([step in self.evasions.get(scene, ()) for scene, step in at])
+
     def states(self, rows: Int[np.ndarray, "lesson 3"]) -> Float[np.ndarray, "lesson 4"]:
         """The logged states (x, y, yaw, speed)."""
         return np.stack([values[tuple(rows.T)] for values in self.log], axis=-1)
@@ -115,7 +121,8 @@ class Curriculum:
 def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({})) -> Curriculum:
     """All lessons that `room` holds: vehicles that stay for the next 0.8 s, near the window's ego.
 
-    In the scenes of `evasions` only the ego is taught, at the steps named: the others drive there as an attack wants.
+    In the scenes of `evasions` only the ego is taught, up to the end of the steps at which it evades: the others
+    drive there as an attack wants.
     """
     log = tuple(np.asarray(values) for values in (room.log.x, room.log.y, room.log.yaw, room.log.speed))
     valid, half_width = np.asarray(room.valid), np.asarray(room.half_width)
@@ -123,8 +130,10 @@ def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({})) 
     for scene in range(len(valid)):
         taught = _usable(log, valid, half_width, scene)
         x, y, yaw, speed = (values[scene] for values in log)
-        kinds = _kinds(x, y, yaw, speed, valid[scene]) | {EVADING: _evades(valid[scene], evasions.get(scene))}
-        taught &= kinds[EVADING] | (scene not in evasions)
+        evades = _evades(valid[scene], evasions.get(scene))
+        kinds = _kinds(x, y, yaw, speed, valid[scene]) | {EVADING: evades}
+        if scene in evasions:
+            taught[1:], taught[0, evasions[scene].stop :] = False, False
         for kind in KINDS:
             found[kind].append(np.insert(np.argwhere(taught & kinds[kind]), 0, scene, axis=1))
             taught &= ~kinds[kind]
@@ -133,7 +142,7 @@ def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({})) 
 
 
 def evading_steps(crash: Scenario) -> range:
-    """Steps at which the drive that avoids `crash` is taught: while its waypoints or itself evade.
+    """Steps at which the drive that avoids `crash` evades it.
 
     Once the danger is over there is nothing to learn from an ego that stands on a road that is free again.
     Raises ScenarioError where no drive that avoids it is known.
@@ -141,8 +150,7 @@ def evading_steps(crash: Scenario) -> range:
     avoidability = crash.judgement.avoidability if crash.judgement else None
     if crash.attack is None or crash.attack.collision is None or avoidability is None or avoidability.gentlest is None:
         raise ScenarioError(f"case {crash.id} has no evasion, expected a collision that the ego could have avoided")
-    begin = max(avoidability.gentlest.onset_step - WAYPOINTS, 0)
-    return range(begin, crash.attack.collision.step + round(_OVER_S / crash.dt))
+    return range(avoidability.gentlest.onset_step, crash.attack.collision.step + round(_OVER_S / crash.dt))
 
 
 def _usable(log: tuple[np.ndarray, ...], valid: np.ndarray, half_width: np.ndarray, scene: int) -> np.ndarray:

@@ -1,5 +1,6 @@
 """`regents train aim-bev`: recorded traffic in, weights out. The only door to torch."""
 
+import copy
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -13,13 +14,14 @@ from torch import Tensor
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, evading_steps, plan
-from regents_cosim.planners.aim_bev.lessons import Classroom, gather
+from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
 from regents_cosim.planners.aim_bev.practice import Predict, practise
 from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario
 
 _FROM_PRACTICE = 0.4  # share of the lessons, once there is any
+_CHECKED = 256  # lessons that are held back, per epoch
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class TrainConfig:
     frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
     warm_up: int = 3  # epochs before the network drives by itself
     drives: int = 40  # of the network by itself, per epoch
-    evading: float = 0.3  # share of the lessons and drives, where there are crashes to learn from
+    evading: float = 0.2  # share of the lessons and drives, where there are crashes to learn from
     threads: int = 2  # of torch
 
     def __post_init__(self) -> None:
@@ -45,7 +47,7 @@ class TrainConfig:
         require(0 < self.evading < 1, f"a share {self.evading} of lessons, expected one between 0 and 1", RegentsError)
 
 
-FINE_TUNING = TrainConfig(epochs=8, lessons=2048, learning_rate=2e-4, frozen=8, warm_up=0)  # of trained weights
+FINE_TUNING = TrainConfig(epochs=8, lessons=2048, learning_rate=1e-4, frozen=8, warm_up=0)  # of trained weights
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,7 @@ class _Course:
     rows: Int[np.ndarray, "lesson 3"]  # states met in practice
     states: Float[np.ndarray, "lesson 4"]
     known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, label
+    before: AimBevNetwork | None  # what a fine-tuning began with
 
 
 def train(
@@ -84,8 +87,11 @@ def train(
 
     `resume` goes on from a checkpoint, or from weights alone (a warm start). Uninterrupted, the
     same scenarios, configuration and machine give the same weights; a resumed run begins with new
-    lessons. From `crashes` of the network, each with the drive that avoids it, it learns to evade.
-    Raises RegentsError where the scenarios hold too few lessons, or their horizons differ.
+    lessons. Raises RegentsError where the scenarios hold too few lessons, or their horizons differ.
+
+    From `crashes` of the network that `resume` holds, each with the drive that avoids it, it learns to evade. All
+    that it is to do elsewhere is what it did before (learning without forgetting, Li and Hoiem 2016), and its batch
+    norms keep their statistics. Such a fine-tuning begins anew from a checkpoint, and writes none.
     """
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
@@ -94,7 +100,7 @@ def train(
     total = sum(map(len, curriculum.rows.values()))
     require(total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError)
     taught, held_back = _split(curriculum)
-    course = _begin(config, resume)
+    course = _begin(config, resume, fine_tuning=bool(crashes))
     for epoch in range(len(course.done), config.epochs):
         rng = np.random.default_rng((config.seed, epoch))
         driven = (None, None)
@@ -105,7 +111,8 @@ def train(
         check = _check(course, room, held_back, config)
         course.done.append(Epoch(epoch, loss, check, *driven))
         save_weights(_weights(course.network), output)
-        _save_checkpoint(course, output)
+        if course.before is None:
+            _save_checkpoint(course, output)
         yield list(course.done)
 
 
@@ -131,15 +138,13 @@ def _prepare(
     parts = []
     with torch.inference_mode():
         for _ in range(config.lessons // config.batch):
-            views, *others = _lessons(course, room, taught, rng, config)
-            begun = course.network.encoder.begin(_pictures(views), config.frozen) if config.frozen else views
-            parts.append([begun.half() if config.frozen else begun, *others])
+            parts.append(_columns(course, room, taught, _lessons(course, taught, rng, config), config.frozen))
     return [torch.cat(columns).clone() for columns in zip(*parts, strict=True)]
 
 
 def _teach(course: _Course, rng: np.random.Generator, config: TrainConfig, epoch: int) -> float:
     """One pass over the lessons kept; returns the mean loss [m]."""
-    network, frozen = course.network.train(), config.frozen
+    network, frozen = course.network.train(course.before is None), config.frozen
     network.encoder.features[:frozen].eval().requires_grad_(False)
     columns = [torch.cat(parts) for parts in zip(*course.known, strict=True)]
     batches = len(columns[0]) // config.batch
@@ -147,10 +152,8 @@ def _teach(course: _Course, rng: np.random.Generator, config: TrainConfig, epoch
     losses = []
     for number, chosen in enumerate(order):
         begun, speed, target, label = (column[chosen] for column in columns)
-        begun = begun.float().contiguous(memory_format=torch.channels_last) if frozen else _pictures(begun)
         _set_rate(course.adam, config, epoch + number / batches)
-        features = network.encoder.finish(begun, frozen)
-        loss = (network.plan(features, speed, target) - label).abs().mean()
+        loss = (_finish(network, begun, speed, target, frozen) - label).abs().mean()
         course.adam.zero_grad()
         loss.backward()
         course.adam.step()
@@ -164,20 +167,37 @@ def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None
         group["lr"] = config.learning_rate * (0.01 + 0.99 * share)
 
 
-def _lessons(
-    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
-) -> tuple[Tensor, ...]:
-    """Views, speeds, targets and labels of a batch of lessons."""
+def _lessons(course: _Course, taught: Curriculum, rng: np.random.Generator, config: TrainConfig) -> Lesson:
+    """A batch of lessons, some of them from states met in practice."""
     count = config.batch
     lesson = taught.draw(count, rng, config.evading)
-    if len(course.rows):
-        met = rng.random(count) < _FROM_PRACTICE
-        drawn = rng.integers(len(course.rows), size=count)
-        rows = np.where(met[:, None], course.rows[drawn], np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1))
-        own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
-        lesson = taught.lessons(rows, np.where(met[:, None], course.states[drawn], own.T), rng)
+    if not len(course.rows):
+        return lesson
+    met = rng.random(count) < _FROM_PRACTICE
+    drawn = rng.integers(len(course.rows), size=count)
+    rows = np.where(met[:, None], course.rows[drawn], np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1))
+    own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
+    return taught.lessons(rows, np.where(met[:, None], course.states[drawn], own.T), rng)
+
+
+def _columns(
+    course: _Course, room: Classroom, curriculum: Curriculum, lesson: Lesson, frozen: int
+) -> tuple[Tensor, ...]:
+    """What the first layers make of the views, the speeds, targets and labels of a batch of lessons."""
     found = (room.views(lesson), lesson.state.speed, room.targets(lesson), room.labels(lesson))
-    return tuple(torch.from_numpy(np.array(values)) for values in found)
+    begun, speed, target, label = (torch.from_numpy(np.array(values)) for values in found)
+    if frozen:
+        begun = course.network.encoder.begin(_pictures(begun), frozen).half()
+    if course.before is not None:
+        evades = torch.from_numpy(curriculum.evades(lesson))[:, None, None]
+        label = torch.where(evades, label, _finish(course.before, begun, speed, target, frozen))
+    return begun, speed, target, label
+
+
+def _finish(network: AimBevNetwork, begun: Tensor, speed: Tensor, target: Tensor, frozen: int) -> Tensor:
+    """Waypoints [m] from what the first layers made of views."""
+    begun = begun.float().contiguous(memory_format=torch.channels_last) if frozen else _pictures(begun)
+    return network.plan(network.encoder.finish(begun, frozen), speed, target)
 
 
 def _pictures(views: Tensor) -> Tensor:
@@ -187,11 +207,15 @@ def _pictures(views: Tensor) -> Tensor:
 
 def _check(course: _Course, room: Classroom, held_back: Curriculum, config: TrainConfig) -> float:
     """Loss [m] on windows that are not taught, the same lessons in every epoch."""
-    lesson = held_back.draw(min(256, config.lessons), np.random.default_rng(config.seed), config.evading)
-    found = _predict(course.network)(
-        np.asarray(room.views(lesson)), np.asarray(lesson.state.speed), np.asarray(room.targets(lesson))
-    )
-    return float(np.abs(found - np.asarray(room.labels(lesson))).mean())
+    rng, errors = np.random.default_rng(config.seed), []
+    course.network.eval()
+    with torch.inference_mode():
+        for _ in range(max(min(_CHECKED, config.lessons) // config.batch, 1)):
+            lesson = held_back.draw(config.batch, rng, config.evading)
+            begun, speed, target, label = _columns(course, room, held_back, lesson, config.frozen)
+            found = _finish(course.network, begun, speed, target, config.frozen)
+            errors.append((found - label).abs().mean().item())
+    return float(np.mean(errors))
 
 
 def _practise(
@@ -230,13 +254,16 @@ def _predict(network: AimBevNetwork) -> Predict:
     return predict
 
 
-def _begin(config: TrainConfig, resume: Path | None) -> _Course:
+def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) -> _Course:
     network = AimBevNetwork()
     network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
-    course = _Course(network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept))
+    course = _Course(network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept), None)
     if resume is not None:
-        _restore(course, load_weights(resume))
+        saved = load_weights(resume)
+        _restore(course, {n: v for n, v in saved.items() if n != "epochs"} if fine_tuning else saved)
+    if fine_tuning:
+        course.before = copy.deepcopy(network).eval()
     return course
 
 
