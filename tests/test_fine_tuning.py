@@ -4,21 +4,27 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scenes import crash, platoon, scene
 
 from regents_cosim.cli import run
+from regents_cosim.cli.fine_tuning import learnt_path
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError
 from regents_cosim.evaluation.before_after import before_after, hold_back
 from regents_cosim.evaluation.driving import Drive
 from regents_cosim.evaluation.failed_drives import BRAKING, failed_drives, teachable
 from regents_cosim.evaluation.judgement import judge
+from regents_cosim.evaluation.mixture import SHARES, Mixture, best, mixture
 from regents_cosim.planners.aim_bev.curriculum import EVADING, KINDS, evading_steps, plan
+from regents_cosim.planners.aim_bev.interpolate import interpolate
 from regents_cosim.planners.aim_bev.lessons import gather
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
@@ -86,26 +92,30 @@ def test_an_ego_that_is_run_into_has_nothing_to_learn():
     assert teachable([found]) == []
 
 
-def test_only_the_ego_is_taught_while_it_evades(failed):
+def test_only_the_ego_is_taught_and_before_it_evades_as_ever(failed):
     steps = evading_steps(failed)
-    assert steps == range(failed.judgement.avoidability.gentlest.onset_step - 8, failed.attack.collision.step + 10)
+    assert steps == range(failed.judgement.avoidability.gentlest.onset_step, failed.attack.collision.step + 10)
     curriculum = plan(gather([platoon(), failed.evaded()]), {1: steps})
     rows = curriculum.rows[EVADING]
     assert set(rows[:, 0]) == {1}
     assert set(rows[:, 1]) == {0}
     assert list(rows[:, 2]) == [step for step in steps if step < 81 - 8]
-    assert all(set(curriculum.rows[kind][:, 0]) <= {0} for kind in KINDS if kind != EVADING), (
-        "no adversary is a teacher"
-    )
+    ordinary = np.concatenate([curriculum.rows[kind] for kind in KINDS if kind != EVADING])
+    ordinary = ordinary[ordinary[:, 0] == 1]
+    assert set(ordinary[:, 1]) == {0}, "no adversary is a teacher"
+    assert sorted(ordinary[:, 2]) == list(range(steps.start))
+    everything = np.concatenate([rows, ordinary])
+    lesson = curriculum.lessons(everything, curriculum.states(everything), np.random.default_rng(0))
+    assert list(curriculum.evades(lesson)) == [True] * len(rows) + [False] * len(ordinary)
 
 
 def test_lessons_of_evasion_brake_and_do_not_give_away_where(failed):
     room = gather([platoon(), failed.evaded()])
     curriculum = plan(room, {1: evading_steps(failed)})
     lesson = curriculum.draw(200, np.random.default_rng(0), evading=0.5)
-    evades = np.asarray(lesson.scene) == 1
-    assert 0.3 < evades.mean() < 0.7
-    assert np.asarray(lesson.goal)[evades] == pytest.approx(np.tile(failed.target, (evades.sum(), 1)))
+    assert 0.3 < curriculum.evades(lesson).mean() < 0.7
+    crashes = np.asarray(lesson.scene) == 1
+    assert np.asarray(lesson.goal)[crashes] == pytest.approx(np.tile(failed.target, (crashes.sum(), 1)))
     onset = failed.judgement.avoidability.gentlest.onset_step
     rows = np.array([[1, 0, onset + 10]])
     on_its_way = curriculum.lessons(rows, curriculum.states(rows), np.random.default_rng(0))
@@ -129,6 +139,39 @@ def test_a_crash_that_nothing_avoids_teaches_nothing():
     unavoidable = judge(crash(scene((0, 0, 10.0), (40, 0, 10.0)), scene((0, 0, 10.0), (5.5, 0, 0.0)).tracks), BRAKING)
     with pytest.raises(ScenarioError, match="expected a collision that the ego could have avoided"):
         evading_steps(unavoidable)
+
+
+@given(before=st.integers(1, 80), earliest=st.floats(0.1, 9.0))
+def test_no_evasion_begins_before_the_danger_shows(before, earliest):
+    onsets = replace(BRAKING, onsets_s=((earliest, 0.2),)).onsets(before, 0.1)
+    assert onsets[0] == before - 1
+    assert all(first - second == 2 for first, second in pairwise(onsets))
+    assert onsets[-1] >= 0
+    assert (before - onsets[-1]) * 0.1 <= earliest + 1e-6
+
+
+@given(share=st.floats(0.0, 1.0))
+def test_weights_lie_between_their_ends(share):
+    before, after = {"a": np.array([1.0, -2.0], np.float16)}, {"a": np.array([3.0, -2.0], np.float32)}
+    mixed = interpolate(before, after, share)["a"]
+    assert mixed.dtype == np.float32
+    assert mixed == pytest.approx([1.0 + 2.0 * share, -2.0])
+    assert np.array_equal(interpolate(before, after, 0.0)["a"], before["a"])
+    assert np.array_equal(interpolate(before, after, 1.0)["a"], after["a"])
+
+
+@pytest.mark.parametrize("after", [{}, {"b": np.zeros(2)}, {"a": np.zeros(3)}])
+def test_weights_of_two_networks_do_not_mix(after):
+    with pytest.raises(RegentsError, match="expected the same arrays in both"):
+        interpolate({"a": np.zeros(2)}, after, 0.5)
+
+
+def test_as_much_is_kept_as_ordinary_traffic_bears():
+    before = Mixture(0.0, 20, 0.90)
+    assert best(before, [Mixture(0.5, 15, 0.895), Mixture(1.0, 10, 0.85)]).share == 0.5
+    assert best(before, [Mixture(0.5, 15, 0.895), Mixture(1.0, 15, 0.95)]).share == 0.5, "the one that changes least"
+    assert best(before, [Mixture(0.5, 20, 0.95), Mixture(1.0, 25, 0.95)]) == before
+    assert mixture(0.5, [drive("a", True), drive("b", False)], [drive("c", False, 0.5)]) == Mixture(0.5, 1, 0.5)
 
 
 def drive(case, hits, completion=1.0):
@@ -168,9 +211,9 @@ def folders(tmp_path_factory):
     """Suites: ordinary traffic, crashes that can be avoided, what is passed anyway, another horizon."""
     root = tmp_path_factory.mktemp("fine_tuning")
     suites = {
-        "ordinary": [platoon(cars=2, seed=seed) for seed in range(5)],
-        "hard": [stopping_ahead(40.0 + i, f"hard{i}") for i in range(5)],
-        "easy": [scene((0, 0, 10.0), (60.0 + i, 0, 10.0), name=f"easy{i}") for i in range(5)],
+        "ordinary": [platoon(cars=2, seed=seed) for seed in range(7)],
+        "hard": [stopping_ahead(40.0 + i, f"hard{i}") for i in range(7)],
+        "easy": [scene((0, 0, 10.0), (60.0 + i, 0, 10.0), name=f"easy{i}") for i in range(7)],
         "short": [scene((0, 0, 10.0), (60, 0, 10.0), steps=41)],
     }
     for name, made in suites.items():
@@ -186,6 +229,10 @@ def blind(tmp_path_factory):
     path = tmp_path_factory.mktemp("weights") / "blind.safetensors"
     save_weights({name: 0 * v if name.startswith("output.") else v for name, v in load_weights(SHIPPED).items()}, path)
     return path
+
+
+def said(capsys):
+    return " ".join(capsys.readouterr().err.split())
 
 
 def fine_tune(folders, suite, out, *more):
@@ -206,7 +253,7 @@ def fine_tune(folders, suite, out, *more):
 def test_what_cannot_be_trained_on_is_said_at_once(folders, tmp_path, capsys, suite, more, complaint):
     pytest.importorskip("torch", reason="torch is an extra")
     assert run(fine_tune(folders, suite, tmp_path / "new" / "weights.safetensors", *more)) == 2
-    assert complaint in " ".join(capsys.readouterr().err.split())
+    assert complaint in said(capsys)
     assert not (tmp_path / "new").exists(), "nothing is half written"
 
 
@@ -215,20 +262,35 @@ def test_too_few_windows_to_judge_by(folders, tmp_path, capsys):
     words = fine_tune(folders, "hard", tmp_path / "weights.safetensors")
     words[2] = str(folders / "easy" / "easy0")
     assert run(words) == 2
-    assert "--ordinary CASES to judge by" in capsys.readouterr().err
+    assert "expected at least 7 windows, or 5 and --ordinary CASES to judge by" in said(capsys)
+
+
+def test_where_nothing_can_be_written(folders, tmp_path, capsys):
+    pytest.importorskip("torch", reason="torch is an extra")
+    (tmp_path / "file").touch()
+    assert run(fine_tune(folders, "hard", tmp_path / "file" / "weights.safetensors")) == 2
+    assert "cannot write" in said(capsys)
+
+
+def test_an_empty_suite(folders, tmp_path, capsys):
+    pytest.importorskip("torch", reason="torch is an extra")
+    SuiteWriter(tmp_path / "empty", 0)
+    words = fine_tune(folders, tmp_path / "empty", tmp_path / "weights.safetensors")
+    assert run(words) == 2
+    assert "lists no cases" in said(capsys)
 
 
 def test_cases_to_judge_by_need_a_fine_tuning(folders, tmp_path, capsys):
     pytest.importorskip("torch", reason="torch is an extra")
     words = ["train", "aim-bev", str(folders / "ordinary"), "--held-out", str(folders / "hard")]
     assert run([*words, "-o", str(tmp_path / "weights.safetensors")]) == 2
-    assert "expected --finetune SUITE" in capsys.readouterr().err
+    assert "expected --finetune SUITE" in said(capsys)
 
 
 def test_a_suite_without_failures_teaches_nothing(folders, blind, tmp_path, capsys):
     pytest.importorskip("torch", reason="torch is an extra")
     assert run(fine_tune(folders, "easy", tmp_path / "weights.safetensors", "--resume", blind)) == 2
-    assert "crashes in 0 of 4 cases" in capsys.readouterr().err
+    assert "crashes in 0 of 5 cases" in said(capsys)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -244,5 +306,13 @@ def test_fine_tuning_from_the_command_line(folders, blind, tmp_path):
         (cases, weights, 1) for cases in ("adversarial", "ordinary") for weights in ("before", "after")
     ]
     assert rows[0]["collisions"] == 1
-    assert not np.array_equal(load_weights(out)["output.weight"], load_weights(blind)["output.weight"])
+    before, learnt, kept = (load_weights(path) for path in (blind, learnt_path(out), out))
+    assert not np.array_equal(learnt["output.weight"], before["output.weight"])
+    statistics = [name for name in before if "running" in name]
+    assert statistics
+    assert all(np.array_equal(learnt[name], before[name].astype(np.float32)) for name in statistics)
+    shares = [0.0, *SHARES]
+    assert any(
+        np.array_equal(kept["output.weight"], interpolate(before, learnt, share)["output.weight"]) for share in shares
+    )
     assert isinstance(find_planner(f"aim-bev:{out}"), AimBev)

@@ -64,9 +64,10 @@ class Bank:
             early = (before - found[-1]) * dt
             spacing = next((spacing for until, spacing in self.onsets_s if early < until), None)
             if spacing is None:
-                return found
+                break
             found.append(found[-1] - max(round(spacing / dt), 1))
-        return found[:-1]
+        first = max(before - self.onsets_s[-1][0] / dt - 1e-6, 0.0)
+        return [onset for onset in found if onset >= first]
 
 
 BANK = Bank()
