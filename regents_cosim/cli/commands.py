@@ -428,16 +428,16 @@ def train_aim_bev(
     output
         file for the weights (.safetensors)
     epochs
-        passes; the learning rate falls to a hundredth over them; 40, or 8 with --finetune
+        passes; the learning rate falls to a hundredth over them; 40, or 10 with --finetune
     lessons
-        new ones per epoch; each is repeated in four epochs; 4096, or 2048 with --finetune
+        new ones per epoch; each is repeated in four epochs; 4096, or 1024 with --finetune
     drives
         drives of the network by itself per epoch, from whose states it learns as well
     frozen
         first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8;
         0, or 8 with --finetune
     learning_rate
-        of Adam, at the first epoch; 0.001, or 0.0001 with --finetune
+        of Adam, at the first epoch; 0.001, or 0.0005 with --finetune
     threads
         of torch
     seed

@@ -37,7 +37,7 @@ class TrainConfig:
     frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
     warm_up: int = 3  # epochs before the network drives by itself
     drives: int = 40  # of the network by itself, per epoch
-    evading: float = 0.2  # share of the lessons and drives, where there are crashes to learn from
+    evading: float = 0.5  # share of the lessons and drives, where there are crashes to learn from
     threads: int = 2  # of torch
 
     def __post_init__(self) -> None:
@@ -47,7 +47,7 @@ class TrainConfig:
         require(0 < self.evading < 1, f"a share {self.evading} of lessons, expected one between 0 and 1", RegentsError)
 
 
-FINE_TUNING = TrainConfig(epochs=8, lessons=2048, learning_rate=1e-4, frozen=8, warm_up=0)  # of trained weights
+FINE_TUNING = TrainConfig(epochs=10, lessons=1024, learning_rate=5e-4, frozen=8, warm_up=0)  # of trained weights
 
 
 @dataclass(frozen=True)
