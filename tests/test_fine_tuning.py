@@ -180,10 +180,11 @@ def drive(case, hits, completion=1.0):
 
 def test_the_table_compares_case_by_case():
     before = [drive(str(i), i < 8) for i in range(20)]
+    before[0] = replace(before[0], kind="rear_end_by_adversary")
     after = [drive(str(i), i in (0, 10), completion=0.9) for i in range(20)]
     first, second = before_after("adversarial", before, after)
-    assert (first.weights, first.collisions, first.alone) == ("before", 8, 7)
-    assert (second.weights, second.collisions, second.alone) == ("after", 2, 1)
+    assert (first.weights, first.collisions, first.from_behind, first.alone) == ("before", 8, 1, 7)
+    assert (second.weights, second.collisions, second.from_behind, second.alone) == ("after", 2, 0, 1)
     assert second.collision_interval_percent == pytest.approx((2.8, 30.1), abs=0.1)
     assert first.p_value == second.p_value == pytest.approx(0.0703, abs=1e-4)  # 2 (1 + 8) / 2^8
     assert (first.route_completion_percent, second.route_completion_percent) == (100.0, 90.0)
@@ -274,10 +275,10 @@ def test_where_nothing_can_be_written(folders, tmp_path, capsys):
 
 def test_an_empty_suite(folders, tmp_path, capsys):
     pytest.importorskip("torch", reason="torch is an extra")
-    SuiteWriter(tmp_path / "empty", 0)
+    (tmp_path / "empty").mkdir()
     words = fine_tune(folders, tmp_path / "empty", tmp_path / "weights.safetensors")
     assert run(words) == 2
-    assert "lists no cases" in said(capsys)
+    assert "no suite.json" in said(capsys)
 
 
 def test_cases_to_judge_by_need_a_fine_tuning(folders, tmp_path, capsys):

@@ -20,6 +20,7 @@ class BeforeAfterRow:
     collisions: int
     collision_rate_percent: float
     collision_interval_percent: tuple[float, float]
+    from_behind: int  # of them: somebody who replays a log drives into the ego, which may have braked
     route_completion_percent: float
     completion_interval_percent: tuple[float, float]
     alone: int  # cases in which only this one of the two collides
@@ -41,6 +42,7 @@ def before_after(cases: str, before: Sequence[Drive], after: Sequence[Drive]) ->
                 row.collisions,
                 row.collision_rate_percent,
                 row.collision_interval_percent,
+                sum(drive.kind == "rear_end_by_adversary" for drive in drives),
                 row.route_completion_percent,
                 row.completion_interval_percent,
                 alone=sum(a and not b for a, b in zip(mine, others, strict=True)),
