@@ -409,7 +409,7 @@ def train_aim_bev(
     lessons: int | None = None,
     drives: int = 40,
     frozen: int | None = None,
-    learning_rate: float | None = None,
+    learning_rate: float = 1e-3,
     threads: int = 2,
     seed: int = 0,
     resume: Path | None = None,
@@ -428,7 +428,7 @@ def train_aim_bev(
     output
         file for the weights (.safetensors)
     epochs
-        passes; the learning rate falls to a hundredth over them; 40, or 10 with --finetune
+        passes; the learning rate falls to a hundredth over them; 40, or 8 with --finetune
     lessons
         new ones per epoch; each is repeated in four epochs; 4096, or 1024 with --finetune
     drives
@@ -437,7 +437,7 @@ def train_aim_bev(
         first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8;
         0, or 8 with --finetune
     learning_rate
-        of Adam, at the first epoch; 0.001, or 0.0005 with --finetune
+        of Adam, at the first epoch
     threads
         of torch
     seed
@@ -459,11 +459,13 @@ def train_aim_bev(
         from regents_cosim.planners.aim_bev.train import FINE_TUNING, TrainConfig, train
     except ModuleNotFoundError as error:
         raise RegentsError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
-    given = {"epochs": epochs, "lessons": lessons, "frozen": frozen, "learning_rate": learning_rate}
+    given = {"epochs": epochs, "lessons": lessons, "frozen": frozen}
     config = dataclasses.replace(
         FINE_TUNING if fine_tune.finetune else TrainConfig(),
         **{name: value for name, value in given.items() if value is not None},
-        **{"seed": seed, "drives": drives, "threads": threads, "evading": fine_tune.evading},
+        **{"seed": seed, "drives": drives, "threads": threads},
+        learning_rate=learning_rate,
+        evading=fine_tune.evading,
     )
     if fine_tune.finetune is None:
         if fine_tune.held_out or fine_tune.ordinary:

@@ -47,7 +47,7 @@ class TrainConfig:
         require(0 < self.evading < 1, f"a share {self.evading} of lessons, expected one between 0 and 1", RegentsError)
 
 
-FINE_TUNING = TrainConfig(epochs=10, lessons=1024, learning_rate=5e-4, frozen=8, warm_up=0)  # of trained weights
+FINE_TUNING = TrainConfig(epochs=8, lessons=1024, frozen=8, warm_up=0)  # of trained weights
 
 
 @dataclass(frozen=True)
