@@ -1,4 +1,15 @@
-"""`regents train aim-bev --finetune`: crashes to learn from, how much of it to keep, and scores before and after."""
+"""`regents train aim-bev --finetune`: crashes to learn from, how much of it to keep, and scores before and after.
+
+It does not help yet. Measured once on 106 attacked cases (made against IDM) and 120 ordinary
+windows that were not taught: with 65 crashes to learn from, a quarter of the way was kept; collisions in attacked
+cases 66 before and 67 after (6 mended, 7 new), in ordinary ones 17 and 18; ordinary routes driven 89.7 % and 91.9 %.
+The whole way loses ordinary routes (94.5 % to 78.2 % of 45 windows to choose by) and mends nothing (18 to 19 of 34).
+
+The lessons of evasion are hardly learnt: 1 s after the onset the median of 30 taught drives was 0.2 m/s slower,
+where their lessons asked for 4.0 m/s. Tried before: evasions that begin as early as they may, everything
+else taught by the log, and batch norms that learn; that took 8 of the 66 away (p = 0.13), and braked at nothing
+(ordinary routes 77.0 %).
+"""
 
 import dataclasses
 import tempfile

@@ -1,7 +1,6 @@
 """Weights between those before and after a fine-tuning: they keep more of what was known.
 
-Both lie in one valley of the loss, so that everything on the way between them drives, and some of it trades better
-than either end: what is new comes sooner than what was known goes. Source: WiSE-FT (Wortsman et al. 2022).
+Source: WiSE-FT (Wortsman et al. 2022).
 """
 
 import numpy as np
