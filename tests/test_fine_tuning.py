@@ -29,6 +29,7 @@ from regents_cosim.planners.aim_bev.lessons import gather
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.planners.systems import find_planner
+from regents_cosim.replays.mirror import Wheel
 from regents_cosim.suite import SuiteWriter
 
 REGENTS = Path(sys.executable).parent / "regents"
@@ -48,10 +49,16 @@ def stopping_ahead(gap=40.0, name="stops"):
     )
 
 
+def straight_on(case):
+    """What becomes of a case whose ego keeps its speed and direction."""
+    with Wheel("constant_velocity") as wheel:
+        (found,) = failed_drives([case], [wheel.drive(case).tracks], "constant_velocity")
+    return found
+
+
 @pytest.fixture(scope="module")
 def failed():
-    (found,) = failed_drives([stopping_ahead()], "constant_velocity")
-    return found
+    return straight_on(stopping_ahead())
 
 
 def test_a_failed_drive_is_the_planners_own(failed):
@@ -76,18 +83,18 @@ def test_the_teacher_brakes_as_late_as_firm_braking_allows(failed):
 
 
 def test_what_the_planner_passes_is_no_failure():
-    assert list(failed_drives([scene((0, 0, 10.0), (40, 0, 10.0))], "constant_velocity")) == [None]
+    assert straight_on(scene((0, 0, 10.0), (40, 0, 10.0))) is None
 
 
 def test_a_crash_of_ordinary_traffic_is_nobodys_attack():
-    (found,) = failed_drives([replace(stopping_ahead(), attack=None, original=None)], "constant_velocity")
+    found = straight_on(replace(stopping_ahead(), attack=None, original=None))
     assert not found.attack.collision.attributed
     assert np.array_equal(found.original.x, stopping_ahead().tracks.x)
 
 
 def test_an_ego_that_is_run_into_has_nothing_to_learn():
     behind = scene((0, 0, 5.0), (-20, 0, 15.0))
-    (found,) = failed_drives([behind], "constant_velocity")
+    found = straight_on(behind)
     assert "rear_ends_ego" in found.judgement.flaws
     assert teachable([found]) == []
 

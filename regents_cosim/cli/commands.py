@@ -407,7 +407,7 @@ def train_aim_bev(
     output: Annotated[Path, Parameter(["--output", "-o"])],
     epochs: int | None = None,
     lessons: int | None = None,
-    drives: int = 40,
+    drives: int | None = None,
     frozen: int | None = None,
     learning_rate: float = 1e-3,
     threads: int = 2,
@@ -428,11 +428,11 @@ def train_aim_bev(
     output
         file for the weights (.safetensors)
     epochs
-        passes; the learning rate falls to a hundredth over them; 40, or 8 with --finetune
+        passes; the learning rate falls to a hundredth over them; 40, or 10 with --finetune
     lessons
-        new ones per epoch; each is repeated in four epochs; 4096, or 1024 with --finetune
+        new ones per epoch; each is repeated in four epochs; 4096, or 1024 that are repeated to the end with --finetune
     drives
-        drives of the network by itself per epoch, from whose states it learns as well
+        drives of the network by itself per epoch, from whose states it learns as well; 40, or 8 with --finetune
     frozen
         first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8;
         0, or 8 with --finetune
@@ -459,11 +459,11 @@ def train_aim_bev(
         from regents_cosim.planners.aim_bev.train import FINE_TUNING, TrainConfig, train
     except ModuleNotFoundError as error:
         raise RegentsError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
-    given = {"epochs": epochs, "lessons": lessons, "frozen": frozen}
+    given = {"epochs": epochs, "lessons": lessons, "drives": drives, "frozen": frozen}
     config = dataclasses.replace(
         FINE_TUNING if fine_tune.finetune else TrainConfig(),
         **{name: value for name, value in given.items() if value is not None},
-        **{"seed": seed, "drives": drives, "threads": threads},
+        **{"seed": seed, "threads": threads},
         learning_rate=learning_rate,
         evading=fine_tune.evading,
     )

@@ -73,9 +73,10 @@ def _parts(scenarios: "list[Scenario]", others: Path | None, option: str) -> "tu
 def crashes_of(weights: Path, adversarial: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":
     """What AIM-BEV with these weights is to learn from. Raises RegentsError where there is nothing."""
     from regents_cosim.evaluation.failed_drives import failed_drives, teachable
+    from regents_cosim.planners.aim_bev.train import drive_all
 
-    drives = failed_drives(adversarial, f"aim-bev:{weights}")
-    failed = list(terminal.each(drives, "looking for crashes", len(adversarial)))
+    drives = terminal.each(drive_all(adversarial, weights), "looking for crashes", len(adversarial))
+    failed = list(failed_drives(adversarial, drives, f"aim-bev:{weights}"))
     crashes = teachable(failed)
     found = (
         f"aim-bev:{weights} crashes in {sum(case is not None for case in failed)} of {len(failed)} cases, "
@@ -132,7 +133,8 @@ def show_before_after(before: Path, after: Path, judged_by: Cases, terminal: "Te
 
 
 def _drives(scenarios: "list[Scenario]", weights: Path, terminal: "Terminal") -> "list[Drive]":
-    from regents_cosim.evaluation.driving import drive_each
+    from regents_cosim.evaluation.driving import score
+    from regents_cosim.planners.aim_bev.train import drive_all
 
-    drives = drive_each(scenarios, f"aim-bev:{weights}")
-    return list(terminal.each(drives, f"driving with {weights.stem}", len(scenarios)))
+    drives = terminal.each(drive_all(scenarios, weights), f"driving with {weights.stem}", len(scenarios))
+    return [score(scenario, tracks) for scenario, tracks in zip(scenarios, drives, strict=True)]

@@ -1,18 +1,14 @@
 """Cases that a planner fails, and could have passed: its own drive into a collision, and the drive that avoids it."""
 
-import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.judgement import judge
 from regents_cosim.evaluation.manoeuvres import BANK, Bank
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.mirror.observe import PIXEL_M, PIXELS
 from regents_cosim.scenario import AttackRecord, Scenario, Tracks
 
 # What a planner that sees one instant can learn: to brake once there is something to brake for, firmly rather than
@@ -21,16 +17,20 @@ from regents_cosim.scenario import AttackRecord, Scenario, Tracks
 BRAKING = replace(
     BANK, accels=(-6.0, -4.0), lasting_s=(None,), shifts=(), lateral_accels=(), onsets_s=((1.0, 0.1), (3.0, 0.2))
 )
+_VIEW_M = 0.5 * PIXELS * PIXEL_M  # ahead of the ego, behind and to each side
 
 
-def failed_drives(scenarios: Sequence[Scenario], planner: str, bank: Bank = BRAKING) -> Iterator[Scenario | None]:
-    """For each case: where `planner` collides in it, the case with that drive, judged by `bank`; else None.
+def failed_drives(
+    scenarios: Iterable[Scenario], drives: Iterable[Tracks], planner: str, bank: Bank = BRAKING
+) -> Iterator[Scenario | None]:
+    """For each case and drive of `planner` in it: the case with that drive, judged by `bank`; None without a collision.
 
-    Everybody else drives as in the case. A case in which the planner itself fails counts as None. Raises
-    PlannerError where the planner cannot be found.
+    Of `bank` only what begins when the other one is in the view of the ego counts: before that there is nothing to
+    learn to brake for. Everybody else drives as in the case.
     """
-    with Wheel(planner) as wheel, ThreadPoolExecutor(os.cpu_count()) as pool:
-        yield from pool.map(partial(_failed, wheel=wheel, planner=planner, bank=bank), scenarios)
+    for scenario, tracks in zip(scenarios, drives, strict=True):
+        crash = as_driven(scenario, tracks, planner)
+        yield judge(crash, _in_view(bank, crash)) if crash else None
 
 
 def teachable(failed: Sequence[Scenario | None]) -> list[Scenario]:
@@ -62,12 +62,23 @@ def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | No
     )
 
 
-def _failed(scenario: Scenario, wheel: Wheel, planner: str, bank: Bank) -> Scenario | None:
-    try:
-        crash = as_driven(scenario, wheel.drive(scenario).tracks, planner)
-    except DriveError:
-        return None
-    return judge(crash, bank) if crash else None
+def _in_view(bank: Bank, crash: Scenario) -> Bank:
+    """What of `bank` begins once the other one is in the ego's view for good."""
+    seen_s = _seen_s(crash)
+    return replace(bank, onsets_s=tuple((min(until_s, seen_s), spacing_s) for until_s, spacing_s in bank.onsets_s))
+
+
+def _seen_s(crash: Scenario) -> float:
+    """For how long the centre of the other one has been in the ego's view without a break when they collide [s]."""
+    hit = crash.attack.collision if crash.attack else None
+    if hit is None:
+        return 0.0
+    tracks, other, until = crash.tracks, [agent.id for agent in crash.agents].index(hit.agent), hit.step + 1
+    dx, dy = tracks.x[other, :until] - tracks.x[0, :until], tracks.y[other, :until] - tracks.y[0, :until]
+    cos, sin = np.cos(tracks.yaw[0, :until]), np.sin(tracks.yaw[0, :until])
+    hidden = np.maximum(np.abs(dx * cos + dy * sin), np.abs(dy * cos - dx * sin)) > _VIEW_M
+    since = int(np.flatnonzero(hidden)[-1]) + 1 if hidden.any() else 0
+    return (hit.step - since) * crash.dt
 
 
 def _flaws(case: Scenario) -> tuple[str, ...]:

@@ -51,6 +51,11 @@ class Classroom(eqx.Module):
     bars: Box  # [scene bar]
     dt: float = eqx.field(static=True)
 
+    @property
+    def steps(self) -> int:
+        """Of every window."""
+        return self.log.x.shape[2]
+
     @eqx.filter_jit
     def views(self, lesson: Lesson) -> UInt8[Array, "batch 192 192 3"]:
         """What each of the taught sees."""

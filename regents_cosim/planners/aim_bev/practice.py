@@ -1,7 +1,8 @@
 """Closed-loop drives of a network that learns: where it gets by itself, and how well."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import equinox as eqx
 import jax
@@ -35,16 +36,9 @@ def practise(
     room: Classroom, predict: Predict, controller: Controller, scene: Int[np.ndarray, " drive"], every: int = 3
 ) -> Practice:
     """Drive the egos of some scenes from their first step with everybody else on their logs."""
-    drives = jnp.asarray(scene)
-    agent = jnp.zeros_like(drives)
-    goal = room.target[drives]
-    state = jax.tree.map(lambda values: values[drives, 0, 0], room.log)
-    errors = jax.vmap(lambda _: controller.begin())(drives)
     alive, hit = np.ones(len(scene), bool), np.zeros(len(scene), bool)
     rows, states, away = [], [], []
-    for now in range(room.log.x.shape[2] - WAYPOINTS):
-        lesson = Lesson(drives, agent, jnp.full_like(drives, now), goal, state)
-        known = np.stack([np.asarray(value) for value in (state.x, state.y, state.yaw, state.speed)], axis=-1)
+    for now, (lesson, known) in enumerate(islice(drive(room, predict, controller, scene), room.steps - WAYPOINTS)):
         hits, gone = map(np.asarray, _mishaps(room, lesson))
         hit |= alive & hits
         alive &= ~(hits | gone)
@@ -52,10 +46,23 @@ def practise(
         if now % every == 0:
             rows.append(np.stack([scene, 0 * scene, 0 * scene + now], axis=-1)[alive])
             states.append(known[alive])
-        waypoints = predict(np.asarray(room.views(lesson)), known[:, 3], np.asarray(room.targets(lesson)))
-        state, errors = _advance(controller, errors, jnp.asarray(waypoints), state, room.dt)
     everywhere = np.concatenate(away)
     return Practice(np.concatenate(rows), np.concatenate(states), float(hit.mean()), float(everywhere.mean()))
+
+
+def drive(
+    room: Classroom, predict: Predict, controller: Controller, scene: Int[np.ndarray, " drive"]
+) -> Iterator[tuple[Lesson, Float[np.ndarray, "drive 4"]]]:
+    """Where the egos of some scenes get to, step by step, as lessons and as states (x, y, yaw, speed)."""
+    drives = jnp.asarray(scene)
+    state = jax.tree.map(lambda values: values[drives, 0, 0], room.log)
+    errors = jax.vmap(lambda _: controller.begin())(drives)
+    for now in range(room.steps):
+        lesson = Lesson(drives, jnp.zeros_like(drives), jnp.full_like(drives, now), room.target[drives], state)
+        known = np.stack([np.asarray(value) for value in (state.x, state.y, state.yaw, state.speed)], axis=-1)
+        yield lesson, known
+        waypoints = predict(np.asarray(room.views(lesson)), known[:, 3], np.asarray(room.targets(lesson)))
+        state, errors = _advance(controller, errors, jnp.asarray(waypoints), state, room.dt)
 
 
 @eqx.filter_jit
