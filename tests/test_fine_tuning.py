@@ -99,6 +99,19 @@ def test_an_ego_that_is_run_into_has_nothing_to_learn():
     assert teachable([found]) == []
 
 
+def test_what_comes_into_view_too_late_teaches_nothing():
+    found = straight_on(scene((0, 0, 20.0), (80, 0, 0.0)))
+    assert not found.judgement.avoidability.avoidable, "19 m are too few to stop from 20 m/s"
+    assert teachable([found]) == []
+    assert judge(found, BRAKING).judgement.avoidability.avoidable, "who knows what is out of sight brakes in time"
+
+
+def test_no_evasion_begins_out_of_sight():
+    found = straight_on(scene((0, 0, 10.0), (60, 0, 0.0)))
+    onset = found.judgement.avoidability.gentlest.onset_step
+    assert found.tracks.x[1, onset] - found.tracks.x[0, onset] <= 19.2 + 1e-3
+
+
 def test_only_the_ego_is_taught_and_before_it_evades_as_ever(failed):
     steps = evading_steps(failed)
     assert steps == range(failed.judgement.avoidability.gentlest.onset_step, failed.attack.collision.step + 10)
