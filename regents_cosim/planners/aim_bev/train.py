@@ -38,7 +38,7 @@ class TrainConfig:
     frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
     warm_up: int = 3  # epochs before the network drives by itself
     drives: int = 40  # of the network by itself, per epoch
-    evading: float = 0.5  # share of the lessons and drives, where there are crashes to learn from
+    evading: float = 0.25  # share of the lessons and drives, where there are crashes to learn from
     threads: int = 2  # of torch
 
     def __post_init__(self) -> None:
