@@ -308,6 +308,7 @@ def test_cases_to_judge_by_need_a_fine_tuning(folders, tmp_path, capsys):
     assert "expected --finetune SUITE" in said(capsys)
 
 
+@pytest.mark.slow
 def test_a_suite_without_failures_teaches_nothing(folders, blind, tmp_path, capsys):
     pytest.importorskip("torch", reason="torch is an extra")
     assert run(fine_tune(folders, "easy", tmp_path / "weights.safetensors", "--resume", blind)) == 2
