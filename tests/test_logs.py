@@ -95,16 +95,14 @@ def test_windows_at_ten_hertz(logs, name):
 
 
 @pytest.mark.parametrize("name", ["waymo", "commonroad", "interaction"])
-def test_cases_are_saved_and_replayed_in_the_mirror(logs, name, tmp_path):
+def test_cases_are_saved_and_replayed_in_the_mirror_and_in_sumo(logs, name, tmp_path):
     from regents_cosim.replays.replay import replay
 
     scenario = record_log(logs[name], horizon_s=4.0, count=1, tell=str)[0]
     again = load_case(save_case(scenario, tmp_path))
     assert content_hash(again) == content_hash(scenario)
     assert replay(again, "mirror").verified
-    failed = replay(again, "sumo")
-    assert not failed.verified
-    assert "SUMO network" in failed.reason
+    assert replay(again, "sumo").verified, "on the bare lanes of its map"
 
 
 # --- windows and egos ---------------------------------------------------------------------------
