@@ -155,4 +155,4 @@ def _state(
         )
     )
     descent = set_up(job.world, planner, job.memory, config, job.movers, Controls(accel, curvature), extra_cost)
-    return descent, descent.begin()
+    return descent, descent.seeing(descent.begin())

@@ -4,6 +4,8 @@ A minimum is found without gradient and only the winner is differentiated: the g
 hard minimum, at the price of one distance instead of thousands.
 """
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -78,10 +80,8 @@ def road_deviation(world: World, boxes: Box, movers: Movers) -> Float[Array, ""]
     agents, steps = world.valid.shape
     background = movers.rows(world.valid & (jnp.arange(agents) > 0)[:, None])
     boxes, on_road = movers.rows(boxes), movers.rows(world.on_road.T)
-    off_road = jnp.zeros(background.shape)
-    for corner, (x, y) in enumerate(corners(boxes)):
-        off_road += jnp.where(background & on_road[:, corner, None], world.road(x, y), 0.0)
-    return off_road.sum() / steps
+    x, y = (jnp.stack(parts) for parts in zip(*corners(boxes), strict=True))
+    return jnp.where(background & on_road.T[:, :, None], world.road(x, y), 0.0).sum() / steps
 
 
 def take(values: Bool[Array, "agent *rest"], agent: Int[Array, ""]) -> Bool[Array, "*rest"]:
@@ -110,35 +110,54 @@ def _closest_pair(
     return _closest_of(counts, world.valid, _full(boxes), reach_m)
 
 
+class _Closest(eqx.Module):
+    """The closest pair so far, and what bounds the distances of those that have not been looked at."""
+
+    bounds: Float[Array, " pair"]  # [m] from below; infinite once the pair has been looked at
+    distance: Float[Array, ""]  # [m]
+    i: Int[Array, ""]
+    j: Int[Array, ""]
+    step: Int[Array, ""]
+
+
 def _closest_of(
     counts: Bool[Array, "agent agent"], valid: Bool[Array, "agent time"], boxes: Box, reach_m: float
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
     """The closest of the pairs that count.
 
-    Circles around the boxes bound every distance from below; exact distances decide among the
-    pairs with the least bounds, as many as there are agents: in the densest traffic about as
-    many come within reach. Should more do so, all pairs are compared.
+    Circles around the boxes bound every distance from below. Exact distances are taken of as many
+    pairs at a time as there are agents, those with the least bounds first, until what is left is
+    too far away: in the densest traffic about as many pairs come within reach.
     """
     agents = valid.shape[0]
-    together = valid[:, None] & valid[None]
-    squares = (boxes.x[:, None] - boxes.x[None]) ** 2 + (boxes.y[:, None] - boxes.y[None]) ** 2
-    centres = jnp.sqrt(jnp.where(together, squares, jnp.inf).min(axis=2))
-    radius = jnp.hypot(boxes.half_length[:, 0], boxes.half_width[:, 0])
-    bound = jnp.where(counts, centres - radius[:, None] - radius[None], jnp.inf).reshape(-1)
 
-    def closest_among(pairs: Int[Array, " pair"]) -> tuple[Array, Array, Array]:
+    def nearer(best: _Closest) -> _Closest:
+        pairs = jax.lax.top_k(-best.bounds, agents)[1]
         i, j = pairs // agents, pairs % agents
         exact = distance(*(jax.tree.map(lambda v, a=a: v[a], boxes) for a in (i, j)))
         exact = jnp.where(counts[i, j][:, None] & valid[i] & valid[j], exact, jnp.inf)
         pair, step = _argmin(exact)
-        return jnp.where(exact[pair, step] < reach_m, i[pair], j[pair]), j[pair], step
+        left = best.bounds.at[pairs].set(jnp.inf)
+        found = _Closest(left, exact[pair, step], i[pair], j[pair], step.astype(jnp.int32))
+        kept = replace(best, bounds=left)
+        return jax.tree.map(lambda new, old: jnp.where(found.distance < best.distance, new, old), found, kept)
 
-    few = jax.lax.top_k(-bound, agents)[1]
-    return jax.lax.cond(
-        (bound < reach_m).sum() <= agents,
-        lambda: closest_among(few),
-        lambda: closest_among(jnp.arange(agents * agents, dtype=few.dtype)),
-    )
+    nobody = jnp.int32(0)
+    reach = jnp.asarray(reach_m, boxes.x.dtype)
+    best = _Closest(_lower_bounds(counts, valid, boxes), reach, nobody, nobody, nobody)
+    best = jax.lax.while_loop(lambda now: now.bounds.min() < now.distance, nearer, best)
+    return best.i, best.j, best.step
+
+
+def _lower_bounds(
+    counts: Bool[Array, "agent agent"], valid: Bool[Array, "agent time"], boxes: Box
+) -> Float[Array, " pair"]:
+    """Of the least distance over time [m] of every pair that counts, from circles around the boxes; else infinite."""
+    together = valid[:, None] & valid[None]
+    squares = (boxes.x[:, None] - boxes.x[None]) ** 2 + (boxes.y[:, None] - boxes.y[None]) ** 2
+    centres = jnp.sqrt(jnp.where(together, squares, jnp.inf).min(axis=2))
+    radius = jnp.hypot(boxes.half_length[:, 0], boxes.half_width[:, 0])
+    return jnp.where(counts, centres - radius[:, None] - radius[None], jnp.inf).reshape(-1)
 
 
 def _argmin(values: Float[Array, "row time"]) -> tuple[Int[Array, ""], Int[Array, ""]]:

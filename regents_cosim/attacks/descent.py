@@ -19,6 +19,7 @@ threads (no change); a road field with its four neighbours in four places (a qua
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -79,7 +80,8 @@ class Search(eqx.Module):
 
     actions: Controls  # [mover step] as shares of their limits
     adam: optax.OptState
-    seen: Seen
+    seen: Seen  # of those actions, once it has `looked`; before that of the log
+    looked: Bool[Array, ""]
     finite: Bool[Array, ""]
     iterations: Int[Array, ""]
     history: Float[Array, "iteration term"]
@@ -113,27 +115,34 @@ class Descent(eqx.Module):
         return cls(world, planner, memory, movers, undisturbed, start, config, extra_cost)
 
     def begin(self) -> Search:
-        """The actions at the start."""
+        """The actions at the start, of which nothing has been seen yet."""
         actions = self.first()
         return Search(
             actions=actions,
             adam=self.optimiser().init(actions),
-            seen=self.look(actions),
+            seen=self.unseen(),
+            looked=jnp.asarray(False),
             finite=jnp.asarray(True),
             iterations=jnp.int32(0),
             history=jnp.zeros((self.config.iterations, 3), jnp.float32),
         )
 
     def advance(self, search: Search, passes: int | Int[Array, ""]) -> Search:
-        """At most so many updates more."""
+        """A first look where there was none, and at most so many updates more."""
         last = search.iterations + passes
         # Lambdas, because JAX hashes the functions of a loop, and a bound method hashes its object.
         return jax.lax.while_loop(
-            lambda now: self.goes_on(now) & (now.iterations < last), lambda now: self.update(now), search
+            lambda now: ~now.looked | self.goes_on(now) & (now.iterations < last),
+            lambda now: self.seeing(self.update(now)),
+            search,
         )
 
+    def seeing(self, search: Search) -> Search:
+        """The search once it has looked at what its actions do."""
+        return replace(search, seen=self.look(search.actions), looked=jnp.asarray(True))
+
     def goes_on(self, search: Search) -> Bool[Array, ""]:
-        """Neither hit, nor blown up, nor at the end of the iterations."""
+        """Neither hit, nor blown up, nor at the end of the iterations; of a search that has looked."""
         return (
             ~self.accepted(search)
             & search.finite
@@ -142,7 +151,7 @@ class Descent(eqx.Module):
         )
 
     def update(self, search: Search) -> Search:
-        """One step of Adam, and the roll-out after it."""
+        """One step of Adam; of a search that has not looked yet, the search as it is."""
         total, costs, gradient = self.gradient(search.actions, search.seen)
         steps, state = self.optimiser().update(gradient, search.adam)
         steps = self.steps(steps)
@@ -153,14 +162,16 @@ class Descent(eqx.Module):
             search.actions.curvature + jnp.where(steers[:, None], steps.curvature, 0.0),
         )
         actions = within_bounds(moved, self.logged(), self.movers.rows(search.seen.motion.speed), self.config)
-        return Search(
+        terms = jnp.stack([costs.ego, costs.pair, costs.road])
+        updated = replace(
+            search,
             actions=actions,
             adam=state,
-            seen=self.look(actions),
             finite=jnp.isfinite(total),
             iterations=search.iterations + 1,
-            history=search.history.at[search.iterations].set(jnp.stack([costs.ego, costs.pair, costs.road])),
+            history=search.history.at[search.iterations].set(terms),
         )
+        return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
 
     def steps(self, steps: Controls) -> Controls:
         """Adam's steps as shares of the limits: they are, because the actions are."""
@@ -170,6 +181,11 @@ class Descent(eqx.Module):
         """Roll out."""
         motion, ego_controls = self.drive(actions)
         return Seen(motion, self.world.boxes(motion), ego_controls)
+
+    def unseen(self) -> Seen:
+        """What stands where nothing has been seen yet: the log, of the shapes of what will be."""
+        log = self.world.log
+        return Seen(log, self.world.boxes(log), jax.tree.map(lambda values: values[0], self.world.controls))
 
     def drive(self, actions: Controls) -> tuple[Motion, Controls]:
         """Everybody's motion [agent time] and the ego's controls [step] under the movers' actions."""

@@ -40,14 +40,14 @@ def searching(
     `every` is the number of iterations between two closed loops.
     """
     given = (world, config.compiled(), movers, start, extra_cost)
-    ego = yield _first(given)
-    search, goes_on = _begin(given, ego)
-    while goes_on and search.iterations < config.iterations:
+    search, traffic = _begin(given)
+    while True:
+        ego = yield traffic
+        search, goes_on = _look(given, ego, search)
+        if not goes_on or search.iterations >= config.iterations:
+            return _result(given, ego, search)
         passes = jnp.minimum(every, config.iterations - search.iterations)
         search, traffic = _advance(given, ego, search, passes)
-        ego = yield traffic
-        search, goes_on = _look_again(given, ego, search)
-    return _result(given, ego, search)
 
 
 _Given = tuple[World, AttackConfig, Movers, Controls | None, ExtraCost | None]
@@ -59,16 +59,10 @@ def _descent(given: _Given, ego: EgoTrack | None) -> Descent:
 
 
 @eqx.filter_jit
-def _first(given: _Given) -> Traffic:
+def _begin(given: _Given) -> tuple[Search, Traffic]:
     descent = _descent(given, None)
-    return _traffic(descent, descent.first())
-
-
-@eqx.filter_jit
-def _begin(given: _Given, ego: EgoTrack) -> tuple[Search, Bool[Array, ""]]:
-    descent = _descent(given, ego)
     search = descent.begin()
-    return search, descent.goes_on(search)
+    return search, _traffic(descent, search.actions)
 
 
 @eqx.filter_jit
@@ -79,9 +73,9 @@ def _advance(given: _Given, ego: EgoTrack, search: Search, passes: Int[Array, ""
 
 
 @eqx.filter_jit
-def _look_again(given: _Given, ego: EgoTrack, search: Search) -> tuple[Search, Bool[Array, ""]]:
+def _look(given: _Given, ego: EgoTrack, search: Search) -> tuple[Search, Bool[Array, ""]]:
     descent = _descent(given, ego)
-    search = eqx.tree_at(lambda now: now.seen, search, descent.look(search.actions))
+    search = descent.seeing(search)
     return search, descent.goes_on(search)
 
 

@@ -56,8 +56,11 @@ class UniversalDescent(Descent):
 
     def look(self, actions: Controls) -> Seen:
         """Roll out with each planner."""
-        each = tuple(one.look(actions) for one in self.alone())
-        return SeenByAll(each[0].motion, each[0].boxes, each[0].ego_controls, each)
+        return _by_all(tuple(one.look(actions) for one in self.alone()))
+
+    def unseen(self) -> Seen:
+        """The log, as often as there are planners."""
+        return _by_all(tuple(one.unseen() for one in self.alone()))
 
     def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
         """Of the mean cost, or of the cost of the planner that is furthest from the adversary."""
@@ -95,6 +98,10 @@ class UniversalDescent(Descent):
     def _of_each(self, question: str, about: Any) -> Bool[Array, "planner *rest"]:
         asked = zip(self.alone(), about, strict=True)
         return jnp.stack([getattr(one, question)(own) for one, own in asked])
+
+
+def _by_all(each: tuple[Seen, ...]) -> SeenByAll:
+    return SeenByAll(each[0].motion, each[0].boxes, each[0].ego_controls, each)
 
 
 def _each(seen: Seen) -> tuple[Seen, ...]:

@@ -51,7 +51,8 @@ def blur(
     Coordinates of the result are relative to `origin` [m]. Source: C_adv_dev of the ReGentS
     paper (m_oob * K), with K a Gaussian of sigma 0.5 m.
     """
-    low = np.floor((low - _MARGIN_M) / CELL_M) * CELL_M
+    # Centres at odd tenths of a metre: edges of lanes lie at even ones (a width of 3.2 m), and would tie.
+    low = (np.floor((low - _MARGIN_M) / CELL_M) + 0.5) * CELL_M
     columns, rows = (np.ceil((high + _MARGIN_M - low) / CELL_M).astype(int) + 1).tolist()
     off_road = ~road.raster((float(low[0]), float(low[1])), (rows, columns), CELL_M)
     field = gaussian_filter(off_road.astype(np.float32), SIGMA_M / CELL_M, mode="nearest")

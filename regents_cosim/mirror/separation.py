@@ -86,7 +86,6 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
     operations, each a loop of its own.
     """
     (a, b), (da, db) = boxes, moved
-    value = distance(a, b)
     ours, theirs = _contacts(b, a), _contacts(a, b)
     squares, x, y, a_along, a_across, b_along, b_across = (
         jnp.concatenate(parts)
@@ -96,10 +95,12 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
             (theirs.on_corner[0], ours.on_box[0]), (theirs.on_corner[1], ours.on_box[1]),
         )
     )  # fmt: skip
+    least = squares.min(axis=0)
+    apart = (gap(a, b) > 0.0) & (least > 0.0)
+    value = jnp.where(apart, jnp.sqrt(jnp.where(apart, least, 1.0)), 0.0)
     # Not only those that equal the least: XLA computes them once for the minimum and once for the comparison, and
     # rounds differently. Then none is equal, and the step had no gradient (5 to 25 % of the steps of an attack).
-    closest = (jnp.sqrt(squares) <= jnp.sqrt(squares.min(axis=0)) + _TIE_M).astype(value.dtype)
-    apart = value > 0.0
+    closest = (jnp.sqrt(squares) <= jnp.sqrt(least) + _TIE_M).astype(value.dtype)
     share = jnp.where(apart, closest / (closest.sum(axis=0) * jnp.where(apart, value, 1.0)), 0.0)
     x, y = share * x, share * y
     change = x.sum(axis=0) * (db.x - da.x) + y.sum(axis=0) * (db.y - da.y)
