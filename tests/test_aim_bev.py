@@ -14,12 +14,14 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import Controls, Motion, step
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, plan
-from regents_cosim.planners.aim_bev.lessons import gather
+from regents_cosim.planners.aim_bev.lessons import Lesson, gather
 from regents_cosim.planners.aim_bev.network import to_network
 from regents_cosim.planners.aim_bev.planner import aim_bev, with_weights
 from regents_cosim.planners.aim_bev.practice import practise
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
+from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
+from regents_cosim.replays.mirror import Wheel
 from regents_cosim.suite import SuiteWriter, load_cases
 
 NAME = "regents_cosim.planners.aim_bev.planner:aim_bev"
@@ -107,6 +109,42 @@ def test_practice_of_an_expert_stays_on_the_log():
     assert went.rows[:, 2].max() >= 70
 
 
+def taught(made, step=20, **off):
+    """What IDM in the ego's place is to do, who sees no more than the view, from its log or `off` it."""
+    room = gather([made])
+    state = Motion(*(jnp.float32(getattr(made.tracks, k)[0, step] + off.get(k, 0.0)) for k in ("x", "y", "yaw", "speed")))
+    one = Lesson(jnp.int32(0), jnp.int32(0), jnp.int32(step), jnp.zeros(2), state)
+    (found,) = Teacher.of([made]).labels(room, jax.tree.map(lambda value: value[None], one))
+    return np.asarray(found)
+
+
+def test_the_teacher_is_idm_in_the_place_of_the_ego():
+    made = scene((0, 0, 10.0), (14, 0, 7.0))
+    with Wheel("idm") as wheel:
+        drive = wheel.drive(replace(made, tracks=made.tracks))
+    found = taught(made, step=0)
+    assert found[:, 0] == pytest.approx(drive.tracks.x[0, 1:9] - made.tracks.x[0, 0], abs=1e-3)
+    assert np.abs(found[:, 1]).max() < 1e-3
+
+
+def test_the_teacher_brakes_for_what_is_in_view_only():
+    alone, near, far = (taught(scene((0, 0, 10.0), *others)) for others in ([], [(31, 0, 2.0)], [(44, 0, 2.0)]))
+    assert near[-1, 0] < alone[-1, 0] - 0.5, "15 m ahead at that step"
+    assert far == pytest.approx(alone, abs=1e-5), "28 m ahead: beyond the view"
+
+
+def test_the_teacher_leads_back_to_the_route():
+    assert taught(scene((0, 0, 10.0)), y=0.5)[-1, 1] < -0.05, "to the right"
+
+
+def test_where_idm_teaches_only_egos_learn_and_know_where_they_go():
+    made = platoon(cars=6)
+    curriculum = plan(gather([made]), egos=True)
+    assert all((rows[:, 1] == 0).all() for rows in curriculum.rows.values())
+    lesson = curriculum.draw(20, np.random.default_rng(0))
+    assert np.asarray(lesson.goal) == pytest.approx(np.tile(made.target, (20, 1)), abs=1e-3)
+
+
 def test_weights_of_something_else_are_refused(tmp_path):
     with pytest.raises(RegentsError, match="no weights of AIM-BEV"):
         to_network({"conv.weight": np.zeros(3, np.float32)})
@@ -169,10 +207,12 @@ def test_training_goes_on_where_it_stopped(cases, tmp_path):
     assert not np.array_equal(after["output.weight"], weights["output.weight"])
 
 
-def test_training_from_the_command_line(cases, tmp_path, capsys):
+@pytest.mark.parametrize("teacher", ["log", "idm"])
+def test_training_from_the_command_line(cases, tmp_path, capsys, teacher):
     pytest.importorskip("torch", reason="torch is an extra")
     out = tmp_path / "weights.safetensors"
     words = ["train", "aim-bev", str(cases), "--lessons", "64", "--drives", "0", "--epochs", "1", "--frozen", "13"]
+    words += ["--teacher", teacher]
     assert run([*words, "-o", str(out), "--resume", str(SHIPPED), "--quiet"]) == 0
     assert "weights in" in capsys.readouterr().out
     assert out.with_suffix(".png").stat().st_size > 1000

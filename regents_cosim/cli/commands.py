@@ -410,6 +410,7 @@ def train_aim_bev(
     drives: int | None = None,
     frozen: int | None = None,
     learning_rate: float = 1e-3,
+    teacher: Literal["log", "idm"] = "log",
     threads: int = 2,
     seed: int = 0,
     resume: Path | None = None,
@@ -438,6 +439,9 @@ def train_aim_bev(
         0, or 8 with --finetune
     learning_rate
         of Adam, at the first epoch
+    teacher
+        "log": every vehicle near an ego shows how to drive; "idm": an IDM in the ego's place that sees no further than
+        the view, which can tell what to do wherever the network has got to by itself
     threads
         of torch
     seed
@@ -463,7 +467,7 @@ def train_aim_bev(
     config = dataclasses.replace(
         FINE_TUNING if fine_tune.finetune else TrainConfig(),
         **{name: value for name, value in given.items() if value is not None},
-        **{"seed": seed, "threads": threads},
+        **{"seed": seed, "threads": threads, "teacher": teacher},
         learning_rate=learning_rate,
         evading=fine_tune.evading,
     )

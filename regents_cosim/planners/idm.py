@@ -18,6 +18,7 @@ from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.planners.route import SPACING_M, Route, plan_route
+from regents_cosim.scenario import Scenario
 
 _POINTS = 384  # route points kept, one every metre
 _STOP_LINES = 4
@@ -69,13 +70,17 @@ class IDM(JaxPlanner):
 
     def init(self, scene: LoopScene) -> Memory:
         """The route of the ego: its logged path, extended along the lanes."""
-        route = plan_route(scene.scenario)
+        return self.on_route(scene.scenario, scene.origin)
+
+    def on_route(self, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> Memory:
+        """What it knows of the route of a scenario's ego, in the map's coordinates less `origin` [m]."""
+        route = plan_route(scenario)
         points = _pad_line(route.points)
         direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
         angle = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
-        on_device = scene.on_device(points)
+        on_device = jnp.asarray(points - origin, jnp.float32)
         nearest, corner = _nearest_points(points)
-        line, closed = _stop_lines(route, scene.scenario.tracks.steps)
+        line, closed = _stop_lines(route, scenario.tracks.steps)
         return Memory(
             x=on_device[:, 0],
             y=on_device[:, 1],
@@ -83,12 +88,12 @@ class IDM(JaxPlanner):
             sin=jnp.asarray(np.sin(angle), jnp.float32),
             speed=jnp.asarray(self._desired_speed(route, angle), jnp.float32),
             nearest=jnp.asarray(nearest, jnp.int32),
-            corner=scene.on_device(corner[None])[0],
+            corner=jnp.asarray(corner - origin, jnp.float32),
             line=line,
             closed=closed,
             now=jnp.int32(0),
-            half_length=scene.world.half_length[0],
-            half_width=scene.world.half_width[0],
+            half_length=jnp.float32(0.5 * scenario.agents[0].length),
+            half_width=jnp.float32(0.5 * scenario.agents[0].width),
         )
 
     def look(self, memory: Memory, traffic: Traffic) -> Sight:

@@ -51,6 +51,7 @@ class Curriculum:
     valid: Bool[np.ndarray, "scene agent time"]
     targets: Float[np.ndarray, "scene 2"]  # [m] of the egos
     evasions: Mapping[int, range]  # scenes in which the ego evades, and the steps at which it does
+    egos: bool  # nobody else is taught
     dt: float  # [s]
 
     def draw(self, count: int, rng: np.random.Generator, evading: float = 0.0) -> Lesson:
@@ -65,15 +66,16 @@ class Curriculum:
     def lessons(self, rows: Int[np.ndarray, "lesson 3"], states: np.ndarray, rng: np.random.Generator) -> Lesson:
         """Lessons from given states (x, y, yaw, speed), each with a target: the end of the log, or a step before it.
 
-        The target of an ego that evades is the one it had before: the end of its evasion would give it away.
+        The target of an ego that evades is the one it had before: the end of its evasion would give it away. So is
+        that of all where only egos are taught: they may be further than their log.
         """
         scene, agent, step = rows.T
         last = self.last[scene, agent]
         soonest = np.minimum(step + WAYPOINTS, last)
         goal = np.where(rng.random(len(rows)) < 0.5, last, rng.integers(soonest, last + 1))
         logged = np.stack([values[scene, agent, goal] for values in self.log[:2]], axis=-1)
-        evades = np.isin(scene, list(self.evasions))
-        goal = jnp.asarray(np.where(evades[:, None], self.targets[scene], logged), jnp.float32)
+        kept = self.egos | np.isin(scene, list(self.evasions))
+        goal = jnp.asarray(np.where(kept[:, None], self.targets[scene], logged), jnp.float32)
         scene, agent, step = (jnp.asarray(values, jnp.int32) for values in (scene, agent, step))
         x, y, yaw, speed = (jnp.asarray(values, jnp.float32) for values in states.T)
         return Lesson(scene, agent, step, goal, Motion(x, y, yaw, speed))
@@ -118,8 +120,8 @@ class Curriculum:
         return np.stack([values[tuple(rows.T)] for values in self.log], axis=-1)
 
 
-def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({})) -> Curriculum:
-    """All lessons that `room` holds: vehicles that stay for the next 0.8 s, near the window's ego.
+def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({}), egos: bool = False) -> Curriculum:
+    """All lessons that `room` holds: vehicles that stay for the next 0.8 s, near the window's ego; or just that one.
 
     In the scenes of `evasions` only the ego is taught, up to the end of the steps at which it evades: the others
     drive there as an attack wants.
@@ -134,11 +136,13 @@ def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({})) 
         kinds = _kinds(x, y, yaw, speed, valid[scene]) | {EVADING: evades}
         if scene in evasions:
             taught[1:], taught[0, evasions[scene].stop :] = False, False
+        if egos:
+            taught[1:] = False
         for kind in KINDS:
             found[kind].append(np.insert(np.argwhere(taught & kinds[kind]), 0, scene, axis=1))
             taught &= ~kinds[kind]
     rows = {kind: np.concatenate(lessons) for kind, lessons in found.items()}
-    return Curriculum(rows, np.asarray(room.last), log, valid, np.asarray(room.target), evasions, room.dt)
+    return Curriculum(rows, np.asarray(room.last), log, valid, np.asarray(room.target), evasions, egos, room.dt)
 
 
 def evading_steps(crash: Scenario) -> range:

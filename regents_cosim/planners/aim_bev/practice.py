@@ -16,7 +16,7 @@ from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.controller import Controller, Errors
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
 
-_LOST_M = 8.0  # further from its log an ego has nothing to learn from it
+LOST_M = 8.0  # further from its log an ego has nothing to learn from it
 
 # Views [batch 192 192 3], speeds [batch], targets [batch 2] to waypoints [batch 8 2].
 Predict = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -33,13 +33,21 @@ class Practice:
 
 
 def practise(
-    room: Classroom, predict: Predict, controller: Controller, scene: Int[np.ndarray, " drive"], every: int = 3
+    room: Classroom,
+    predict: Predict,
+    controller: Controller,
+    scene: Int[np.ndarray, " drive"],
+    every: int = 3,
+    lost_m: float = LOST_M,
 ) -> Practice:
-    """Drive the egos of some scenes from their first step with everybody else on their logs."""
+    """Drive the egos of some scenes from their first step with everybody else on their logs.
+
+    Who is further than `lost_m` from its log has nothing to learn any more.
+    """
     alive, hit = np.ones(len(scene), bool), np.zeros(len(scene), bool)
     rows, states, away = [], [], []
     for now, (lesson, known) in enumerate(islice(drive(room, predict, controller, scene), room.steps - WAYPOINTS)):
-        hits, gone = map(np.asarray, _mishaps(room, lesson))
+        hits, gone = map(np.asarray, _mishaps(room, lesson, lost_m))
         hit |= alive & hits
         alive &= ~(hits | gone)
         away.append(np.asarray(_away(room, lesson))[alive])
@@ -80,7 +88,7 @@ def _away(room: Classroom, lesson: Lesson) -> Float[Array, " drive"]:
 
 
 @eqx.filter_jit
-def _mishaps(room: Classroom, lesson: Lesson) -> tuple[Bool[Array, " drive"], Bool[Array, " drive"]]:
+def _mishaps(room: Classroom, lesson: Lesson, lost_m: float) -> tuple[Bool[Array, " drive"], Bool[Array, " drive"]]:
     """Which egos overlap somebody, and which are lost."""
 
     def touches(one: Lesson) -> Bool[Array, ""]:
@@ -92,4 +100,4 @@ def _mishaps(room: Classroom, lesson: Lesson) -> tuple[Bool[Array, " drive"], Bo
         others = room.valid[one.scene, :, one.step] & (jnp.arange(now.x.shape[0]) != one.agent)
         return (others & overlaps(ego, boxes)).any()
 
-    return jax.vmap(touches)(lesson), _away(room, lesson) > _LOST_M
+    return jax.vmap(touches)(lesson), _away(room, lesson) > lost_m

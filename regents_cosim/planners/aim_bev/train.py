@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -15,7 +16,8 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, evading_steps, plan
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
-from regents_cosim.planners.aim_bev.practice import Predict, drive, practise
+from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, practise
+from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
@@ -38,6 +40,7 @@ class TrainConfig:
     frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
     warm_up: int = 3  # epochs before the network drives by itself
     drives: int = 40  # of the network by itself, per epoch
+    teacher: Literal["log", "idm"] = "log"  # that, or who drives in the egos' places: `teacher`
     evading: float = 0.25  # share of the lessons and drives, where there are crashes to learn from
     threads: int = 2  # of torch
 
@@ -73,6 +76,7 @@ class _Course:
     rows: Int[np.ndarray, "lesson 3"]  # states met in practice
     states: Float[np.ndarray, "lesson 4"]
     known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, label
+    teacher: Teacher | None  # who teaches; None: the log
     before: AimBevNetwork | None  # what a fine-tuning began with
 
 
@@ -97,12 +101,15 @@ def train(
     """
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
-    room = gather([*scenarios, *(crash.evaded() for crash in crashes)])
-    curriculum = plan(room, {len(scenarios) + index: evading_steps(crash) for index, crash in enumerate(crashes)})
+    driven = [*scenarios, *(crash.evaded() for crash in crashes)]
+    room, teacher = gather(driven), Teacher.of(driven) if config.teacher == "idm" else None
+    curriculum = plan(
+        room, {len(scenarios) + index: evading_steps(crash) for index, crash in enumerate(crashes)}, teacher is not None
+    )
     total = sum(map(len, curriculum.rows.values()))
     require(total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError)
     taught, held_back = _split(curriculum)
-    course = _begin(config, resume, fine_tuning=bool(crashes))
+    course = _begin(config, resume, teacher, fine_tuning=bool(crashes))
     for epoch in range(len(course.done), config.epochs):
         rng = np.random.default_rng((config.seed, epoch))
         driven = (None, None)
@@ -199,7 +206,8 @@ def _columns(
     course: _Course, room: Classroom, curriculum: Curriculum, lesson: Lesson, frozen: int
 ) -> tuple[Tensor, ...]:
     """What the first layers make of the views, the speeds, targets and labels of a batch of lessons."""
-    found = (room.views(lesson), lesson.state.speed, room.targets(lesson), room.labels(lesson))
+    labels = course.teacher.labels(room, lesson) if course.teacher else room.labels(lesson)
+    found = (room.views(lesson), lesson.state.speed, room.targets(lesson), labels)
     begun, speed, target, label = (torch.from_numpy(np.array(values)) for values in found)
     if frozen:
         begun = course.network.encoder.begin(_pictures(begun), frozen).half()
@@ -241,7 +249,8 @@ def _practise(
     evaded = np.isin(scenes, list(taught.evasions))
     evading = round(config.evading * config.drives) if evaded.any() else 0
     chosen = np.concatenate([_draw(scenes[evaded], evading, rng), _draw(scenes[~evaded], config.drives - evading, rng)])
-    found = practise(room, _predict(course.network), Controller(), chosen)
+    lost_m = LOST_M if course.teacher is None else np.inf
+    found = practise(room, _predict(course.network), Controller(), chosen, lost_m=lost_m)
     worth = taught.worth_teaching(found.rows)
     course.rows = np.concatenate([course.rows, found.rows[worth]])
     course.states = np.concatenate([course.states, found.states[worth]])
@@ -277,11 +286,15 @@ def _with_ego(scenario: Scenario, driven: Float[np.ndarray, "4 time"]) -> Tracks
     return replace(scenario.tracks, **moved, accel=None, curvature=None)
 
 
-def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) -> _Course:
+def _begin(
+    config: TrainConfig, resume: Path | None, teacher: Teacher | None = None, fine_tuning: bool = False
+) -> _Course:
     network = AimBevNetwork()
     network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
-    course = _Course(network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept), None)
+    course = _Course(
+        network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept), teacher, None
+    )
     if resume is not None:
         saved = load_weights(resume)
         _restore(course, {n: v for n, v in saved.items() if n != "epochs"} if fine_tuning else saved)

@@ -1,0 +1,67 @@
+"""A driver to learn from where the log tells nothing: IDM on the ego's route that sees no more than the view shows.
+
+The log says how to get back to where it was. A network that has driven somewhere else needs to know what to do
+there: brake for who is ahead now. What lies beyond the view must not count, or the network would be taught to
+brake for what it cannot see.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from regents_cosim.mirror.bicycle import Motion, clip, step
+from regents_cosim.mirror.observe import PIXEL_M, PIXELS
+from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
+from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame
+from regents_cosim.planners.idm import IDM, Memory
+from regents_cosim.scenario import Scenario
+
+VIEW_M = 0.5 * PIXELS * PIXEL_M  # ahead of the ego, behind and to each side
+
+
+class Teacher(eqx.Module):
+    """What IDM knows of the egos' routes, in the coordinates of their maps."""
+
+    idm: IDM
+    routes: Memory  # [scene]
+
+    @classmethod
+    def of(cls, scenarios: Sequence[Scenario]) -> "Teacher":
+        """IDM on the route of the ego of each of `scenarios`."""
+        idm = IDM()
+        routes = [idm.on_route(scenario, np.zeros(2)) for scenario in scenarios]
+        return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes))
+
+    @eqx.filter_jit
+    def labels(self, room: Classroom, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
+        """Where IDM would be over the next 0.8 s [m, own frame] in the egos' places; the others drive as they did."""
+        return jax.vmap(lambda one: self._label(room, one))(lesson)
+
+    def _label(self, room: Classroom, one: Lesson) -> Float[Array, "waypoint 2"]:
+        route = jax.tree.map(lambda values: values[one.scene], self.routes)
+        others = jax.tree.map(lambda values: values[one.scene], room.log)
+        seen = room.valid[one.scene] & _in_view(others, one)[:, None] & (jnp.arange(others.x.shape[0]) > 0)[:, None]
+        sizes = room.half_length[one.scene], room.half_width[one.scene]
+
+        def advance(ego: Motion, ahead: Array) -> tuple[Motion, Motion]:
+            now = jnp.minimum(one.step + ahead, room.steps - 1)
+            motion, valid = jax.tree.map(lambda values: values[:, now][:, None], (others, seen))
+            sight = jax.tree.map(lambda values: values[0], self.idm.look(route, Traffic(motion, valid, *sizes)))
+            control, _ = self.idm.step(eqx.tree_at(lambda m: m.now, route, now), sight, ego)
+            after = step(ego, clip(control), room.dt)
+            return after, after
+
+        _, way = jax.lax.scan(advance, one.state, jnp.arange(WAYPOINTS))
+        return jax.vmap(to_frame, (0, 0, None))(way.x, way.y, one.state)
+
+
+def _in_view(others: Motion, one: Lesson) -> Array:
+    """Whose centres the view of the taught shows."""
+    now = jax.tree.map(lambda values: values[:, one.step], others)
+    place = jax.vmap(to_frame, (0, 0, None))(now.x, now.y, one.state)
+    return (jnp.abs(place) < VIEW_M).all(axis=1)
