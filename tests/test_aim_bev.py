@@ -112,7 +112,9 @@ def test_practice_of_an_expert_stays_on_the_log():
 def taught(made, step=20, **off):
     """What IDM in the ego's place is to do, who sees no more than the view, from its log or `off` it."""
     room = gather([made])
-    state = Motion(*(jnp.float32(getattr(made.tracks, k)[0, step] + off.get(k, 0.0)) for k in ("x", "y", "yaw", "speed")))
+    state = Motion(
+        *(jnp.float32(getattr(made.tracks, k)[0, step] + off.get(k, 0.0)) for k in ("x", "y", "yaw", "speed"))
+    )
     one = Lesson(jnp.int32(0), jnp.int32(0), jnp.int32(step), jnp.zeros(2), state)
     (found,) = Teacher.of([made]).labels(room, jax.tree.map(lambda value: value[None], one))
     return np.asarray(found)

@@ -28,7 +28,7 @@ class Controller(eqx.Module):
     """Gains of the speed controller, per second, per second squared, and without unit."""
 
     proportional: float = 2.5
-    brake_ratio: float = 1.1  # faster than the path by this factor means: full brake, as published
+    brake_ratio: float = 1.03  # faster than the path by this factor means: full brake (1.1 as published)
     integral: float = 0.0
     derivative: float = 0.0
 

@@ -38,7 +38,7 @@ class TrainConfig:
     batch: int = 64
     learning_rate: float = 1e-3  # of Adam; falls to a hundredth of it along a cosine
     frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
-    warm_up: int = 3  # epochs before the network drives by itself
+    warm_up: int = 3  # epochs before the network drives by itself, where it begins without weights
     drives: int = 40  # of the network by itself, per epoch
     teacher: Literal["log", "idm"] = "log"  # that, or who drives in the egos' places: `teacher`
     evading: float = 0.25  # share of the lessons and drives, where there are crashes to learn from
@@ -52,7 +52,7 @@ class TrainConfig:
 
 
 # Of trained weights: lessons cost more than passes over them, and evasions take about ten passes.
-FINE_TUNING = TrainConfig(epochs=10, lessons=1024, kept=10, frozen=8, warm_up=0, drives=8)
+FINE_TUNING = TrainConfig(epochs=10, lessons=1024, kept=10, frozen=8, drives=8)
 
 
 @dataclass(frozen=True)
@@ -95,14 +95,15 @@ def train(
     same scenarios, configuration and machine give the same weights; a resumed run begins with new
     lessons. Raises RegentsError where the scenarios hold too few lessons, or their horizons differ.
 
-    From `crashes` of the network that `resume` holds, each with the drive that avoids it, it learns to evade. All
-    that it is to do elsewhere is what it did before (learning without forgetting, Li and Hoiem 2016), and its batch
-    norms keep their statistics. Such a fine-tuning begins anew from a checkpoint, and writes none.
+    From `crashes` of the network that `resume` holds, each with the drive that avoids it, it learns to evade. Where
+    the log teaches, all that it is to do elsewhere is what it did before (learning without forgetting, Li and Hoiem
+    2016); IDM teaches everywhere. Its batch norms keep their statistics. Such a fine-tuning begins anew from a
+    checkpoint, and writes none.
     """
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
-    driven = [*scenarios, *(crash.evaded() for crash in crashes)]
-    room, teacher = gather(driven), Teacher.of(driven) if config.teacher == "idm" else None
+    windows = [*scenarios, *(crash.evaded() for crash in crashes)]
+    room, teacher = gather(windows), Teacher.of(windows) if config.teacher == "idm" else None
     curriculum = plan(
         room, {len(scenarios) + index: evading_steps(crash) for index, crash in enumerate(crashes)}, teacher is not None
     )
@@ -113,7 +114,7 @@ def train(
     for epoch in range(len(course.done), config.epochs):
         rng = np.random.default_rng((config.seed, epoch))
         driven = (None, None)
-        if epoch >= config.warm_up and config.drives:
+        if config.drives and (resume is not None or epoch >= config.warm_up):
             driven = _practise(course, room, taught, rng, config)
         course.known.append(_prepare(course, room, taught, rng, config))
         loss = _teach(course, rng, config, epoch)
@@ -211,7 +212,7 @@ def _columns(
     begun, speed, target, label = (torch.from_numpy(np.array(values)) for values in found)
     if frozen:
         begun = course.network.encoder.begin(_pictures(begun), frozen).half()
-    if course.before is not None:
+    if course.before is not None and course.teacher is None:
         evades = torch.from_numpy(curriculum.evades(lesson))[:, None, None]
         label = torch.where(evades, label, _finish(course.before, begun, speed, target, frozen))
     return begun, speed, target, label
