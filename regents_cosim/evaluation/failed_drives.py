@@ -8,7 +8,7 @@ import numpy as np
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.evaluation.judgement import judge
 from regents_cosim.evaluation.manoeuvres import BANK, Bank
-from regents_cosim.mirror.observe import PIXEL_M, PIXELS
+from regents_cosim.mirror.observe import VIEW_M
 from regents_cosim.scenario import AttackRecord, Scenario, Tracks
 
 # What a planner that sees one instant can learn: to brake once there is something to brake for, firmly rather than
@@ -17,7 +17,6 @@ from regents_cosim.scenario import AttackRecord, Scenario, Tracks
 BRAKING = replace(
     BANK, accels=(-6.0, -4.0), lasting_s=(None,), shifts=(), lateral_accels=(), onsets_s=((1.0, 0.1), (3.0, 0.2))
 )
-_VIEW_M = 0.5 * PIXELS * PIXEL_M  # ahead of the ego, behind and to each side
 
 
 def failed_drives(
@@ -76,7 +75,7 @@ def _seen_s(crash: Scenario) -> float:
     tracks, other, until = crash.tracks, [agent.id for agent in crash.agents].index(hit.agent), hit.step + 1
     dx, dy = tracks.x[other, :until] - tracks.x[0, :until], tracks.y[other, :until] - tracks.y[0, :until]
     cos, sin = np.cos(tracks.yaw[0, :until]), np.sin(tracks.yaw[0, :until])
-    hidden = np.maximum(np.abs(dx * cos + dy * sin), np.abs(dy * cos - dx * sin)) > _VIEW_M
+    hidden = np.maximum(np.abs(dx * cos + dy * sin), np.abs(dy * cos - dx * sin)) > VIEW_M
     since = int(np.flatnonzero(hidden)[-1]) + 1 if hidden.any() else 0
     return (hit.step - since) * crash.dt
 

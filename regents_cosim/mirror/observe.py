@@ -25,7 +25,8 @@ from regents_cosim.mirror.separation import Box
 
 PIXELS = 192  # per side
 PIXEL_M = 0.2
-REACH_M = 0.5 * PIXELS * PIXEL_M * np.sqrt(2.0)  # no pixel is further from the ego
+VIEW_M = 0.5 * PIXELS * PIXEL_M  # it reaches so far ahead of the ego, behind it and to each side
+REACH_M = VIEW_M * np.sqrt(2.0)  # no pixel is further from the ego
 MARK_S = 0.5  # how far a heading mark reaches beyond the front, as a way at present speed
 MARK_WIDTH_M = 0.6
 MOST = 24  # others, and stop bars, that are drawn: the nearest

@@ -14,14 +14,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import Motion, clip, step
-from regents_cosim.mirror.observe import PIXEL_M, PIXELS
+from regents_cosim.mirror.observe import VIEW_M
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame
 from regents_cosim.planners.idm import IDM, Memory
 from regents_cosim.scenario import Scenario
-
-VIEW_M = 0.5 * PIXELS * PIXEL_M  # ahead of the ego, behind and to each side
 
 
 class Teacher(eqx.Module):
