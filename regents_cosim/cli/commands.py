@@ -409,8 +409,8 @@ def train_aim_bev(
     lessons: int | None = None,
     drives: int | None = None,
     frozen: int | None = None,
-    learning_rate: float = 1e-3,
-    teacher: Literal["log", "idm"] = "log",
+    learning_rate: float | None = None,
+    teacher: Literal["log", "idm"] | None = None,
     threads: int = 2,
     seed: int = 0,
     resume: Path | None = None,
@@ -429,19 +429,19 @@ def train_aim_bev(
     output
         file for the weights (.safetensors)
     epochs
-        passes; the learning rate falls to a hundredth over them; 40, or 10 with --finetune
+        passes; the learning rate falls to a hundredth over them; 40, or 8 with --finetune
     lessons
-        new ones per epoch; each is repeated in four epochs; 4096, or 1024 that are repeated to the end with --finetune
+        new ones per epoch; each is repeated in four epochs; 4096, or 2048 that are repeated to the end with --finetune
     drives
-        drives of the network by itself per epoch, from whose states it learns as well; 40, or 8 with --finetune
+        drives of the network by itself per epoch, from whose states it learns as well; 40, or 24 with --finetune
     frozen
         first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8;
-        0, or 8 with --finetune
+        0, or 4 with --finetune
     learning_rate
-        of Adam, at the first epoch
+        of Adam, at the first epoch; 1e-3, or 5e-4 with --finetune
     teacher
         "log": every vehicle near an ego shows how to drive; "idm": an IDM in the ego's place that sees no further than
-        the view, which can tell what to do wherever the network has got to by itself
+        the view, which can tell what to do wherever the network has got to by itself; "idm" with --finetune, else "log"
     threads
         of torch
     seed
@@ -463,13 +463,15 @@ def train_aim_bev(
         from regents_cosim.planners.aim_bev.train import FINE_TUNING, TrainConfig, train
     except ModuleNotFoundError as error:
         raise RegentsError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
-    given = {"epochs": epochs, "lessons": lessons, "drives": drives, "frozen": frozen}
+    given = {
+        "epochs": epochs, "lessons": lessons, "drives": drives, "frozen": frozen, "learning_rate": learning_rate,
+        "teacher": teacher, "evading": fine_tune.evading,
+    }  # fmt: skip
     config = dataclasses.replace(
         FINE_TUNING if fine_tune.finetune else TrainConfig(),
         **{name: value for name, value in given.items() if value is not None},
-        **{"seed": seed, "threads": threads, "teacher": teacher},
-        learning_rate=learning_rate,
-        evading=fine_tune.evading,
+        seed=seed,
+        threads=threads,
     )
     if fine_tune.finetune is None:
         if fine_tune.held_out or fine_tune.ordinary:

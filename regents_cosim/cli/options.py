@@ -129,8 +129,8 @@ class FineTune:
     """a suite of attacked cases: of those that the weights crash in and could have passed, they learn to; begins with
     the shipped weights (or --resume), keeps as much of what was learnt as ordinary traffic bears, and prints scores
     before and after"""
-    evading: float = 0.25
-    """share of the lessons that are of these"""
+    evading: float | None = None
+    """share of the lessons and drives that are of these; 0.4"""
     held_out: Path | None = None
     """another suite of attacked cases for the scores; default every fifth window of the first, which is not taught
     (of the rest another fifth, to choose the weights by)"""

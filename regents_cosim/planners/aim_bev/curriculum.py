@@ -110,11 +110,6 @@ class Curriculum:
             [x[near] + further * np.cos(yaw[near]), y[near] + further * np.sin(yaw[near]), yaw[near], speed[before]]
         )
 
-    def evades(self, lesson: Lesson) -> Bool[np.ndarray, " lesson"]:
-        """Whether each of `lesson` is on an evasion."""
-        at = zip(np.asarray(lesson.scene).tolist(), np.asarray(lesson.step).tolist(), strict=True)
-        return np.array([step in self.evasions.get(scene, ()) for scene, step in at])
-
     def states(self, rows: Int[np.ndarray, "lesson 3"]) -> Float[np.ndarray, "lesson 4"]:
         """The logged states (x, y, yaw, speed)."""
         return np.stack([values[tuple(rows.T)] for values in self.log], axis=-1)
