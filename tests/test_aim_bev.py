@@ -11,7 +11,7 @@ from scenes import platoon, scene
 
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.bicycle import Controls, Motion, step
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, step
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, plan
 from regents_cosim.planners.aim_bev.lessons import Lesson, gather
@@ -36,12 +36,18 @@ def waypoints_of(accel, curvature, speed):
     return jnp.array(found, jnp.float32)
 
 
-@pytest.mark.parametrize(("accel", "curvature", "speed"), [(1.0, 0.02, 8.0), (-3.0, 0.0, 15.0), (0.5, -0.1, 4.0)])
+@pytest.mark.parametrize(("accel", "curvature", "speed"), [(1.0, 0.02, 8.0), (-0.8, 0.0, 15.0), (0.5, -0.1, 4.0)])
 def test_the_controller_finds_the_controls_behind_waypoints(accel, curvature, speed):
     controller = Controller()
     found, _ = controller.steer(controller.begin(), waypoints_of(accel, curvature, speed), jnp.float32(speed))
     assert float(found.accel) == pytest.approx(accel, abs=0.15)
     assert float(found.curvature) == pytest.approx(curvature, rel=0.05, abs=1e-4)
+
+
+def test_the_controller_brakes_fully_where_the_plan_brakes_at_all_firmly():
+    controller = Controller()
+    found, _ = controller.steer(controller.begin(), waypoints_of(-3.0, 0.0, 15.0), jnp.float32(15.0))
+    assert float(found.accel) == -ACCEL_LIMIT
 
 
 def test_waypoints_that_stand_still_mean_stop():
