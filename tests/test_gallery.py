@@ -119,7 +119,7 @@ def test_regents_takes_another_than_the_follower(runs):
     run = runs["rear_end"]
     attacked = run.attacked["regents"]
     assert attacked.attack.candidates == ("ahead",)
-    assert attacked.attack.collision.agent == "ahead"
+    assert (attacked.attack.collision.agent, attacked.attack.collision.kind) == ("ahead", "side_swipe")
     assert cleanness(attacked).clean
 
 
@@ -136,7 +136,7 @@ def test_the_minimum_over_candidates_is_a_trap(runs, method):
 
 def test_a_search_per_candidate_escapes_the_trap(runs):
     attacked = runs["minimum_trap"].attacked["focused"]
-    assert attacked.attack.collision.agent == "ahead"
+    assert (attacked.attack.collision.agent, attacked.attack.collision.kind) == ("ahead", "side_swipe")
     assert cleanness(attacked).clean
 
 

@@ -73,9 +73,7 @@ def distance(a: Box, b: Box) -> Float[Array, "*axes"]:
     held fast on their boxes (the mean of them where several corners tie), 0 where the boxes
     overlap: finite everywhere. Sizes are constants.
     """
-    squares = jnp.minimum(_least_corner_square(a, b), _least_corner_square(b, a))
-    apart = (gap(a, b) > 0.0) & (squares > 0.0)
-    return jnp.where(apart, jnp.sqrt(jnp.where(apart, squares, 1.0)), 0.0)
+    return _where_apart(a, b, jnp.minimum(_least_corner_square(a, b), _least_corner_square(b, a)))
 
 
 @distance.defjvp
@@ -96,8 +94,8 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
         )
     )  # fmt: skip
     least = squares.min(axis=0)
-    apart = (gap(a, b) > 0.0) & (least > 0.0)
-    value = jnp.where(apart, jnp.sqrt(jnp.where(apart, least, 1.0)), 0.0)
+    value = _where_apart(a, b, least)
+    apart = value > 0.0
     # Not only those that equal the least: XLA computes them once for the minimum and once for the comparison, and
     # rounds differently. Then none is equal, and the step had no gradient (5 to 25 % of the steps of an attack).
     closest = (jnp.sqrt(squares) <= jnp.sqrt(least) + _TIE_M).astype(value.dtype)
@@ -108,6 +106,12 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
         on_cos, on_sin = (x * along + y * across).sum(axis=0), (y * along - x * across).sum(axis=0)
         change += sign * (on_cos * box.cos + on_sin * box.sin)
     return value, change
+
+
+def _where_apart(a: Box, b: Box, squares: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
+    """The distance [m] of which `squares` [m^2] are the squares, 0 where the boxes overlap."""
+    apart = (gap(a, b) > 0.0) & (squares > 0.0)
+    return jnp.where(apart, jnp.sqrt(jnp.where(apart, squares, 1.0)), 0.0)
 
 
 class _Contacts(NamedTuple):
