@@ -136,7 +136,9 @@ def test_the_minimum_over_candidates_is_a_trap(runs, method):
 
 def test_a_search_per_candidate_escapes_the_trap(runs):
     attacked = runs["minimum_trap"].attacked["focused"]
-    assert (attacked.attack.collision.agent, attacked.attack.collision.kind) == ("ahead", "side_swipe")
+    assert attacked.attack.collision.agent == "ahead"
+    # The kind hangs on rounding, and so on the processor: a corner meets a corner.
+    assert attacked.attack.collision.kind in ("side_swipe", "rear_end_by_ego")
     assert cleanness(attacked).clean
 
 
