@@ -17,11 +17,17 @@ from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import to_world
 
 # Compiled as a whole: op by op, every test would compile each of them alone.
-ego_distance = eqx.filter_jit(costs.ego_distance)
-pair_proximity = eqx.filter_jit(costs.pair_proximity)
 pooled_ego_distances = eqx.filter_jit(costs.pooled_ego_distances)
 road_deviation = eqx.filter_jit(costs.road_deviation)
 total_cost = eqx.filter_jit(costs.total_cost)
+
+
+def ego_distance(world, boxes, movers):
+    return total_cost(world, boxes, movers, KING).ego
+
+
+def pair_proximity(world, boxes, movers, reach_m):
+    return total_cost(world, boxes, movers, replace(KING, pair_reach_m=reach_m)).pair
 
 
 def prepared(scenario, candidates=None):
@@ -210,7 +216,7 @@ def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
     boxes = world.boxes(with_ego(roll_out_background(world, controls), jax.tree.map(lambda v: v[0], world.log)))
 
     def slope(at):
-        return jax.grad(lambda b: costs.ego_distance(world, b, movers, KING))(at)
+        return jax.grad(lambda b: costs.total_cost(world, b, movers, KING).ego)(at)
 
     one_by_one, compiled = slope(boxes), eqx.filter_jit(slope)(boxes)
     for name in ("x", "y", "cos", "sin"):

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.costs import STANDING_M_S, take
 from regents_cosim.attacks.movers import Movers
-from regents_cosim.mirror.separation import Box, corners, overlaps, pick
+from regents_cosim.mirror.separation import Box, corners, first_row, overlaps, pick
 from regents_cosim.mirror.world import World
 
 # The blurred map (`road_field`) on a straight edge of the road. Stricter than the verdict on the host, which lets
@@ -33,7 +33,7 @@ def is_clean(
     """
     step = jnp.argmax(hits.any(axis=0))
     agent = jnp.argmax(hits[:, step])
-    ego, adversary = pick(boxes, jnp.array([0])), pick(boxes, agent[None])
+    ego, adversary = first_row(boxes), pick(boxes, agent[None])
     so_far = take(world.valid, agent) & (jnp.arange(hits.shape[1]) <= step)
     return (
         take(movers.candidate, agent)
@@ -46,8 +46,8 @@ def is_clean(
 
 def _off_road(world: World, box: Box, agent: Int[Array, ""]) -> Bool[Array, " time"]:
     began_on = take(world.on_road.T, agent)
-    fields = [began_on[number] * world.road(x[0], y[0]) for number, (x, y) in enumerate(corners(box))]
-    return jnp.stack(fields).max(axis=0) > _OFF_ROAD
+    fields = began_on[:, None] * world.road(*corners(box))[:, 0]
+    return fields.max(axis=0) > _OFF_ROAD
 
 
 def _touches_others(world: World, boxes: Box, box: Box, agent: Int[Array, ""]) -> Bool[Array, " time"]:

@@ -10,7 +10,6 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,6 +31,7 @@ from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.universal import Several
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.planners.host_pool import HostPool
@@ -376,12 +376,12 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
 
 
 # Compiled as a whole: op by op, the first call of a process would compile each of them alone.
-@eqx.filter_jit
+@compiled
 def _candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     return published.candidates(world, config) if config.as_published else candidates(world, config)
 
 
-@eqx.filter_jit
+@compiled
 def _logged_distances(world: World, config: AttackConfig) -> Float[Array, " agent"]:
     return pooled_ego_distances(world, world.boxes(world.log), config)
 

@@ -22,6 +22,7 @@ from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import set_up
 from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.scenario import Scenario
 
@@ -108,7 +109,7 @@ def _search(
     )
 
 
-@eqx.filter_jit
+@compiled
 def _try(
     job: Job,
     planner: LoopPlanner,
@@ -122,12 +123,12 @@ def _try(
         descent, search = _state(job, planner, config, extra_cost, change)
         total, costs = descent.cost(search.seen.boxes, search.seen.motion, search.actions)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
-        return jnp.where(jnp.isfinite(total), total, jnp.inf), terms, descent.accepted(search)
+        return jnp.where(jnp.isfinite(total), total, jnp.inf), terms, search.accepted
 
     return jax.vmap(one)(changes)
 
 
-@eqx.filter_jit
+@compiled
 def _end(
     job: Job,
     planner: LoopPlanner,

@@ -14,7 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, AttackConfig
-from regents_cosim.mirror.separation import Box, corners, distance, pick
+from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.separation import Box, corners, distance, first_row, pick
 from regents_cosim.mirror.world import World
 
 STANDING_M_S = 0.5  # an ego that is slower stands
@@ -31,44 +32,34 @@ class Costs(eqx.Module):
 
 
 def total_cost(world: World, boxes: Box, movers: Movers, config: AttackConfig) -> Costs:
-    """C = C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev (section 3.2), the ego being row 0 of `boxes`."""
-    ego = ego_distance(world, boxes, movers, config)
-    pair = pair_proximity(world, boxes, movers, config.pair_reach_m)
+    """C = C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev (section 3.2), the ego being row 0 of `boxes`.
+
+    C_ego_col = min over candidates i of (1/T) sum_k d_BB(0, i, k) [m] (eq. 4), pooled as `pooled_ego_distances`
+    has it; without candidates the value is meaningless. C_adv_col = - min over pairs i < j of background
+    agents and k of min(tau, d_BB(i, j, k)) [m], of the pairs of `_closest_pair`.
+
+    Both distances are taken at once: in two places they cost twice the time to compile.
+    """
+    found = jax.lax.stop_gradient(boxes)
+    adversary = _nearest_candidate(world, found, movers, config)
+    i, j, step = _closest_pair(world, found, movers, config.pair_reach_m)
+    ours, theirs = pick(boxes, jnp.stack([jnp.int32(0), i])), pick(boxes, jnp.stack([adversary, j]))
+    to_ego, between = distance(ours, theirs)
+    pulls = _pulls(world, take(world.valid, adversary)[None], first_row(ours), first_row(theirs), config)
+    ego = _pool(to_ego, pulls[0], config.softmin_m)
+    pair = -jnp.where(i == j, config.pair_reach_m, jnp.minimum(_at(between, step), config.pair_reach_m))
     road = road_deviation(world, boxes, movers)
     return Costs(ego, pair, road, ego + config.pair_weight * pair + config.road_weight * road)
 
 
-def ego_distance(world: World, boxes: Box, movers: Movers, config: AttackConfig = KING) -> Float[Array, ""]:
-    """C_ego_col = min over candidates i of (1/T) sum_k d_BB(0, i, k) [m] (eq. 4).
-
-    The mean is over the steps at which i is valid. With `softmin_m` it is a soft minimum over
-    time instead, and without `pull_from_behind` steps at which i is behind the ego are left out.
-    Without candidates the value is meaningless.
-    """
-    chosen = movers.first
-    if movers.count > 1:
-        pooled = pooled_ego_distances(world, jax.lax.stop_gradient(boxes), config)
-        chosen = jnp.argmin(jnp.where(movers.candidate, pooled, jnp.inf))
-    ego, adversary = pick(boxes, jnp.array([0])), pick(boxes, chosen[None])
-    pulls = _pulls(world, take(world.valid, chosen)[None], ego, adversary, config)
-    return _pool(distance(ego, adversary), pulls, config.softmin_m)[0]
-
-
 def pooled_ego_distances(world: World, boxes: Box, config: AttackConfig = KING) -> Float[Array, " agent"]:
-    """Distance to the ego pooled over time, for every agent [m]."""
-    ego = pick(boxes, jnp.array([0]))
-    return _pool(distance(ego, boxes), _pulls(world, world.valid, ego, boxes, config), config.softmin_m)
+    """Distance to the ego pooled over time, for every agent [m].
 
-
-def pair_proximity(world: World, boxes: Box, movers: Movers, reach_m: float) -> Float[Array, ""]:
-    """C_adv_col = - min over pairs i < j of background agents and k of min(tau, d_BB(i, j, k)) [m].
-
-    Pairs that overlap in the log when both are first there are left out, and so are pairs of
-    which neither may change: they are constants that would hide the others in the minimum.
+    The mean is over the steps at which an agent is valid. With `softmin_m` it is a soft minimum over
+    time instead, and without `pull_from_behind` steps at which it is behind the ego are left out.
     """
-    i, j, k = _closest_pair(world, jax.lax.stop_gradient(boxes), movers, reach_m)
-    closest = distance(pick(boxes, i[None]), pick(boxes, j[None]))[0]
-    return -jnp.where(i == j, reach_m, jnp.minimum(_at(closest, k), reach_m))
+    ego = first_row(boxes)
+    return _pool(distance(ego, boxes), _pulls(world, world.valid, ego, boxes, config), config.softmin_m)
 
 
 def road_deviation(world: World, boxes: Box, movers: Movers) -> Float[Array, ""]:
@@ -80,8 +71,7 @@ def road_deviation(world: World, boxes: Box, movers: Movers) -> Float[Array, ""]
     agents, steps = world.valid.shape
     background = movers.rows(world.valid & (jnp.arange(agents) > 0)[:, None])
     boxes, on_road = movers.rows(boxes), movers.rows(world.on_road.T)
-    x, y = (jnp.stack(parts) for parts in zip(*corners(boxes), strict=True))
-    return jnp.where(background & on_road.T[:, :, None], world.road(x, y), 0.0).sum() / steps
+    return jnp.where(background & on_road.T[:, :, None], world.road(*corners(boxes)), 0.0).sum() / steps
 
 
 def take(values: Bool[Array, "agent *rest"], agent: Int[Array, ""]) -> Bool[Array, "*rest"]:
@@ -93,10 +83,23 @@ def _at(values: Float[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]
     return jax.lax.dynamic_index_in_dim(values, step, keepdims=False)
 
 
+def _nearest_candidate(world: World, boxes: Box, movers: Movers, config: AttackConfig) -> Int[Array, ""]:
+    """The candidate whose pooled distance to the ego is least."""
+    if movers.count == 1:
+        return movers.first
+    return jnp.argmin(jnp.where(movers.candidate, pooled_ego_distances(world, boxes, config), jnp.inf)).astype(
+        jnp.int32
+    )
+
+
 def _closest_pair(
     world: World, boxes: Box, movers: Movers, reach_m: float
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
-    """(i, j, step) of the closest pair of background agents, i == j where none comes within reach."""
+    """(i, j, step) of the closest pair of background agents, i == j where none comes within reach.
+
+    Pairs that overlap in the log when both are first there are left out, and so are pairs of
+    which neither may change: they are constants that would hide the others in the minimum.
+    """
     agents = world.valid.shape[0]
     background = jnp.arange(agents) > 0
     if movers.count == 1:
@@ -105,6 +108,7 @@ def _closest_pair(
         counts = counts[:, None] & world.valid & take(world.valid, movers.first)
         exact = jnp.where(counts, distance(mine, boxes), jnp.inf)
         j, step = _argmin(exact)
+        j, step = j.astype(jnp.int32), step.astype(jnp.int32)
         return jnp.where(exact[j, step] < reach_m, movers.first, j), j, step
     counts = jnp.triu(world.apart & (movers.candidate[:, None] | movers.candidate) & background[:, None], k=1)
     return _closest_of(counts, world.valid, _full(boxes), reach_m)
@@ -134,8 +138,10 @@ def _closest_of(
     def nearer(best: _Closest) -> _Closest:
         pairs = jax.lax.top_k(-best.bounds, agents)[1]
         i, j = pairs // agents, pairs % agents
-        exact = distance(*(jax.tree.map(lambda v, a=a: v[a], boxes) for a in (i, j)))
-        exact = jnp.where(counts[i, j][:, None] & valid[i] & valid[j], exact, jnp.inf)
+        exact = distance(*(jax.tree.map(lambda v, a=a: look_up(v, a), boxes) for a in (i, j)))
+        exact = jnp.where(
+            look_up(counts.reshape(-1), pairs)[:, None] & look_up(valid, i) & look_up(valid, j), exact, jnp.inf
+        )
         pair, step = _argmin(exact)
         left = best.bounds.at[pairs].set(jnp.inf)
         found = _Closest(left, exact[pair, step], i[pair], j[pair], step.astype(jnp.int32))

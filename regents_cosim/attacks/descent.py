@@ -49,7 +49,7 @@ from regents_cosim.mirror.rollout import (
     roll_out_background,
     with_ego,
 )
-from regents_cosim.mirror.separation import Box, overlaps, pick, pose_gradient
+from regents_cosim.mirror.separation import Box, first_row, overlaps, pose_gradient
 from regents_cosim.mirror.world import World
 
 # Whatever else a user wants of the scenario, as a cost to be lowered: smooth, in the cost's units.
@@ -89,6 +89,8 @@ class Search(eqx.Module):
     adam: optax.OptState
     seen: Seen  # of those actions, once it has `looked`; before that of the log
     looked: Bool[Array, ""]
+    hit: Bool[Array, ""]  # the ego collides in what has been seen
+    accepted: Bool[Array, ""]  # and the search has found what it looks for
     finite: Bool[Array, ""]
     iterations: Int[Array, ""]
     history: Float[Array, "iteration term"]
@@ -101,7 +103,7 @@ class Descent(eqx.Module):
     planner: LoopPlanner
     memory: Any
     movers: Movers
-    undisturbed: Motion  # [agent time] what the logged controls make of the background
+    undisturbed: Motion | None  # [agent time] what the logged controls make of all; None: all are movers
     start: Controls | None  # [mover step] actions to begin with; None: the logged ones
     config: AttackConfig = eqx.field(static=True)
     extra_cost: ExtraCost | None = eqx.field(static=True)
@@ -118,7 +120,7 @@ class Descent(eqx.Module):
         extra_cost: ExtraCost | None = None,
     ) -> "Descent":
         """Set a descent up, to begin with the logged actions unless others are given."""
-        undisturbed = roll_out_background(world, world.controls)
+        undisturbed = None if movers.everybody else roll_out_background(world, world.controls)
         return cls(world, planner, memory, movers, undisturbed, start, config, extra_cost)
 
     def begin(self) -> Search:
@@ -129,6 +131,8 @@ class Descent(eqx.Module):
             adam=self.optimiser().init(actions),
             seen=self.unseen(),
             looked=jnp.asarray(False),
+            hit=jnp.asarray(False),
+            accepted=jnp.asarray(False),
             finite=jnp.asarray(True),
             iterations=jnp.int32(0),
             history=jnp.zeros((self.config.iterations, 3), jnp.float32),
@@ -146,12 +150,13 @@ class Descent(eqx.Module):
 
     def seeing(self, search: Search) -> Search:
         """The search once it has looked at what its actions do."""
-        return replace(search, seen=self.look(search.actions), looked=jnp.asarray(True))
+        search = replace(search, seen=self.look(search.actions), looked=jnp.asarray(True))
+        return replace(search, hit=self.hit(search.seen), accepted=self.accepts(search))
 
     def goes_on(self, search: Search) -> Bool[Array, ""]:
         """Neither hit, nor blown up, nor at the end of the iterations; of a search that has looked."""
         return (
-            ~self.accepted(search)
+            ~search.accepted
             & search.finite
             & (search.iterations < self.config.iterations)
             & self.movers.candidate.any()
@@ -198,7 +203,7 @@ class Descent(eqx.Module):
         """Everybody's motion [agent time] and the ego's controls [step] under the movers' actions."""
         world, movers = self.world, self.movers
         own = self.own_motion(actions)
-        background = movers.put(self.undisturbed, own)
+        background = self.among_all(own)
         if self.config.background == "log":
             ego, controls = drive(self.planner, self.memory, world, background)
             return with_ego(background, ego), controls
@@ -213,7 +218,11 @@ class Descent(eqx.Module):
 
     def background(self, actions: Controls) -> Motion:
         """Everybody's own track [agent time]: of those that react, before they do."""
-        return self.movers.put(self.undisturbed, self.own_motion(actions))
+        return self.among_all(self.own_motion(actions))
+
+    def among_all(self, own: Motion) -> Motion:
+        """Everybody's motion [agent time], of which `own` [mover time] is the movers'."""
+        return own if self.undisturbed is None else self.movers.put(self.undisturbed, own)
 
     def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
         """The cost, its terms, and its gradient with respect to the actions [mover step].
@@ -257,7 +266,7 @@ class Descent(eqx.Module):
         """Whether the ego collides."""
         return ego_contacts(self.world, seen.boxes).any()
 
-    def accepted(self, search: Search) -> Bool[Array, ""]:
+    def accepts(self, search: Search) -> Bool[Array, ""]:
         """Whether the search has found its collision, or need not look: the ego collides in the log already."""
         if self.config.accept == "any":
             return self.hit(search.seen)
@@ -297,8 +306,8 @@ class Descent(eqx.Module):
             motion=motion,
             controls=jax.tree.map(lambda all_, own: all_.at[0].set(own), controls, end.seen.ego_controls),
             changed=movers.put(jnp.zeros_like(movers.candidate), self.departs(end.actions)),
-            hit=self.hit(end.seen),
-            accepted=self.accepted(end),
+            hit=end.hit,
+            accepted=end.accepted,
             finite=end.finite & jnp.isfinite(motion.x).all() & jnp.isfinite(motion.y).all(),
             any_candidate=movers.candidate.any(),
             iterations=end.iterations,
@@ -342,9 +351,8 @@ def ego_contacts(world: World, boxes: Box) -> Bool[Array, "agent time"]:
 
     The ego itself is left out by `apart` as well.
     """
-    ego = pick(boxes, jnp.array([0]))
     counts = world.valid & world.apart[0][:, None]
-    return counts & overlaps(ego, boxes, _HIT_DEPTH_M)
+    return counts & overlaps(first_row(boxes), boxes, _HIT_DEPTH_M)
 
 
 def to_actions(controls: Controls) -> Controls:

@@ -9,7 +9,6 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +18,7 @@ from regents_cosim.attacks.descent import Descent, ExtraCost, Found, Search
 from regents_cosim.attacks.job import Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import set_up
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
 
 _PASSES = 25  # iterations between two looks at who has finished
@@ -65,12 +65,12 @@ def _search_group(
                 jobs, searches = _put((jnp.int32(lane), job, first), (jobs, searches))
 
 
-@eqx.filter_jit
+@compiled
 def _begin(jobs: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None) -> Search:
     return jax.vmap(lambda job: _descent(job, planner, config, extra_cost).begin())(jobs)
 
 
-@eqx.filter_jit
+@compiled
 def _advance(
     jobs: Job,
     searches: Search,
@@ -87,7 +87,7 @@ def _advance(
     return jax.vmap(advance)(jobs, searches)
 
 
-@eqx.filter_jit
+@compiled
 def _result(
     jobs: Job, searches: Search, lane: Int[Array, ""], planner: LoopPlanner, config: AttackConfig, extra_cost: Any
 ) -> Found:
@@ -95,7 +95,7 @@ def _result(
     return _descent(job, planner, config, extra_cost).result(search)
 
 
-@eqx.filter_jit(donate="all-except-first")
+@compiled(donate="all-except-first")
 def _put(new: tuple[Int[Array, ""], Job, Search], all_: tuple[Job, Search]) -> tuple[Job, Search]:
     lane, job, search = new
     return jax.tree.map(lambda values, value: values.at[lane].set(value), all_, (job, search))

@@ -31,9 +31,14 @@ class Movers(eqx.Module):
         """One of `agents` agents."""
         return Movers(jnp.arange(agents) == agent, jnp.int32(agent), 1)
 
+    @property
+    def everybody(self) -> bool:
+        """Whether all agents have a row."""
+        return self.count == self.candidate.shape[0]
+
     def rows(self, values: _Tree) -> _Tree:
         """The movers' rows of arrays [agent, ...]."""
-        if self.count == self.candidate.shape[0]:
+        if self.everybody:
             return values
         return jax.tree.map(lambda v: jax.lax.dynamic_slice_in_dim(v, self.first, self.count), values)
 
@@ -43,7 +48,7 @@ class Movers(eqx.Module):
 
         def replace(all_: Array, own: Array) -> Array:
             chosen = jnp.where(mine.reshape(-1, *(1,) * (all_.ndim - 1)), own, self.rows(all_))
-            if self.count == all_.shape[0]:
+            if self.everybody:
                 return chosen
             return jax.lax.dynamic_update_slice_in_dim(all_, chosen, self.first, 0)
 

@@ -81,7 +81,7 @@ def road_deviation(world: World, motion: Motion) -> Float[Array, ""]:
     boxes = jax.tree.map(lambda values: values[1:], world.boxes(motion))
     left, bottom = world.road.corner
     total = jnp.float32(0.0)
-    for corner, (x, y) in enumerate(corners(boxes)):
+    for corner, (x, y) in enumerate(zip(*corners(boxes), strict=True)):
         along, up = x - left, y - bottom
         inside = (along >= 0.0) & (along < _CROP_M) & (up >= 0.0) & (up < _CROP_M)
         counted = inside & world.valid[1:] & world.on_road[corner, 1:, None]

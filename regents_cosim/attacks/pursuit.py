@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import equinox as eqx
 import jax
 
 from regents_cosim.attacks.descent import ExtraCost, Found
@@ -15,6 +14,7 @@ from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.replanned import Traffic, searching
 from regents_cosim.errors import DriveError
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import EgoTrack, LoopPlanner, drive, drive_among_reacting
 from regents_cosim.mirror.world import World
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
@@ -110,7 +110,7 @@ def _side_by_side(process: HostProcess, requests: list[Request]) -> list[Driven 
     return [Driven(loop.track, seconds[:share]) for loop in loops]
 
 
-@eqx.filter_jit
+@compiled
 def _drive(planner: LoopPlanner, memory: Any, world: World, traffic: Traffic) -> EgoTrack:
     if traffic.reacting is None:
         return EgoTrack(*drive(planner, memory, world, traffic.background))

@@ -16,6 +16,7 @@ from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import set_up
 from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import EgoTrack, Held
 from regents_cosim.mirror.world import World
 
@@ -58,28 +59,28 @@ def _descent(given: _Given, ego: EgoTrack | None) -> Descent:
     return set_up(world, Held(), ego, config, movers, start, extra_cost)
 
 
-@eqx.filter_jit
+@compiled
 def _begin(given: _Given) -> tuple[Search, Traffic]:
     descent = _descent(given, None)
     search = descent.begin()
     return search, _traffic(descent, search.actions)
 
 
-@eqx.filter_jit
+@compiled
 def _advance(given: _Given, ego: EgoTrack, search: Search, passes: Int[Array, ""]) -> tuple[Search, Traffic]:
     descent = _descent(given, ego)
     search = descent.advance(search, passes)
     return search, _traffic(descent, search.actions)
 
 
-@eqx.filter_jit
+@compiled
 def _look(given: _Given, ego: EgoTrack, search: Search) -> tuple[Search, Bool[Array, ""]]:
     descent = _descent(given, ego)
     search = descent.seeing(search)
     return search, descent.goes_on(search)
 
 
-@eqx.filter_jit
+@compiled
 def _result(given: _Given, ego: EgoTrack, search: Search) -> Found:
     return _descent(given, ego).result(search)
 

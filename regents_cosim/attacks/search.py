@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 from jaxtyping import Array, Int
 
 from regents_cosim.attacks.descent import Descent, ExtraCost, Found
@@ -11,6 +10,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.published import PublishedDescent
 from regents_cosim.attacks.universal import Several, UniversalDescent
 from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.mirror.world import World
 
@@ -30,7 +30,7 @@ def set_up(
     return kind.of(world, planner, memory, movers, config, start, extra_cost)
 
 
-@eqx.filter_jit
+@compiled
 def descend(
     world: World,
     planner: LoopPlanner,

@@ -5,7 +5,6 @@ pulls across, where a median or other traffic forbids it. Driving the same path 
 that: of a few such drives the one that the cost likes best is where the next descent begins.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +15,7 @@ from regents_cosim.attacks.descent import to_actions
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.mirror.bicycle import Controls, Motion, clip
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import roll_out
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import World
@@ -28,7 +28,7 @@ _CHANGES = np.array(
 )
 
 
-@eqx.filter_jit
+@compiled
 def retimed(world: World, ego: Motion, movers: Movers, config: AttackConfig, rank: Int[Array, ""]) -> Controls:
     """The actions [1, step] of the timing with the `rank`-th lowest cost while the ego stays on its track [time].
 

@@ -80,12 +80,12 @@ class UniversalDescent(Descent):
         """Whether one of them collides."""
         return self._of_each("hit", _each(seen)).any()
 
-    def accepted(self, search: Search) -> Bool[Array, ""]:
+    def accepts(self, search: Search) -> Bool[Array, ""]:
         """Whether all of them crash as wanted; or need not be looked at: one of them collides in the log already."""
         each = _each(search.seen)
         at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
         searches = [replace(search, seen=own) for own in each]
-        return self._of_each("accepted", searches).all() | (at_log & self.hit(search.seen))
+        return self._of_each("accepts", searches).all() | (at_log & self.hit(search.seen))
 
     def result(self, end: Search) -> Found:
         """Where the loop ended, with the ego of the first planner, or of the first that collides in the log."""

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.mirror.bicycle import Controls, clip
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import controls_between
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_world
@@ -48,7 +48,7 @@ def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> Reconstru
     )
 
 
-_roll_out = eqx.filter_jit(roll_out_background)
+_roll_out = compiled(roll_out_background)
 
 
 def _errors(world: World, controls: Controls) -> Float[np.ndarray, " sample"]:

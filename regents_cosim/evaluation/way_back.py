@@ -3,13 +3,13 @@
 from dataclasses import replace
 from typing import Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import controls_between, roll_out
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.scenario import Scenario, Tracks
@@ -50,7 +50,7 @@ class WayBack:
         return replace(self._attacked, tracks=_with_row(self._attacked.tracks, found, self._agent))
 
 
-@eqx.filter_jit
+@compiled
 def _between(world: World, logged: World, shares: Controls) -> tuple[Motion, Controls]:
     attacked = controls_between(world.dynamics, world.log, world.dt)
     controls = jax.tree.map(lambda log, own, share: log + share * (own - log), logged.controls, attacked, shares)

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip, wrap
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import controls_between, step
 from regents_cosim.scenario import Dynamics, Tracks
 
@@ -48,7 +49,7 @@ def fill_gaps(tracks: Tracks) -> Tracks:
     return Tracks(**filled, valid=tracks.valid)
 
 
-@eqx.filter_jit
+@compiled
 def fit_controls(
     log: Motion,
     valid: Bool[Array, "agent time"],

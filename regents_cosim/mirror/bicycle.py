@@ -18,12 +18,14 @@ zero slip at the box centre tracks SUMO best (yaw error p99 5 degrees against 19
 reference at the same 2 cm position error).
 """
 
+import functools
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Num
 
 # Largest controls that the mirror lets anybody apply: full braking on dry road is about
 # 8 m/s^2 and 0.3 1/m is a turning circle of 6.7 m, tighter than any car's.
@@ -167,19 +169,34 @@ def accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent st
     and 12 us for its cumulative sum.
     """
     steps = increments.shape[1]
-    return start[:, None] + increments @ jnp.triu(jnp.ones((steps, steps + 1), increments.dtype), k=1)
+    return start[:, None] + increments @ np.triu(np.ones((steps, steps + 1), increments.dtype), k=1)
+
+
+def _running_minimum(values: Num[Array, "agent time"], top: float | int) -> Num[Array, "agent time"]:
+    """The least of all values so far, none of which is above `top`: of the last 4, of the last 16, and so on.
+
+    For 32 x 81 values 7 us and 4 kernels to compile, where `jax.lax.associative_scan` takes 12 us and 12 kernels.
+    """
+    times = values.shape[1]
+    reach = 1
+    while reach < times:
+        before = jnp.pad(values, ((0, 0), (3 * reach, 0)), constant_values=top)
+        shifted = (before[:, shift * reach :][:, :times] for shift in range(3))
+        values = functools.reduce(jnp.minimum, shifted, values)
+        reach *= 4
+    return values
 
 
 def _later(values: Float[Array, "agent time"]) -> Float[Array, "agent step"]:
     """For every step the sum of `values` after it: the transpose of `accumulate`."""
     steps = values.shape[1] - 1
-    return values @ jnp.tril(jnp.ones((steps + 1, steps), values.dtype), k=-1)
+    return values @ np.tril(np.ones((steps + 1, steps), values.dtype), k=-1)
 
 
 def _stopping_speed(start: Float[Array, " agent"], gains: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
     """u_{k+1} = max(u_k + gain_k, 0), as v - min(0, running minimum of v), v the plain sums."""
     plain = accumulate(start, gains)
-    return plain - jnp.minimum(jax.lax.associative_scan(jnp.minimum, plain, axis=1), 0.0)
+    return plain - jnp.minimum(_running_minimum(plain, jnp.inf), 0.0)
 
 
 def _until_stop(
@@ -191,7 +208,7 @@ def _until_stop(
     """
     steps = gradient.shape[1]
     stopped = jnp.pad(speed[:, :-1] + gains < 0.0, ((0, 0), (1, 0)))
-    suffix = gradient @ jnp.tril(jnp.ones((steps, steps + 1), gradient.dtype))
+    suffix = gradient @ np.tril(np.ones((steps, steps + 1), gradient.dtype))
     index = jnp.where(stopped, jnp.arange(steps), steps)
-    next_stop = jax.lax.associative_scan(jnp.minimum, index, reverse=True, axis=1)
-    return suffix[:, :-1] - jnp.take_along_axis(suffix, next_stop, axis=1)
+    next_stop = _running_minimum(index[:, ::-1], steps)[:, ::-1]
+    return suffix[:, :-1] - jnp.take_along_axis(suffix, next_stop, axis=1, mode="promise_in_bounds")

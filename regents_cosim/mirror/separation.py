@@ -4,11 +4,13 @@ The same geometry as `regents_cosim.boxes`, the exact judge on the host. Hard mi
 without gradient and only the winner is differentiated, so everything here is element-wise.
 """
 
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
@@ -38,6 +40,11 @@ def pick(boxes: Box, agents: Int[Array, " chosen"]) -> Box:
     return jax.tree.map(lambda values: one_hot @ values, boxes)
 
 
+def first_row(boxes: Box) -> Box:
+    """Boxes [1, time] of the first agent, or pair: of a whole scene, the ego's."""
+    return jax.tree.map(lambda values: values[:1], boxes)
+
+
 def pose_gradient(boxes: Box, gradient: Box) -> Motion:
     """Gradient with respect to poses of what has `gradient` with respect to boxes: the transpose of `World.boxes`."""
     yaw = boxes.cos * gradient.sin - boxes.sin * gradient.cos
@@ -57,7 +64,7 @@ def gap(a: Box, b: Box) -> Float[Array, "*axes"]:
     across_a = jnp.abs(dy * a.cos - dx * a.sin) - (a.half_width + b.half_length * sin + b.half_width * cos)
     along_b = jnp.abs(dx * b.cos + dy * b.sin) - (b.half_length + a.half_length * cos + a.half_width * sin)
     across_b = jnp.abs(dy * b.cos - dx * b.sin) - (b.half_width + a.half_length * sin + a.half_width * cos)
-    return jnp.maximum(jnp.maximum(along_a, across_a), jnp.maximum(along_b, across_b))
+    return _greater(_greater(along_a, across_a), _greater(along_b, across_b))
 
 
 def overlaps(a: Box, b: Box, depth_m: float = 0.0) -> Bool[Array, "*axes"]:
@@ -73,7 +80,7 @@ def distance(a: Box, b: Box) -> Float[Array, "*axes"]:
     held fast on their boxes (the mean of them where several corners tie), 0 where the boxes
     overlap: finite everywhere. Sizes are constants.
     """
-    return _where_apart(a, b, jnp.minimum(_least_corner_square(a, b), _least_corner_square(b, a)))
+    return _where_apart(a, b, _lesser(_least_corner_square(a, b), _least_corner_square(b, a)))
 
 
 @distance.defjvp
@@ -84,15 +91,8 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
     operations, each a loop of its own.
     """
     (a, b), (da, db) = boxes, moved
-    ours, theirs = _contacts(b, a), _contacts(a, b)
-    squares, x, y, a_along, a_across, b_along, b_across = (
-        jnp.concatenate(parts)
-        for parts in (
-            (theirs.square, ours.square), (theirs.x, -ours.x), (theirs.y, -ours.y),
-            (theirs.on_box[0], ours.on_corner[0]), (theirs.on_box[1], ours.on_corner[1]),
-            (theirs.on_corner[0], ours.on_box[0]), (theirs.on_corner[1], ours.on_box[1]),
-        )
-    )  # fmt: skip
+    theirs, ours = _contacts(a, b), _contacts(b, a)
+    squares = jnp.concatenate([theirs.square, ours.square])
     least = squares.min(axis=0)
     value = _where_apart(a, b, least)
     apart = value > 0.0
@@ -100,12 +100,21 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
     # rounds differently. Then none is equal, and the step had no gradient (5 to 25 % of the steps of an attack).
     closest = (jnp.sqrt(squares) <= jnp.sqrt(least) + _TIE_M).astype(value.dtype)
     share = jnp.where(apart, closest / (closest.sum(axis=0) * jnp.where(apart, value, 1.0)), 0.0)
-    x, y = share * x, share * y
-    change = x.sum(axis=0) * (db.x - da.x) + y.sum(axis=0) * (db.y - da.y)
-    for sign, box, along, across in ((-1.0, da, a_along, a_across), (1.0, db, b_along, b_across)):
-        on_cos, on_sin = (x * along + y * across).sum(axis=0), (y * along - x * across).sum(axis=0)
-        change += sign * (on_cos * box.cos + on_sin * box.sin)
+    arms = jnp.concatenate(
+        [_arms(theirs, 1.0, theirs.on_box, theirs.on_corner), _arms(ours, -1.0, ours.on_corner, ours.on_box)], axis=1
+    )
+    # A product, because XLA keeps its result. A sum it computes again wherever it is used, with all the contacts.
+    x, y, a_cos, a_sin, b_cos, b_sin = jnp.einsum("vc...,c...->v...", arms, share)
+    change = x * (db.x - da.x) + y * (db.y - da.y)
+    change += b_cos * db.cos + b_sin * db.sin - (a_cos * da.cos + a_sin * da.sin)
     return value, change
+
+
+def _arms(contacts: "_Contacts", sign: float, on_a: tuple[Array, Array], on_b: tuple[Array, Array]) -> Array:
+    """Along the line of contact from a to b, and turned into the frames of both: [x y a_cos a_sin b_cos b_sin]."""
+    x, y = sign * contacts.x, sign * contacts.y
+    turned = [part for along, across in (on_a, on_b) for part in (x * along + y * across, y * along - x * across)]
+    return jnp.stack([x, y, *turned])
 
 
 def _where_apart(a: Box, b: Box, squares: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
@@ -138,13 +147,16 @@ def _contacts(box: Box, other: Box) -> _Contacts:
     return jax.tree.map(lambda values: jnp.broadcast_to(values, (4, *shape)), contacts)
 
 
-def corners(box: Box) -> list[tuple[Float[Array, "*axes"], Float[Array, "*axes"]]]:
-    """X and y [m] of the corners: front left, front right, rear right, rear left."""
-    points = []
-    for ahead, left in _CORNERS:
-        along, across = ahead * box.half_length, left * box.half_width
-        points.append((box.x + along * box.cos - across * box.sin, box.y + along * box.sin + across * box.cos))
-    return points
+def corners(box: Box) -> tuple[Float[Array, "4 *axes"], Float[Array, "4 *axes"]]:
+    """X and y [m] of the corners: front left, front right, rear right, rear left.
+
+    A product with their signs: a sum over corners, as in its gradient, XLA computes again wherever it is used.
+    """
+    signs = np.insert(np.asarray(_CORNERS, box.x.dtype), 0, 1.0, axis=1)
+    ahead = (box.half_length * box.cos, box.half_length * box.sin)
+    left = (-box.half_width * box.sin, box.half_width * box.cos)
+    x, y = (jnp.stack(jnp.broadcast_arrays(*parts)) for parts in zip((box.x, box.y), ahead, left, strict=True))
+    return jnp.tensordot(signs, x, 1), jnp.tensordot(signs, y, 1)
 
 
 def _least_corner_square(box: Box, other: Box) -> Float[Array, "*axes"]:
@@ -159,7 +171,16 @@ def _least_corner_square(box: Box, other: Box) -> Float[Array, "*axes"]:
     for along, across in _CORNERS:
         x = ahead + along * other.half_length * cos - across * other.half_width * sin
         y = left + along * other.half_length * sin + across * other.half_width * cos
-        out_long = jnp.maximum(jnp.abs(x) - box.half_length, 0.0)
-        out_wide = jnp.maximum(jnp.abs(y) - box.half_width, 0.0)
+        out_long = _greater(0.0, jnp.abs(x) - box.half_length)
+        out_wide = _greater(0.0, jnp.abs(y) - box.half_width)
         squares.append(out_long**2 + out_wide**2)
-    return jnp.minimum(jnp.minimum(squares[0], squares[1]), jnp.minimum(squares[2], squares[3]))
+    return functools.reduce(_lesser, squares)
+
+
+def _greater(a: Array | float, b: Array) -> Array:
+    """The greater of two numbers. Unlike `jnp.maximum` it does not ask for NaN: half the time."""
+    return jnp.where(a > b, a, b)
+
+
+def _lesser(a: Array, b: Array) -> Array:
+    return jnp.where(a < b, a, b)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from functools import lru_cache, partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.frames import wrap
 from regents_cosim.mirror import dynamics as models
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.reactions import Progress, begin
 from regents_cosim.mirror.rollout import EgoTrack, Instant, placed, reacted
 from regents_cosim.mirror.world import World, scene_origin
@@ -138,7 +138,7 @@ def _between(dynamics: Dynamics, states: Float[Array, "2 4"], dt: Array) -> Floa
     return jnp.stack([found.accel[0, 0], found.curvature[0, 0]])
 
 
-@eqx.filter_jit
+@compiled
 def _advance_traced(
     world: World,
     background: Motion,

@@ -6,13 +6,13 @@ step by step, so that nothing of the future can leak in.
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import decide, move_ego, others
 from regents_cosim.mirror.world import World, scene_origin, to_world
 from regents_cosim.planners.closed_loop import move, scene_of
@@ -80,7 +80,7 @@ class HostDriver:
         return float(ahead[0]), float(ahead[1]), float(ahead[2]), float(ahead[3])
 
 
-@eqx.filter_jit
+@compiled
 def _move(
     planner: JaxPlanner, memory: Any, world: World, seen: Motion, valid: Bool[Array, "agent 1"]
 ) -> tuple[Motion, Any]:

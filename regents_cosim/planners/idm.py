@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from scipy.spatial import KDTree
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
+from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.planners.route import SPACING_M, Route, plan_route
@@ -100,8 +101,9 @@ class IDM(JaxPlanner):
         """Where along the route every agent's box begins and ends, and whether it is in the way."""
         motion = traffic.motion
         along, across, index = _project(memory, motion.x, motion.y)
-        cos = jnp.cos(motion.yaw) * memory.cos[index] + jnp.sin(motion.yaw) * memory.sin[index]
-        sin = jnp.abs(jnp.sin(motion.yaw) * memory.cos[index] - jnp.cos(motion.yaw) * memory.sin[index])
+        _, _, route_cos, route_sin = _point(memory, index)
+        cos = jnp.cos(motion.yaw) * route_cos + jnp.sin(motion.yaw) * route_sin
+        sin = jnp.abs(jnp.sin(motion.yaw) * route_cos - jnp.cos(motion.yaw) * route_sin)
         half_length, half_width = traffic.half_length[:, None], traffic.half_width[:, None]
         reach = jnp.abs(cos) * half_length + sin * half_width
         breadth = sin * half_length + jnp.abs(cos) * half_width
@@ -120,7 +122,7 @@ class IDM(JaxPlanner):
         held = memory.closed[memory.now] & (to_line > -_ALREADY_PASSED_M) & (can_stop | (ego.speed < 0.5))
         gaps = jnp.concatenate([gaps, jnp.where(held, to_line + self.standstill_gap - 0.5, _FAR_M)])
         speeds = jnp.concatenate([jnp.where(ahead, sight.speed, ego.speed), jnp.where(held, 0.0, ego.speed)])
-        accel = self._accel(ego.speed, memory.speed[index], gaps, speeds)
+        accel = self._accel(ego.speed, look_up(memory.speed, index), gaps, speeds)
         memory = eqx.tree_at(lambda m: m.now, memory, memory.now + 1)
         return Controls(accel, self._curvature(memory, along, ego)), memory
 
@@ -137,8 +139,8 @@ class IDM(JaxPlanner):
         at = jnp.clip((along + ahead) / SPACING_M, 0.0, _POINTS - 1.001)
         index = at.astype(jnp.int32)
         part = at - index
-        dx = memory.x[index] * (1.0 - part) + memory.x[index + 1] * part - ego.x
-        dy = memory.y[index] * (1.0 - part) + memory.y[index + 1] * part - ego.y
+        (x, y, _, _), (next_x, next_y, _, _) = _point(memory, index), _point(memory, index + 1)
+        dx, dy = x * (1.0 - part) + next_x * part - ego.x, y * (1.0 - part) + next_y * part - ego.y
         left = dy * jnp.cos(ego.yaw) - dx * jnp.sin(ego.yaw)
         return 2.0 * left / jnp.maximum(dx**2 + dy**2, 1.0)
 
@@ -161,15 +163,20 @@ def _project(memory: Memory, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """
     cell = jnp.stack([(y - memory.corner[1]) / _GRID_M, (x - memory.corner[0]) / _GRID_M])
     row, column = jnp.clip(jnp.round(cell).astype(jnp.int32), 0, _GRID_CELLS - 1)
-    along = _along(memory, memory.nearest[row * _GRID_CELLS + column], x, y)
+    along = _along(memory, look_up(memory.nearest, row * _GRID_CELLS + column), x, y)
     index = jnp.clip(jnp.round(along / SPACING_M).astype(jnp.int32), 0, _POINTS - 1)
-    dx, dy = x - memory.x[index], y - memory.y[index]
-    return _along(memory, index, x, y), dy * memory.cos[index] - dx * memory.sin[index], index
+    route_x, route_y, cos, sin = _point(memory, index)
+    return _along(memory, index, x, y), (y - route_y) * cos - (x - route_x) * sin, index
 
 
 def _along(memory: Memory, index: Array, x: Array, y: Array) -> Array:
-    dx, dy = x - memory.x[index], y - memory.y[index]
-    return index * SPACING_M + dx * memory.cos[index] + dy * memory.sin[index]
+    route_x, route_y, cos, sin = _point(memory, index)
+    return index * SPACING_M + (x - route_x) * cos + (y - route_y) * sin
+
+
+def _point(memory: Memory, index: Array) -> tuple[Array, ...]:
+    """Position and direction of the route at one of its points: x, y [m], cosine, sine."""
+    return tuple(look_up(values, index) for values in (memory.x, memory.y, memory.cos, memory.sin))
 
 
 def _nearest_points(

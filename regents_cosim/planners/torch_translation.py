@@ -23,6 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from regents_cosim.mirror.compiled import compiled
+
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
@@ -76,7 +78,7 @@ def translate(module: "nn.Module", *examples: "Tensor") -> Translated:
         translated = _translated(program)
         with torch.no_grad():
             wanted = module(*examples).numpy()
-        got = np.asarray(eqx.filter_jit(translated)(*(jnp.asarray(example.numpy()) for example in examples)))
+        got = np.asarray(compiled(translated)(*(jnp.asarray(example.numpy()) for example in examples)))
     except NotTranslatedError:
         raise
     except Exception as error:  # torch, JAX and the module itself may each say no in their own way

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass, field, replace
 
-import equinox as eqx
 import jax
 import numpy as np
 
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import EgoTrack, drive, with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
@@ -14,7 +14,7 @@ from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
 from regents_cosim.scenario import Scenario, Tracks
 
-_drive = eqx.filter_jit(drive)
+_drive = compiled(drive)
 
 
 @dataclass(frozen=True, eq=False)

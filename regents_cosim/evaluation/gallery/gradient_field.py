@@ -14,13 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.attacks.costs import ego_distance
+from regents_cosim.attacks.costs import total_cost
 from regents_cosim.attacks.movers import Movers
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.presets import KING, REGENTS
 from regents_cosim.evaluation.gallery.roads import straight_road
 from regents_cosim.evaluation.gallery.scenes import Car, traffic
 from regents_cosim.frames import wrap
 from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_world
 
@@ -94,7 +95,7 @@ def _two_cars() -> World:
     return eqx.tree_at(lambda w: w.valid, world, world.valid.at[_ADVERSARY, :-1].set(False))
 
 
-@eqx.filter_jit
+@compiled
 def _gradients(
     world: World, ahead: Float[Array, " place"], left: Float[Array, " place"], yaw: Float[Array, " place"]
 ) -> tuple[Float[Array, " place"], Float[Array, " place"]]:
@@ -107,7 +108,7 @@ def _gradients(
             world.controls.accel.at[_ADVERSARY].set(controls[0]),
             world.controls.curvature.at[_ADVERSARY].set(controls[1]),
         )
-        return ego_distance(placed, placed.boxes(roll_out_background(placed, steered)), movers)
+        return total_cost(placed, placed.boxes(roll_out_background(placed, steered)), movers, KING).ego
 
     straight_on = (jnp.float32(0.0), jnp.float32(0.0))
     return jax.vmap(lambda *place: jax.grad(cost)(straight_on, place))(ahead, left, yaw)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt8
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.ground import CELL_M, Ground, draw_cells, stop_bars
 from regents_cosim.mirror.observe import REACH_M, View, observe
 from regents_cosim.mirror.separation import Box
@@ -56,17 +57,17 @@ class Classroom(eqx.Module):
         """Of every window."""
         return self.log.x.shape[2]
 
-    @eqx.filter_jit
+    @compiled
     def views(self, lesson: Lesson) -> UInt8[Array, "batch 192 192 3"]:
         """What each of the taught sees."""
         return jax.lax.map(self._view, lesson)
 
-    @eqx.filter_jit
+    @compiled
     def targets(self, lesson: Lesson) -> Float[Array, "batch 2"]:
         """Where each of the taught is to go [m, its own frame]."""
         return jax.vmap(to_frame)(lesson.goal[:, 0], lesson.goal[:, 1], lesson.state)
 
-    @eqx.filter_jit
+    @compiled
     def labels(self, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
         """What the expert would do [m, own frame]."""
 

@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion, clip, step
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.controller import Controller, Errors
@@ -73,7 +73,7 @@ def drive(
         state, errors = _advance(controller, errors, jnp.asarray(waypoints), state, room.dt)
 
 
-@eqx.filter_jit
+@compiled
 def _advance(
     controller: Controller, errors: Errors, waypoints: Float[Array, "drive waypoint 2"], state: Motion, dt: float
 ) -> tuple[Motion, Errors]:
@@ -81,13 +81,13 @@ def _advance(
     return step(state, clip(controls), dt), errors
 
 
-@eqx.filter_jit
+@compiled
 def _away(room: Classroom, lesson: Lesson) -> Float[Array, " drive"]:
     at = (lesson.scene, lesson.agent, lesson.step)
     return jnp.hypot(room.log.x[at] - lesson.state.x, room.log.y[at] - lesson.state.y)
 
 
-@eqx.filter_jit
+@compiled
 def _mishaps(room: Classroom, lesson: Lesson, lost_m: float) -> tuple[Bool[Array, " drive"], Bool[Array, " drive"]]:
     """Which egos overlap somebody, and which are lost."""
 

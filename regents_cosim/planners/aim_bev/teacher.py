@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import Motion, clip, step
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.observe import VIEW_M
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
@@ -35,7 +36,7 @@ class Teacher(eqx.Module):
         routes = [idm.on_route(scenario, np.zeros(2)) for scenario in scenarios]
         return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes))
 
-    @eqx.filter_jit
+    @compiled
     def labels(self, room: Classroom, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
         """Where IDM would be over the next 0.8 s [m, own frame] in the egos' places; the others drive as they did."""
         return jax.vmap(lambda one: self._label(room, one))(lesson)
