@@ -171,7 +171,12 @@ def test_an_interrupt_ends_workers_at_once_and_quietly(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(INTERRUPTED)
     started = subprocess.Popen(
-        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        [sys.executable, script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
     )
     assert started.stdout is not None
     assert [started.stdout.readline() for _ in range(2)] == ["begin\n", "waiting\n"]

@@ -2,7 +2,8 @@
 
 XLA's CPU backend has two emitters of code. Its default writes kernels through MLIR, which takes twice as long to
 compile: an attack's program 2.5 s and not 1.5 s, for iterations that are 5 to 10 % shorter when the ego only replays
-its log and no shorter when a planner drives it (KING, 32 agents, 2 cores, in turn; least of three).
+its log and no shorter when a planner drives it (KING, 32 agents, 2 cores, in turn; least of three). And it uses
+half of a 512-bit register unless it is told to use all: 7 to 20 % of an attack's time, and of AIM-BEV's drives.
 
 Products of matrices are in full single precision. On GPUs JAX's default cuts their factors to ten bits (TF32): a
 position at 100 m would be off by 5 cm.
@@ -15,14 +16,14 @@ from typing import Any
 import equinox as eqx
 import jax
 
-# Known to the versions of JAX that pyproject.toml allows; another may refuse it by name.
-COMPILER_OPTIONS: Mapping[str, bool] = {"xla_cpu_use_fusion_emitters": False}
+# Known to the versions of JAX that pyproject.toml allows; another may refuse them by name.
+COMPILER_OPTIONS: Mapping[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_prefer_vector_width": 512}
 
 
 def compiled(function: Any = None, **how: Any) -> Any:
     """`function` as one program: arrays are its inputs, whatever else it is given is compiled in.
 
-    A decorator, with what `equinox.filter_jit` takes besides.
+    A decorator, with what `equinox.filter_jit` takes besides. JAX wants such programs apart: none calls another.
     """
     if function is None:
         return partial(compiled, **how)

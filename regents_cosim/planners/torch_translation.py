@@ -78,7 +78,9 @@ def translate(module: "nn.Module", *examples: "Tensor") -> Translated:
         translated = _translated(program)
         with torch.no_grad():
             wanted = module(*examples).numpy()
-        got = np.asarray(compiled(translated)(*(jnp.asarray(example.numpy()) for example in examples)))
+        got = np.asarray(
+            compiled(lambda *given: translated(*given))(*(jnp.asarray(example.numpy()) for example in examples))
+        )
     except NotTranslatedError:
         raise
     except Exception as error:  # torch, JAX and the module itself may each say no in their own way

@@ -81,10 +81,13 @@ def _advance(
     return step(state, clip(controls), dt), errors
 
 
-@compiled
-def _away(room: Classroom, lesson: Lesson) -> Float[Array, " drive"]:
+def _misses(room: Classroom, lesson: Lesson) -> Float[Array, " drive"]:
+    """How far from its log each is [m]."""
     at = (lesson.scene, lesson.agent, lesson.step)
     return jnp.hypot(room.log.x[at] - lesson.state.x, room.log.y[at] - lesson.state.y)
+
+
+_away = compiled(_misses)
 
 
 @compiled
@@ -100,4 +103,4 @@ def _mishaps(room: Classroom, lesson: Lesson, lost_m: float) -> tuple[Bool[Array
         others = room.valid[one.scene, :, one.step] & (jnp.arange(now.x.shape[0]) != one.agent)
         return (others & overlaps(ego, boxes)).any()
 
-    return jax.vmap(touches)(lesson), _away(room, lesson) > lost_m
+    return jax.vmap(touches)(lesson), _misses(room, lesson) > lost_m
