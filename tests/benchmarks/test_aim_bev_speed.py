@@ -3,11 +3,11 @@
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import pytest
 
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.observe import View, observe
 from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.separation import Box
@@ -44,7 +44,7 @@ def test_views(benchmark, driven):
     now = jax.tree.map(lambda v: jnp.broadcast_to(v, world.log.x.shape)[1:, 0], world.boxes(world.log))
     view = View(Box(*jax.tree.leaves(now)), world.log.speed[1:, 0], world.valid[1:, 0], memory.lights[0])
     egos = jax.tree.map(lambda v: v[0, :FRAMES], world.log)
-    render = jax.jit(jax.vmap(observe, (None, None, None, 0)))
+    render = compiled(jax.vmap(observe, (None, None, None, 0)))
     halves = [jax.tree.map(lambda v, part=part: v[part], egos) for part in (slice(0, None, 2), slice(1, None, 2))]
 
     def both_cores():
@@ -60,7 +60,7 @@ def test_views(benchmark, driven):
 def test_drives(benchmark, driven):
     world, memory = driven
     planner = aim_bev()
-    run = eqx.filter_jit(lambda memory: drive(planner, memory, world, world.log))
+    run = compiled(lambda memory: drive(planner, memory, world, world.log))
 
     def alone():
         jax.block_until_ready(run(memory))
