@@ -28,6 +28,8 @@ def keep_compiled_programs() -> None:
         ("jax_compilation_cache_dir", str(folder)),
         ("jax_persistent_cache_min_compile_time_secs", 0.0),
         ("jax_persistent_cache_min_entry_size_bytes", -1),
+        # A program is found by what it does. To note where each operation stands in the source is a third of tracing.
+        ("jax_traceback_in_locations_limit", 0),
     ):
         jax.config.update(option, value)
         os.environ[option.upper()] = str(value)  # for processes that this one starts: SUMO's drive planners in JAX
