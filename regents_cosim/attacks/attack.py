@@ -400,7 +400,7 @@ def _outcome(found: Found) -> Outcome:
     if not found.finite:
         return "diverged"
     if found.accepted:
-        return "collision" if found.iterations > 0 or found.changed.any() else "already_colliding"
+        return "collision" if int(found.iterations) > 0 or np.asarray(found.changed).any() else "already_colliding"
     return "no_collision" if found.any_candidate else "no_candidate"
 
 
@@ -409,7 +409,7 @@ def _collision(scenario: Scenario, tracks: Tracks, found: Found) -> Collision:
     contact = first_contact(scenario.agents, tracks)
     if contact is None:
         raise RuntimeError(f"case {scenario.id}: the mirror saw a collision that the exact boxes do not confirm")
-    return collision_at(scenario.agents, tracks, contact, scenario.dt, bool(found.changed[contact[0]]))
+    return collision_at(scenario.agents, tracks, contact, scenario.dt, bool(np.asarray(found.changed)[contact[0]]))
 
 
 def _history(found: Found) -> list[tuple[float, ...]]:

@@ -79,12 +79,12 @@ class IDM(JaxPlanner):
         points = _pad_line(route.points)
         direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
         angle = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
-        on_device = jnp.asarray(points - origin, jnp.float32)
+        x, y = (points - origin).T.astype(np.float32)
         nearest, corner = _nearest_points(points)
         line, closed = _stop_lines(route, scenario.tracks.steps)
         return Memory(
-            x=on_device[:, 0],
-            y=on_device[:, 1],
+            x=jnp.asarray(x),
+            y=jnp.asarray(y),
             cos=jnp.asarray(np.cos(angle), jnp.float32),
             sin=jnp.asarray(np.sin(angle), jnp.float32),
             speed=jnp.asarray(self._desired_speed(route, angle), jnp.float32),

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic, decide, others
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
@@ -81,9 +82,7 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
     Raises DriveError with what the planner itself said where it fails, and with what was
     expected where its answer has the wrong form. Values that are not finite show later.
     """
-    world = scene.world
-    now = jax.tree.map(lambda values: values[:, :1], world.log)
-    traffic, ego = others(world, now, world.valid[:, :1]), jax.tree.map(lambda values: values[0, 0], now)
+    traffic, ego = _at_first(scene.world)
     try:
         memory = planner.init(scene)
         control, after = _forms(planner, memory, traffic, ego)
@@ -99,6 +98,13 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
     if jax.tree.map(_form, memory) != jax.tree.map(_form, after):
         raise DriveError(f"planner {name!r}: `step` returns another kind of memory than it was given")
     return memory
+
+
+@compiled
+def _at_first(world: World) -> tuple[Traffic, Motion]:
+    """The first step: the others, with a time axis of one, and the ego."""
+    now = jax.tree.map(lambda values: values[:, :1], world.log)
+    return others(world, now, world.valid[:, :1]), jax.tree.map(lambda values: values[0, 0], now)
 
 
 def _forms(planner: JaxPlanner, *given: Any) -> tuple[Controls, Any]:
