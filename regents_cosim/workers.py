@@ -22,6 +22,7 @@ _R = TypeVar("_R")
 _Job = TypeVar("_Job")
 
 _MAIN = threading.Lock()  # the caller's script is hidden by one thread at a time
+_ANSWERS_S = 10.0  # how long a scheduler may take
 
 
 def run_isolated(function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -82,7 +83,7 @@ def executor_for(name: str) -> Iterator[Executor | None]:
     except ImportError as error:
         raise RegentsError("`--executor dask:...` needs the extra: pip install 'regents_cosim[dask]'") from error
     try:
-        client = Client(address, timeout="10s")
+        client = Client(address, timeout=_ANSWERS_S)
     except (OSError, TimeoutError, ValueError) as error:
         raise RegentsError(f"no Dask scheduler answers at {address} ({error})") from error
     with client:

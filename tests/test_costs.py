@@ -14,6 +14,7 @@ from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
+from regents_cosim.mirror.separation import distance
 from regents_cosim.mirror.world import to_world
 
 # Compiled as a whole: op by op, every test would compile each of them alone.
@@ -213,12 +214,22 @@ def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
     world, _, movers = prepared(scene((0, 0, 10), (20, 2.9, 9), (50, 3.2, 10)), [1])
     noise = 0.03 * np.random.default_rng(0).normal(size=(2, *world.controls.accel.shape)).astype(np.float32)
     controls = Controls(world.controls.accel + 6.0 * noise[0], world.controls.curvature + 0.3 * noise[1])
-    boxes = world.boxes(with_ego(roll_out_background(world, controls), jax.tree.map(lambda v: v[0], world.log)))
 
-    def slope(at):
-        return jax.grad(lambda b: costs.total_cost(world, b, movers, KING).ego)(at)
+    @eqx.filter_jit
+    def moved(own):
+        return world.boxes(with_ego(roll_out_background(world, own), jax.tree.map(lambda v: v[0], world.log)))
 
-    one_by_one, compiled = slope(boxes), eqx.filter_jit(slope)(boxes)
+    @eqx.filter_jit
+    def compiled(at):
+        return jax.grad(lambda boxes: costs.total_cost(world, boxes, movers, KING).ego)(at)
+
+    def one_by_one(at):
+        """The same, operation by operation, of the only candidate."""
+        ego, adversary = (jax.tree.map(lambda v, row=row: v[row], at) for row in (0, 1))
+        return jax.grad(lambda box: distance(ego, box).mean())(adversary)
+
+    boxes = moved(controls)
+    found, wanted = compiled(boxes), one_by_one(boxes)
     for name in ("x", "y", "cos", "sin"):
-        mine, theirs = (np.asarray(getattr(found, name))[1] for found in (compiled, one_by_one))
+        mine, theirs = np.asarray(getattr(found, name))[1], np.asarray(getattr(wanted, name))
         assert mine == pytest.approx(theirs, abs=1e-3 * float(np.abs(theirs).max()))

@@ -209,8 +209,9 @@ def test_dask_that_is_not_installed(monkeypatch):
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere://x"])
-def test_a_scheduler_that_does_not_answer(address):
+def test_a_scheduler_that_does_not_answer(address, monkeypatch):
     pytest.importorskip("distributed")
+    monkeypatch.setattr("regents_cosim.workers._ANSWERS_S", 1.0)
     with (
         pytest.raises(RegentsError, match=f"no Dask scheduler answers at {address}") as error,
         executor_for(f"dask:{address}"),
