@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import log_files
@@ -317,10 +318,10 @@ def test_missing_system_libraries_are_named(tmp_path):
 
 def test_a_killed_run_leaves_whole_cases_only(tmp_path):
     suite = tmp_path / "suite"
-    running = subprocess.Popen([str(REGENTS), "attack", "-c", str(GRID), "--count", "40", "-o", str(suite), "--quiet"])
+    running = subprocess.Popen([str(REGENTS), "attack", "-c", str(GRID), "--count", "16", "-o", str(suite), "--quiet"])
     try:
         while not (suite / "suite.json").exists() and running.poll() is None:
-            pass
+            time.sleep(0.02)
     finally:
         running.kill()
         running.wait()
