@@ -1,12 +1,17 @@
-"""What the neural ego costs: a view, and a drive of 80 steps, alone and with both cores busy."""
+"""What the neural ego costs: a view, a drive of 80 steps, alone and with both cores busy, and an attack on it."""
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
+from timing import STILL, attack, in_threads
 
+from regents_cosim.attacks.job import Job
+from regents_cosim.attacks.movers import Movers
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.observe import View, observe
 from regents_cosim.mirror.rollout import drive
@@ -29,10 +34,10 @@ def driven():
     return world, aim_bev().init(LoopScene(made, world))
 
 
-def least_seconds(call) -> float:
+def least_seconds(call, rounds=ROUNDS) -> float:
     call()
     found = []
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         start = time.perf_counter()
         call()
         found.append(time.perf_counter() - start)
@@ -73,3 +78,19 @@ def test_drives(benchmark, driven):
     seconds = {"alone": least_seconds(alone), "per_scenario_on_two_threads": least_seconds(two) / 4}
     benchmark.extra_info |= seconds
     print("\n" + ", ".join(f"{name}: {value:.3f} s" for name, value in seconds.items()) + " for 80 steps")
+
+
+def test_attacks(benchmark, driven):
+    """With the network in every iteration: of 500, as long as ten take."""
+    world, memory = driven
+    wanted = Job(world, memory, Movers.among(world.vehicle & (np.arange(len(world.vehicle)) > 0)))
+    planner, few = aim_bev(), replace(STILL, iterations=10)
+
+    def two():
+        in_threads(2, lambda _: attack(planner, wanted, few), [0, 1])
+
+    benchmark.pedantic(two, rounds=1, warmup_rounds=1)
+    looks = few.iterations + 1
+    seconds = least_seconds(two, rounds=3) / 2 / looks * (500 + 1)
+    benchmark.extra_info["seconds_of_500"] = seconds
+    print(f"\n{seconds:.0f} s per scenario for 500 iterations with a drive in each, on two threads")
