@@ -107,7 +107,7 @@ class Visit:
     def __init__(self, browser, file, fragment="", **context):
         self.context = browser.new_context(**({"viewport": LAPTOP} | context))
         self.page = self.context.new_page()
-        self.page.set_default_timeout(10_000)
+        self.page.set_default_timeout(30_000)
         self.requests, self.complaints = [], []
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("console", lambda message: self.complaints.append(message.text))

@@ -13,8 +13,10 @@ const grounds = new Map();
 let open = null; // the row of the case that is shown
 let scrolled = 0; // where the list was
 
+const asked = () => new URLSearchParams(location.hash.slice(1));
+
 async function route() {
-  const parts = new URLSearchParams(location.hash.slice(1));
+  const parts = asked();
   const row = page.rows.find(({ id }) => id === parts.get("case"));
   if (!row) return showList(parts.get("case"));
   if (document.readyState === "loading") await new Promise((done) => document.addEventListener("DOMContentLoaded", done, { once: true }));
@@ -154,8 +156,11 @@ function showTime() {
   last = said;
   if (player.playing || player.atRest) return;
   clearTimeout(saving);
-  const hash = hashOf({ case: open.id, t: seconds });
-  saving = setTimeout(() => open && history.replaceState(null, "", hash), 150); // browsers bound how often
+  const here = open.id;
+  saving = setTimeout(() => {
+    // Unless the address says already that somebody wants to be elsewhere.
+    if (asked().get("case") === here) history.replaceState(null, "", hashOf({ case: here, t: seconds }));
+  }, 150); // browsers bound how often
 }
 
 // What changes ten times a second at most: laying out words is dear.
