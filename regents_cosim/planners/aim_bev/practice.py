@@ -47,10 +47,10 @@ def practise(
     alive, hit = np.ones(len(scene), bool), np.zeros(len(scene), bool)
     rows, states, away = [], [], []
     for now, (lesson, known) in enumerate(islice(drive(room, predict, controller, scene), room.steps - WAYPOINTS)):
-        hits, gone = map(np.asarray, _mishaps(room, lesson, lost_m))
+        hits, missed_m = map(np.asarray, _mishaps(room, lesson))
         hit |= alive & hits
-        alive &= ~(hits | gone)
-        away.append(np.asarray(_away(room, lesson))[alive])
+        alive &= ~(hits | (missed_m > lost_m))
+        away.append(missed_m[alive])
         if now % every == 0:
             rows.append(np.stack([scene, 0 * scene, 0 * scene + now], axis=-1)[alive])
             states.append(known[alive])
@@ -81,18 +81,9 @@ def _advance(
     return step(state, clip(controls), dt), errors
 
 
-def _misses(room: Classroom, lesson: Lesson) -> Float[Array, " drive"]:
-    """How far from its log each is [m]."""
-    at = (lesson.scene, lesson.agent, lesson.step)
-    return jnp.hypot(room.log.x[at] - lesson.state.x, room.log.y[at] - lesson.state.y)
-
-
-_away = compiled(_misses)
-
-
 @compiled
-def _mishaps(room: Classroom, lesson: Lesson, lost_m: float) -> tuple[Bool[Array, " drive"], Bool[Array, " drive"]]:
-    """Which egos overlap somebody, and which are lost."""
+def _mishaps(room: Classroom, lesson: Lesson) -> tuple[Bool[Array, " drive"], Float[Array, " drive"]]:
+    """Which egos overlap somebody, and how far from its log each is [m]."""
 
     def touches(one: Lesson) -> Bool[Array, ""]:
         now = jax.tree.map(lambda values: values[one.scene, :, one.step], room.log)
@@ -103,4 +94,5 @@ def _mishaps(room: Classroom, lesson: Lesson, lost_m: float) -> tuple[Bool[Array
         others = room.valid[one.scene, :, one.step] & (jnp.arange(now.x.shape[0]) != one.agent)
         return (others & overlaps(ego, boxes)).any()
 
-    return jax.vmap(touches)(lesson), _misses(room, lesson) > lost_m
+    at = (lesson.scene, lesson.agent, lesson.step)
+    return jax.vmap(touches)(lesson), jnp.hypot(room.log.x[at] - lesson.state.x, room.log.y[at] - lesson.state.y)
