@@ -7,7 +7,8 @@ import pytest
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
 # Most of the suite's time is compilation: both workers, the commands they start and the next run share it.
-keep_compiled_programs()
+# They are traced here every time, because shapes are checked as JAX traces.
+keep_compiled_programs(traced=False)
 
 # The machine that runs the tests is shared: an example may take long without being wrong.
 # Fixtures of one test serve all its examples: the only ones with @given set a precision or a folder.

@@ -1,10 +1,11 @@
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from scenes import platoon, scene
 
-from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.attack import attack, attack_each
 from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError
@@ -143,6 +144,36 @@ def test_a_search_per_candidate_finds_every_adversary_once():
         assert len(found.attack.candidates) == 1
         changed = np.hypot(found.tracks.x - recorded.tracks.x, found.tracks.y - recorded.tracks.y).max(axis=1) > 0.3
         assert changed.sum() <= 3, "the adversary, and who had to brake for it"
+
+
+@pytest.mark.parametrize("engine", ["threads", "lanes"])
+def test_where_one_adversary_is_enough_it_is_the_first_of_all(engine):
+    empty = replace(scene((0, 0, 10)), id="empty")
+    recorded = [platoon(), empty, replace(platoon(), id="again")]
+    every, one = (
+        list(attack_each(recorded, replace(REGENTS_FOCUSED, adversaries=wanted), "log_replay", engine=engine))
+        for wanted in ("all", "one")
+    )
+    for all_, (first,) in zip(every, one, strict=True):
+        same = {case.id: case for case in all_}[first.id]
+        assert first.attack.outcome == same.attack.outcome
+        np.testing.assert_allclose(first.tracks.x, same.tracks.x, atol=1e-3)  # lanes of another number round elsewhere
+    assert [len(cases) for cases in every] == [len(every[0]), 1, len(every[0])]
+    assert len(every[0]) > 1
+
+
+def test_where_one_adversary_is_enough_none_is_tried_after_it():
+    tried = []
+
+    def wish(world, motion, controls):
+        jax.debug.callback(tried.append, controls.accel[1, 0])
+        return 0.0
+
+    few = replace(REGENTS_FOCUSED, iterations=500, nearest=3)
+    for wanted in ("one", "all"):
+        list(attack([platoon()], replace(few, adversaries=wanted), "log_replay", extra_cost=wish))
+        tried.append(wanted)
+    assert 0 < tried.index("one") < tried.index("all") - tried.index("one") - 1
 
 
 def test_a_search_per_candidate_without_success_gives_one_result():

@@ -243,20 +243,21 @@ class _Attack:
 
         return run
 
-    def results(self, scenario: Scenario, jobs: list[Job], ended: list[Ended]) -> list[Scenario]:
+    def results(self, scenario: Scenario, jobs: list[Job], ended: list[Ended | None]) -> list[Scenario]:
         """What the descents found, as cases."""
-        failures = [failure for one in ended if (failure := _failure(self.planner_name, one))]
-        cases = [self.failed(scenario, failures[0])] if failures else self.distinct(scenario, jobs, ended)
-        time = _act_time([second for one in ended for second in one.seconds])
+        made = [(job, one) for job, one in zip(jobs, ended, strict=True) if one]
+        failures = [failure for _, one in made if (failure := _failure(self.planner_name, one))]
+        cases = [self.failed(scenario, failures[0])] if failures else self.distinct(scenario, made, len(jobs) == 1)
+        time = _act_time([second for _, one in made for second in one.seconds])
         return [replace(case, attack=replace(case.attack, act_time=time)) for case in cases if case.attack]
 
-    def distinct(self, scenario: Scenario, jobs: list[Job], ended: list[Ended]) -> list[Scenario]:
+    def distinct(self, scenario: Scenario, made: list[tuple[Job, Ended]], joint: bool) -> list[Scenario]:
         """A case for every adversary, the accepted before the others; or one without a collision."""
-        attacked = [self.attacked(scenario, job, one) for job, one in zip(jobs, ended, strict=True)]
+        attacked = [self.attacked(scenario, job, one) for job, one in made]
         by_adversary: dict[str, Scenario] = {}
-        for case, _ in sorted(zip(attacked, ended, strict=True), key=lambda pair: not pair[1].accepted):
+        for case, _ in sorted(zip(attacked, made, strict=True), key=lambda pair: not pair[1][1].accepted):
             record = case.attack
-            if len(attacked) == 1 or record is None or record.outcome == "already_colliding":
+            if joint or record is None or record.outcome == "already_colliding":
                 return [case]
             by_adversary.setdefault(record.collision.agent if record.collision else "", case)
         missed = by_adversary.pop("", scenario)

@@ -44,6 +44,7 @@ class AttackConfig:
     attempts: int = 1  # of a search per candidate, until one is accepted; the later ones start with another timing
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
     nearest: int = 5  # candidates that get a descent of their own
+    adversaries: Literal["all", "one"] = "all"  # of these: all that succeed, or the first, which ends the search
     dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"  # how vehicles move; recorded: as in their source
     background: Literal["log", "reactive"] = "log"  # do agents that are no candidates brake for what is in their way?
     replan_every: int = 0  # iterations between two closed loops of the planner; 0: 1 in the compiled loop, 10 outside
@@ -96,7 +97,7 @@ class AttackConfig:
 
 _ROOM = 500  # iterations that programs keep the costs of
 _CHOSEN_BEFORE = (
-    "replan_every", "attempts", "nearest", "dynamics",
+    "replan_every", "attempts", "nearest", "adversaries", "dynamics",
     "exclude_rear", "rear_share", "rear_sector_rad", "exclude_static", "static_m",
 )  # fmt: skip
 

@@ -61,6 +61,7 @@ def table1(
     searches: tuple[Literal["joint", "per-candidate"], ...] = (),
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
     nearest: int | None = None,
+    adversaries: Literal["all", "one"] | None = None,
     attempts: int | None = None,
     replan_every: int | None = None,
     output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
@@ -91,6 +92,8 @@ def table1(
         others replay their log, or brake for what stands in their way, or both; the preset's by default
     nearest
         candidates that get a search of their own
+    adversaries
+        of these: all that succeed, or the first, which ends a window's search
     attempts
         searches for each candidate, from another timing each
     replan_every
@@ -120,6 +123,7 @@ def table1(
                 background=background,
                 as_published=as_published,
                 nearest=nearest,
+                adversaries=adversaries,
                 attempts=attempts,
                 replan_every=replan_every,
             )

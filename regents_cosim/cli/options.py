@@ -70,6 +70,8 @@ class Search:
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
     nearest: int | None = None
     """candidates that get a search of their own"""
+    adversaries: Literal["all", "one"] | None = None
+    """of these: a case for all that succeed, or for the first, which ends a scenario's search"""
     background: Literal["log", "reactive"] | None = None
     """do other agents replay their log, or brake for what stands in their way"""
     dynamics: Literal["recorded", "bicycle", "highway"] | None = None

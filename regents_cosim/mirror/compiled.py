@@ -16,6 +16,8 @@ from typing import Any
 import equinox as eqx
 import jax
 
+from regents_cosim.mirror.traces import traced
+
 # Known to the versions of JAX that pyproject.toml allows; another may refuse them by name.
 COMPILER_OPTIONS: Mapping[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_prefer_vector_width": 512}
 
@@ -35,6 +37,6 @@ def _precise(function: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(function)
     def precise(*given: Any, **named: Any) -> Any:
         with jax.default_matmul_precision("highest"):
-            return function(*given, **named)
+            return traced(function, given, named)
 
     return precise

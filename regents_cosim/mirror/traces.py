@@ -1,0 +1,114 @@
+"""Traced programs kept on disk, beside the compiled ones.
+
+What JAX compiles it keeps, and what a program does it has to be told anew in every process: for an attack half a second
+of tracing Python, which is most of the time to its first iteration. So the traced program is kept too (StableHLO, by
+`jax.export`), under a name that is a digest of all that tracing depends on: the package's code, the versions of the
+libraries, the values that are compiled in, and the shapes. A program that somebody else's code is part of, such as a
+planner or a cost, is traced every time.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import export
+
+from regents_cosim.atomic import write_atomic
+from regents_cosim.mirror.outline import NoOutlineError, outline, rebuild
+
+_LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
+_VERSIONS = 4  # of the package whose traces are kept at the same time
+_kept_in: list[Path] = []  # at most one folder
+
+_Kept = tuple[export.Exported, list[Any], Any]
+
+
+def keep_traced_programs(folder: Path) -> None:
+    """Keep traces in `folder` from now on."""
+    _kept_in[:] = [folder]
+
+
+def traced(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str, Any]) -> Any:
+    """What `function` returns, called while JAX traces a program: by the trace that was kept of it, if there is one.
+
+    Raises what `function` does.
+    """
+    kept = _kept(function, given, named) if _kept_in else None
+    if kept is None:
+        return function(*given, **named)
+    program, arrays, returned = kept
+    return rebuild(returned, iter(program.call(*arrays)))
+
+
+def _kept(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str, Any]) -> _Kept | None:
+    """The trace, what to give it and the outline of what it returns; None where none can be kept."""
+    arrays: list[Any] = []
+    try:
+        plain = outline([list(given), list(named), list(named.values())], arrays)
+        file = _kept_in[0] / _version() / f"{function.__name__}-{_digest(function, plain)}"
+        program, returned = _load(file) or _trace(function, plain, arrays, file)
+    except (NoOutlineError, OSError, ValueError, NotImplementedError):  # the last two: JAX cannot export it
+        return None
+    return program, arrays, returned
+
+
+def _load(file: Path) -> tuple[export.Exported, Any] | None:
+    try:
+        checksum, returned, program = file.read_bytes().split(b"\n", 2)
+    except (FileNotFoundError, ValueError):
+        return None
+    if hashlib.sha256(returned + program).hexdigest().encode() != checksum:
+        return None
+    return export.deserialize(bytearray(program)), json.loads(returned)
+
+
+def _trace(function: Callable[..., Any], plain: Any, arrays: list[Any], file: Path) -> tuple[export.Exported, Any]:
+    """The program, and the outline of what it returns; kept in `file`."""
+    returned: list[Any] = []
+
+    def flat(*values: Any) -> list[Any]:
+        given, names, named = rebuild(plain, iter(values))
+        made: list[Any] = []
+        returned.append(outline(function(*given, **dict(zip(names, named, strict=True))), made))
+        return made
+
+    shapes = [jax.ShapeDtypeStruct(array.shape, array.dtype, weak_type=array.weak_type) for array in arrays]
+    exported = export.export(jax.jit(flat))(*shapes)
+    head, program = json.dumps(returned[-1]).encode(), bytes(exported.serialize())
+    _make_room(file.parent)
+    write_atomic(file, hashlib.sha256(head + program).hexdigest().encode() + b"\n" + head + b"\n" + program)
+    return exported, returned[-1]
+
+
+def _make_room(folder: Path) -> None:
+    """Make the folder of this version of the package, and drop those of versions long gone."""
+    if folder.exists():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    versions = sorted(folder.parent.iterdir(), key=lambda one: one.stat().st_mtime, reverse=True)
+    for old in versions[_VERSIONS:]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _digest(function: Callable[..., Any], plain: Any) -> str:
+    """What the trace of a function depends on in one version of the package."""
+    where = (function.__module__, function.__qualname__, jax.default_backend(), str(jnp.result_type(float)))
+    return hashlib.sha256(json.dumps([where, plain]).encode()).hexdigest()
+
+
+@cache
+def _version() -> str:
+    """A digest of the package's code and of the versions of what it traces with."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256(" ".join(f"{library} {version(library)}" for library in _LIBRARIES).encode())
+    for file in sorted(package.rglob("*.py")):
+        content = file.read_bytes()
+        digest.update(f"\n{file.relative_to(package)} {len(content)}\n".encode() + content)
+    return digest.hexdigest()[:16]
