@@ -23,6 +23,7 @@ from jax import export
 from regents_cosim.atomic import write_atomic
 from regents_cosim.mirror.outline import NoOutlineError, outline, rebuild
 
+_PACKAGE = Path(__file__).parents[1]
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
 _VERSIONS = 4  # of the package whose traces are kept at the same time
 _kept_in: list[Path] = []  # at most one folder
@@ -30,9 +31,9 @@ _kept_in: list[Path] = []  # at most one folder
 _Kept = tuple[export.Exported, list[Any], Any]
 
 
-def keep_traced_programs(folder: Path) -> None:
-    """Keep traces in `folder` from now on."""
-    _kept_in[:] = [folder]
+def keep_traced_programs(folder: Path | None) -> None:
+    """Keep traces in `folder` from now on; None: trace every time."""
+    _kept_in[:] = [folder] if folder else []
 
 
 def traced(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str, Any]) -> Any:
@@ -52,7 +53,7 @@ def _kept(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str,
     arrays: list[Any] = []
     try:
         plain = outline([list(given), list(named), list(named.values())], arrays)
-        file = _kept_in[0] / _version() / f"{function.__name__}-{_digest(function, plain)}"
+        file = _kept_in[0] / version_of(_PACKAGE) / f"{function.__name__}-{_digest(function, plain)}"
         program, returned = _load(file) or _trace(function, plain, arrays, file)
     except (NoOutlineError, OSError, ValueError, NotImplementedError):  # the last two: JAX cannot export it
         return None
@@ -104,9 +105,8 @@ def _digest(function: Callable[..., Any], plain: Any) -> str:
 
 
 @cache
-def _version() -> str:
-    """A digest of the package's code and of the versions of what it traces with."""
-    package = Path(__file__).parents[1]
+def version_of(package: Path) -> str:
+    """A digest of a package's code and of the versions of what it traces with."""
     digest = hashlib.sha256(" ".join(f"{library} {version(library)}" for library in _LIBRARIES).encode())
     for file in sorted(package.rglob("*.py")):
         content = file.read_bytes()
