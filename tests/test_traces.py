@@ -22,6 +22,7 @@ from regents_cosim.planners.idm import IDM
 @pytest.fixture
 def kept(tmp_path):
     """The folder that traces are kept in."""
+    RUNS.clear()
     keep_traced_programs(tmp_path / "traced")
     yield tmp_path / "traced"
     keep_traced_programs(None)
@@ -49,14 +50,45 @@ def in_a_new_process(function, *given, **named):
     return eqx.combine(made, out[0])
 
 
-def first_of(runs):
-    """A function that notes in `runs` when it runs, and its trace does not."""
+RUNS = []  # of the functions below: their traces add nothing
 
-    def first(values, factor):
-        runs.append(factor)
-        return (values[0] if isinstance(values, list) else values) * factor
 
-    return first
+def ours(function):
+    """As if it stood in the package."""
+    function.__module__ = "regents_cosim.made_for_a_test"
+    return function
+
+
+@ours
+def scaled(values, factor):
+    RUNS.append(factor)
+    return (values[0] if isinstance(values, list) else values) * factor
+
+
+@ours
+def moved(values, factor, offset):
+    RUNS.append(factor)
+    return values * factor + offset, [None, "done", factor]
+
+
+@ours
+def same(values, given):
+    RUNS.append(given)
+    return values
+
+
+@ours
+def with_something_foreign(values):
+    return values, Foreign()
+
+
+@ours
+def told(values):
+    return jax.pure_callback(lambda v: np.asarray(v) + 1, jax.ShapeDtypeStruct((3,), jnp.float32), values)
+
+
+def adding(given):
+    return lambda values: values + given
 
 
 def files(folder):
@@ -64,73 +96,72 @@ def files(folder):
 
 
 def test_a_program_is_traced_once(kept):
-    runs = []
-
-    def moved(values, factor, offset):
-        runs.append(factor)
-        return values * factor + offset, [None, "done", factor]
-
     for _ in range(3):
         values, said = in_a_new_process(moved, jnp.arange(3.0), 2.0, offset=jnp.float32(1.0))
         assert (values.tolist(), said) == ([1, 3, 5], [None, "done", 2.0])
-    assert len(runs) == 1
+    assert len(RUNS) == 1
     assert len(files(kept)) == 1
 
 
 def test_what_it_depends_on_gives_another_trace(kept):
-    runs = []
     values = jnp.arange(3.0)
     for given in (
         (values, 2.0), (values, 3.0), (values, 2), (values, True), (values[:2], 2.0), (jnp.arange(3), 2.0),
         (values, jnp.float32(2.0)), (values, jnp.asarray(2.0)), ([values], jnp.float32(2.0)),
     ):  # fmt: skip
-        first, again = (in_a_new_process(first_of(runs), *given) for _ in range(2))
+        first, again = (in_a_new_process(scaled, *given) for _ in range(2))
         assert first.tolist() == again.tolist()
     with jax.enable_x64(True):
-        in_a_new_process(first_of(runs), values, 2.0)
-    assert len(runs) == len(files(kept)) == 10
+        in_a_new_process(scaled, values, 2.0)
+    assert len(RUNS) == len(files(kept)) == 10
 
 
 @pytest.mark.parametrize("given", [Foreign(), lambda values: values, object()], ids=repr)
 def test_what_is_somebody_else_s_is_traced_every_time(kept, given):
-    runs = []
     for _ in range(2):
-        in_a_new_process(lambda values, _: runs.append(1) or values, jnp.arange(3.0), given)
-    assert len(runs) == 2
+        in_a_new_process(same, jnp.arange(3.0), given)
+    assert len(RUNS) == 2
     assert not kept.exists()
 
 
-def test_so_is_what_returns_it(kept):
-    made = in_a_new_process(lambda values: (values, Foreign()), jnp.arange(3.0))
+def test_so_is_a_function_that_says_not_all_it_does(kept):
+    for factor in (2.0, 3.0):
+        nameless, holding = ours(lambda values, by=factor: values * by), ours(adding(factor))
+        holding.__qualname__ = "holding"
+        assert in_a_new_process(nameless, jnp.ones(1)).tolist() == [factor]
+        assert in_a_new_process(holding, jnp.ones(1)).tolist() == [1 + factor]
+    assert in_a_new_process(lambda values: values + 1, jnp.ones(1)).tolist() == [2.0]
+    assert not kept.exists()
+
+
+def test_so_is_what_returns_something_foreign(kept):
+    made = in_a_new_process(with_something_foreign, jnp.arange(3.0))
     assert made[1] == Foreign()
     assert files(kept) == []
 
 
-def test_and_what_calls_the_host(kept):
-    def told(values):
-        return jax.pure_callback(lambda v: np.asarray(v) + 1, jax.ShapeDtypeStruct((3,), jnp.float32), values)
-
+def test_and_what_asks_the_host(kept):
     assert in_a_new_process(told, jnp.arange(3.0)).tolist() == [1, 2, 3]
+    assert files(kept) == []
 
 
 @pytest.mark.parametrize("length", [0, 1, 40, 64, 65, 66, 70, 200, -1])
 def test_a_damaged_file_is_as_good_as_none(kept, length):
-    runs = []
     for _ in range(3):
-        assert in_a_new_process(first_of(runs), jnp.arange(3.0), 2.0).tolist() == [0, 2, 4]
+        assert in_a_new_process(scaled, jnp.arange(3.0), 2.0).tolist() == [0, 2, 4]
         (file,) = files(kept)
         whole = file.read_bytes()
         file.write_bytes(whole[:length])
-    assert len(runs) == 3
+    assert len(RUNS) == 3
     file.write_bytes(whole.replace(b"array", b"arrow"))
-    assert in_a_new_process(first_of(runs), jnp.arange(3.0), 2.0).tolist() == [0, 2, 4]
-    assert len(runs) == 4
+    assert in_a_new_process(scaled, jnp.arange(3.0), 2.0).tolist() == [0, 2, 4]
+    assert len(RUNS) == 4
 
 
 def test_where_nothing_can_be_written_nothing_is_kept(tmp_path):
     (tmp_path / "file").write_text("in the way")
     keep_traced_programs(tmp_path / "file")
-    assert in_a_new_process(first_of([]), jnp.arange(3.0), 2.0).tolist() == [0, 2, 4]
+    assert in_a_new_process(scaled, jnp.arange(3.0), 2.0).tolist() == [0, 2, 4]
     keep_traced_programs(None)
 
 
@@ -148,7 +179,7 @@ def test_other_code_is_another_version(tmp_path):
 def test_versions_long_gone_are_dropped(kept):
     for number in range(9):
         (kept / f"version{number}").mkdir(parents=True)
-    in_a_new_process(first_of([]), jnp.arange(3.0), 2.0)
+    in_a_new_process(scaled, jnp.arange(3.0), 2.0)
     assert len(list(kept.iterdir())) == 4
     assert len(files(kept)) == 1
 

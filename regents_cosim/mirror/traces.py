@@ -4,7 +4,7 @@ What JAX compiles it keeps, and what a program does it has to be told anew in ev
 of tracing Python, which is most of the time to its first iteration. So the traced program is kept too (StableHLO, by
 `jax.export`), under a name that is a digest of all that tracing depends on: the package's code, the versions of the
 libraries, the values that are compiled in, and the shapes. A program that somebody else's code is part of, such as a
-planner or a cost, is traced every time.
+planner or a cost, is traced every time; so is one that holds values which it was not given (a closure).
 """
 
 import hashlib
@@ -13,6 +13,7 @@ import shutil
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
+from inspect import unwrap
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +42,19 @@ def traced(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str
 
     Raises what `function` does.
     """
-    kept = _kept(function, given, named) if _kept_in else None
+    kept = _kept(function, given, named) if _kept_in and _is_ours(function) else None
     if kept is None:
         return function(*given, **named)
     program, arrays, returned = kept
     return rebuild(returned, iter(program.call(*arrays)))
+
+
+def _is_ours(function: Callable[..., Any]) -> bool:
+    """Whether all that the function does is told by the package's code."""
+    name = f"{function.__module__}.{function.__qualname__}"
+    return (
+        name.startswith("regents_cosim.") and "<" not in name and getattr(unwrap(function), "__closure__", ()) is None
+    )
 
 
 def _kept(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str, Any]) -> _Kept | None:
