@@ -66,6 +66,12 @@ def test_importing_the_package_loads_nothing_heavy():
     assert fresh(f"import sys, regents_cosim, regents_cosim.cli; print({heavy} & set(sys.modules))") == "set()"
 
 
+def test_attacking_and_evaluating_load_what_they_use():
+    unused = "{'scipy.stats', 'cmaes', 'torch', 'highway_env', 'gymnasium', 'PIL', 'polars'}"
+    modules = "regents_cosim.attacks.attack, regents_cosim.evaluation.driving, regents_cosim.evaluation.judgement"
+    assert fresh(f"import sys, {modules}; print({unused} & set(sys.modules))") == "set()"
+
+
 @pytest.mark.parametrize("name", regents_cosim.__all__)
 def test_public_names_exist_whatever_was_imported_before(name):
     imports = f"import regents_cosim.attacks.costs; from regents_cosim import KING, {name} as found"

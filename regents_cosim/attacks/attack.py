@@ -17,7 +17,6 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks import published
 from regents_cosim.attacks.attempts import Search, attempt
-from regents_cosim.attacks.blind import search_blindly
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.descent import ExtraCost, Found, to_actions
 from regents_cosim.attacks.job import Ended, Job
@@ -225,6 +224,8 @@ class _Attack:
 
     def blind(self, jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
         """Searches without gradients."""
+        from regents_cosim.attacks.blind import search_blindly  # with a library that takes half a second to import
+
         assert isinstance(self.planner, JaxPlanner)
         return search_blindly(jobs, self.planner, self.config, self.extra_cost)
 

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from math import inf, sqrt
 from statistics import fmean, stdev
 
-from scipy.stats import binomtest
-
 
 def wilson(successes: int, n: int, z: float = 1.959964) -> tuple[float, float]:
     """95 % interval of a share of `successes` in `n` trials; (0, 1) where nothing was tried.
@@ -34,6 +32,8 @@ def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> float:
 
     Source: McNemar 1947, in its exact form: the trials in which just one of them succeeds, against a fair coin.
     """
+    from scipy.stats import binomtest  # half a second, which nobody else should wait
+
     only_first = sum(a and not b for a, b in zip(first, second, strict=True))
     only_second = sum(b and not a for a, b in zip(first, second, strict=True))
     if only_first + only_second == 0:
