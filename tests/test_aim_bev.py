@@ -9,21 +9,28 @@ import numpy as np
 import pytest
 from scenes import platoon, scene
 
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, step
+from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.rollout import drive
+from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, plan
 from regents_cosim.planners.aim_bev.lessons import Lesson, gather
 from regents_cosim.planners.aim_bev.network import to_network
-from regents_cosim.planners.aim_bev.planner import aim_bev, with_weights
+from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
 from regents_cosim.planners.aim_bev.practice import practise
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
+from regents_cosim.planners.jax_planner import LoopScene
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.suite import SuiteWriter, load_cases
 
+DRIVE = compiled(drive)
 NAME = "regents_cosim.planners.aim_bev.planner:aim_bev"
 
 
@@ -170,6 +177,61 @@ def test_it_drives_without_torch():
     assert drive.completion > 0.8
     if "torch" in sys.modules:
         pytest.skip("another test of this process has loaded torch")
+
+
+class Forgetful(AimBev):
+    """Makes every plan anew."""
+
+    def remember(self, memory, last):
+        return memory
+
+
+def forgetful():
+    return Forgetful(aim_bev().network, Controller())
+
+
+def drives(planner, memory, world, background):
+    """The ego's x, y, yaw and speed, and the memory at the end."""
+    motion, _, last = DRIVE(planner, memory, world, background)
+    return np.stack([motion.x, motion.y, motion.yaw, motion.speed]), last
+
+
+def test_what_it_remembers_changes_nothing():
+    made, planner = platoon(), aim_bev()
+    world = to_world(made)
+    memory = planner.init(LoopScene(made, world))
+    log, last = drives(planner, memory, world, world.log)
+    known = planner.remember(memory, last)
+    np.testing.assert_array_equal(drives(planner, known, world, world.log)[0], log)
+    nearest = int(np.argmin(np.hypot(made.tracks.x[1:, 40] - log[0, 40], made.tracks.y[1:, 40] - log[1, 40]))) + 1
+    other = replace(world.log, x=world.log.x.at[nearest, 40:].add(3.0))
+    fresh, _ = drives(planner, memory, world, other)
+    np.testing.assert_array_equal(drives(planner, known, world, other)[0], fresh)
+    np.testing.assert_array_equal(fresh[:, :41], log[:, :41])
+    assert np.abs(fresh - log).max() > 0.01
+
+
+def test_it_plans_only_where_something_in_view_is_new():
+    """Shown by false memories: they come true up to the first new thing."""
+    made, planner = platoon(), aim_bev()
+    world = to_world(made)
+    memory = planner.init(LoopScene(made, world))
+    _, last = drives(planner, memory, world, world.log)
+    stop = replace(last.recollection, waypoints=last.recollection.waypoints.at[0].set(0.0))
+    assert drives(planner, replace(memory, recollection=stop), world, world.log)[0][3, 1] < 9.9
+    far = replace(world.log, y=world.log.y.at[3].add(500.0))
+    away, _ = drives(planner, replace(memory, recollection=stop), world, far)
+    assert away[3, 1] > 9.9, "somebody has gone from view"
+
+
+@pytest.mark.parametrize("config", [KING, REGENTS_FOCUSED], ids=lambda config: config.method)
+def test_attacks_end_as_without_a_memory(config):
+    few = replace(config, iterations=30, replan_every=10, nearest=2, attempts=1)
+    with_memory, without = (list(attack([platoon()], few, name)) for name in ("aim-bev", f"{__file__}:forgetful"))
+    for one, other in zip(with_memory, without, strict=True):
+        assert one.attack.outcome == other.attack.outcome
+        np.testing.assert_array_equal(one.tracks.x, other.tracks.x)
+        np.testing.assert_array_equal(one.tracks.y, other.tracks.y)
 
 
 def test_torch_and_jax_agree():

@@ -57,7 +57,7 @@ def test_among_agents_that_react_as_well():
     made = scene((0, 0, 10), (-12, 0, 10), (25, 0, 6))
     world = to_world(made)
     reacting = world.vehicle & jnp.asarray(np.arange(len(world.vehicle)) > 0)
-    inside, controls = drive_among_reacting(CautiousInJax(), (), world, world.log, reacting)
+    inside, controls, _ = drive_among_reacting(CautiousInJax(), (), world, world.log, reacting)
     process = HostProcess(named("Cautious"), 10.0)
     loop = ClosedLoop(made, world, world.log, reacting)
     drive_on_host(process, [loop])

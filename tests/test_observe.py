@@ -1,5 +1,6 @@
 """The raster against a slow one made with shapely, pixel by pixel."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from regents_cosim.mirror.ground import EDGE_LINE_M, LANE_LINE_M, draw_cells, st
 from regents_cosim.mirror.observe import COLOURS, MARK_S, MARK_WIDTH_M, MOST, PIXEL_M, PIXELS, REACH_M, View, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import scene_origin
+from regents_cosim.planners.aim_bev.recollection import in_view
 from regents_cosim.shipped import shipped
 from regents_cosim.suite import load_cases
 
@@ -171,3 +173,18 @@ def test_views_in_a_batch_are_the_views_one_by_one():
     for k in range(6):
         alone = RENDER(eye.ground, eye.bars, eye.view(0), jax.tree.map(lambda v, k=k: v[k], egos))
         assert jnp.array_equal(together[k], alone)
+
+
+def test_what_is_in_view_tells_pictures_apart():
+    """Whoever is put elsewhere: the picture changes only where what is `in_view` does, and that only near the ego."""
+    eye, rng, told, look = Eye(CASES["signals"]), np.random.default_rng(0), 0, jax.jit(in_view)
+    view, ego = eye.view(40), Motion(*(jnp.float32(v) for v in (3.0, -2.0, 0.4, 7.0)))
+    before, picture = look(view, ego), RENDER(eye.ground, eye.bars, view, ego)
+    for _ in range(200):
+        agent, (x, y) = rng.integers(view.boxes.x.shape[0]), rng.uniform(-45, 45, 2) + np.array([ego.x, ego.y])
+        put = view.boxes.x.at[agent].set(x), view.boxes.y.at[agent].set(y)
+        other = eqx.tree_at(lambda v: (v.boxes.x, v.boxes.y), view, put)
+        same = bool((look(other, ego) == before).all())
+        assert not same or (RENDER(eye.ground, eye.bars, other, ego) == picture).all()
+        told += same
+    assert 20 < told < 180

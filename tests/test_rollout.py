@@ -27,7 +27,7 @@ def test_the_gradient_through_the_planner_is_that_of_finite_differences(x64):
     @jax.jit
     def where_the_ego_ends(amount):
         controls = jax.tree.map(lambda v, d: v + jnp.asarray(amount) * 1e-2 * d, world.controls, direction)
-        ego, _ = drive(Follows(), (), world, roll_out_background(world, controls))
+        ego, *_ = drive(Follows(), (), world, roll_out_background(world, controls))
         return ego.x[-1] + 3.0 * ego.y[-1] + ego.speed[-1]
 
     check_grads(where_the_ego_ends, (jnp.asarray(0.5),), order=1, modes=["rev"], eps=1e-5, rtol=1e-5)
@@ -35,7 +35,7 @@ def test_the_gradient_through_the_planner_is_that_of_finite_differences(x64):
 
 def test_the_ego_starts_where_it_was_recorded():
     world = to_world(scene((0, 0, 10), (20, 0.5, 9)))
-    ego, controls = drive(Follows(), (), world, roll_out_background(world, world.controls))
+    ego, controls, _ = drive(Follows(), (), world, roll_out_background(world, world.controls))
     assert ego.x.shape == (81,)
     assert controls.accel.shape == (80,)
     assert (ego.x[0], ego.speed[0]) == (world.start.x[0], world.start.speed[0])

@@ -73,7 +73,7 @@ def test_inside_the_compiled_loop_it_drives_as_outside():
     world = to_world(made)
     inside = find_planner(name)
     assert isinstance(inside, TorchInLoop)
-    motion, controls = drive(inside, inside.init(LoopScene(made, world)), world, world.log)
+    motion, controls, _ = drive(inside, inside.init(LoopScene(made, world)), world, world.log)
     process, loop = HostProcess(name, 10.0), ClosedLoop(made, world, world.log, None)
     drive_on_host(process, [loop])
     process.close()

@@ -209,9 +209,9 @@ class Descent(eqx.Module):
         own = self.own_motion(actions)
         background = self.among_all(own)
         if self.config.background == "log":
-            ego, controls = drive(self.planner, self.memory, world, background)
+            ego, controls, _ = drive(self.planner, self.memory, world, background)
             return with_ego(background, ego), controls
-        motion, controls = drive_among_reacting(self.planner, self.memory, world, background, self.reacting())
+        motion, controls, _ = drive_among_reacting(self.planner, self.memory, world, background, self.reacting())
         return movers.put(motion, own), controls
 
     def own_motion(self, actions: Controls) -> Motion:

@@ -181,7 +181,7 @@ class PublishedDescent(Descent):
         """Everybody's motion [agent time] and the ego's controls [step]."""
         others = roll_out_background(stage(self.world), to_controls(actions))
         seen = others if self.config.gradient == "through-planner" else jax.lax.stop_gradient(others)
-        ego, controls = drive(self.planner, self.memory, stage(self.world), seen)
+        ego, controls, _ = drive(self.planner, self.memory, stage(self.world), seen)
         return with_ego(others, ego), controls
 
     def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:

@@ -15,10 +15,11 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.replanned import Traffic, searching
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.rollout import EgoTrack, LoopPlanner, drive, drive_among_reacting
+from regents_cosim.mirror.rollout import EgoTrack, drive, drive_among_reacting
 from regents_cosim.mirror.world import World
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Scenario
 
 
@@ -71,11 +72,19 @@ def pursue(
     return [Ended(ended[index], seconds[index]) for index in range(len(jobs))]
 
 
-def in_compiled_loop(planner: LoopPlanner) -> Drives:
-    """Closed loops of a planner in JAX."""
+def in_compiled_loop(planner: JaxPlanner) -> Drives:
+    """Closed loops of a planner in JAX, which remembers its last drive through each scene."""
+    memories: dict[int, tuple[Scenario, Any]] = {}
+
+    def drive_once(request: Request) -> Driven:
+        scenario, job = request.scenario, request.job
+        _, memory = memories.get(id(scenario), (scenario, job.memory))
+        ego, memory = _drive(planner, memory, job.world, request.traffic)
+        memories[id(scenario)] = scenario, memory
+        return Driven(ego)
 
     def answer(requests: Sequence[Request]) -> list[Driven | DriveError]:
-        return [Driven(_drive(planner, r.job.memory, r.job.world, r.traffic)) for r in requests]
+        return [drive_once(request) for request in requests]
 
     return answer
 
@@ -111,8 +120,10 @@ def _side_by_side(process: HostProcess, requests: list[Request]) -> list[Driven 
 
 
 @compiled
-def _drive(planner: LoopPlanner, memory: Any, world: World, traffic: Traffic) -> EgoTrack:
+def _drive(planner: JaxPlanner, memory: Any, world: World, traffic: Traffic) -> tuple[EgoTrack, Any]:
     if traffic.reacting is None:
-        return EgoTrack(*drive(planner, memory, world, traffic.background))
-    motion, controls = drive_among_reacting(planner, memory, world, traffic.background, traffic.reacting)
-    return EgoTrack(jax.tree.map(lambda values: values[0], motion), controls)
+        motion, controls, last = drive(planner, memory, world, traffic.background)
+    else:
+        everybody, controls, last = drive_among_reacting(planner, memory, world, traffic.background, traffic.reacting)
+        motion = jax.tree.map(lambda values: values[0], everybody)
+    return EgoTrack(motion, controls), planner.remember(memory, last)

@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Float
 from regents_cosim.attacks.costs import Costs
 from regents_cosim.attacks.descent import Descent, Found, Search, Seen
 from regents_cosim.mirror.bicycle import Controls
-from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 
 
@@ -26,13 +25,13 @@ class Several(JaxPlanner):
     Stands in a planner's place as `rollout.Held` does: it is never asked for a step.
     """
 
-    planners: tuple[LoopPlanner, ...]
+    planners: tuple[JaxPlanner, ...]
     names: tuple[str, ...] = eqx.field(static=True)
 
     def init(self, scene: LoopScene) -> tuple[Any, ...]:
         """The memory of each. Raises DriveError for one that cannot take a step."""
         named = zip(self.names, self.planners, strict=True)
-        return tuple(start(planner, scene, name) for name, planner in named if isinstance(planner, JaxPlanner))
+        return tuple(start(planner, scene, name) for name, planner in named)
 
 
 class SeenByAll(Seen):

@@ -65,10 +65,13 @@ class Held(eqx.Module):
         raise NotImplementedError
 
 
-def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -> tuple[Motion, Controls]:
-    """The ego's motion [time] and controls [step] when `planner` drives among `background` [agent, time]."""
+def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -> tuple[Motion, Controls, Any]:
+    """The ego's motion [time] and controls [step] when `planner` drives among `background` [agent, time].
+
+    The third is the planner's memory at the end.
+    """
     if isinstance(planner, Held):
-        return memory.motion, memory.controls
+        return memory.motion, memory.controls, memory
     sight = planner.look(memory, others(world, background, world.valid))
 
     def advance(carry: tuple[Motion, Any], sight_now: Any) -> tuple[tuple[Motion, Any], tuple[Motion, Controls]]:
@@ -78,8 +81,8 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
         return (move_ego(world, ego, control), recalled), (ego, control)
 
     decisions = jax.tree.map(lambda values: values[:-1], sight)
-    (last, _), (motion, controls) = jax.lax.scan(advance, (ego_start(world), memory), decisions)
-    return jax.tree.map(lambda values, end: jnp.append(values, end), motion, last), controls
+    (last, memory), (motion, controls) = jax.lax.scan(advance, (ego_start(world), memory), decisions)
+    return jax.tree.map(lambda values, end: jnp.append(values, end), motion, last), controls, memory
 
 
 class Instant(eqx.Module):
@@ -92,11 +95,11 @@ class Instant(eqx.Module):
 
 def drive_among_reacting(
     planner: LoopPlanner, memory: Any, world: World, background: Motion, reacting: Bool[Array, " agent"]
-) -> tuple[Motion, Controls]:
+) -> tuple[Motion, Controls, Any]:
     """The motion [agent, time] of all agents when `reacting` ones brake for what stands in their way.
 
-    The others follow `background` [agent, time]. Returns the ego's controls [step] as well. The
-    price against `drive`: everybody is moved step by step, and the planner looks step by step.
+    The others follow `background` [agent, time]. Returns the ego's controls [step] and the planner's memory at the end
+    as well. The price against `drive`: everybody is moved step by step, and the planner looks step by step.
     """
 
     def advance(
@@ -119,9 +122,12 @@ def drive_among_reacting(
     if isinstance(planner, Held):
         held = memory.controls, jax.tree.map(lambda values: values[1:], memory.motion)
     start = (ego_start(world), None if held else memory, begin(background))
-    (ego, _, progress), (motion, controls) = jax.lax.scan(advance, start, (Instant(log, present, world.moving.T), held))
+    (ego, memory, progress), (motion, controls) = jax.lax.scan(
+        advance, start, (Instant(log, present, world.moving.T), held)
+    )
     last = placed(background, reacting, progress, jax.tree.map(lambda values: values[:, -1], background), ego)
-    return jax.tree.map(lambda values, end: jnp.concatenate([values.T, end[:, None]], axis=1), motion, last), controls
+    motion = jax.tree.map(lambda values, end: jnp.concatenate([values.T, end[:, None]], axis=1), motion, last)
+    return motion, controls, memory
 
 
 def placed(

@@ -75,6 +75,13 @@ class JaxPlanner(eqx.Module):
         """Scalar controls for one step and the next memory. They are clipped to the mirror's limits."""
         raise NotImplementedError
 
+    def remember(self, memory: Any, last: Any) -> Any:
+        """Memory for one more drive through the same scene: as for the first, with what may spare work.
+
+        `memory` is that of the beginning of a drive, `last` of its end. What is kept must not change any answer.
+        """
+        return memory
+
 
 def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
     """The planner's memory of `scene`, once it has shown that it can take a step there.

@@ -1,6 +1,7 @@
 """Scenarios in the mirror again: the ego driven anew among each case's own background."""
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -13,8 +14,6 @@ from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
 from regents_cosim.scenario import Scenario, Tracks
-
-_drive = compiled(drive)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ class Wheel:
         world = to_world(scenario)
         if isinstance(self._planner, JaxPlanner):
             memory = start(self._planner, LoopScene(scenario, world), self.planner)
-            return Lap(_with_ego(scenario, world, EgoTrack(*_drive(self._planner, memory, world, world.log))))
+            return Lap(_with_ego(scenario, world, _drive(self._planner, memory, world)))
         with self._processes.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, None)
             seconds = drive_on_host(process, [loop])
@@ -63,6 +62,12 @@ def replay_in_mirror(scenario: Scenario, planner: str | None = None) -> Tracks:
         return scenario.tracks
     with Wheel(planner) as wheel:
         return wheel.drive(scenario).tracks
+
+
+@compiled
+def _drive(planner: JaxPlanner, memory: Any, world: World) -> EgoTrack:
+    motion, controls, _ = drive(planner, memory, world, world.log)
+    return EgoTrack(motion, controls)
 
 
 def _with_ego(scenario: Scenario, world: World, ego: EgoTrack) -> Tracks:

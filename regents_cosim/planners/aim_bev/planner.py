@@ -16,6 +16,7 @@ from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.controller import Controller, Errors
 from regents_cosim.planners.aim_bev.network import Network, to_network
+from regents_cosim.planners.aim_bev.recollection import Recollection, in_view
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
@@ -23,7 +24,7 @@ _BEYOND_M = 30.0  # how far the ego may get away from its log and still see the 
 
 
 class Memory(eqx.Module):
-    """What stays: the map and the target; and what changes: the time, the controller's errors."""
+    """What stays: the map and the target; and what changes: the time, the controller's errors, what was seen when."""
 
     ground: Ground
     bars: Box
@@ -31,6 +32,7 @@ class Memory(eqx.Module):
     target: Float[Array, " 2"]  # [m]
     now: Int[Array, ""]
     errors: Errors
+    recollection: Recollection
 
 
 class Sight(eqx.Module):
@@ -62,6 +64,7 @@ class AimBev(JaxPlanner):
             target=scene.on_device(np.array([scenario.target]))[0],
             now=jnp.int32(0),
             errors=self.controller.begin(),
+            recollection=Recollection.of_nothing(lights.shape[0], scene.world.valid.shape[0] - 1),
         )
 
     def look(self, memory: Memory, traffic: Traffic) -> Sight:
@@ -74,12 +77,24 @@ class AimBev(JaxPlanner):
     def step(self, memory: Memory, sight: Sight, ego: Motion) -> tuple[Controls, Memory]:
         """See, plan waypoints, steer along them."""
         view = View(sight.boxes, sight.speed, sight.valid, memory.lights[memory.now])
+        seen, before = in_view(view, ego), memory.recollection.at(memory.now)
+        known = (seen == before.seen).all()
+        waypoints = jax.lax.cond(known, lambda: before.waypoints, lambda: self.plan(memory, view, ego))
+        controls, errors = self.controller.steer(memory.errors, waypoints, ego.speed)
+        recollection = memory.recollection.put(memory.now, Recollection(seen, waypoints))
+        changed = memory.now + 1, errors, recollection
+        return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.recollection), memory, changed)
+
+    def remember(self, memory: Memory, last: Memory) -> Memory:
+        """What was seen when, and planned."""
+        return eqx.tree_at(lambda m: m.recollection, memory, last.recollection)
+
+    def plan(self, memory: Memory, view: View, ego: Motion) -> Float[Array, "waypoint 2"]:
+        """Waypoints [m] in the ego's frame."""
         dx, dy = memory.target - jnp.stack([ego.x, ego.y])
         cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
         target = jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
-        waypoints = self.network(observe(memory.ground, memory.bars, view, ego), ego.speed, target)
-        controls, errors = self.controller.steer(memory.errors, waypoints, ego.speed)
-        return controls, eqx.tree_at(lambda m: (m.now, m.errors), memory, (memory.now + 1, errors))
+        return self.network(observe(memory.ground, memory.bars, view, ego), ego.speed, target)
 
 
 def with_weights(path: Path) -> AimBev:
