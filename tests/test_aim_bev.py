@@ -182,8 +182,8 @@ def test_it_drives_without_torch():
 class Forgetful(AimBev):
     """Makes every plan anew."""
 
-    def remember(self, memory, last):
-        return memory
+    def keep(self, last):
+        return jax.tree.map(lambda values: jnp.full_like(values, jnp.nan), last.recollection)
 
 
 def forgetful():
@@ -201,7 +201,7 @@ def test_what_it_remembers_changes_nothing():
     world = to_world(made)
     memory = planner.init(LoopScene(made, world))
     log, last = drives(planner, memory, world, world.log)
-    known = planner.remember(memory, last)
+    known = planner.recall(memory, planner.keep(last))
     np.testing.assert_array_equal(drives(planner, known, world, world.log)[0], log)
     nearest = int(np.argmin(np.hypot(made.tracks.x[1:, 40] - log[0, 40], made.tracks.y[1:, 40] - log[1, 40]))) + 1
     other = replace(world.log, x=world.log.x.at[nearest, 40:].add(3.0))

@@ -74,13 +74,14 @@ def pursue(
 
 def in_compiled_loop(planner: JaxPlanner) -> Drives:
     """Closed loops of a planner in JAX, which remembers its last drive through each scene."""
-    memories: dict[int, tuple[Scenario, Any]] = {}
+    kept: dict[int, tuple[Scenario, Any]] = {}
 
     def drive_once(request: Request) -> Driven:
-        scenario, job = request.scenario, request.job
-        _, memory = memories.get(id(scenario), (scenario, job.memory))
-        ego, memory = _drive(planner, memory, job.world, request.traffic)
-        memories[id(scenario)] = scenario, memory
+        scenario, job, memory = request.scenario, request.job, request.job.memory
+        if id(scenario) in kept:
+            memory = planner.recall(memory, kept[id(scenario)][1])
+        ego, last = _drive(planner, memory, job.world.without_road(), request.traffic)
+        kept[id(scenario)] = scenario, last
         return Driven(ego)
 
     def answer(requests: Sequence[Request]) -> list[Driven | DriveError]:
@@ -126,4 +127,4 @@ def _drive(planner: JaxPlanner, memory: Any, world: World, traffic: Traffic) -> 
     else:
         everybody, controls, last = drive_among_reacting(planner, memory, world, traffic.background, traffic.reacting)
         motion = jax.tree.map(lambda values: values[0], everybody)
-    return EgoTrack(motion, controls), planner.remember(memory, last)
+    return EgoTrack(motion, controls), planner.keep(last)

@@ -42,6 +42,10 @@ class World(eqx.Module):
     dt: Float[Array, ""]  # [s]
     dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # what the controls do
 
+    def without_road(self) -> "World":
+        """The same for programs that ask nothing of the road, so that its size needs none of its own."""
+        return eqx.tree_at(lambda world: world.road.cells, self, jnp.zeros((1, 4)))
+
     def boxes(self, motion: Motion) -> Box:
         """Boxes [agent time] of all agents along `motion`."""
         half = (self.half_length[:, None], self.half_width[:, None])

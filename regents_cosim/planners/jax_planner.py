@@ -75,11 +75,15 @@ class JaxPlanner(eqx.Module):
         """Scalar controls for one step and the next memory. They are clipped to the mirror's limits."""
         raise NotImplementedError
 
-    def remember(self, memory: Any, last: Any) -> Any:
-        """Memory for one more drive through the same scene: as for the first, with what may spare work.
+    def keep(self, last: Any) -> Any:
+        """What of the memory at the end of a drive may spare work in the next one through the same scene.
 
-        `memory` is that of the beginning of a drive, `last` of its end. What is kept must not change any answer.
+        By default nothing. It must not change any answer.
         """
+        return None
+
+    def recall(self, memory: Any, kept: Any) -> Any:
+        """Memory to begin that next drive with, from that of the first one and what was kept."""
         return memory
 
 

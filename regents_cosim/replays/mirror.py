@@ -46,7 +46,7 @@ class Wheel:
         world = to_world(scenario)
         if isinstance(self._planner, JaxPlanner):
             memory = start(self._planner, LoopScene(scenario, world), self.planner)
-            return Lap(_with_ego(scenario, world, _drive(self._planner, memory, world)))
+            return Lap(_with_ego(scenario, world, _drive(self._planner, memory, world.without_road())))
         with self._processes.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, None)
             seconds = drive_on_host(process, [loop])

@@ -85,9 +85,13 @@ class AimBev(JaxPlanner):
         changed = memory.now + 1, errors, recollection
         return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.recollection), memory, changed)
 
-    def remember(self, memory: Memory, last: Memory) -> Memory:
+    def keep(self, last: Memory) -> Recollection:
         """What was seen when, and planned."""
-        return eqx.tree_at(lambda m: m.recollection, memory, last.recollection)
+        return last.recollection
+
+    def recall(self, memory: Memory, kept: Recollection) -> Memory:
+        """With what was kept, at the first step again."""
+        return eqx.tree_at(lambda m: m.recollection, memory, kept)
 
     def plan(self, memory: Memory, view: View, ego: Motion) -> Float[Array, "waypoint 2"]:
         """Waypoints [m] in the ego's frame."""
