@@ -116,7 +116,7 @@ def test_what_it_depends_on_gives_another_trace(kept):
     assert len(RUNS) == len(files(kept)) == 10
 
 
-@pytest.mark.parametrize("given", [Foreign(), lambda values: values, object()], ids=repr)
+@pytest.mark.parametrize("given", [Foreign(), lambda values: values, object()], ids=["value", "function", "object"])
 def test_what_is_somebody_else_s_is_traced_every_time(kept, given):
     for _ in range(2):
         in_a_new_process(same, jnp.arange(3.0), given)
