@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from timing import STILL, attack, in_threads
 
+from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.job import Job
 from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.observe import View, observe
 from regents_cosim.mirror.rollout import drive
@@ -94,3 +96,23 @@ def test_attacks(benchmark, driven):
     seconds = least_seconds(two, rounds=3) / 2 / looks * (500 + 1)
     benchmark.extra_info["seconds_of_500"] = seconds
     print(f"\n{seconds:.0f} s per scenario for 500 iterations with a drive in each, on two threads")
+
+
+def test_attacks_with_a_drive_now_and_then(benchmark):
+    """On the twelve windows of `scenarios/quickstart`, every 25 iterations, on two threads; warm."""
+    windows = [case.before_attack() for case in load_cases(shipped("scenarios") / "quickstart")]
+
+    def attacked(preset):
+        return [case for found in attack_each(windows, replace(preset, replan_every=25), "aim-bev") for case in found]
+
+    for preset in (KING, REGENTS_FOCUSED):
+        attacked(preset)
+        begin = time.perf_counter()
+        found = attacked(preset)
+        took = time.perf_counter() - begin
+        benchmark.extra_info[preset.method] = took / len(windows)
+        print(f"\n{preset.method}: {took / len(windows):.1f} s per window")
+        if preset is KING:
+            iterations = sum(case.attack.iterations for case in found)
+            print(f"which is {500 * took / iterations:.1f} s for 500 iterations")
+    benchmark.pedantic(attacked, (KING,), rounds=1)
