@@ -84,6 +84,7 @@ class Seen(eqx.Module):
     motion: Motion  # [agent time]
     boxes: Box  # [agent time] of that motion
     ego_controls: Controls  # [step]
+    kept: Any  # by the planner, of this drive for the next one
 
 
 class Search(eqx.Module):
@@ -154,7 +155,7 @@ class Descent(eqx.Module):
 
     def seeing(self, search: Search) -> Search:
         """The search once it has looked at what its actions do."""
-        search = replace(search, seen=self.look(search.actions), looked=jnp.asarray(True))
+        search = replace(search, seen=self.look(search.actions, search.seen), looked=jnp.asarray(True))
         return replace(search, hit=self.hit(search.seen), accepted=self.accepts(search))
 
     def goes_on(self, search: Search) -> Bool[Array, ""]:
@@ -193,26 +194,29 @@ class Descent(eqx.Module):
         """Adam's steps as shares of the limits: they are, because the actions are."""
         return steps
 
-    def look(self, actions: Controls) -> Seen:
-        """Roll out."""
-        motion, ego_controls = self.drive(actions)
-        return Seen(motion, self.world.boxes(motion), ego_controls)
+    def look(self, actions: Controls, before: Seen) -> Seen:
+        """Roll out, after a roll-out that showed what was seen `before`."""
+        motion, ego_controls, last = self.drive(actions, self.planner.recall(self.memory, before.kept))
+        return Seen(motion, self.world.boxes(motion), ego_controls, self.planner.keep(last))
 
     def unseen(self) -> Seen:
         """What stands where nothing has been seen yet: the log, of the shapes of what will be."""
-        log = self.world.log
-        return Seen(log, self.world.boxes(log), jax.tree.map(lambda values: values[0], self.world.controls))
+        log, of_ego = self.world.log, jax.tree.map(lambda values: values[0], self.world.controls)
+        return Seen(log, self.world.boxes(log), of_ego, self.planner.keep(self.memory))
 
-    def drive(self, actions: Controls) -> tuple[Motion, Controls]:
-        """Everybody's motion [agent time] and the ego's controls [step] under the movers' actions."""
+    def drive(self, actions: Controls, memory: Any) -> tuple[Motion, Controls, Any]:
+        """Everybody's motion [agent time] and the ego's controls [step] under the movers' actions.
+
+        `memory` is the planner's at first, the third that at the end.
+        """
         world, movers = self.world, self.movers
         own = self.own_motion(actions)
         background = self.among_all(own)
         if self.config.background == "log":
-            ego, controls, _ = drive(self.planner, self.memory, world, background)
-            return with_ego(background, ego), controls
-        motion, controls, _ = drive_among_reacting(self.planner, self.memory, world, background, self.reacting())
-        return movers.put(motion, own), controls
+            ego, controls, last = drive(self.planner, memory, world, background)
+            return with_ego(background, ego), controls, last
+        motion, controls, last = drive_among_reacting(self.planner, memory, world, background, self.reacting())
+        return movers.put(motion, own), controls, last
 
     def own_motion(self, actions: Controls) -> Motion:
         """Where the movers go [mover time]."""
@@ -263,7 +267,7 @@ class Descent(eqx.Module):
 
     def cost_through_planner(self, actions: Controls) -> tuple[Float[Array, ""], Costs]:
         """The cost as a function of the actions alone."""
-        motion, _ = self.drive(actions)
+        motion, *_ = self.drive(actions, self.memory)
         return self.cost(self.world.boxes(motion), motion, actions)
 
     def hit(self, seen: Seen) -> Bool[Array, ""]:

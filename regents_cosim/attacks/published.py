@@ -24,6 +24,7 @@ masked, is as in the paper's version.
 """
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -177,12 +178,12 @@ class PublishedDescent(Descent):
         """The actions that reproduce the log where there is one."""
         return to_actions(stage(self.world).controls)
 
-    def drive(self, actions: Controls) -> tuple[Motion, Controls]:
-        """Everybody's motion [agent time] and the ego's controls [step]."""
+    def drive(self, actions: Controls, memory: Any) -> tuple[Motion, Controls, Any]:
+        """Everybody's motion [agent time], the ego's controls [step] and the planner's memory at the end."""
         others = roll_out_background(stage(self.world), to_controls(actions))
         seen = others if self.config.gradient == "through-planner" else jax.lax.stop_gradient(others)
-        ego, controls, _ = drive(self.planner, self.memory, stage(self.world), seen)
-        return with_ego(others, ego), controls
+        ego, controls, last = drive(self.planner, memory, stage(self.world), seen)
+        return with_ego(others, ego), controls, last
 
     def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
         """By differentiating the roll-out as a whole."""

@@ -53,9 +53,9 @@ class UniversalDescent(Descent):
             for planner, memory in zip(self.planner.planners, self.memory, strict=True)
         )
 
-    def look(self, actions: Controls) -> Seen:
+    def look(self, actions: Controls, before: Seen) -> Seen:
         """Roll out with each planner."""
-        return _by_all(tuple(one.look(actions) for one in self.alone()))
+        return _by_all(tuple(one.look(actions, shown) for one, shown in zip(self.alone(), _each(before), strict=True)))
 
     def unseen(self) -> Seen:
         """The log, as often as there are planners."""
@@ -91,8 +91,9 @@ class UniversalDescent(Descent):
         each = _each(end.seen)
         log_only = end.iterations == 0
         shown = jnp.where(log_only, jnp.argmax(self._of_each("hit", each)), 0)
-        first = jax.tree.map(lambda *values: jnp.stack(values)[shown], *each)
-        return super().result(replace(end, seen=SeenByAll(first.motion, first.boxes, first.ego_controls, each)))
+        # Planners of several kinds keep several things.
+        alike = [replace(one, kept=None) for one in each]
+        return super().result(replace(end, seen=jax.tree.map(lambda *values: jnp.stack(values)[shown], *alike)))
 
     def _of_each(self, question: str, about: Any) -> Bool[Array, "planner *rest"]:
         asked = zip(self.alone(), about, strict=True)
@@ -100,7 +101,7 @@ class UniversalDescent(Descent):
 
 
 def _by_all(each: tuple[Seen, ...]) -> SeenByAll:
-    return SeenByAll(each[0].motion, each[0].boxes, each[0].ego_controls, each)
+    return SeenByAll(each[0].motion, each[0].boxes, each[0].ego_controls, None, each)
 
 
 def _each(seen: Seen) -> tuple[Seen, ...]:

@@ -40,6 +40,14 @@ class LoopPlanner(Protocol):
         """Its control at one step, from row k of `look` and the ego's state, and its next memory."""
         ...
 
+    def keep(self, last: Any) -> Any:
+        """What of the memory at the end of a drive may spare work in the next one through the same scene."""
+        ...
+
+    def recall(self, memory: Any, kept: Any) -> Any:
+        """Memory to begin that next drive with, from that of the first one and what was kept."""
+        ...
+
 
 def roll_out_background(world: World, controls: Controls) -> Motion:
     """Motion [agent, time] of all agents under open-loop `controls` [agent, step]; row 0 is not the ego's."""
@@ -63,6 +71,13 @@ class Held(eqx.Module):
     def step(self, memory: EgoTrack, sight: Any, ego: Motion) -> tuple[Controls, Any]:
         """Never asked: its motion is known."""
         raise NotImplementedError
+
+    def keep(self, last: EgoTrack | None) -> None:
+        """Nothing."""
+
+    def recall(self, memory: EgoTrack, kept: None) -> EgoTrack:
+        """The track."""
+        return memory
 
 
 def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -> tuple[Motion, Controls, Any]:

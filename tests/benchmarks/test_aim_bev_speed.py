@@ -6,13 +6,9 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
-from timing import STILL, attack, in_threads
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.job import Job
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.observe import View, observe
@@ -82,37 +78,27 @@ def test_drives(benchmark, driven):
     print("\n" + ", ".join(f"{name}: {value:.3f} s" for name, value in seconds.items()) + " for 80 steps")
 
 
-def test_attacks(benchmark, driven):
-    """With the network in every iteration: of 500, as long as ten take."""
-    world, memory = driven
-    wanted = Job(world, memory, Movers.among(world.vehicle & (np.arange(len(world.vehicle)) > 0)))
-    planner, few = aim_bev(), replace(STILL, iterations=10)
-
-    def two():
-        in_threads(2, lambda _: attack(planner, wanted, few), [0, 1])
-
-    benchmark.pedantic(two, rounds=1, warmup_rounds=1)
-    looks = few.iterations + 1
-    seconds = least_seconds(two, rounds=3) / 2 / looks * (500 + 1)
-    benchmark.extra_info["seconds_of_500"] = seconds
-    print(f"\n{seconds:.0f} s per scenario for 500 iterations with a drive in each, on two threads")
-
-
-def test_attacks_with_a_drive_now_and_then(benchmark):
-    """On the twelve windows of `scenarios/quickstart`, every 25 iterations, on two threads; warm."""
+def attacked(preset, every, iterations=500):
+    """The twelve windows of `scenarios/quickstart` attacked on all cores: cases and seconds."""
     windows = [case.before_attack() for case in load_cases(shipped("scenarios") / "quickstart")]
+    config = replace(preset, replan_every=every, iterations=iterations)
+    begin = time.perf_counter()
+    found = list(attack_each(windows, config, "aim-bev"))
+    return [case for cases in found for case in cases], time.perf_counter() - begin
 
-    def attacked(preset):
-        return [case for found in attack_each(windows, replace(preset, replan_every=25), "aim-bev") for case in found]
 
-    for preset in (KING, REGENTS_FOCUSED):
-        attacked(preset)
-        begin = time.perf_counter()
-        found = attacked(preset)
-        took = time.perf_counter() - begin
-        benchmark.extra_info[preset.method] = took / len(windows)
-        print(f"\n{preset.method}: {took / len(windows):.1f} s per window")
-        if preset is KING:
-            iterations = sum(case.attack.iterations for case in found)
-            print(f"which is {500 * took / iterations:.1f} s for 500 iterations")
-    benchmark.pedantic(attacked, (KING,), rounds=1)
+@pytest.mark.parametrize(("every", "iterations"), [(1, 40), (25, 500)])
+def test_king(benchmark, every, iterations):
+    """With a drive in every iteration (of the first forty), and in every 25th."""
+    attacked(KING, every, iterations=1)
+    found, took = benchmark.pedantic(attacked, (KING, every, iterations), rounds=1)
+    looks = sum(case.attack.iterations + 1 for case in found)
+    benchmark.extra_info["seconds_of_500"] = 500 * took / looks
+    print(f"\nKING, a drive every {every} iterations: {500 * took / looks:.1f} s per scenario for 500, on two threads")
+
+
+def test_our_preset(benchmark):
+    """Driving every 25 iterations."""
+    attacked(REGENTS_FOCUSED, 25)
+    _, took = benchmark.pedantic(attacked, (REGENTS_FOCUSED, 25), rounds=1)
+    print(f"\nfocused, a drive every 25 iterations: {took / 12:.1f} s per window, on two threads")
