@@ -19,7 +19,7 @@ def driven(scenario, planner=None):
     """The ego's motion when IDM drives it."""
     planner, world = planner or IDM(), to_world(scenario)
     memory = planner.init(LoopScene(scenario, world))
-    motion, controls = drive(planner, memory, world, roll_out_background(world, world.controls))
+    motion, controls, _ = drive(planner, memory, world, roll_out_background(world, world.controls))
     return motion, controls, world
 
 
