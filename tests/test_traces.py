@@ -203,6 +203,11 @@ def test_an_outline_is_all_but_the_arrays(tree):
     assert eqx.tree_equal(rebuild(plain, iter(arrays)), tree)
 
 
+def test_what_its_own_name_does_not_lead_to_has_no_outline():
+    with pytest.raises(NoOutlineError, match="Hidden is not a name"):
+        outline(type("Hidden", (), {"__module__": "regents_cosim.mirror.world"}), [])
+
+
 @pytest.mark.parametrize("name", ["os:system", "subprocess:Popen", "regents_cosimilar:x", "builtins:eval"])
 def test_only_names_of_the_package_are_looked_up(name):
     for plain in ({"name": name}, {"of": name, "fields": []}):

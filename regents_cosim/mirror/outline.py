@@ -79,5 +79,5 @@ def _named(name: str) -> Any:
         raise NoOutlineError(f"{name} is not a name of the package's")
     found: Any = import_module(module)
     for part in path.split("."):
-        found = getattr(found, part)
+        found = getattr(found, part, None)  # what its own name does not lead to is nobody's, and has no outline
     return found
