@@ -61,6 +61,7 @@ ExtraCost = Callable[[World, Motion, Controls], Float[Array, ""]]
 
 # A hit in float32 must be one for the exact judge on the host as well.
 _HIT_DEPTH_M = 1e-3
+_PROGRESS = 0.02  # share of the ego's cost by which it has to come down for the search to go on
 _UNCHANGED = 1e-6  # [1] actions that differ by less from the logged ones are rounding
 
 
@@ -99,6 +100,8 @@ class Search(eqx.Module):
     finite: Bool[Array, ""]
     iterations: Int[Array, ""]
     history: Float[Array, "iteration term"]
+    least: Float[Array, ""]  # of the ego's cost, when it last came down by `_PROGRESS`
+    at_least: Int[Array, ""]  # the iteration of that
 
 
 class Descent(eqx.Module):
@@ -141,6 +144,8 @@ class Descent(eqx.Module):
             finite=jnp.asarray(True),
             iterations=jnp.int32(0),
             history=jnp.zeros((self.config.iterations, 3), jnp.float32),
+            least=jnp.float32(jnp.inf),
+            at_least=jnp.int32(0),
         )
 
     def advance(self, search: Search, passes: int | Int[Array, ""]) -> Search:
@@ -159,13 +164,19 @@ class Descent(eqx.Module):
         return replace(search, hit=self.hit(search.seen), accepted=self.accepts(search))
 
     def goes_on(self, search: Search) -> Bool[Array, ""]:
-        """Neither hit, nor blown up, nor at the end of the iterations; of a search that has looked."""
+        """Neither hit, nor blown up, nor at the end of the iterations or the patience; of a search that has looked."""
         return (
             ~search.accepted
             & search.finite
             & (search.iterations < self.config.iterations)
+            & self.has_patience(search)
             & self.movers.candidate.any()
         )
+
+    def has_patience(self, search: Search) -> Bool[Array, ""]:
+        """Whether the ego's distance has come down lately, or need not."""
+        waited = search.iterations - search.at_least
+        return (waited <= self.config.patience) if self.config.patience else jnp.asarray(True)
 
     def update(self, search: Search) -> Search:
         """One step of Adam; of a search that has not looked yet, the search as it is."""
@@ -180,6 +191,7 @@ class Descent(eqx.Module):
         )
         actions = within_bounds(moved, self.logged(), self.movers.rows(search.seen.motion.speed), self.config)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
+        comes_down = costs.ego < (1.0 - _PROGRESS) * search.least
         updated = replace(
             search,
             actions=actions,
@@ -187,6 +199,8 @@ class Descent(eqx.Module):
             finite=jnp.isfinite(total),
             iterations=search.iterations + 1,
             history=search.history.at[search.iterations].set(terms),
+            least=jnp.where(comes_down, costs.ego, search.least),
+            at_least=jnp.where(comes_down, search.iterations, search.at_least),
         )
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
 

@@ -18,6 +18,7 @@ class AttackConfig:
 
     method: str
     iterations: int = 500  # at most
+    patience: int = 0  # a search ends whose distance has not come down by 2 % in so many; 0: none does
     learning_rate: float = 1e-3  # Adam; ReGentS section 4
     beta1: float = 0.9
     beta2: float = 0.999
@@ -67,6 +68,11 @@ class AttackConfig:
             "a gradient through the planner needs it in every iteration: replan_every 1",
             RegentsError,
         )
+        require(
+            self.patience >= 0,
+            f"patience is {self.patience}, expected iterations without progress, or 0 for no end to it",
+            RegentsError,
+        )
         require(self.attempts >= 1, f"attempts is {self.attempts}, expected 1 or more", RegentsError)
         require(
             self.optimiser == "adam" or (self.search == "per-candidate" and self.gradient == "adversary"),
@@ -107,7 +113,9 @@ REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True,
 # A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the
 # ReGentS paper), and a minimum over candidates commits to one ("minimum trap"). The soft minimum pulls
 # the closest moments together, each candidate is searched alone, nobody is pulled from behind, and
-# followers brake for the ego instead of hitting it by themselves.
+# followers brake for the ego instead of hitting it by themselves. Three of four searches never get anywhere and
+# show it early: those that succeed have taken 75 iterations in the median, and but one in thirty has stood still
+# for a hundred before.
 REGENTS_FOCUSED = replace(
     REGENTS,
     method="focused",
@@ -119,10 +127,11 @@ REGENTS_FOCUSED = replace(
     pull_standing=False,
     accept="clean",
     attempts=2,
+    patience=100,
 )
 
 # The same cost without its gradient, with as many roll-outs for each candidate.
-RANDOM = replace(REGENTS_FOCUSED, method="random", optimiser="random", iterations=1000, attempts=1)
+RANDOM = replace(REGENTS_FOCUSED, method="random", optimiser="random", iterations=1000, attempts=1, patience=0)
 CMA_ES = replace(RANDOM, method="cma-es", optimiser="cma-es")
 
 METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, RANDOM, CMA_ES)}

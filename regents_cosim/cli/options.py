@@ -82,6 +82,8 @@ class Search:
     """do as the public ReGentS code where it departs from its paper (king and regents only)"""
     iterations: int | None = None
     """updates at most"""
+    patience: int | None = None
+    """updates without progress after which a search ends; 0: it goes on to the last"""
     accept: Literal["any", "clean"] | None = None
     """which collisions end a search: any, or only one that says something about the planner"""
     attempts: int | None = None

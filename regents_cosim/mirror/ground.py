@@ -9,10 +9,11 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import shapely
-from jaxtyping import Array, Bool, Float, Int, UInt8
+from jaxtyping import Array, Float, Int, UInt8
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.mirror.separation import Box
+from regents_cosim.rasters import inside
 from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 
@@ -45,11 +46,11 @@ def draw_cells(
     columns, rows = (np.ceil((high - low) / CELL_M).astype(int) + 1).tolist()
     shape = (rows, columns)
     window = (*(low - 1.0), *(high + 1.0))
-    surface = shapely.clip_by_rect(road.drivable, *window)
-    cells = np.where(_filled(surface, low, shape), np.uint8(SURFACE), np.uint8(LAND))
-    cells[_filled(shapely.clip_by_rect(_lane_lines(road, window), *window), low, shape)] = LANE_LINE
     edges = shapely.clip_by_rect(road.drivable.boundary, *window).buffer(0.5 * EDGE_LINE_M)
-    cells[_filled(edges, low, shape)] = EDGE_LINE
+    areas = ((SURFACE, road.drivable), (LANE_LINE, _lane_lines(road, window)), (EDGE_LINE, edges))
+    cells = np.full(shape, LAND, np.uint8)
+    for kind, area in areas:  # what is drawn later has the greater number
+        np.maximum(cells, inside(area, low, shape, CELL_M) * np.uint8(kind), out=cells)
     cells[[0, -1], :] = cells[:, [0, -1]] = LAND
     return cells
 
@@ -106,24 +107,3 @@ def _lane_lines(road: RoadMap, window: tuple[float, ...]) -> BaseGeometry:
         sides = (0.0,) if lane.junction else (-0.5 * lane.width, 0.5 * lane.width)
         lines += [centre if side == 0.0 else centre.offset_curve(side, join_style="mitre") for side in sides]
     return shapely.union_all([line.buffer(0.5 * LANE_LINE_M, cap_style="flat") for line in lines])
-
-
-def _filled(
-    area: BaseGeometry, corner: Float[np.ndarray, " 2"], shape: tuple[int, int]
-) -> Bool[np.ndarray, "row column"]:
-    """Which cell centres lie inside `area`: even-odd along every row."""
-    rows, columns = shape
-    rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(area))]
-    if not rings:
-        return np.zeros(shape, bool)
-    ends = [np.concatenate([(ring[i : len(ring) - 1 + i] - corner) / CELL_M for ring in rings]) for i in (0, 1)]
-    upward = ends[0][:, 1] <= ends[1][:, 1]
-    low, high = (np.where(upward[:, None], a, b) for a, b in (ends, reversed(ends)))
-    begin, end = (np.clip(np.ceil(point[:, 1]), 0, rows).astype(int) for point in (low, high))
-    edge = np.repeat(np.arange(len(begin)), end - begin)
-    row = np.arange(len(edge)) - np.repeat(np.cumsum(end - begin) - (end - begin), end - begin) + begin[edge]
-    part = (row - low[edge, 1]) / (high[edge, 1] - low[edge, 1])
-    column = np.ceil(low[edge, 0] + part * (high[edge, 0] - low[edge, 0]))
-    crossed = np.zeros((rows, columns + 1), bool)
-    np.logical_xor.at(crossed, (row, np.clip(column, 0, columns).astype(int)), True)
-    return np.logical_xor.accumulate(crossed, axis=1)[:, :columns]

@@ -1,11 +1,13 @@
 """What the neural ego costs: a view, a drive of 80 steps, alone and with both cores busy, and an attack on it."""
 
+import functools
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from regents_cosim.attacks.attack import attack_each
@@ -16,6 +18,7 @@ from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.planner import aim_bev
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import LoopScene
 from regents_cosim.shipped import shipped
 from regents_cosim.suite import load_cases
@@ -58,6 +61,43 @@ def test_views(benchmark, driven):
     frame_ms = least_seconds(both_cores) / FRAMES * 1e3
     benchmark.extra_info["ms_per_frame"] = frame_ms
     print(f"\n{frame_ms:.3f} ms per view, in batches on two threads (least of {ROUNDS})")
+
+
+def test_network(benchmark):
+    """One view, as a drive asks for it, beside torch: its batch norms folded as ours, channels last, on all threads."""
+    torch = pytest.importorskip("torch", reason="torch is an extra")
+    network = aim_bev().network
+    view = np.random.default_rng(0).integers(0, 256, (192, 192, 3), np.uint8)
+    speed, target = np.float32(8.0), np.array([20.0, 1.0], np.float32)
+    plan = compiled(lambda network, *seen: network(*seen))
+    ours = functools.partial(plan, network, *jax.device_put((view, speed, target)))
+
+    folded = folded_in_torch(torch)
+    pictures = torch.tensor(view).permute(2, 0, 1)[None].to(torch.float32, memory_format=torch.channels_last) / 255.0
+    seen = pictures, torch.tensor(speed)[None], torch.tensor(target)[None]
+
+    def theirs():
+        with torch.inference_mode():
+            return folded(*seen)[0]
+
+    np.testing.assert_allclose(ours(), theirs(), atol=1e-3)
+    ours_ms = least_seconds(lambda: ours().block_until_ready(), 300) * 1e3
+    torch_ms = least_seconds(theirs, 300) * 1e3
+    benchmark.pedantic(lambda: ours().block_until_ready(), rounds=20)
+    benchmark.extra_info |= {"ms": ours_ms, "of_torch": ours_ms / torch_ms}
+    print(f"\nthe network {ours_ms:.2f} ms, {ours_ms / torch_ms:.2f} of torch's {torch_ms:.2f} ms (least of 300)")
+
+
+def folded_in_torch(torch):
+    from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
+
+    network = AimBevNetwork().eval()
+    weights = {name: torch.tensor(values.astype(np.float32)) for name, values in load_weights(SHIPPED).items()}
+    network.load_state_dict(weights, strict=False)
+    for layer in network.modules():
+        if isinstance(layer, torch.nn.Sequential) and len(layer) > 1 and isinstance(layer[1], torch.nn.BatchNorm2d):
+            layer[0], layer[1] = torch.nn.utils.fusion.fuse_conv_bn_eval(layer[0], layer[1]), torch.nn.Identity()
+    return network.to(memory_format=torch.channels_last)
 
 
 def test_drives(benchmark, driven):
