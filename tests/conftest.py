@@ -1,3 +1,4 @@
+import gc
 import os
 
 import hypothesis
@@ -9,6 +10,9 @@ from regents_cosim.mirror.compile_cache import keep_compiled_programs
 # Most of the suite's time is compilation: both workers, the commands they start and the next run share it.
 # They are traced here every time, because shapes are checked as JAX traces.
 keep_compiled_programs(traced=False)
+
+# With what JAX keeps, a twelfth of the suite's time went into looking for garbage.
+gc.set_threshold(50_000)
 
 # The machine that runs the tests is shared: an example may take long without being wrong.
 # Fixtures of one test serve all its examples: the only ones with @given set a precision or a folder.

@@ -73,15 +73,17 @@ def pursue(
 
 
 def in_compiled_loop(planner: JaxPlanner) -> Drives:
-    """Closed loops of a planner in JAX, which remembers its last drive through each scene."""
-    kept: dict[int, tuple[Scenario, Any]] = {}
+    """Closed loops of a planner in JAX, which remembers the last drive of each search, or at first of its scene."""
+    kept: dict[tuple[int, ...], tuple[Request, Any]] = {}  # requests keep the ids from being given away
 
     def drive_once(request: Request) -> Driven:
         scenario, job, memory = request.scenario, request.job, request.job.memory
-        if id(scenario) in kept:
-            memory = planner.recall(memory, kept[id(scenario)][1])
-        ego, last = _drive(planner, memory, job.world.without_road(), request.traffic)
-        kept[id(scenario)] = scenario, last
+        of_scene, of_search = (id(scenario),), (id(scenario), id(job.movers))
+        if last := kept.get(of_search) or kept.get(of_scene):
+            memory = planner.recall(memory, last[1])
+        ego, after = _drive(planner, memory, job.world.without_road(), request.traffic)
+        kept[of_search] = request, after
+        kept.setdefault(of_scene, kept[of_search])
         return Driven(ego)
 
     def answer(requests: Sequence[Request]) -> list[Driven | DriveError]:
