@@ -63,6 +63,7 @@ def table1(
     nearest: int | None = None,
     adversaries: Literal["all", "one"] | None = None,
     attempts: int | None = None,
+    patience: int | None = None,
     replan_every: int | None = None,
     output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
     compile_cache: bool = True,
@@ -96,6 +97,8 @@ def table1(
         of these: all that succeed, or the first, which ends a window's search
     attempts
         searches for each candidate, from another timing each
+    patience
+        updates without progress after which a search ends; 0: it goes on to the last
     replan_every
         iterations between two closed loops of the planners
     output
@@ -125,6 +128,7 @@ def table1(
                 nearest=nearest,
                 adversaries=adversaries,
                 attempts=attempts,
+                patience=patience,
                 replan_every=replan_every,
             )
             runs.append(attack_run(windows, planner, options.config(), terminal))
