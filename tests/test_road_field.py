@@ -88,3 +88,8 @@ def test_the_raster_is_that_of_its_cell_centres(discs):
         east, north = np.meshgrid(-8.05 + 0.2 * np.arange(82), -5.03 + 0.2 * np.arange(51))
         clear = shapely.distance(holed.boundary, shapely.points(east, north)) > 1e-9
         assert (raster == shapely.contains_xy(holed, east, north))[clear].all()
+
+
+def test_an_area_that_is_empty_or_elsewhere_fills_nothing():
+    for area in (shapely.Polygon(), shapely.box(100.0, 100.0, 101.0, 101.0)):
+        assert not inside(area, np.zeros(2), (5, 70), 0.2).any()
