@@ -101,7 +101,7 @@ class Search(eqx.Module):
     iterations: Int[Array, ""]
     history: Float[Array, "iteration term"]
     least: Float[Array, ""]  # of the ego's cost, when it last came down by `_PROGRESS`
-    at_least: Int[Array, ""]  # the iteration of that
+    least_at: Int[Array, ""]  # the iteration of that
 
 
 class Descent(eqx.Module):
@@ -145,7 +145,7 @@ class Descent(eqx.Module):
             iterations=jnp.int32(0),
             history=jnp.zeros((self.config.iterations, 3), jnp.float32),
             least=jnp.float32(jnp.inf),
-            at_least=jnp.int32(0),
+            least_at=jnp.int32(0),
         )
 
     def advance(self, search: Search, passes: int | Int[Array, ""]) -> Search:
@@ -175,7 +175,7 @@ class Descent(eqx.Module):
 
     def has_patience(self, search: Search) -> Bool[Array, ""]:
         """Whether the ego's distance has come down lately, or need not."""
-        waited = search.iterations - search.at_least
+        waited = search.iterations - search.least_at
         return (waited <= self.config.patience) if self.config.patience else jnp.asarray(True)
 
     def update(self, search: Search) -> Search:
@@ -200,7 +200,7 @@ class Descent(eqx.Module):
             iterations=search.iterations + 1,
             history=search.history.at[search.iterations].set(terms),
             least=jnp.where(comes_down, costs.ego, search.least),
-            at_least=jnp.where(comes_down, search.iterations, search.at_least),
+            least_at=jnp.where(comes_down, search.iterations, search.least_at),
         )
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
 
