@@ -12,6 +12,10 @@ class RegentsError(Exception):
     exit_code = 2
 
 
+class InputError(RegentsError):
+    """A file that is missing, no regular file, damaged, or larger than what we read."""
+
+
 class CaseError(RegentsError):
     """A case or suite on disk that cannot be read."""
 

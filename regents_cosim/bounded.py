@@ -1,0 +1,120 @@
+"""Reading files that others made: regular files only, never more bytes than a stated limit.
+
+A pipe under a file's name would block for ever, and a few kilobytes of gzip can hold gigabytes. So
+a file is opened without waiting, asked what it is, and read and unpacked piece by piece.
+"""
+
+import gzip
+import io
+import os
+import stat
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from regents_cosim.errors import InputError
+
+MIB = 1 << 20
+_GZIP = b"\x1f\x8b"
+_PIECE_BYTES = 1 << 16
+
+
+def read_bounded(path: Path, limit_bytes: int) -> bytes:
+    """The content of a regular file. Raises InputError for anything else, and for more than `limit_bytes`."""
+    with _explain(path), _open_regular(path, limit_bytes) as file:
+        return _read_all(file, str(path), limit_bytes)
+
+
+def gunzip_bounded(data: bytes, limit_bytes: int) -> bytes:
+    """`data` with gzip undone. Raises InputError where it is damaged, or holds more than `limit_bytes`."""
+    name = "gzip data"
+    with _explain(name), gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+        return _read_all(file, name, limit_bytes)
+
+
+def open_bounded(path: Path, limit_bytes: int) -> BinaryIO:
+    """A stream of a regular file, gzip undone where its content is gzip, that gives at most `limit_bytes`.
+
+    Raises InputError here for what is no regular file, and on reading past the limit or into damage.
+    """
+    with _explain(path):
+        file = _open_regular(path, limit_bytes)
+        packed = file.peek(2)[:2] == _GZIP
+        plain = gzip.GzipFile(fileobj=file) if packed else file
+    return io.BufferedReader(_Bounded(path, plain, file, limit_bytes), _PIECE_BYTES)
+
+
+class _Bounded(io.RawIOBase):
+    """Passes on what `plain` gives, and counts it."""
+
+    def __init__(self, path: Path, plain: BinaryIO | gzip.GzipFile, file: BinaryIO, limit_bytes: int) -> None:
+        super().__init__()
+        self._path, self._plain, self._file = path, plain, file
+        self._limit_bytes, self._given = limit_bytes, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview, /) -> int:  # type: ignore[override]
+        with _explain(self._path):
+            piece = self._plain.read(min(len(buffer), _PIECE_BYTES))
+        self._given += len(piece)
+        _require_within(self._given, self._limit_bytes, str(self._path))
+        buffer[: len(piece)] = piece
+        return len(piece)
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
+
+
+def _open_regular(path: Path, limit_bytes: int) -> io.BufferedReader:
+    """Open without waiting for a writer, as a pipe would make us."""
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    descriptor = os.open(path, flags)
+    try:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode):
+            raise InputError(f"{path} is a {_kind(found.st_mode)}, expected a file")
+        _require_within(found.st_size, limit_bytes, str(path))
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def _kind(mode: int) -> str:
+    kinds = {stat.S_IFDIR: "folder", stat.S_IFIFO: "named pipe", stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
+    return kinds.get(stat.S_IFMT(mode), "special file")
+
+
+def _read_all(file: BinaryIO | gzip.GzipFile, name: str, limit_bytes: int) -> bytes:
+    pieces, total = [], 0
+    while piece := file.read(_PIECE_BYTES):
+        total += len(piece)
+        _require_within(total, limit_bytes, name)
+        pieces.append(piece)
+    return b"".join(pieces)
+
+
+def _require_within(size: int, limit_bytes: int, name: str) -> None:
+    if size > limit_bytes:
+        raise InputError(f"{name} holds more than {_in_words(limit_bytes)}, the most that is read of it")
+
+
+def _in_words(size: int) -> str:
+    return f"{size / MIB:g} MiB" if size >= MIB else f"{size} bytes"
+
+
+@contextmanager
+def _explain(name: Path | str) -> Iterator[None]:
+    try:
+        yield
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(f"{name}: its gzip data is damaged or cut off ({error})") from error
+    except ValueError as error:  # a null byte in the name
+        raise InputError(f"{name!r} cannot be a file name ({error})") from error
+    except OSError as error:
+        raise InputError(f"{name} cannot be read ({error.strerror or error})") from error
