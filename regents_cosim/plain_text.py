@@ -1,0 +1,49 @@
+"""Text from outside, for terminals and messages: only characters that show, only so many of them.
+
+Names, paths and messages of planners may hold anything: ESC sequences that paint the terminal, marks that turn the
+direction of writing around, half of a character, 50 MB. They are shown, never obeyed.
+"""
+
+import unicodedata
+
+MESSAGE_LIMIT = 500
+_ELLIPSIS = " ... "
+# What a terminal obeys: control characters, line and paragraph separators; surrogates cannot be encoded.
+_UNSHOWABLE = frozenset({"Cc", "Cs", "Zl", "Zp"})
+# Marks that change the direction of all that follows, and so what a line seems to say.
+_TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+_SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
+
+
+def printable(text: str, limit: int | None = MESSAGE_LIMIT) -> str:
+    r"""`text` on one line, control characters escaped (`\x1b`), in at most `limit` characters, cut in the middle."""
+    if limit is None:
+        return _escaped(text)
+    if len(text) > 2 * limit:  # escapes only lengthen it: what lies further from both ends cannot be seen
+        text = text[:limit] + text[-limit:]
+    return _shortened(_escaped(text), limit)
+
+
+def one_line(text: str, limit: int | None = MESSAGE_LIMIT) -> str:
+    """`printable`, after line breaks and runs of blanks have become one blank: a message as a sentence."""
+    return printable(" ".join(text.split()), limit)
+
+
+def _escaped(text: str) -> str:
+    return text if text.isprintable() else "".join(map(_escaped_character, text))
+
+
+def _escaped_character(character: str) -> str:
+    if unicodedata.category(character) not in _UNSHOWABLE and character not in _TURNING:
+        return character
+    code = ord(character)
+    return _SHORT.get(character) or (f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}")
+
+
+def _shortened(text: str, limit: int) -> str:
+    """The end of a message says what to do, so the middle goes."""
+    if len(text) <= limit:
+        return text
+    kept = max(limit - len(_ELLIPSIS), 0)
+    end = kept // 3
+    return (text[: kept - end] + _ELLIPSIS + text[len(text) - end :])[:limit]
