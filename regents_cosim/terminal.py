@@ -11,8 +11,12 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
+
+from regents_cosim.plain_text import printable
 
 _Item = TypeVar("_Item")
+_LABEL_LIMIT = 120
 
 
 @dataclass(frozen=True)
@@ -25,19 +29,19 @@ class Terminal:
     def say(self, text: str) -> None:
         """One line on stderr."""
         if not self.quiet:
-            _stderr().print(text, markup=False, highlight=False, soft_wrap=True)
+            _stderr().print(plain(text), soft_wrap=True)
 
     @contextmanager
     def waiting(self, what: str) -> Iterator[None]:
         """A bar without an end while the block runs."""
         with self._progress() as bar:
-            bar.add_task(what, total=None)
+            bar.add_task(printable(what, _LABEL_LIMIT), total=None)
             yield
 
     def each(self, items: Iterable[_Item], what: str, total: int) -> Iterator[_Item]:
         """Pass `items` on while a bar counts them."""
         with self._progress() as bar:
-            task = bar.add_task(what, total=total)
+            task = bar.add_task(printable(what, _LABEL_LIMIT), total=total)
             for item in items:
                 bar.advance(task)
                 yield item
@@ -48,33 +52,45 @@ class Terminal:
             json.dump(value, sys.stdout, indent=1)
             sys.stdout.write("\n")
         else:
-            sys.stdout.write(text.rstrip("\n") + "\n")
+            sys.stdout.writelines(f"{printable(line, limit=None)}\n" for line in text.rstrip("\n").split("\n"))
 
     def show(self, title: str, rows: Sequence[dict[str, Any]], note: str = "") -> None:
         """A table of `rows`, whose keys are the headings, and a `note` under it."""
         if self.json:
             self.publish("", rows)
             return
-        table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
+        table = Table(
+            title=plain(title) if title else None, title_justify="left", box=None, pad_edge=False, header_style="bold"
+        )
         for heading in rows[0] if rows else ():
-            table.add_column(heading.replace("_", " "), no_wrap=True)
+            table.add_column(plain(heading.replace("_", " ")), no_wrap=True)
         for row in rows:
-            table.add_row(*(_cell(value) for value in row.values()))
+            table.add_row(*(plain(_cell(value)) for value in row.values()))
         console = Console(file=sys.stdout, highlight=False)
         # As wide as it needs: a terminal that is narrower breaks lines, which reads better than broken cells.
         console.width = Measurement.get(console, console.options.update(max_width=10_000), table).maximum
         console.print(table)
         if note:
-            console.print(note, markup=False)
+            console.print(Text("\n").join(map(plain, note.split("\n"))))
 
     def _progress(self) -> Progress:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+        )
         console = _stderr()
         return Progress(*columns, console=console, transient=True, disable=self.quiet or not console.is_terminal)
 
 
 def _stderr() -> Console:
     return Console(file=sys.stderr)
+
+
+def plain(text: str) -> Text:
+    """Text that says what it says: no markup, no emoji codes, no control characters."""
+    return Text(printable(text))
 
 
 def _cell(value: object) -> str:

@@ -15,6 +15,7 @@ from regents_cosim.cli.commands import app, training
 from regents_cosim.cli.shrink import shrink
 from regents_cosim.cli.suite import suites
 from regents_cosim.errors import RegentsError
+from regents_cosim.plain_text import one_line
 
 app.command(bench)
 app.command(training)
@@ -53,5 +54,5 @@ def main() -> None:
 
 
 def _complain(message: str, code: int) -> int:
-    print(f"regents: {' '.join(message.split())}", file=sys.stderr)
+    print(one_line(f"regents: {message}"), file=sys.stderr)
     return code
