@@ -1,0 +1,48 @@
+"""Child processes that end with their parent, whatever ends it: an exit, a signal, SIGKILL.
+
+A child holds the reading end of a pipe whose writing end its parent alone holds, and never writes to. When the parent
+ends, the kernel closes that end. On Linux the kernel then kills the child itself, so that one that is busy in foreign
+code ends as well; elsewhere a thread of the child waits at the pipe. (PR_SET_PDEATHSIG would fire already when the
+thread that started the child ends, and pools start children from threads.)
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+from multiprocessing.connection import wait
+
+_GONE = 1  # exit code of a child whose parent is gone; no process is left to read it
+
+
+def die_with_parent(pipe: int | None = None) -> None:
+    """Call it first thing in the child. `pipe` is a pipe as above; by default that of `multiprocessing`.
+
+    Does nothing in a process that `multiprocessing` did not start and that names no pipe.
+    """
+    parent = multiprocessing.parent_process()
+    if pipe is None and parent is not None:
+        pipe = parent.sentinel
+    if pipe is None:
+        return
+    _killed_by_kernel(pipe)
+    # Also there, because it notices a parent that was gone before.
+    threading.Thread(target=_end_when_closed, args=(pipe,), name="parent-death", daemon=True).start()
+
+
+def _killed_by_kernel(pipe: int) -> None:
+    """Ask for SIGKILL when the other end of the pipe is closed; Linux alone lets one choose the signal."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return
+    if not hasattr(fcntl, "F_SETSIG"):  # macOS
+        return
+    fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+    fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+
+
+def _end_when_closed(pipe: int) -> None:
+    wait([pipe])
+    os._exit(_GONE)
