@@ -231,7 +231,7 @@ BAD_TRAFFIC = [
     (("-n", "rail.net.xml"), "no lane"),
     (("-c", GRID, "--horizon", "700"), "a horizon of 700 s does not fit into the simulation"),
     (("-c", GRID, "--begin", "700"), "SUMO refused: The end time should be after the begin time"),
-    (("-c", GRID, "--count", "0"), "--count 0, expected at least 1"),
+    (("-c", GRID, "--count", "0"), "--count is 0, expected 1 to 1e+06"),
     (("-c", GRID, "--cout", "1"), "Unknown option: --cout"),
     (("-c", GRID, "--step-length", "0.5"), "0.1 s only"),
     (("-c", GRID, "--executor", "moon"), "expected `local` or `dask:ADDRESS`"),

@@ -37,9 +37,11 @@ from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 from regents_cosim.planners.systems import ACT_TIMEOUT_S, HostPlanner, find_planner
+from regents_cosim.ranges import Range
 from regents_cosim.scenario import ActTime, AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
 
 _COST_TERMS = ("ego", "pair", "road")
+_BATCH = Range(1, 100_000, "scenarios on the device at once", whole=True)
 
 Engine = Literal["auto", "threads", "lanes"]
 
@@ -97,7 +99,7 @@ def attack_each(
         under_test = _several(under_test, (planner, *against), config)
     if config.optimiser != "adam" and isinstance(under_test, HostPlanner):
         raise RegentsError(f"method {config.method} needs a planner in JAX, {planner!r} is not: take king or regents")
-    batch = max(batch, 1)
+    _BATCH.check("batch", batch)
     if isinstance(under_test, HostPlanner):
         yield from _in_processes(
             scenarios, _Attack(_replanning(config, 10), under_test, planner, extra_cost), batch, act_timeout_s

@@ -6,6 +6,34 @@ from typing import Literal
 import numpy as np
 
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.ranges import Range, check_ranges
+
+_MOST_ITERATIONS = 100_000
+_WEIGHT = Range(0.0, 1e6, "the weight of a cost")
+_SHARE = Range(0.0, 1.0, "a share")
+_DECAY = Range(0.0, 1.0 - 1e-9, "how much of a moment Adam keeps")
+_RANGES = {
+    "iterations": Range(1, _MOST_ITERATIONS, "updates at most", whole=True),
+    "patience": Range(0, _MOST_ITERATIONS, "iterations without progress, or 0 for no end to it", whole=True),
+    "learning_rate": Range(1e-9, 10.0, "the step of an update"),
+    "beta1": _DECAY,
+    "beta2": _DECAY,
+    "pair_weight": _WEIGHT,
+    "road_weight": _WEIGHT,
+    "pair_reach_m": Range(0.0, 1e4, "metres within which background agents repel each other"),
+    "max_deviation": Range(0.0, 2.0, "a share of an action's limit, or 0 for no bound"),
+    "max_lateral_accel": Range(0.0, 1e3, "m/s^2, or 0 for no bound"),
+    "front_share": _SHARE,
+    "front_window_rad": Range(0.0, 2.0 * np.pi, "an angle [rad]"),
+    "rear_share": _SHARE,
+    "rear_sector_rad": Range(0.0, 2.0 * np.pi, "an angle [rad]"),
+    "static_m": Range(0.0, 1e4, "metres that an agent moves over the horizon"),
+    "softmin_m": Range(0.0, 1e4, "metres, or 0 for the mean over time"),
+    "behind_rad": Range(0.0, np.pi, "a bearing [rad]"),
+    "attempts": Range(1, 1000, "searches per candidate", whole=True),
+    "nearest": Range(1, 1000, "candidates that get a search of their own", whole=True),
+    "replan_every": Range(0, _MOST_ITERATIONS, "iterations between two closed loops, or 0 for the usual", whole=True),
+}
 
 
 @dataclass(frozen=True)
@@ -53,14 +81,10 @@ class AttackConfig:
     as_published: bool = False  # where the public ReGentS code departs from the paper, do as the code does
 
     def __post_init__(self) -> None:
+        check_ranges(self, _RANGES)
         require(
             self.gradient == "adversary" or self.background == "log",
             "a gradient through the planner needs background `log`: reactions are not differentiated",
-            RegentsError,
-        )
-        require(
-            self.replan_every >= 0,
-            f"replan_every is {self.replan_every}, expected the iterations between two closed loops, 1 or more",
             RegentsError,
         )
         require(
@@ -68,12 +92,6 @@ class AttackConfig:
             "a gradient through the planner needs it in every iteration: replan_every 1",
             RegentsError,
         )
-        require(
-            self.patience >= 0,
-            f"patience is {self.patience}, expected iterations without progress, or 0 for no end to it",
-            RegentsError,
-        )
-        require(self.attempts >= 1, f"attempts is {self.attempts}, expected 1 or more", RegentsError)
         require(
             self.optimiser == "adam" or (self.search == "per-candidate" and self.gradient == "adversary"),
             f"optimiser {self.optimiser} searches one candidate at a time and knows no gradient: "

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Search, Talk
+from regents_cosim.cli.options import Count, CountOrZero, Search, Seed, Talk
 from regents_cosim.cli.runs import aggressive_run, attack_run, write_table
 from regents_cosim.cli.shared import (
     logged_traffic,
@@ -26,7 +26,7 @@ bench = App(name="bench", help="Measure, and print the tables of the README.")
 
 
 @bench.command
-def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = (), talk: Talk = Talk()) -> int:
+def reconstruction(*, count: Count = 20, seed: Seed = 0, nets: tuple[str, ...] = (), talk: Talk = Talk()) -> int:
     """How well the mirror's controls reproduce SUMO's tracks, per network.
 
     Parameters
@@ -51,8 +51,8 @@ def reconstruction(*, count: int = 20, seed: int = 0, nets: tuple[str, ...] = ()
 @bench.command
 def table1(
     *,
-    count: int = 34,
-    seed: int = 0,
+    count: Count = 34,
+    seed: Seed = 0,
     nets: tuple[str, ...] = (),
     logs: tuple[Path, ...] = (),
     planners: tuple[str, ...] = ("idm",),
@@ -60,11 +60,11 @@ def table1(
     as_published: bool = False,
     searches: tuple[Literal["joint", "per-candidate"], ...] = (),
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
-    nearest: int | None = None,
+    nearest: Count | None = None,
     adversaries: Literal["all", "one"] | None = None,
-    attempts: int | None = None,
-    patience: int | None = None,
-    replan_every: int | None = None,
+    attempts: Count | None = None,
+    patience: CountOrZero | None = None,
+    replan_every: CountOrZero | None = None,
     output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
     compile_cache: bool = True,
     talk: Talk = Talk(),
@@ -143,8 +143,8 @@ def table1(
 def replan(
     *,
     planner: str,
-    count: int = 9,
-    seed: int = 0,
+    count: Count = 9,
+    seed: Seed = 0,
     nets: tuple[str, ...] = (),
     every: tuple[int, ...] = (1, 10),
     method: Literal["king", "regents"] = "regents",
@@ -197,7 +197,7 @@ def replan(
 
 
 @bench.command
-def logs(paths: tuple[Path, ...], *, count: int = 8, talk: Talk = Talk()) -> int:
+def logs(paths: tuple[Path, ...], *, count: Count = 8, talk: Talk = Talk()) -> int:
     """How well logs are read: vehicles on the road, error of the smooth fit, time.
 
     Parameters
@@ -219,8 +219,8 @@ def logs(paths: tuple[Path, ...], *, count: int = 8, talk: Talk = Talk()) -> int
 @bench.command
 def highway(
     *,
-    count: int = 25,
-    seed: int = 0,
+    count: Count = 25,
+    seed: Seed = 0,
     envs: tuple[str, ...] = ("merge-v1", "roundabout-v1", "intersection-v2", "highway-v0"),
     policy: str = "idm",
     planners: tuple[str, ...] = ("idm",),
@@ -301,8 +301,8 @@ def cross(
     planners: tuple[str, ...] = (),
     universal: tuple[Literal["mean", "worst"], ...] = (),
     method: Literal["king", "regents", "focused"] = "focused",
-    count: int = 8,
-    seed: int = 0,
+    count: Count = 8,
+    seed: Seed = 0,
     nets: tuple[str, ...] = (),
     act_timeout: float = 10.0,
     compile_cache: bool = True,

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
+from cyclopts.validators import Number
 
-from regents_cosim.cli.options import Against, FineTune, Search, SumoOptions, Talk, Traffic
+from regents_cosim.cli.options import Against, Count, CountOrZero, FineTune, Search, Seed, SumoOptions, Talk, Traffic
 from regents_cosim.cli.shared import (
     attacked_planner,
     draw,
@@ -115,7 +116,7 @@ def attack(
     against: tuple[str, ...] = (),
     output: Annotated[Path, Parameter(["--output", "-o"])],
     search: Search = Search(),
-    batch: int = 32,
+    batch: Count = 32,
     engine: Literal["auto", "threads", "lanes"] = "auto",
     act_timeout: float = 10.0,
     executor: str = "local",
@@ -405,14 +406,14 @@ def train_aim_bev(
     cases: Path,
     *,
     output: Annotated[Path, Parameter(["--output", "-o"])],
-    epochs: int | None = None,
-    lessons: int | None = None,
-    drives: int | None = None,
-    frozen: int | None = None,
-    learning_rate: float | None = None,
+    epochs: Count | None = None,
+    lessons: Count | None = None,
+    drives: Count | None = None,
+    frozen: CountOrZero | None = None,
+    learning_rate: Annotated[float | None, Parameter(validator=Number(gt=0.0, lte=10.0))] = None,
     teacher: Literal["log", "idm"] | None = None,
-    threads: int = 2,
-    seed: int = 0,
+    threads: Count = 2,
+    seed: Seed = 0,
     resume: Path | None = None,
     fine_tune: FineTune = FineTune(),
     talk: Talk = Talk(),

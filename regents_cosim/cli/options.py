@@ -6,9 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 if TYPE_CHECKING:
     from regents_cosim.attacks.presets import AttackConfig
+
+Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**31 - 1))]
+Count = Annotated[int, Parameter(validator=Number(gte=1, lte=1_000_000))]  # of what there must be one of
+CountOrZero = Annotated[int, Parameter(validator=Number(gte=0, lte=1_000_000))]  # of what there may be none of
 
 
 @Parameter(name="*")
@@ -50,7 +55,7 @@ class Traffic:
     """who drives the ego in highway-env: idm, mdp, random, package.module:attribute or file.py:attribute"""
     count: int = 8
     """windows wanted"""
-    seed: int = 0
+    seed: Seed = 0
     """of SUMO and of the choice of windows"""
     horizon: float = 8.0
     """length of a window [s]; of a log that is shorter, all of it"""
@@ -133,7 +138,7 @@ class FineTune:
     """a suite of attacked cases: of those that the weights crash in and could have passed, they learn to; begins with
     the shipped weights (or --resume), keeps as much of what was learnt as ordinary traffic bears, and prints scores
     before and after"""
-    evading: float | None = None
+    evading: Annotated[float | None, Parameter(validator=Number(gte=0.0, lte=1.0))] = None
     """share of the lessons and drives that are of these; 0.4"""
     held_out: Path | None = None
     """another suite of attacked cases for the scores; default every fifth window of the first, which is not taught

@@ -35,6 +35,8 @@ def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, termi
         return _record_log(traffic, terminal)
     if traffic.source and not traffic.source.startswith("highway:"):
         raise RegentsError(f"--from {traffic.source}: expected highway:ENVIRONMENT, e.g. highway:merge-v1")
+    if traffic.step_length != 0.1:
+        raise RegentsError(f"--step-length {traffic.step_length:g}: recordings are made at 0.1 s only")
     source = traffic.source or SumoInput(
         config=traffic.config,
         net=traffic.net,
@@ -42,7 +44,7 @@ def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, termi
         additional=_files(traffic.additional),
         begin_s=traffic.begin,
         end_s=traffic.end,
-        extra=(*sumo, *(() if traffic.step_length == 0.1 else (f"--step-length={traffic.step_length}",))),
+        extra=sumo,
     )
     with executor_for(executor) as pool, terminal.waiting("recording traffic"):
         found = run_record(

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from regents_cosim.cli.options import Talk
 from regents_cosim.cli.shared import open_terminal
@@ -16,7 +17,7 @@ def shrink(
     *,
     output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
     planner: str | None = None,
-    lead: float = 2.0,
+    lead: Annotated[float, Parameter(validator=Number(gte=0.0, lte=3600.0))] = 2.0,
     record: Path | None = None,
     act_timeout: float = 10.0,
     compile_cache: bool = True,

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Talk
+from regents_cosim.cli.options import Count, CountOrZero, Seed, Talk
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
@@ -19,13 +19,13 @@ def build(
     output: Annotated[Path, Parameter(["--output", "-o"])],
     nets: str = "all",
     highway: str = "",
-    windows: int = 25,
-    adversarial: int = 80,
-    unavoidable: int = 5,
-    ordinary: int = 40,
+    windows: Count = 25,
+    adversarial: CountOrZero = 80,
+    unavoidable: CountOrZero = 5,
+    ordinary: CountOrZero = 40,
     planner: tuple[str, ...] = ("idm",),
     method: Literal["regents", "king", "focused"] = "focused",
-    seed: int = 0,
+    seed: Seed = 0,
     compile_cache: bool = True,
     talk: Talk = Talk(),
 ) -> int:
@@ -130,7 +130,7 @@ def check(suite: Path, *, replay: bool = False, talk: Talk = Talk()) -> int:
 def merge(
     *folders: Path,
     output: Annotated[Path, Parameter(["--output", "-o"])],
-    seed: int = 0,
+    seed: Seed = 0,
     talk: Talk = Talk(),
 ) -> int:
     """Make one suite of several, with their baselines; refuses different cases of one name.

@@ -11,7 +11,10 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from regents_cosim.errors import SumoError, require_file
+from regents_cosim.ranges import Range
 from regents_cosim.sources.sumo_types import read_xml
+
+_LATEST_S = 1e9  # SUMO counts milliseconds
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,12 @@ class SumoInput:
     begin_s: float | None = None  # -b
     end_s: float | None = None  # -e
     extra: tuple[str, ...] = ()  # further options as typed, the last word
+
+    def __post_init__(self) -> None:
+        if self.begin_s is not None:
+            Range(0.0, _LATEST_S, "seconds at which the simulation begins").check("--begin", self.begin_s)
+        if self.end_s is not None:
+            Range(-1.0, _LATEST_S, "seconds at which the simulation ends, or -1 for no end").check("--end", self.end_s)
 
 
 @dataclass(frozen=True)

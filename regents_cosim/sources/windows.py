@@ -14,8 +14,9 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.collisions import find_overlaps
-from regents_cosim.errors import NoWindowError, RegentsError, require
+from regents_cosim.errors import NoWindowError
 from regents_cosim.provenance import command, versions
+from regents_cosim.ranges import SEED, Range
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Provenance, Scenario, Tracks
 from regents_cosim.sources.motion import smooth_pieces, speeds
@@ -25,6 +26,13 @@ MAX_AGENTS = 64  # the ego included
 _NEAR_M = 50.0  # within which the ego needs company
 _MOVING_MPS = 1.0
 _LEAST_WAY_M = 5.0  # that the ego covers
+_RANGES = {
+    "count": Range(1, 1_000_000, "windows wanted", whole=True),
+    "seed": SEED,
+    "horizon_s": Range(0.2, 3600.0, "the length of a window [s]"),
+    "radius_m": Range(0.1, 1e6, "how near to the ego an agent must come [m]"),
+    "company": Range(0, 1000, "moving vehicles near the ego", whole=True),
+}
 
 
 @dataclass(frozen=True)
@@ -38,10 +46,8 @@ class Windows:
     company: int = 2  # moving vehicles near the ego at the same instant
 
     def __post_init__(self) -> None:
-        require(self.count >= 1, f"--count {self.count}, expected at least 1", RegentsError)
-        require(self.seed >= 0, f"--seed {self.seed}, expected 0 or more", RegentsError)
-        require(0.2 <= self.horizon_s < 1e6, f"--horizon {self.horizon_s} s, expected 0.2 s or more", RegentsError)
-        require(self.radius_m > 0, f"radius {self.radius_m} m, expected a positive number", RegentsError)
+        for name, one in _RANGES.items():
+            one.check(f"--{name.removesuffix('_s').removesuffix('_m')}", getattr(self, name))
 
     def steps(self, dt: float) -> int:
         """Instants in a window, one more than its steps."""

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.errors import RegentsError, require
+from regents_cosim.ranges import Range
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Signal
 from regents_cosim.sources.logs.resample import STEP_S, Samples, sample
@@ -25,6 +25,7 @@ from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.sumo_types import VehicleType
 from regents_cosim.sources.windows import Origin, Scene, Windows, make_scenario, refusal
 
+_STRIDE = Range(0.1, 1e6, "seconds from one window to the next")
 _COMPANY = 1
 _LEAST_SAMPLES = 3
 _SHORTEST_S = 0.5
@@ -41,11 +42,8 @@ class LogWindows:
     ego: str = "auto"  # or an id of the log
 
     def __post_init__(self) -> None:
-        require(
-            self.stride_s is None or 0.1 <= self.stride_s < 1e6,
-            f"--stride {self.stride_s} s, expected 0.1 s or more",
-            RegentsError,
-        )
+        if self.stride_s is not None:
+            _STRIDE.check("--stride", self.stride_s)
 
     def ego_of(self, scene: LoggedScene) -> str | None:
         """Who is to be the ego, None where the log leaves it open."""

@@ -1,0 +1,68 @@
+"""Numbers that a user types: finite and in range, or one clear line."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from regents_cosim.attacks.presets import REGENTS_FOCUSED
+from regents_cosim.cli import run
+from regents_cosim.errors import RegentsError
+from regents_cosim.ranges import Range
+from regents_cosim.sources.logs.cut import LogWindows
+from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.sources.windows import Windows
+
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -INF, -0.1, 1.1, 10**400, "1", None, True])
+def test_what_is_no_number_in_the_range_is_refused(value):
+    with pytest.raises(RegentsError, match="share is .* expected .*: a share"):
+        Range(0.0, 1.0, "a share").check("share", value)
+
+
+def test_what_counts_is_whole():
+    with pytest.raises(RegentsError, match="count is 1.5, expected a whole number: cars"):
+        Range(0, 9, "cars", whole=True).check("count", 1.5)
+
+
+NUMBERS = {name: value for name, value in vars(REGENTS_FOCUSED).items() if type(value) in (int, float)}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_every_number_of_an_attack_is_checked(name):
+    """By its type too: what counts is never NaN (the tests check types at run time)."""
+    for value in (NAN, INF, -1.0, 1e300) if isinstance(NUMBERS[name], float) else (-1, 10**300):
+        with pytest.raises(RegentsError, match=f"{name} is .*expected"):
+            replace(REGENTS_FOCUSED, **{name: value})
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -1e9, -1.5])
+def test_every_number_of_the_traffic_is_checked(value):
+    for name in ("count", "seed", "horizon_s", "radius_m", "company"):
+        with pytest.raises(RegentsError, match="expected"):
+            Windows(**{name: value if name.endswith(("_s", "_m")) else -1})
+    for name in ("begin_s", "end_s"):
+        with pytest.raises(RegentsError, match="expected"):
+            SumoInput(**{name: value})
+    with pytest.raises(RegentsError, match="expected"):
+        LogWindows(stride_s=value)
+
+
+WORDS = [
+    ("--max-deviation", "-1"), ("--max-deviation", "nan"), ("--max-lateral-accel", "-3"),
+    ("--max-lateral-accel", "nan"), ("--nearest", "0"), ("--patience", "-1"), ("--iterations", "0"),
+    ("--attempts", "0"), ("--replan-every", "-1"), ("--batch", "0"), ("--count", "0"), ("--horizon", "nan"),
+    ("--radius", "inf"), ("--seed", "-1"), ("--seed", "99999999999"), ("--begin", "nan"), ("--end", "-7"),
+    ("--step-length", "nan"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("option", "value"), WORDS, ids=" ".join)
+def test_the_command_line_refuses_with_one_line(option, value, tmp_path, capsys):
+    code = run(["attack", "-c", "sumo_nets/merge/merge.sumocfg", option, value, "-o", str(tmp_path / "out")])
+    said = capsys.readouterr().err.splitlines()
+    assert code == 2
+    assert len(said) == 1
+    assert value.lstrip("-").removesuffix(".0") in said[0]
