@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -24,7 +24,8 @@ from regents_cosim.errors import CaseError, ScenarioError
 from regents_cosim.map_files import MapFiles, load_map, map_files, save_map
 from regents_cosim.scenario import Agent, AttackRecord, Judgement, Overlap, Provenance, Scenario, Signal, Tracks
 
-SCHEMA = 1
+SCHEMA = 2  # the newest that is read: cases with heights
+_FLAT_SCHEMA = 1  # of everything else; their bytes and hashes are those of the versions that knew no heights
 _Kind = TypeVar("_Kind")
 
 
@@ -62,7 +63,7 @@ class Suite:
     command: str = ""
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
-    schema: int = SCHEMA
+    schema: int = _FLAT_SCHEMA
 
 
 def save_case(scenario: Scenario, suite: Path) -> Path:
@@ -80,7 +81,7 @@ def save_case(scenario: Scenario, suite: Path) -> Path:
             if scenario.evasion is not None:
                 (folder / "evasion.npz").write_bytes(_pack_tracks(scenario.evasion))
             header = _header(scenario, files, content_hash(scenario))
-            text = msgspec.json.encode({"schema": SCHEMA} | msgspec.to_builtins(header))
+            text = msgspec.json.encode({"schema": _schema(scenario)} | msgspec.to_builtins(header))
             (folder / "scenario.json").write_bytes(msgspec.json.format(text, indent=1) + b"\n")
     return suite / scenario.id
 
@@ -137,9 +138,8 @@ def content_hash(scenario: Scenario) -> str:
     if scenario.judgement is not None:
         digest.update(msgspec.json.encode(scenario.judgement, order="deterministic"))
     for tracks in filter(None, (scenario.tracks, scenario.original, scenario.evasion)):
-        for item in fields(tracks):
-            value = getattr(tracks, item.name)
-            digest.update(item.name.encode() + (b"-" if value is None else value.tobytes()))
+        for name, value in _arrays(tracks).items():
+            digest.update(name.encode() + (b"-" if value is None else value.tobytes()))
     return digest.hexdigest()
 
 
@@ -169,6 +169,11 @@ def find_cases(path: Path) -> list[Path]:
 
 
 # --- one case ---------------------------------------------------------------------------------
+
+
+def _schema(scenario: Scenario) -> int:
+    tracks = filter(None, (scenario.tracks, scenario.original, scenario.evasion))
+    return SCHEMA if scenario.road.raised or not all(track.flat for track in tracks) else _FLAT_SCHEMA
 
 
 def _header(scenario: Scenario, files: MapFiles, digest: str) -> Header:
@@ -215,10 +220,17 @@ def _decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:
 
 
 def _pack_tracks(tracks: Tracks) -> bytes:
-    arrays = {f.name: getattr(tracks, f.name) for f in fields(tracks)}
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **{name: value for name, value in arrays.items() if value is not None})
+    np.savez_compressed(buffer, **{name: value for name, value in _arrays(tracks).items() if value is not None})
     return buffer.getvalue()
+
+
+def _arrays(tracks: Tracks) -> dict[str, Any]:
+    """What is kept of tracks: all but heights that are 0."""
+    arrays = {f.name: getattr(tracks, f.name) for f in fields(tracks)}
+    if tracks.flat:
+        arrays.pop("z")
+    return arrays
 
 
 def _load_tracks(path: Path) -> Tracks:

@@ -41,6 +41,11 @@ class _RoadEntry:
     drivable: bytes  # well-known binary
 
 
+@dataclass(frozen=True)
+class _RaisedRoadEntry(_RoadEntry):
+    heights: tuple[tuple[float, ...], ...] = ()  # [m] of the points of each lane; none where the map is flat
+
+
 def map_files(road: RoadMap) -> MapFiles:
     """The names under which `road` is kept."""
     return _pack(road)[0]
@@ -64,7 +69,9 @@ def load_map(files: MapFiles, case: Path) -> RoadMap:
 @functools.lru_cache(maxsize=16)
 def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
     lanes = tuple(_lane_entry(lane) for lane in road.lanes)
-    plain = msgspec.json.encode(_RoadEntry(lanes, road.connections, shapely.to_wkb(road.drivable)))
+    entry = lanes, road.connections, shapely.to_wkb(road.drivable)
+    heights = tuple(tuple(lane.height.tolist()) for lane in road.lanes)
+    plain = msgspec.json.encode(_RaisedRoadEntry(*entry, heights) if road.raised else _RoadEntry(*entry))
     content = {f"{_digest(plain)}.road.json.gz": gzip.compress(plain, mtime=0)}
     net_name = None
     if road.sumo_net is not None:
@@ -75,11 +82,17 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
 
 @functools.lru_cache(maxsize=16)
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
-    entry = msgspec.json.decode(gzip.decompress(road), type=_RoadEntry)
-    lanes = tuple(
-        Lane(e.id, np.array(e.centre), e.width, e.speed_limit, e.junction, e.left, e.right) for e in entry.lanes
-    )
+    entry = msgspec.json.decode(gzip.decompress(road), type=_RaisedRoadEntry)
+    heights = entry.heights or (None,) * len(entry.lanes)
+    lanes = tuple(_lane(one, height) for one, height in zip(entry.lanes, heights, strict=True))
     return RoadMap(lanes, entry.connections, shapely.from_wkb(entry.drivable), sumo_net)
+
+
+def _lane(entry: _LaneEntry, height: tuple[float, ...] | None) -> Lane:
+    z = np.zeros(len(entry.centre)) if height is None else np.array(height)
+    return Lane(
+        entry.id, np.array(entry.centre), entry.width, entry.speed_limit, entry.junction, entry.left, entry.right, z
+    )
 
 
 def _lane_entry(lane: Lane) -> _LaneEntry:

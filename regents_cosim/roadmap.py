@@ -22,16 +22,26 @@ class Lane:
     junction: bool = False  # an internal lane, inside a junction
     left: str | None = None  # neighbour one may change to
     right: str | None = None
+    height: Float[np.ndarray, " point"] = None  # pyright: ignore  # [m] of `centre`; 0 everywhere unless given
 
     def __post_init__(self) -> None:
         centre = np.array(self.centre, float)
-        centre.setflags(write=False)
-        object.__setattr__(self, "centre", centre)
+        height = np.zeros(len(centre)) if self.height is None else np.array(self.height, float)
+        for name, values in (("centre", centre), ("height", height)):
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
         require(
             centre.ndim == 2 and centre.shape[1] == 2 and len(centre) >= 2,
             f"lane {self.id}: centre line of shape {centre.shape}, expected at least two points [x, y]",
         )
-        require(bool(np.isfinite(centre).all()), f"lane {self.id}: centre line holds NaN or infinite numbers")
+        require(
+            height.shape == centre.shape[:1],
+            f"lane {self.id}: {height.size} heights, expected {len(centre)}, one for each point of its centre line",
+        )
+        require(
+            bool(np.isfinite(centre).all() and np.isfinite(height).all()),
+            f"lane {self.id}: centre line holds NaN or infinite numbers",
+        )
         require(self.width > 0, f"lane {self.id}: width {self.width} m, expected a positive number")
 
     @cached_property
@@ -70,6 +80,11 @@ class RoadMap:
         for link in self.connections:
             for end in (link.source, link.target):
                 require(end in ids, f"a connection names lane {end}, which the map does not have")
+
+    @cached_property
+    def raised(self) -> bool:
+        """Whether its lanes have heights; otherwise everything is at height 0."""
+        return any(lane.height.any() for lane in self.lanes)
 
     @cached_property
     def lane(self) -> dict[str, Lane]:

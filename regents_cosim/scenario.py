@@ -1,7 +1,7 @@
 """Scenario: one traffic scene over a horizon, the one value that every stage speaks.
 
 Frozen and validated at construction. Frame: the map's own (x east, y north, metres), box
-centres, yaw in radians counter-clockwise from +x. Entries where `valid` is False are 0.
+centres, yaw in radians counter-clockwise from +x, heights those of the road. Entries where `valid` is False are 0.
 """
 
 import itertools
@@ -49,7 +49,7 @@ class Tracks:
     """Motion of all agents, in the order of `Scenario.agents`.
 
     `accel` and `curvature` hold constantly from step k to k + 1; they are None where only
-    the motion was observed.
+    the motion was observed. `z` is 0 everywhere unless given: on a flat map.
     """
 
     x: Float[np.ndarray, "agent time"]  # [m]
@@ -59,8 +59,11 @@ class Tracks:
     valid: Bool[np.ndarray, "agent time"]
     accel: Float[np.ndarray, "agent time-1"] | None = None  # [m/s^2]
     curvature: Float[np.ndarray, "agent time-1"] | None = None  # [1/m] positive turns left
+    z: Float[np.ndarray, "agent time"] = None  # pyright: ignore  # [m] of the road under the agent
 
     def __post_init__(self) -> None:
+        if self.z is None:
+            object.__setattr__(self, "z", np.zeros(np.shape(self.x)))
         for name in (f.name for f in fields(self)):
             self._freeze(name)
         require(self.x.ndim == 2, f"tracks of {self.x.ndim} axes, expected [agent, time]")
@@ -88,6 +91,11 @@ class Tracks:
         bad = np.argwhere(~np.isfinite(value))
         if len(bad):
             require(False, f"tracks: {name} is not finite at agent {bad[0][0]}, step {bad[0][1]}")
+
+    @property
+    def flat(self) -> bool:
+        """Everybody is at height 0, as in all maps without heights."""
+        return not self.z.any()
 
     @property
     def steps(self) -> int:
@@ -352,4 +360,4 @@ def boxes_of(agents: tuple[Agent, ...], tracks: Tracks) -> Boxes:
     """Boxes of `agents` along `tracks`, [agent, time]."""
     length = np.array([agent.length for agent in agents])[:, None]
     width = np.array([agent.width for agent in agents])[:, None]
-    return Boxes(tracks.x, tracks.y, tracks.yaw, length, width)
+    return Boxes(tracks.x, tracks.y, tracks.yaw, length, width, tracks.z)

@@ -4,7 +4,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.boxes import Boxes, corners, distance, overlap
+from regents_cosim.boxes import CLEARANCE_M, Boxes, corners, distance, overlap
 
 BOX = st.builds(
     Boxes,
@@ -13,7 +13,9 @@ BOX = st.builds(
     yaw=st.floats(-7, 7),
     length=st.floats(0.5, 12),
     width=st.floats(0.3, 3),
+    z=st.just(0.0),
 )
+HEIGHT = st.floats(-20, 20)
 
 
 def polygon(box: Boxes) -> shapely.Polygon:
@@ -40,6 +42,17 @@ def test_distance_is_symmetric_and_does_not_change_when_both_move(a, b, turn, sh
 
     assert distance(a, b) == pytest.approx(distance(b, a), abs=1e-9)
     assert distance(a, b) == pytest.approx(distance(moved(a), moved(b)), abs=1e-9)
+
+
+@given(BOX, BOX, HEIGHT, HEIGHT)
+def test_boxes_meet_on_one_level_only(a, b, low, high):
+    raised = a._replace(z=low), b._replace(z=high)
+    if abs(low - high) < CLEARANCE_M:
+        assert overlap(*raised) == overlap(a, b)
+        assert distance(*raised) == distance(a, b)
+    else:
+        assert not overlap(*raised)
+        assert distance(*raised) == np.inf
 
 
 def test_boxes_that_cross_like_a_plus_sign_overlap():

@@ -72,10 +72,20 @@ def assert_equal(a, b):
             assert (left is None and right is None) or np.array_equal(left, right)
     assert a.road.connections == b.road.connections
     assert a.road.drivable.equals_exact(b.road.drivable, 0.0)
-    assert all(np.array_equal(p.centre, q.centre) for p, q in zip(a.road.lanes, b.road.lanes, strict=True))
+    for mine, theirs in zip(a.road.lanes, b.road.lanes, strict=True):
+        assert np.array_equal(mine.centre, theirs.centre)
+        assert np.array_equal(mine.height, theirs.height)
 
 
-@pytest.mark.parametrize("make", [platoon, attacked, judged])
+def raised():
+    """Up a slope and over a bridge."""
+    case = platoon()
+    lanes = tuple(replace(lane, height=np.array([0.0, 8.0])) for lane in case.road.lanes)
+    z = np.interp(case.tracks.x, [-200.0, 600.0], [0.0, 8.0])
+    return replace(case, road=replace(case.road, lanes=lanes), tracks=replace(case.tracks, z=z))
+
+
+@pytest.mark.parametrize("make", [platoon, attacked, judged, raised])
 def test_what_is_saved_is_loaded_exactly(tmp_path, make):
     assert_equal(load_case(save_case(make(), tmp_path)), make())
 
@@ -98,6 +108,17 @@ def test_files_are_the_same_bytes_every_time(tmp_path):
     first, second = (save_case(attacked(), tmp_path / name) for name in ("a", "b"))
     for path in sorted(first.iterdir()):
         assert path.read_bytes() == (second / path.name).read_bytes()
+
+
+def test_a_flat_case_is_written_as_before_there_were_heights(tmp_path):
+    flat = save_case(platoon(), tmp_path / "flat")
+    assert json.loads((flat / "scenario.json").read_text())["schema"] == 1
+    with np.load(flat / "tracks.npz") as packed:
+        assert packed.files == ["x", "y", "yaw", "speed", "valid"]
+    plain = gzip.decompress(next((tmp_path / "flat" / "maps").glob("*.road.json.gz")).read_bytes())
+    assert "heights" not in json.loads(plain)
+    assert json.loads((save_case(raised(), tmp_path / "raised") / "scenario.json").read_text())["schema"] == 2
+    assert content_hash(raised()) != content_hash(replace(raised(), tracks=platoon().tracks))
 
 
 def test_a_map_is_stored_once_per_suite(tmp_path):
@@ -168,7 +189,7 @@ def rewrite(case, **changes):
 
 def test_a_newer_schema(case):
     edit(case, lambda header: header.update(schema=99))
-    with pytest.raises(CaseError, match=r"schema 99, this version reads up to 1 \(upgrade"):
+    with pytest.raises(CaseError, match=r"schema 99, this version reads up to 2 \(upgrade"):
         load_case(case)
 
 
