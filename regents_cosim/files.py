@@ -22,6 +22,7 @@ import shapely
 from regents_cosim.atomic import explain_write, new_folder, write_atomic
 from regents_cosim.errors import CaseError, ScenarioError
 from regents_cosim.map_files import MapFiles, load_map, map_files, save_map
+from regents_cosim.names import require_file_name, require_inside, require_no_link
 from regents_cosim.scenario import Agent, AttackRecord, Judgement, Overlap, Provenance, Scenario, Signal, Tracks
 
 SCHEMA = 2  # the newest that is read: cases with heights
@@ -46,6 +47,9 @@ class Header:
     attack: AttackRecord | None
     judgement: Judgement | None = None
 
+    def __post_init__(self) -> None:
+        require_file_name(self.id, "case id")
+
 
 @dataclass(frozen=True)
 class SuiteEntry:
@@ -53,6 +57,9 @@ class SuiteEntry:
 
     case: str
     hash: str
+
+    def __post_init__(self) -> None:
+        require_file_name(self.case, "case of a suite")
 
 
 @dataclass(frozen=True)
@@ -74,7 +81,7 @@ def save_case(scenario: Scenario, suite: Path) -> Path:
     with explain_write(suite):
         suite.mkdir(parents=True, exist_ok=True)
         files = save_map(scenario.road, suite / "maps")
-        with new_folder(suite / scenario.id) as folder:
+        with new_folder(require_no_link(suite / scenario.id)) as folder:
             (folder / "tracks.npz").write_bytes(_pack_tracks(scenario.tracks))
             if scenario.original is not None:
                 (folder / "original.npz").write_bytes(_pack_tracks(scenario.original))
@@ -124,8 +131,16 @@ def load_header(folder: Path) -> Header:
     path = folder / "scenario.json"
     if not path.is_file():
         raise CaseError(f"no scenario.json in {folder} (expected a case folder)")
+    _require_own(folder)
     with _explain_read(folder):
         return _decode(path.read_bytes(), Header, path)
+
+
+def _require_own(folder: Path) -> None:
+    """Raise CaseError where a file of a case is a link out of its suite, or out of the case where that is alone."""
+    suite = folder.parent if (folder.parent / "suite.json").is_file() else folder
+    for name in ("scenario.json", "tracks.npz", "original.npz", "evasion.npz"):
+        require_inside(folder / name, suite)
 
 
 def content_hash(scenario: Scenario) -> str:
@@ -155,6 +170,7 @@ def load_suite(folder: Path) -> Suite:
     path = folder / "suite.json"
     if not path.is_file():
         raise CaseError(f"no suite.json in {folder} (expected a folder of cases; make one with `regents record`)")
+    require_inside(path, folder)
     with _explain_read(folder):
         return _decode(path.read_bytes(), Suite, path)
 

@@ -12,6 +12,7 @@ import shapely
 
 from regents_cosim.atomic import write_atomic
 from regents_cosim.errors import CaseError
+from regents_cosim.names import require_file_name, require_inside, require_no_link
 from regents_cosim.roadmap import Connection, Lane, RoadMap
 
 
@@ -21,6 +22,10 @@ class MapFiles:
 
     road: str  # lanes, connections, drivable area
     sumo_net: str | None  # the network as SUMO reads it
+
+    def __post_init__(self) -> None:
+        for name in filter(None, (self.road, self.sumo_net)):
+            require_file_name(name, "map")
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,7 @@ def map_files(road: RoadMap) -> MapFiles:
 def save_map(road: RoadMap, folder: Path) -> MapFiles:
     """Write the files of `road` that `folder` does not hold yet."""
     files, content = _pack(road)
+    require_no_link(folder)
     folder.mkdir(exist_ok=True)
     for name, data in content.items():
         if not (folder / name).exists():
@@ -105,9 +111,7 @@ def _digest(content: bytes) -> str:
 
 
 def _read(name: str, case: Path) -> bytes:
-    if Path(name).name != name:
-        raise CaseError(f"{case}: map {name!r} is not a plain file name")
-    for path in (case / name, case.parent / "maps" / name):
+    for path, home in ((case / name, case), (case.parent / "maps" / name, case.parent)):
         if path.is_file():
-            return path.read_bytes()
+            return require_inside(path, home).read_bytes()
     raise CaseError(f"{case}: map {name} not found (expected in the case or in {case.parent / 'maps'})")

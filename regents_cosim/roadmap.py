@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.errors import require
+from regents_cosim.names import require_id
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +26,7 @@ class Lane:
     height: Float[np.ndarray, " point"] = None  # pyright: ignore  # [m] of `centre`; 0 everywhere unless given
 
     def __post_init__(self) -> None:
+        require_id(self.id, "lane id")
         centre = np.array(self.centre, float)
         height = np.zeros(len(centre)) if self.height is None else np.array(self.height, float)
         for name, values in (("centre", centre), ("height", height)):

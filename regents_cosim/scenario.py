@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.boxes import Boxes
 from regents_cosim.errors import ScenarioError, require
+from regents_cosim.names import require_file_name, require_id
 from regents_cosim.roadmap import RoadMap
 
 Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
@@ -36,6 +37,7 @@ class Agent:
     role: Role = "background"
 
     def __post_init__(self) -> None:
+        require_id(self.id, "agent id")
         for name in ("length", "width"):
             size = getattr(self, name)
             require(
@@ -115,6 +117,7 @@ class Signal:
     changes: tuple[tuple[int, str], ...]  # (step, letters), first at step 0
 
     def __post_init__(self) -> None:
+        require_id(self.id, "signal id")
         steps = [step for step, _ in self.changes]
         require(
             bool(steps) and steps[0] == 0 and all(a < b for a, b in itertools.pairwise(steps)),
@@ -261,6 +264,7 @@ class Scenario:
     evasion: Tracks | None = None  # [1, time] how the ego could have avoided it: the gentlest manoeuvre, to the horizon
 
     def __post_init__(self) -> None:
+        require_file_name(self.id, "case id")
         require(bool(np.isfinite(self.dt)) and self.dt > 0, f"dt is {self.dt} s, expected a positive number")
         require(bool(np.isfinite(self.target).all()), f"target {self.target} is not finite")
         self._check_agents()

@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 import os
-import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -33,6 +32,7 @@ from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
+from regents_cosim.names import distinct_word, file_name, word
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
@@ -40,6 +40,7 @@ from regents_cosim.planners.systems import ACT_TIMEOUT_S, HostPlanner, find_plan
 from regents_cosim.ranges import Range
 from regents_cosim.scenario import ActTime, AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
 
+_LABEL = 40  # characters of a planner or an adversary in the id of a case
 _COST_TERMS = ("ego", "pair", "road")
 _BATCH = Range(1, 100_000, "scenarios on the device at once", whole=True)
 
@@ -321,7 +322,7 @@ class _Attack:
     def name(self, scenario: Scenario) -> str:
         """The id of an attacked case."""
         names = self.planner.names if isinstance(self.planner, Several) else (self.planner_name,)
-        return f"{scenario.id}-{self.config.label}-{'+'.join(map(_label, names))}"
+        return file_name(scenario.id, self.config.label, "+".join(map(_label, names)))
 
 
 def _in_threads(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> Iterator[list[Scenario]]:
@@ -392,12 +393,12 @@ def _logged_distances(world: World, config: AttackConfig) -> Float[Array, " agen
 
 def _named_after_adversary(attacked: Scenario) -> Scenario:
     adversary = next(agent.id for agent in attacked.agents if agent.role == "adversary")
-    return replace(attacked, id=f"{attacked.id}-{_label(adversary)}")
+    return replace(attacked, id=file_name(attacked.id, distinct_word(adversary, _LABEL)))
 
 
 def _label(planner: str) -> str:
-    """The last part of a planner's name, in letters and of a length that every file system takes."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", planner.rpartition(":")[2])[:40]
+    """The last part of a planner's name."""
+    return word(planner.rpartition(":")[2], _LABEL)
 
 
 def _outcome(found: Found) -> Outcome:

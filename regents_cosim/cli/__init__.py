@@ -43,6 +43,10 @@ def run(arguments: Sequence[str]) -> int:
     except BrokenPipeError:  # whoever read the table has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # of a name that the file system does not take, say, wherever it is first used
+        if error.filename is None:
+            raise
+        return _complain(f"{error.filename}: {error.strerror} (choose another file or folder)", 2)
     except KeyboardInterrupt:
         return _complain("interrupted; cases that were finished are saved", 130)
     return code if isinstance(code, int) else 0

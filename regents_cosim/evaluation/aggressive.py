@@ -7,6 +7,7 @@ from dataclasses import replace
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.scores import Results, collides_before
+from regents_cosim.names import file_name
 from regents_cosim.replays.replay import SumoDrive, drive_in_sumo_each
 from regents_cosim.replays.sumo import SumoReplay
 from regents_cosim.replays.sumo_drivers import AGGRESSIVE_DRIVER, DriverParameters
@@ -34,7 +35,7 @@ def _case(window: Scenario, seen: SumoReplay | RegentsError, planner: str) -> Sc
     if not isinstance(seen, RegentsError):
         return _attacked(window, seen.tracks, planner)
     record = AttackRecord(window.id, METHOD, planner, "planner_error", 0, planner_error=str(seen))
-    return replace(window, id=f"{window.id}-{METHOD}", attack=record, original=window.tracks)
+    return replace(window, id=file_name(window.id, METHOD), attack=record, original=window.tracks)
 
 
 def _drivers(window: Scenario) -> dict[int, DriverParameters]:
@@ -58,5 +59,5 @@ def _attacked(window: Scenario, tracks: Tracks, planner: str) -> Scenario:
     outcome = "no_collision" if hit is None else "collision"
     record = AttackRecord(window.id, METHOD, planner, outcome, 1, hit, names)
     return replace(
-        window, id=f"{window.id}-{METHOD}", agents=agents, tracks=tracks, attack=record, original=window.tracks
+        window, id=file_name(window.id, METHOD), agents=agents, tracks=tracks, attack=record, original=window.tracks
     )

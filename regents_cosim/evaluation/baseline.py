@@ -11,7 +11,8 @@ from typing import Literal
 import msgspec
 
 from regents_cosim.atomic import explain_write, write_atomic
-from regents_cosim.errors import CaseError, RegentsError
+from regents_cosim.errors import CaseError, RegentsError, ScenarioError
+from regents_cosim.names import require_file_name, require_inside
 from regents_cosim.provenance import versions
 
 SCHEMA = 1
@@ -40,6 +41,12 @@ class Baseline:
     versions: dict[str, str] = field(default_factory=dict)  # of the packages that it was last accepted with
     schema: int = SCHEMA
 
+    def __post_init__(self) -> None:
+        for simulators in self.planners.values():
+            for entries in simulators.values():
+                for case in entries:
+                    require_file_name(case, "case of a baseline")
+
     def of(self, planner: str, where: str) -> Mapping[str, Driven]:
         """What was accepted of a planner in a simulator, by case."""
         return self.planners.get(planner, {}).get(where, {})
@@ -61,6 +68,8 @@ def load_baseline(path: Path) -> Baseline:
     """Read a baseline; an empty one where there is no file. Raises CaseError for one that cannot be read."""
     if not path.exists():
         return Baseline()
+    if path.name == FILE:  # that of a suite
+        require_inside(path, path.parent)
     try:
         text = path.read_bytes()
         schema = msgspec.json.decode(text, type=_Schema).schema
@@ -70,7 +79,7 @@ def load_baseline(path: Path) -> Baseline:
                 "(upgrade regents_cosim, or accept a new baseline in another file)"
             )
         return msgspec.json.decode(text, type=Baseline)
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, ScenarioError) as error:
         raise CaseError(
             f"{path}: not a baseline, or damaged or truncated ({str(error).splitlines()[0]}); "
             "restore it, or delete it and accept anew"

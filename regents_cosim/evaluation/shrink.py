@@ -24,6 +24,7 @@ from regents_cosim.evaluation.clean import cleanness
 from regents_cosim.evaluation.deviation import deviation
 from regents_cosim.evaluation.pieces import cut, without
 from regents_cosim.evaluation.way_back import WayBack, changed_agents, with_rows
+from regents_cosim.names import file_name
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import Collision, Scenario, Tracks
 
@@ -259,7 +260,9 @@ def _named(attacked: Scenario, planner: str) -> Scenario:
     if "shrunk_from" in record.settings and record.planner == planner:
         return attacked
     settings = record.settings | {"shrunk_from": attacked.id}
-    return replace(attacked, id=f"{attacked.id}-shrunk", attack=replace(record, planner=planner, settings=settings))
+    return replace(
+        attacked, id=file_name(attacked.id, "shrunk"), attack=replace(record, planner=planner, settings=settings)
+    )
 
 
 def _collision(attacked: Scenario) -> Collision:

@@ -53,7 +53,7 @@ def _keep_the_rest(old: Path, new: Path) -> None:
     """Copy what is neither a case nor a map nor the manifest."""
     for entry in old.iterdir():
         if entry.is_file() and entry.name != "suite.json" and not entry.name.startswith("."):
-            shutil.copy2(entry, new / entry.name)
+            shutil.copy2(entry, new / entry.name, follow_symlinks=False)
 
 
 def merge(suites: Sequence[Path]) -> tuple[list[Scenario], Baseline]:

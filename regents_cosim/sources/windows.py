@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.collisions import find_overlaps
 from regents_cosim.errors import NoWindowError
+from regents_cosim.names import file_name, word
 from regents_cosim.provenance import command, versions
 from regents_cosim.ranges import SEED, Range
 from regents_cosim.roadmap import RoadMap
@@ -67,8 +68,8 @@ class Origin:
     def name(self) -> str:
         """The file's name without its endings, as part of a folder name."""
         if self.scene:
-            return _folder_name(self.scene) or self.source
-        return _folder_name(re.sub(r"(\.(gz|xml|csv|sumocfg|rou|net|fcd))+$", "", self.file)) or self.source
+            return word(self.scene) or self.source
+        return word(re.sub(r"(\.(gz|xml|csv|sumocfg|rou|net|fcd))+$", "", self.file)) or self.source
 
 
 def draw_slots(total: int, windows: Windows) -> list[int]:
@@ -236,7 +237,7 @@ def make_scenario(
     tracks = _tracks(scene, members)
     lights = {link.signal for link in road.connections}
     return Scenario(
-        id=_unique(f"{origin.name}-{recording.begin_s:07.1f}s-{_folder_name(recording.ids[ego])}", taken),
+        id=_unique(file_name(origin.name, f"{recording.begin_s:07.1f}s", word(recording.ids[ego])), taken),
         dt=recording.dt,
         agents=agents,
         tracks=tracks,
@@ -265,11 +266,6 @@ def _tracks(scene: Scene, members: list[int]) -> Tracks:
     return Tracks(x, y, yaw, speed, valid)
 
 
-def _folder_name(name: str) -> str:
-    """`name` in letters that every file system takes."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip(".")[:80]
-
-
 def _unique(name: str, taken: Counter[str]) -> str:
     taken[name] += 1
-    return name if taken[name] == 1 else f"{name}-{taken[name]}"
+    return name if taken[name] == 1 else file_name(name, str(taken[name]))
