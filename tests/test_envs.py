@@ -1,6 +1,9 @@
 """The gymnasium environments, as their users handle them."""
 
+import copy
 import hashlib
+import os
+import pickle
 import subprocess
 import sys
 import warnings
@@ -10,6 +13,7 @@ import gymnasium
 import numpy as np
 import pygame
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
 from regents_cosim.envs import HighwayReplayEnv, InjectScenario
@@ -135,6 +139,21 @@ def test_pictures_need_no_screen():
     env.close()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no Wayland")
+def test_without_a_display_pictures_are_drawn_without_a_word():
+    program = f"""
+import gymnasium, regents_cosim.envs
+env = gymnasium.make("{ID}", render_mode="rgb_array", disable_env_checker=True)
+env.reset(seed=0)
+print(env.render().std() > 5.0)
+"""
+    displays = ("SDL_VIDEODRIVER", "XDG_RUNTIME_DIR", "DISPLAY", "WAYLAND_DISPLAY")
+    bare = {name: value for name, value in os.environ.items() if name not in displays}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=bare, check=True)
+    assert done.stdout.splitlines()[-1] == "True"
+    assert done.stderr == ""
+
+
 @pytest.mark.parametrize(("driver", "drawn"), [("dummy", False), ("offscreen", True)])
 def test_the_window_opens_and_closes(monkeypatch, driver, drawn):
     """Both drivers of SDL's need no display; with `dummy` highway-env opens its window but draws nothing."""
@@ -199,6 +218,44 @@ def test_a_recorded_adversary_is_put_into_another_environment():
     assert info["crashed"]
     assert injected.crashed
     np.testing.assert_allclose(injected.position, [120.0, 4.0], atol=1e-9)  # nothing moved it
+
+
+def test_gymnasium_s_own_checks_pass_with_an_injected_adversary(tmp_path):
+    folder = save_case(cut_in(), tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # highway-env's observations have no bounds
+        check_env(InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=folder))
+
+
+def test_its_spec_makes_the_same_environment(tmp_path):
+    folder = save_case(cut_in(), tmp_path)
+    env = InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=folder, who="background")
+    for spec in (env.spec, EnvSpec.from_json(env.spec.to_json()), pickle.loads(pickle.dumps(env.spec))):
+        made = gymnasium.make(spec, disable_env_checker=True)
+        assert made.reset(seed=0)[1]["case"] == "in_the_way"
+        assert [vehicle.name for vehicle in made.injected] == ["car01", "car02"]
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_alone(again):
+    """Planners that look ahead copy the environment that they are in."""
+    env = InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=cut_in())
+    env.reset(seed=0)
+    other = again(env)
+    ahead = [other.step(1)[0] for _ in range(2)]
+    assert env.injected[0].time_s == 0.0
+    np.testing.assert_array_equal([env.step(1)[0] for _ in range(2)], ahead)
+    assert env.injected[0].time_s == other.injected[0].time_s == pytest.approx(2.0)
+
+
+def test_two_adversaries_from_two_cases():
+    other = replace(cut_in(), id="behind")
+    env = InjectScenario(
+        InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=cut_in()), case=other
+    )
+    env.reset(seed=0)
+    env.step(1)
+    assert [one.injected[0].time_s for one in (env, env.env)] == [pytest.approx(1.0)] * 2
 
 
 def test_the_options_say_who_is_injected(tmp_path):

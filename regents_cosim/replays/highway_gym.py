@@ -13,8 +13,11 @@ from regents_cosim.planners.way import way_to_target
 from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
 from regents_cosim.replays.highway_actions import actions
 from regents_cosim.replays.highway_cast import ActionVehicle, ReplayRoad, ScriptedVehicle
+from regents_cosim.replays.highway_display import skip_wayland
 from regents_cosim.replays.highway_road import build_network, route_along
 from regents_cosim.scenario import Scenario
+
+skip_wayland()
 
 Mode = Literal["track", "actions"]
 MODES: tuple[Mode, ...] = ("track", "actions")

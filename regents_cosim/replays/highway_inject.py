@@ -1,10 +1,13 @@
 """A recorded adversary, put into an environment of highway-env that exists already."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import gymnasium
 import numpy as np
+from gymnasium.utils import RecordConstructorArgs
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.road.road import Road
 from highway_env.vehicle.kinematics import Vehicle
@@ -13,18 +16,21 @@ from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.replays.episode import choose_case
 from regents_cosim.replays.highway_cast import ScriptedVehicle
+from regents_cosim.replays.highway_display import skip_wayland
 from regents_cosim.scenario import Agent, Scenario
+
+skip_wayland()
 
 Who = Literal["adversary", "background"]
 
 
-class InjectScenario(gymnasium.Wrapper):
+class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
     """Adds the adversary of a case to `env` at every reset, on its track, whatever touches it.
 
     The case must have been recorded on the map of `env`. `who` background adds everybody but the
     ego. Vehicles of the environment's own that are in the way of one who enters are taken off the
     road. As for the replay environment, `reset` takes the options `case` and `suite`; without a
-    case or a suite nobody is added.
+    case or a suite nobody is added. `gymnasium.make(env.spec)` makes the same once more.
     """
 
     def __init__(
@@ -35,7 +41,10 @@ class InjectScenario(gymnasium.Wrapper):
         who: Who = "adversary",
     ) -> None:
         """Raises RegentsError where `env` is none of highway-env's."""
-        super().__init__(env)
+        # Paths as text, so that a spec can be written as JSON; a case in memory cannot be, and never changes.
+        given = {"case": _plain(case), "suite": _plain(suite), "who": who}
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
+        gymnasium.Wrapper.__init__(self, env)
         host = env.unwrapped
         require(isinstance(host, AbstractEnv), f"{host} is no environment of highway-env", RegentsError)
         require(who in ("adversary", "background"), f"who {who!r}, expected adversary or background", RegentsError)
@@ -72,16 +81,17 @@ class InjectScenario(gymnasium.Wrapper):
         return self._who == "background" or agent.role == "adversary"
 
     def _keep_time(self, road: Road) -> None:
-        """Have the injected vehicles know the time, and come and go, whenever `road` makes a step."""
-        step = road.step
+        """Have the injected vehicles know the time, and come and go, whenever `road` makes a step.
 
-        def step_with_injected(dt: float) -> None:
-            for vehicle in self.injected:
-                vehicle.time_s += dt
-            self._call(road)
-            step(dt)
+        No closure: copies and pickles of the environment step their own road.
+        """
+        road.step = partial(self._step, road, road.step)
 
-        road.step = step_with_injected
+    def _step(self, road: Road, step: Callable[[float], None], dt: float) -> None:
+        for vehicle in self.injected:
+            vehicle.time_s += dt
+        self._call(road)
+        step(dt)
 
     def _call(self, road: Road) -> None:
         """Put on the road who is there now, take off who is not, and who is in the way."""
@@ -124,6 +134,10 @@ class InjectedVehicle(ScriptedVehicle):
         self.position = np.array([x, y])
         self.heading, self.speed = float(heading), float(speed)
         self.impact = None
+
+
+def _plain(place: Path | str | Scenario | None) -> str | Scenario | None:
+    return str(place) if isinstance(place, Path) else place
 
 
 def _touch(a: Vehicle, b: Vehicle) -> bool:

@@ -30,7 +30,7 @@ class Window:
         pygame.display.init()
         # without a display SDL draws into memory, which is right only for who asked for that
         require(
-            pygame.display.get_driver() != "offscreen" or "SDL_VIDEODRIVER" in os.environ,
+            pygame.display.get_driver() != "offscreen" or os.environ.get("SDL_VIDEODRIVER") == "offscreen",
             "highway-env's window needs a display, and there is none (leave out --gui, or use --record)",
             RegentsError,
         )
