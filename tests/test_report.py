@@ -8,6 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -236,6 +237,20 @@ def test_a_case_whose_planner_failed_has_no_ego():
 
 def test_three_hundred_cases_stay_small():
     assert 300 / len(CASES) * len(html_page(report_of(CASES, {}))) < 20e6
+
+
+@pytest.mark.parametrize("agent", [0, 1])
+def test_one_position_far_away_takes_little_memory(agent):
+    case = CRASHES[0]
+    x = case.tracks.x.copy()
+    x[agent, 5] += 1e8
+    case = replace(case, tracks=replace(case.tracks, x=x, accel=None, curvature=None))
+    tracemalloc.start()
+    page = html_page(report_of([case], {}))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 50e6
+    assert len(page) < 1e6
 
 
 def test_the_report_in_python(tmp_path):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scenes import straight_road
 from scipy.stats import norm
 
+from regents_cosim.errors import ScenarioError
 from regents_cosim.mirror.road_field import CELL_M, SIGMA_M, blur
 from regents_cosim.rasters import inside
 from regents_cosim.roadmap import RoadMap
@@ -28,6 +29,11 @@ def test_it_is_the_blurred_edge_of_the_road():
     exact = norm.cdf((-2 - across) / SIGMA_M)
     half_a_cell = 0.5 * CELL_M * norm.pdf(0) / SIGMA_M  # the edge lies anywhere within its cell
     assert lookup(field_of(), np.zeros(71), across) == pytest.approx(exact, abs=half_a_cell + 0.01)
+
+
+def test_an_extent_that_memory_does_not_hold_is_refused():
+    with pytest.raises(ScenarioError, match=r"spread over 1e\+05 km by 0.05\d* km, expected at most 2.7 square"):
+        field_of(high=(1e8, 20.0))
 
 
 def test_zero_on_the_road_and_one_far_off():

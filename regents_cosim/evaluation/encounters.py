@@ -24,6 +24,7 @@ _ACROSS_RAD = np.deg2rad(15.0)  # ways that meet at less neither cross nor join:
 _AS_ONE_RAD = np.deg2rad(2.0)  # ways whose directions differ by less, one on the other, have joined
 _STANDING_M = 1e-6  # a step that is no way
 _SPACING_M = 0.5  # of the points at which a way is compared with another one
+_MOST_POINTS = 20_000  # of these; a way beyond 10 km is no drive, and is looked at more coarsely
 _CHORD_M = 1.0  # before and behind the point of a way where its direction is asked
 
 Steps = Float[np.ndarray, " time"]
@@ -154,7 +155,7 @@ def joining(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
     touching = 0.5 * (ego.agent.width + other.agent.width)
     if shapely.distance(ego.line, other.line) > touching:
         return None
-    own = np.arange(0.0, ego.line.length, _SPACING_M)
+    own = np.arange(0.0, ego.line.length, max(_SPACING_M, ego.line.length / _MOST_POINTS))
     others, away = other.place(ego.at(own))
     turn = np.abs(wrap(ego.direction(own) - other.direction(others)))
     beside = (away < touching) & (turn < _ALONG_RAD)

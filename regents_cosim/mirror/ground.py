@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int, UInt8
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.mirror.separation import Box
-from regents_cosim.rasters import inside
+from regents_cosim.rasters import grid_shape, inside
 from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 
@@ -43,8 +43,7 @@ def draw_cells(
     road: RoadMap, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]
 ) -> UInt8[np.ndarray, "row column"]:
     """Cells of `road` between the corners `low` and `high` [m], whose lower left centre is at `low`."""
-    columns, rows = (np.ceil((high - low) / CELL_M).astype(int) + 1).tolist()
-    shape = (rows, columns)
+    shape = grid_shape(low, high, CELL_M)
     window = (*(low - 1.0), *(high + 1.0))
     edges = shapely.clip_by_rect(road.drivable.boundary, *window).buffer(0.5 * EDGE_LINE_M)
     areas = ((SURFACE, road.drivable), (LANE_LINE, _lane_lines(road, window)), (EDGE_LINE, edges))

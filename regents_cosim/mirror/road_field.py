@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from scipy.ndimage import gaussian_filter
 
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.rasters import inside
+from regents_cosim.rasters import grid_shape, inside
 from regents_cosim.roadmap import RoadMap
 
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
@@ -78,7 +78,7 @@ def blur(
     """
     # Centres at odd tenths of a metre: edges of lanes lie at even ones (a width of 3.2 m), and would tie.
     low = (np.floor((low - _MARGIN_M) / CELL_M) + 0.5) * CELL_M
-    columns, rows = (np.ceil((high + _MARGIN_M - low) / CELL_M).astype(int) + 1).tolist()
+    rows, columns = grid_shape(low, high + _MARGIN_M, CELL_M)
     off_road = ~inside(road.drivable, low, (rows, columns), CELL_M)
     field = gaussian_filter(off_road.astype(np.float32), SIGMA_M / CELL_M, mode="nearest")
     size = next((size for size in _SIZES if size >= field.size), field.size)

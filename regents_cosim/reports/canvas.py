@@ -59,9 +59,10 @@ class Canvas:
 
     def dashed(self, points: Points, colour: Colour, width: Px, pattern: tuple[Px, Px]) -> None:
         """A line of dashes; `pattern` is the length of a dash and of a gap."""
-        edge = np.add(self.size, width)
-        for dash in dashes(points, *pattern):
-            if (dash.max(axis=0) >= -width).all() and (dash.min(axis=0) <= edge).all():
+        period, edge = sum(pattern), np.add(self.size, width)
+        for start, end in stretches_inside(points, np.full(2, -float(width)), edge):
+            first = period * (start // period)  # a dash that is seen in part begins before
+            for dash in dashes(points, *pattern, (first, end)):
                 self.line(dash, colour, width)
 
     def disc(self, centre: Float[np.ndarray, " 2"], radius: Px, fill: Colour) -> None:
@@ -108,15 +109,43 @@ class Canvas:
         return max(1, round(width * self.zoom))
 
 
-def dashes(points: Points, dash: Px, gap: Px) -> list[Float[np.ndarray, "_ 2"]]:
-    """Cut a line into dashes, starting with one."""
-    along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+def dashes(
+    points: Points, dash: Px, gap: Px, part: tuple[float, float] | None = None
+) -> list[Float[np.ndarray, "_ 2"]]:
+    """Cut a line into dashes, starting with one; those that begin in the `part` from one place along it to another."""
+    along = _along(points)
+    first, last = part or (0.0, along[-1])
     found = []
-    for start in np.arange(0.0, along[-1], dash + gap):
+    for start in np.arange(first, min(last, along[-1]), dash + gap):
         end = min(start + dash, along[-1])
         at = np.concatenate([[start], along[(along > start) & (along < end)], [end]])
         found.append(np.stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])], axis=-1))
     return found
+
+
+def stretches_inside(
+    points: Points, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]
+) -> list[tuple[float, float]]:
+    """From where to where along a line it lies in the box from `low` to `high`, in order."""
+    along, start, way = _along(points), points[:-1], np.diff(points, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = np.stack([(low - start) / way, (high - start) / way])
+    beside = (way == 0.0) & ((start < low) | (start > high))  # runs along the box, outside
+    sides = np.where(way == 0.0, np.array([-np.inf, np.inf])[:, None, None], sides)
+    enter = np.clip(sides.min(axis=0).max(axis=-1), 0.0, 1.0)
+    leave = np.clip(sides.max(axis=0).min(axis=-1), 0.0, 1.0)
+    length, found = np.diff(along), []
+    for k in np.flatnonzero((enter < leave) & ~beside.any(axis=-1)).tolist():
+        begin, end = float(along[k] + enter[k] * length[k]), float(along[k] + leave[k] * length[k])
+        if found and begin - found[-1][1] <= 1e-9 * along[-1]:
+            found[-1] = found[-1][0], end
+        else:
+            found.append((begin, end))
+    return found
+
+
+def _along(points: Points) -> Float[np.ndarray, " point"]:
+    return np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
 
 
 def text_width(words: str, size: int) -> float:
