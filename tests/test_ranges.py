@@ -66,3 +66,15 @@ def test_the_command_line_refuses_with_one_line(option, value, tmp_path, capsys)
     assert code == 2
     assert len(said) == 1
     assert value.lstrip("-").removesuffix(".0") in said[0]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"epochs": 0}, {"lessons": 16}, {"drives": -1}, {"learning_rate": NAN}, {"frozen": 14}, {"evading": 1.0}]
+)
+def test_a_training_is_refused_before_it_begins(wrong):
+    """16 lessons, fewer than are taught at a time, ended in an IndexError after the traffic had been read."""
+    pytest.importorskip("torch")
+    from regents_cosim.planners.aim_bev.train import TrainConfig
+
+    with pytest.raises(RegentsError, match="expected"):
+        TrainConfig(**wrong)

@@ -19,6 +19,7 @@ from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, prac
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
+from regents_cosim.ranges import SEED, Range, check_ranges
 from regents_cosim.scenario import Scenario, Tracks
 
 _FROM_PRACTICE = 0.4  # share of the lessons, once there is any
@@ -44,11 +45,26 @@ class TrainConfig:
     threads: int = 2  # of torch
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "lessons", "kept", "batch", "threads"):
-            require(getattr(self, name) >= 1, f"{name} {getattr(self, name)}, expected at least 1", RegentsError)
-        require(0 <= self.frozen <= 13, f"{self.frozen} frozen layers, expected 0 to 13", RegentsError)
+        check_ranges(self, _RANGES)
+        require(
+            self.lessons >= self.batch,
+            f"lessons is {self.lessons}, expected at least {self.batch}: that many are taught at a time",
+            RegentsError,
+        )
         require(0 < self.evading < 1, f"a share {self.evading} of lessons, expected one between 0 and 1", RegentsError)
 
+
+_RANGES = {
+    "epochs": Range(1, 100_000, "passes over the lessons", whole=True),
+    "seed": SEED,
+    "lessons": Range(1, 10_000_000, "new lessons in an epoch", whole=True),
+    "kept": Range(1, 1000, "epochs that a lesson is repeated in", whole=True),
+    "batch": Range(1, 100_000, "lessons that are taught at a time", whole=True),
+    "learning_rate": Range(1e-9, 1.0, "the learning rate of Adam"),
+    "frozen": Range(0, 13, "first layers of the encoder that learn no more", whole=True),
+    "drives": Range(0, 100_000, "drives of the network by itself per epoch", whole=True),
+    "threads": Range(1, 1024, "threads of torch", whole=True),
+}
 
 # Of trained weights: lessons cost more than passes over them, and evasions take about ten passes. The log cannot teach
 # them: with it, 66 of 106 held-out attacks ended in a crash before and 64 after, and ordinary traffic suffered.
