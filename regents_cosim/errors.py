@@ -5,11 +5,23 @@ The command line prints the message on one line and exits with `exit_code`; no t
 
 from pathlib import Path
 
+# The exit codes of `regents`; 0 is a clean end, 130 one by Ctrl-C, 143 one by SIGTERM.
+NEGATIVE_VERDICT = 1  # a crash that did not transfer, a regression, a suite that fails its check
+WRONG_USAGE = 2
+MISSING_DEPENDENCY = 3
+PLANNER_FAILED = 4  # in at least one case; the others are done
+
 
 class RegentsError(Exception):
     """Wrong usage or input."""
 
-    exit_code = 2
+    exit_code = WRONG_USAGE
+
+
+class MissingDependencyError(RegentsError):
+    """An optional package, or a library of the system, that is not installed."""
+
+    exit_code = MISSING_DEPENDENCY
 
 
 class InputError(RegentsError):
@@ -42,6 +54,8 @@ class PlannerError(RegentsError):
 
 class DriveError(PlannerError):
     """A planner that failed in one scene, and its own traceback."""
+
+    exit_code = PLANNER_FAILED
 
     def __init__(self, message: str, trace: str = "") -> None:
         super().__init__(message)

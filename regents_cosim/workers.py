@@ -5,24 +5,24 @@ names a cluster. Jobs are functions of the package, never of the caller's script
 script needs no `if __name__ == "__main__"` guard.
 """
 
-import multiprocessing
+import itertools
 import os
-import signal
-import sys
-import threading
+import queue
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from typing import ParamSpec, TypeVar
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from typing import Any, ParamSpec, TypeVar
 
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import MissingDependencyError, RegentsError
+from regents_cosim.processes import Worker, main_hidden
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 _Job = TypeVar("_Job")
 
-_MAIN = threading.Lock()  # the caller's script is hidden by one thread at a time
 _ANSWERS_S = 10.0  # how long a scheduler may take
+_AHEAD = 256  # jobs that a foreign executor is given before the first result is taken
 
 
 def run_isolated(function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -36,37 +36,82 @@ def run_each(
 ) -> Iterator[_R | RegentsError]:
     """Results of `function` for every job, in order; a job that fails gives its error as a value.
 
-    A crash costs its job only: without an executor a process works on one job at a time, and a
-    job whose process died on an executor, perhaps by another job's fault, is tried once more in
-    a process of its own.
+    Jobs are taken when their turn comes, and nothing is kept of those whose result was given. A
+    crash costs its job only: a process works on one job at a time, and a job whose process died on
+    an executor of others, perhaps by another job's fault, is tried once more in a process of its own.
     """
     if executor is None:
-        return _each_here(function, list(jobs))
-    return _each_there(function, list(jobs), executor)
+        return _each_here(function, iter(jobs))
+    return _each_there(function, iter(jobs), executor)
 
 
-def local_processes(workers: int) -> ProcessPoolExecutor:
-    """Spawned (never forked) processes: JAX's threads and libsumo's state do not survive a fork."""
-    return ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_quietly_when_interrupted
-    )
+def local_processes(workers: int) -> "LocalProcesses":
+    """So many processes of our own."""
+    return LocalProcesses(workers)
+
+
+class LocalProcesses(Executor):
+    """Processes that each work on one job at a time; one that dies costs its job only, and another takes its place."""
+
+    def __init__(self, workers: int) -> None:
+        self._threads = ThreadPoolExecutor(workers)
+        self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
+        self._all: list[Worker] = []
+
+    def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
+        """Let a process call `fn`."""
+        return self._threads.submit(self._call, fn, args, kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes: when their jobs are done with `wait`, at once without."""
+        if not wait:
+            self.kill()
+        self._threads.shutdown(wait=True, cancel_futures=cancel_futures)
+        for worker in self._all:
+            worker.close()
+
+    def kill(self) -> None:
+        """End what is running; the jobs that wait are given up."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for worker in list(self._all):
+            worker.kill()
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.shutdown(wait=kind is None, cancel_futures=kind is not None)
+
+    def _call(self, function: Callable[..., _R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> _R:
+        worker = self._free()
+        try:
+            worker.begin(function, *args, **kwargs)
+            return worker.result()
+        finally:
+            self._idle.put(worker)
+
+    def _free(self) -> Worker:
+        """A process that waits, else a new one."""
+        with suppress(queue.Empty):
+            while True:
+                worker = self._idle.get_nowait()
+                if worker.is_alive():
+                    return worker
+                worker.close()
+                self._all.remove(worker)
+        worker = Worker()
+        self._all.append(worker)
+        return worker
 
 
 def submit(executor: Executor, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
     """Submit without letting new processes import the caller's script."""
+    if isinstance(executor, LocalProcesses):  # which see to that themselves
+        return executor.submit(function, *args, **kwargs)
     with main_hidden():
         return executor.submit(function, *args, **kwargs)
 
 
 def result_of(future: Future[_R]) -> _R:
     """The result, or a RegentsError that says that the process died."""
-    error = _failure(future)
-    if _is_lost(error):
-        raise RegentsError(
-            "the worker process died without a word (SUMO crashed or memory ran out); "
-            "the other results are not affected, run the command again for this one"
-        ) from error
-    return future.result()
+    return _said(future.result)
 
 
 @contextmanager
@@ -81,7 +126,9 @@ def executor_for(name: str) -> Iterator[Executor | None]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise RegentsError("`--executor dask:...` needs the extra: pip install 'regents_cosim[dask]'") from error
+        raise MissingDependencyError(
+            "`--executor dask:...` needs the extra: pip install 'regents_cosim[dask]'"
+        ) from error
     try:
         client = Client(address, timeout=_ANSWERS_S)
     except (OSError, TimeoutError, ValueError) as error:
@@ -90,33 +137,46 @@ def executor_for(name: str) -> Iterator[Executor | None]:
         yield client.get_executor()
 
 
-def _each_here(function: Callable[[_Job], _R], jobs: list[_Job]) -> Iterator[_R | RegentsError]:
-    workers = min(len(jobs), _cores())
-    pools = [local_processes(1) for _ in range(workers)]
+def _each_here(function: Callable[[_Job], _R], jobs: Iterator[_Job]) -> Iterator[_R | RegentsError]:
+    crew: deque[Worker] = deque()  # in the order of their jobs
     try:
-        running = [submit(pool, function, job) for pool, job in zip(pools, jobs, strict=False)]
-        for index in range(len(jobs)):
-            outcome = _result_or_error(running[index])
-            if index + workers < len(jobs):
-                turn = index % workers
-                if _is_lost(_failure(running[index])):
-                    pools[turn].shutdown()
-                    pools[turn] = local_processes(1)
-                running.append(submit(pools[turn], function, jobs[index + workers]))
+        for job in itertools.islice(jobs, _cores()):
+            crew.append(Worker())
+            crew[-1].begin(function, job)
+        while crew:
+            outcome = _outcome(crew[0].result)
+            following = [*itertools.islice(jobs, 1)]
+            if following:
+                crew[0] = crew[0] if crew[0].is_alive() else Worker()
+                crew[0].begin(function, *following)
+                crew.rotate(-1)
+            else:
+                crew.popleft().close()
             yield outcome
+            del outcome
     finally:
-        for pool in pools:
-            pool.shutdown(wait=True, cancel_futures=True)
+        for worker in crew:
+            worker.close()
 
 
-def _each_there(function: Callable[[_Job], _R], jobs: list[_Job], executor: Executor) -> Iterator[_R | RegentsError]:
-    futures = [_try_to_submit(executor, function, job) for job in jobs]
-    for job, future in zip(jobs, futures, strict=True):
-        if future is not None and not _is_lost(_failure(future)):
-            yield _result_or_error(future)
-            continue
-        with local_processes(1) as alone:
-            yield _result_or_error(submit(alone, function, job))
+def _each_there(
+    function: Callable[[_Job], _R], jobs: Iterator[_Job], executor: Executor
+) -> Iterator[_R | RegentsError]:
+    begun: deque[tuple[_Job, Future[_R] | None]] = deque()
+    while True:
+        for job in itertools.islice(jobs, _AHEAD - len(begun)):
+            begun.append((job, _try_to_submit(executor, function, job)))
+        if not begun:
+            return
+        job, future = begun.popleft()
+        alone = future is None or (_is_lost(_failure(future)) and not isinstance(executor, LocalProcesses))
+        yield _alone(function, job) if alone or future is None else _outcome(future.result)
+        del job, future
+
+
+def _alone(function: Callable[[_Job], _R], job: _Job) -> _R | RegentsError:
+    with local_processes(1) as executor:
+        return _outcome(executor.submit(function, job).result)
 
 
 def _try_to_submit(executor: Executor, function: Callable[[_Job], _R], job: _Job) -> Future[_R] | None:
@@ -127,11 +187,27 @@ def _try_to_submit(executor: Executor, function: Callable[[_Job], _R], job: _Job
         return None
 
 
-def _result_or_error(future: Future[_R]) -> _R | RegentsError:
+def _outcome(result: Callable[[], _R]) -> _R | RegentsError:
+    """The result, or the RegentsError that it raises; what is not installed no other job will find either."""
     try:
-        return result_of(future)
+        return _said(result)
+    except MissingDependencyError:
+        raise
     except RegentsError as error:
         return error
+
+
+def _said(result: Callable[[], _R]) -> _R:
+    """The result, or a RegentsError that says that the process died."""
+    try:
+        return result()
+    except Exception as error:
+        if not _is_lost(error):
+            raise
+        raise RegentsError(
+            "the worker process died without a word (SUMO crashed or memory ran out); "
+            "the other results are not affected, run the command again for this one"
+        ) from error
 
 
 def _failure(future: Future[_R]) -> BaseException | None:
@@ -152,22 +228,3 @@ def _cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def _leave_quietly_when_interrupted() -> None:
-    """On Ctrl-C an idle worker would print a traceback; a busy one still cleans up behind itself."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, lambda *_: sys.exit(130))
-
-
-@contextmanager
-def main_hidden() -> Iterator[None]:
-    """Spawned processes import the parent's main script again unless it has no file and no spec."""
-    main = sys.modules["__main__"]
-    with _MAIN:
-        hidden = {name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in main.__dict__}
-        main.__spec__ = None
-        try:
-            yield
-        finally:
-            main.__dict__.update(hidden)

@@ -1,12 +1,13 @@
 """Jobs in processes of their own: what comes back when they end, fail, or die."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 
 import pytest
 
@@ -118,8 +119,14 @@ def test_one_who_stops_listening_leaves_no_process_behind():
         os.kill(pid, 0)
 
 
-def test_a_shared_pool_that_breaks_costs_no_other_result():
+def test_a_death_costs_its_job_only_in_shared_processes_as_well():
     with local_processes(2) as pool:
+        check_outcomes(run_each(work, JOBS, pool))
+        assert pool.submit(abs, -1).result() == 1
+
+
+def test_a_pool_of_others_that_breaks_costs_no_other_result():
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         check_outcomes(run_each(work, JOBS, pool))
         with pytest.raises(BrokenExecutor):
             pool.submit(os.getpid)

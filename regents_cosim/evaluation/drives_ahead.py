@@ -5,10 +5,8 @@ raises or hangs costs its own case only; SUMO runs in processes of its own.
 """
 
 import os
-import queue
-from collections.abc import Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
@@ -21,7 +19,7 @@ from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check
 from regents_cosim.scenario import Scenario
-from regents_cosim.workers import local_processes, submit
+from regents_cosim.workers import local_processes
 
 _DIGITS = 4  # kept of a metric: a drive is the same to more than that on another machine
 
@@ -49,9 +47,10 @@ class DrivesAhead:
         self.where: Simulator = where
         self._act_timeout_s, self._margin = act_timeout_s, margin
         self._wheel = Wheel(planner, act_timeout_s)
-        self._processes = _Processes()
         # highway-env draws with pygame, which is not made for threads
-        self._pool = ThreadPoolExecutor(1 if where == "highway" else workers or os.cpu_count() or 1)
+        side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1
+        self._pool = ThreadPoolExecutor(side_by_side)
+        self._processes = local_processes(side_by_side)  # for SUMO
         self._begun: dict[Path, Future[tuple[Drive, Driven]]] = {}
 
     def __enter__(self) -> "DrivesAhead":
@@ -64,8 +63,8 @@ class DrivesAhead:
         """Give up what has not begun, and end all processes."""
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._wheel.__exit__(None, None, None)
+        self._processes.shutdown(wait=False)
         self._pool.shutdown(wait=True)
-        self._processes.close()
 
     def begin(self, folders: Iterable[Path]) -> None:
         """Drive these cases as soon as there is a free core, in this order."""
@@ -97,8 +96,7 @@ class DrivesAhead:
             return drive_case(scenario, self._wheel)
         if self.where == "highway":
             return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where))
-        with self._processes.lend() as process:
-            return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, process))
+        return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, self._processes))
 
 
 def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) -> Driven:
@@ -125,29 +123,3 @@ def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) 
         kind=drive.kind,
         metrics={name: None if value is None else round(float(value), _DIGITS) for name, value in measured.items()},
     )
-
-
-class _Processes:
-    """Processes for SUMO, as many as there are threads that ask; one that has died is replaced."""
-
-    def __init__(self) -> None:
-        self._free: queue.SimpleQueue[ProcessPoolExecutor] = queue.SimpleQueue()
-
-    @contextmanager
-    def lend(self) -> Iterator[Executor]:
-        try:
-            process = self._free.get_nowait()
-        except queue.Empty:
-            process = local_processes(1)
-        try:
-            yield process
-        finally:
-            try:
-                submit(process, os.getpid)
-            except BrokenExecutor:
-                process = local_processes(1)
-            self._free.put(process)
-
-    def close(self) -> None:
-        while not self._free.empty():
-            self._free.get_nowait().shutdown(wait=True, cancel_futures=True)

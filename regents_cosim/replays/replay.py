@@ -59,10 +59,10 @@ def replay_each(
     if where == "mirror":
         yield from (_or_failed(s, lambda s: _in_mirror(s, planner)) for s in scenarios)
         return
-    jobs = [
+    jobs = (
         SumoDrive(scenario, planner, background_drivers(scenario) if background == "reactive" else {}, gui=gui)
         for scenario in scenarios
-    ]
+    )
     for scenario, found in zip(scenarios, run_each(_in_sumo, jobs, executor), strict=True):
         yield failed(scenario, str(found)) if isinstance(found, RegentsError) else found
 

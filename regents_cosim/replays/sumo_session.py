@@ -4,7 +4,6 @@ SUMO may crash, and holds one simulation per process; here a crash is an error a
 """
 
 import multiprocessing
-import signal
 from collections.abc import Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -12,10 +11,10 @@ from typing import Any
 
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.planners.interface import Seen
+from regents_cosim.processes import begin_child, starting
 from regents_cosim.replays.sumo import EgoState, replay_in_sumo
 from regents_cosim.replays.sumo_drivers import DriverParameters
 from regents_cosim.scenario import Scenario
-from regents_cosim.workers import main_hidden
 
 _START_S = 120.0  # the imports of a process, and the network of a city
 _STEP_S = 30.0
@@ -60,7 +59,7 @@ class SumoSession:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        with main_hidden():
+        with starting():
             self._process.start()
         theirs.close()
 
@@ -110,7 +109,7 @@ class _Remote:
 
 
 def _serve(pipe: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+    begin_child()
     play: Play | None = None
     while True:
         try:

@@ -1,0 +1,153 @@
+"""One spawned process that does one job at a time, and what every process that we start has to do.
+
+Spawned, never forked: threads of JAX and the state of libsumo do not survive a fork. A process ends with the one that
+started it (`parent_death`) and leaves Ctrl-C and SIGTERM to it: a terminal sends them to both, and the parent alone knows
+what is finished.
+"""
+
+import atexit
+import multiprocessing
+import pickle
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.parent_death import die_with_parent
+
+_MAIN = threading.Lock()  # the caller's script is hidden by one thread at a time
+_SIGNALS = (signal.SIGINT, signal.SIGTERM) if hasattr(signal, "pthread_sigmask") else ()  # Windows has no masks
+_running: set[BaseProcess] = set()
+
+
+class Worker:
+    """The process, and the conversation with it. Use it from one thread at a time; `kill` from any."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_work, args=(theirs,))
+        _running.add(self._process)
+        with starting():
+            self._process.start()
+        theirs.close()
+
+    def begin(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> None:
+        """Begin a job; `result` gives what comes of it."""
+        job = pickle.dumps((function, args, kwargs))
+        with suppress(OSError):  # it has died; `result` says so
+            self._pipe.send_bytes(job)
+
+    def result(self) -> Any:
+        """What the job returned. Raises what it raised, BrokenExecutor where the process died."""
+        try:
+            fine, outcome = pickle.loads(self._pipe.recv_bytes())
+        except (EOFError, OSError) as error:
+            self.close()
+            raise BrokenExecutor("the process died") from error
+        if fine:
+            return outcome
+        raise outcome
+
+    def is_alive(self) -> bool:
+        """Whether it can do another job."""
+        return not self._pipe.closed and self._process.is_alive()
+
+    def kill(self) -> None:
+        """End the process; who waits for its result is told that it died."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """End the process, and give back what it took; twice does no harm."""
+        if not self._pipe.closed:
+            self._process.kill()
+            self._process.join()
+            self._pipe.close()
+            _running.discard(self._process)
+
+
+@contextmanager
+def starting() -> Iterator[None]:
+    """While a process is started, which has to `begin_child` first thing.
+
+    It does not import the caller's script, and Ctrl-C or SIGTERM wait until it is ready for them.
+    """
+    if not _SIGNALS:
+        with main_hidden():
+            yield
+        return
+    resource_tracker.ensure_running()  # would let the signals through when it is started on the way
+    with main_hidden():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def begin_child() -> None:
+    """In a new process: end with the parent, and leave Ctrl-C and SIGTERM to it."""
+    die_with_parent()
+    if _SIGNALS:
+        for number in _SIGNALS:
+            signal.signal(number, _leave_to_parent)  # a handler, for what is ignored would be so in programs it starts
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+
+
+@contextmanager
+def main_hidden() -> Iterator[None]:
+    """Spawned processes import the parent's main script again unless it has no file and no spec."""
+    main = sys.modules["__main__"]
+    with _MAIN:
+        hidden = {name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in main.__dict__}
+        main.__spec__ = None
+        try:
+            yield
+        finally:
+            main.__dict__.update(hidden)
+
+
+@atexit.register  # after the import of multiprocessing, and so before that waits for every process
+def _kill_all() -> None:
+    for process in _running:
+        if process.pid is not None:
+            process.kill()
+
+
+def _leave_to_parent(*_: object) -> None:
+    """The parent is told as well, and ends this process."""
+
+
+def _work(pipe: Connection) -> None:
+    begin_child()
+    while True:
+        try:
+            pipe.send_bytes(_outcome(pipe.recv_bytes()))
+        except (EOFError, OSError):  # the parent wants nothing more
+            return
+
+
+def _outcome(job: bytes) -> bytes:
+    """Whether the job succeeded, and its result or its error, as bytes."""
+    try:
+        function, args, kwargs = pickle.loads(job)
+        return pickle.dumps((True, function(*args, **kwargs)))
+    except BaseException as error:  # the job's, `sys.exit` included
+        if not isinstance(error, RegentsError):
+            error.add_note(f"In a process of its own:\n{traceback.format_exc()}")
+        return _error(error)
+
+
+def _error(error: BaseException) -> bytes:
+    try:
+        return pickle.dumps((False, error))
+    except Exception:  # errors of foreign libraries may hold anything
+        return pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}")))
