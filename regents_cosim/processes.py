@@ -1,13 +1,12 @@
 """One spawned process that does one job at a time, and what every process that we start has to do.
 
 Spawned, never forked: threads of JAX and the state of libsumo do not survive a fork. A process ends with the one that
-started it (`parent_death`) and leaves Ctrl-C and SIGTERM to it: a terminal sends them to both, and the parent alone knows
-what is finished.
+started it (`parent_death`) and leaves Ctrl-C and SIGTERM to it: a terminal sends them to all, and only the parent
+knows what is finished.
 """
 
 import atexit
 import multiprocessing
-import pickle
 import signal
 import sys
 import threading
@@ -15,6 +14,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
+from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -42,14 +42,13 @@ class Worker:
 
     def begin(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> None:
         """Begin a job; `result` gives what comes of it."""
-        job = pickle.dumps((function, args, kwargs))
         with suppress(OSError):  # it has died; `result` says so
-            self._pipe.send_bytes(job)
+            self._pipe.send((function, args, kwargs))
 
     def result(self) -> Any:
         """What the job returned. Raises what it raised, BrokenExecutor where the process died."""
         try:
-            fine, outcome = pickle.loads(self._pipe.recv_bytes())
+            fine, outcome = self._pipe.recv()
         except (EOFError, OSError) as error:
             self.close()
             raise BrokenExecutor("the process died") from error
@@ -128,26 +127,40 @@ def _leave_to_parent(*_: object) -> None:
 
 def _work(pipe: Connection) -> None:
     begin_child()
-    while True:
-        try:
-            pipe.send_bytes(_outcome(pipe.recv_bytes()))
-        except (EOFError, OSError):  # the parent wants nothing more
-            return
+    with suppress(EOFError, OSError):  # the parent wants nothing more
+        while True:
+            _send(pipe, _outcome(_received(pipe)))
 
 
-def _outcome(job: bytes) -> bytes:
-    """Whether the job succeeded, and its result or its error, as bytes."""
+def _received(pipe: Connection) -> Callable[[], Any]:
+    """The next job; one that cannot be loaded here fails when it is done. Raises EOFError where none will come."""
     try:
-        function, args, kwargs = pickle.loads(job)
-        return pickle.dumps((True, function(*args, **kwargs)))
-    except BaseException as error:  # the job's, `sys.exit` included
+        function, args, kwargs = pipe.recv()
+    except (EOFError, OSError):
+        raise
+    except Exception as error:
+        return partial(_fail, error)
+    return partial(function, *args, **kwargs)
+
+
+def _fail(error: Exception) -> None:
+    raise error
+
+
+def _outcome(job: Callable[[], Any]) -> tuple[bool, Any]:
+    """Whether the job succeeded, and its result or its error."""
+    try:
+        return True, job()
+    except BaseException as error:  # `sys.exit` included
         if not isinstance(error, RegentsError):
             error.add_note(f"In a process of its own:\n{traceback.format_exc()}")
-        return _error(error)
+        return False, error
 
 
-def _error(error: BaseException) -> bytes:
+def _send(pipe: Connection, outcome: tuple[bool, Any]) -> None:
     try:
-        return pickle.dumps((False, error))
-    except Exception:  # errors of foreign libraries may hold anything
-        return pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}")))
+        pipe.send(outcome)
+    except OSError:
+        raise
+    except Exception as error:  # what a foreign library raised may hold anything
+        pipe.send((False, RuntimeError(f"{type(outcome[1]).__name__} {outcome[1]}: {error}")))

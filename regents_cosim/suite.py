@@ -14,6 +14,7 @@ from regents_cosim.files import (
     save_case,
     save_suite,
 )
+from regents_cosim.interruption import keep, made_whole
 from regents_cosim.provenance import command, versions
 from regents_cosim.scenario import Scenario
 
@@ -26,15 +27,19 @@ class SuiteWriter:
         require_writable(folder)
         self.folder = folder
         self.seed = seed
+        self._added = 0
         known = load_suite(folder).cases if (folder / "suite.json").exists() else ()
         self._entries = {entry.case: entry.hash for entry in known}
 
     def add(self, scenario: Scenario) -> Path:
         """Save a case and the manifest with it; return the case's folder."""
-        saved = save_case(scenario, self.folder)
-        self._entries[scenario.id] = content_hash(scenario)
-        cases = tuple(SuiteEntry(case, digest) for case, digest in sorted(self._entries.items()))
-        save_suite(self.folder, Suite(cases, command(), self.seed, versions()))
+        with made_whole():
+            saved = save_case(scenario, self.folder)
+            self._entries[scenario.id] = content_hash(scenario)
+            cases = tuple(SuiteEntry(case, digest) for case, digest in sorted(self._entries.items()))
+            save_suite(self.folder, Suite(cases, command(), self.seed, versions()))
+        self._added += 1
+        keep(f"finished cases saved in {self.folder}: {self._added}; for the others run the same command again")
         return saved
 
 

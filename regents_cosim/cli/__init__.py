@@ -1,26 +1,16 @@
 """The command line: options in, calls of the package, tables out. Nothing else lives here.
 
-Heavy imports happen inside the commands, so that `--help` answers at once. What follows `--`
-goes to SUMO. Exit codes: 0 clean, 1 a failed verification or planner, 2 wrong usage or input.
+Heavy imports happen inside the commands, so that `--help` answers at once, and `main` sees to Ctrl-C before any other.
+What follows `--` goes to SUMO. Exit codes stand in `errors`.
 """
 
 import os
 import sys
 from collections.abc import Sequence
 
-from cyclopts import CycloptsError
-
-from regents_cosim.cli.bench import bench
-from regents_cosim.cli.commands import app, training
-from regents_cosim.cli.shrink import shrink
-from regents_cosim.cli.suite import suites
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import WRONG_USAGE, RegentsError
+from regents_cosim.interruption import end_at_once
 from regents_cosim.plain_text import one_line
-
-app.command(bench)
-app.command(training)
-app.command(suites)
-app.command(shrink)
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -32,12 +22,16 @@ def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command and return its exit code."""
+    from cyclopts import CycloptsError
+
+    from regents_cosim.cli.application import app
+
     mine, for_sumo = _split(arguments)
     words = [*mine, *(f"--sumo-option={word}" for word in for_sumo)]
     try:
         code = app(words, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
-        return _complain(f"{error} (see `regents {mine[0] if mine else ''} --help`)", 2)
+        return _complain(f"{error} (see `regents {mine[0] if mine else ''} --help`)", WRONG_USAGE)
     except RegentsError as error:
         return _complain(str(error), error.exit_code)
     except BrokenPipeError:  # whoever read the table has seen enough
@@ -46,14 +40,13 @@ def run(arguments: Sequence[str]) -> int:
     except OSError as error:  # of a name that the file system does not take, say, wherever it is first used
         if error.filename is None:
             raise
-        return _complain(f"{error.filename}: {error.strerror} (choose another file or folder)", 2)
-    except KeyboardInterrupt:
-        return _complain("interrupted; cases that were finished are saved", 130)
+        return _complain(f"{error.filename}: {error.strerror} (choose another file or folder)", WRONG_USAGE)
     return code if isinstance(code, int) else 0
 
 
 def main() -> None:
     """Entry point `regents`."""
+    end_at_once()
     sys.exit(run(sys.argv[1:]))
 
 

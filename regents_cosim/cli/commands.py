@@ -452,6 +452,7 @@ def train_aim_bev(
     """
     from regents_cosim.atomic import require_writable
     from regents_cosim.cli.fine_tuning import course, crashes_of, keep_best, learnt_path, show_before_after
+    from regents_cosim.interruption import keep
     from regents_cosim.planners.aim_bev.weights_file import SHIPPED
     from regents_cosim.reports.curve import draw_curve
     from regents_cosim.suite import load_cases
@@ -461,7 +462,7 @@ def train_aim_bev(
         raise RegentsError(f"--output {output}: expected a name that ends in .safetensors")
     require_writable(output.parent)
     try:
-        from regents_cosim.planners.aim_bev.train import FINE_TUNING, TrainConfig, train
+        from regents_cosim.planners.aim_bev.train import FINE_TUNING, TrainConfig, checkpoint_path, train
     except ModuleNotFoundError as error:
         raise RegentsError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
     given = {
@@ -490,6 +491,9 @@ def train_aim_bev(
         terminal.say(f"epoch {len(done)} of {config.epochs}: {error}")
         lines = {"loss [m]": [e.loss_m for e in done], "held back [m]": [e.held_back_m for e in done]}
         draw_curve("AIM-BEV: error of the waypoints", lines, output.with_suffix(".png"))
+        if fine_tune.finetune is None:
+            saved = checkpoint_path(output)
+            keep(f"epoch {len(done)} of {config.epochs} is saved; to go on: the same command with --resume {saved}")
     if plan is None or resume is None:
         terminal.show(f"weights in {output}", [dataclasses.asdict(epoch) for epoch in done])
     else:

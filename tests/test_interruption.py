@@ -1,0 +1,102 @@
+"""Ctrl-C and SIGTERM end a command at once, with all that it started, one line, and what was finished on disk."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from regents_cosim.files import load_case, load_suite
+from regents_cosim.shipped import network_config
+
+REGENTS = Path(sys.executable).parent / "regents"
+GRID = network_config("grid")
+WITHIN_S = 2.0
+
+pytestmark = pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks processes up in /proc")
+
+
+class Command:
+    """A command in a process group of its own; after it, nothing of it runs any more."""
+
+    def __init__(self, *words, **environment):
+        # Python leaves signals ignored that were so before; a shell's background jobs ignore SIGINT.
+        self._mark = f"{os.getpid()}-{time.monotonic_ns()}"
+        self._process = subprocess.Popen(
+            [str(word) for word in words],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            env=os.environ | environment | {"REGENTS_TEST_MARK": self._mark},
+        )
+
+    def wait_until(self, condition, at_most_s=60.0):
+        deadline = time.monotonic() + at_most_s
+        while not condition():
+            assert self._process.poll() is None, self._process.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+    def send(self, number, whole_group=False):
+        (os.killpg if whole_group else os.kill)(self._process.pid, number)
+
+    def end(self):
+        """The exit code, the lines on stderr; asserts that it took no longer than it may and left nothing behind."""
+        begin = time.monotonic()
+        try:
+            _, said = self._process.communicate(timeout=30.0)
+        finally:
+            os.killpg(self._process.pid, signal.SIGKILL) if self._process.poll() is None else None
+        took = time.monotonic() - begin
+        while self.children() and time.monotonic() < begin + WITHIN_S:
+            time.sleep(0.01)
+        assert self.children() == []
+        assert took < WITHIN_S
+        return self._process.returncode, said.splitlines()
+
+    def children(self):
+        """Processes of it, by their environment: a child of a child is one too."""
+        found = []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit() and int(entry.name) != self._process.pid:
+                try:
+                    is_mine = self._mark.encode() in (entry / "environ").read_bytes()
+                except OSError:
+                    continue
+                if is_mine:
+                    found.append(int(entry.name))
+        return found
+
+
+def attack(suite, *more, **environment):
+    return Command(
+        REGENTS, "attack", "-c", GRID, "--count", 24, "-o", suite, "--method", "focused", *more, **environment
+    )
+
+
+def check_saved(suite):
+    listed = load_suite(suite).cases
+    for entry in listed:
+        assert load_case(suite / entry.case).attack is not None
+    assert {entry.case for entry in listed} == {p.name for p in suite.iterdir() if (p / "scenario.json").exists()}
+    assert [path for path in suite.iterdir() if path.name.startswith(".")] == []
+    return len(listed)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_attack_ends_at_once_and_says_what_is_kept(tmp_path, number):
+    suite = tmp_path / "suite"
+    command = attack(suite, "--no-verify", "--no-pictures")
+    command.wait_until((suite / "suite.json").exists)
+    command.send(number, whole_group=True)
+    code, said = command.end()
+    word = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}[number]
+    count = check_saved(suite)
+    assert said == [
+        f"regents: {word}; finished cases saved in {suite}: {count}; for the others run the same command again"
+    ]
+    assert code == 128 + number
