@@ -63,6 +63,18 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(_Run(config), _RUN)
 
 
+def _refuse_code(suite: Path) -> None:
+    """A suite is data: pytest is not to run what it holds, or to take its configuration from there."""
+    from regents_cosim.errors import RegentsError
+    from regents_cosim.suite_code import code_for_pytest
+
+    if found := code_for_pytest(suite):
+        raise RegentsError(
+            f"{suite} holds {', '.join(found)}, which pytest would run or obey: remove it, or start pytest in the "
+            "suite's own folder if it is yours"
+        )
+
+
 def _suites(config: pytest.Config) -> list[Path]:
     given = [_from_here(config, path) for path in config.option.regents_suite or ()]
     return given or [Path(path) for path in config.getini("regents_suite")]
@@ -167,6 +179,8 @@ class _Run:
         from regents_cosim.evaluation.thresholds import parse_thresholds
 
         self.cases = {suite.resolve(): suite_cases(suite) for suite in _suites(self.config)}
+        for suite in self.cases:
+            _refuse_code(suite)
         self.baseline_files = self._baseline_files()
         require_one_home(self.cases, self.baseline_files)
         self.baselines: dict[Path, Baseline] = {f: load_baseline(f) for f in set(self.baseline_files.values())}

@@ -1,26 +1,103 @@
-"""Modules that a user names: a planner, a policy, a network."""
+"""Modules that a user names: a planner, a policy, a network; with the modules beside them, as Python finds them.
+
+`FILE.py` finds what `python FILE.py` finds, its own folder first; `package.module` what `python -m package.module`
+finds, the working directory first. A folder that lies in a suite is never searched: a suite may be a stranger's, and
+would need no more than a `numpy.py`.
+"""
 
 import importlib
 import importlib.util
+import sys
+import threading
 from pathlib import Path
 from types import ModuleType
 
 from regents_cosim.errors import PlannerError
 
+_SEARCHED: list[Path] = []  # folders of users that are on sys.path
+_LOCK = threading.RLock()
 
-def import_named(module_name: str, what: str) -> ModuleType:
+
+def import_named(module_name: str, what: str, installed: bool = False) -> ModuleType:
     """The module of that dotted name, or the Python file at that path. `what` it is wanted for stands in the error.
 
-    Raises PlannerError with what the module itself raised.
+    An `installed` module needs no folder searched. Raises PlannerError with what the module itself raised.
     """
+    hint = ""
     try:
-        if not module_name.endswith(".py"):
-            return importlib.import_module(module_name)
-        spec = importlib.util.spec_from_file_location(Path(module_name).stem, module_name)
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{module_name} is not a Python file")
-        module = importlib.util.module_from_spec(spec)
+        with _LOCK:
+            if not installed:
+                hint = _search_first(_folder_of(module_name))
+            is_file = module_name.endswith(".py")
+            return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
+    except (Exception, SystemExit) as error:  # whatever a user's module raises is the user's answer
+        said = f"{what} cannot be imported: {type(error).__name__}: {error}"
+        raise PlannerError(f"{said}{hint if isinstance(error, ImportError) else ''}") from error
+
+
+def suite_around(folder: Path) -> Path | None:
+    """The suite, or the case, that `folder` is or lies in."""
+    places = (folder, *folder.parents)
+    return next((p for p in places if (p / "suite.json").exists() or (p / "scenario.json").exists()), None)
+
+
+def _folder_of(module_name: str) -> Path:
+    return Path(module_name).resolve().parent if module_name.endswith(".py") else Path.cwd()
+
+
+def _import_file(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses look their module up. A module of that name that is there already keeps it.
+    registered = sys.modules.setdefault(path.stem, module)
+    try:
         spec.loader.exec_module(module)
-    except Exception as error:  # whatever a user's module raises is the user's answer
-        raise PlannerError(f"{what} cannot be imported: {type(error).__name__}: {error}") from error
+    finally:
+        if registered is module:
+            sys.modules.pop(path.stem, None)
     return module
+
+
+def _search_first(folder: Path) -> str:
+    """Put `folder` first on sys.path, and forget modules of its names that came from other folders of users.
+
+    So two versions of a planner, each with a `model.py` beside it, run in one process. Returns why not, to be said
+    where something is missing.
+    """
+    suite = suite_around(folder)
+    if suite is not None:
+        return f" (modules are not looked for in {folder}, which lies in the suite {suite})"
+    if str(folder) in sys.path:
+        sys.path.remove(str(folder))
+    sys.path.insert(0, str(folder))
+    others = [other for other in _SEARCHED if other != folder]
+    _SEARCHED[:] = [folder, *others]
+    importlib.invalidate_caches()  # files may be younger than what the finders remember
+    _forget(folder, others)
+    return ""
+
+
+def _forget(folder: Path, others: list[Path]) -> None:
+    """Forget modules that were found in `others` and are in `folder` too."""
+    if not others:
+        return
+    roots = [(name, module) for name, module in list(sys.modules.items()) if "." not in name]
+    hidden = {name for name, module in roots if _home(module) in others and _is_beside(name, folder)}
+    for name in [name for name in sys.modules if name.partition(".")[0] in hidden]:
+        del sys.modules[name]
+
+
+def _is_beside(name: str, folder: Path) -> bool:
+    return (folder / f"{name}.py").is_file() or (folder / name).is_dir()
+
+
+def _home(module: ModuleType) -> Path | None:
+    """The folder in which a module or a package was found."""
+    spec = getattr(module, "__spec__", None)
+    if spec is None:
+        return None
+    if spec.submodule_search_locations is not None:
+        return next((Path(place).parent for place in spec.submodule_search_locations), None)
+    return Path(spec.origin).parent if spec.has_location else None

@@ -154,12 +154,13 @@ def test_cases_on_one_map_carry_it_once():
 
 
 def test_ids_of_any_letters_do_no_harm():
-    case = replace(CRASHES[0], id=HARMFUL)
+    case_id = HARMFUL.replace("/", "|").replace("\u2028", "")  # what may name a folder
+    case = replace(CRASHES[0], id=case_id)
     page = html_page(report_of([case], {HARMFUL: [(drive(case, error=HARMFUL), None)]}))
     assert "<img" not in page
     assert "window.hurt = 1</script>" not in page
     [row] = rows_of(page)
-    assert (row["id"], row["errors"]) == (HARMFUL, [HARMFUL])
+    assert (row["id"], row["errors"]) == (case_id, [HARMFUL])
 
 
 def test_the_worst_come_first():

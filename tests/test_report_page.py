@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on PATH: ap
 
 EMPTY = "\N{EN DASH}"
 LAPTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
-HARMFUL = """</script><script>window.hurt = 1</script><img src=x onerror="window.hurt = 1"> & 'ü' #t=3"""
+HARMFUL = """<|script><script>window.hurt = 1<|script><img src=x onerror="window.hurt = 1"> & 'ü' #t=3"""
 CASES = load_cases(shipped("scenarios") / "quickstart")
 CRASHES = [case for case in CASES if case.attack and case.attack.collision]
 

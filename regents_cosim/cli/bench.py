@@ -270,7 +270,7 @@ def highway(
 
 
 @bench.command
-def transfer(cases: Path, *, talk: Talk = Talk()) -> int:
+def transfer(cases: Path, *, planner: str | None = None, talk: Talk = Talk()) -> int:
     """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
 
     In SUMO with everybody scripted, then among live traffic: only the adversary is scripted, and the ego, which
@@ -280,6 +280,8 @@ def transfer(cases: Path, *, talk: Talk = Talk()) -> int:
     ----------
     cases
         a case or a folder of cases
+    planner
+        who drives there; default the planner that was attacked, if it is one of ours: what a case names is not run
     """
     from regents_cosim.evaluation.transfer import PLACES
     from regents_cosim.evaluation.transfer import transfer as run_transfer
@@ -287,7 +289,7 @@ def transfer(cases: Path, *, talk: Talk = Talk()) -> int:
 
     terminal = open_terminal(talk)
     rows = []
-    for row, reports in terminal.each(run_transfer(load_cases(cases)), "replaying", len(PLACES)):
+    for row, reports in terminal.each(run_transfer(load_cases(cases), PLACES, planner), "replaying", len(PLACES)):
         replays = {"replays": [dataclasses.asdict(report) for report in reports]} if talk.json else {}
         rows.append(dataclasses.asdict(row) | replays)
     terminal.show(f"transfer of {cases}", rows)
@@ -317,7 +319,7 @@ def cross(
     cases
         folders of attacked cases, in place of attacks on networks
     planners
-        systems under test; by default those that were attacked in the cases
+        systems under test; by default those that were attacked in the cases, if they are ours
     universal
         attack all planners (in JAX) with one adversary as well: by the mean of their costs, by the worst, or both
     method
@@ -334,6 +336,7 @@ def cross(
     from regents_cosim.attacks.attack import attack_each
     from regents_cosim.evaluation.cross import cross_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.planners.find import attacked_planners
     from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
@@ -348,7 +351,9 @@ def cross(
                 raise RegentsError(f"case {case.id} was never attacked (expected cases of `regents attack`)")
             against = str(case.attack.settings.get("against", "")).split()
             attacked.setdefault(" + ".join((case.attack.planner, *against)), []).append(case)
-        planners = planners or tuple(dict.fromkeys(one for name in attacked for one in name.split(" + ")))
+        if not planners:
+            named = (one for found in attacked.values() for case in found for one in attacked_planners(case))
+            planners = tuple(dict.fromkeys(named))
     elif len(planners) < 2:
         raise RegentsError("expected two or more --planners to attack, or folders of attacked cases")
     else:

@@ -222,7 +222,8 @@ def replay(
         track: as in the case; planner: driven in closed loop by the planner (default where --planner is given);
         evasion: by the gentlest manoeuvre that avoids the collision
     planner
-        who drives the ego; default the planner that was attacked; also sumo, and highway-env's agents:
+        who drives the ego; default the planner that was attacked, if it is one of ours: what a case names is not run;
+        also sumo, and highway-env's agents:
         highway:idm, highway:mdp, highway:random, highway:package.module:attribute
     gui
         show it in the simulator's own window, sumo-gui or highway-env's

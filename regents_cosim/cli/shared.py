@@ -134,8 +134,10 @@ def verify_in_sumo(attacked: "list[Scenario]", executor: str, terminal: "Termina
 
 
 def attacked_planner(scenarios: "list[Scenario]") -> str:
-    """The one planner that the cases were attacked with."""
-    planners = {scenario.attack.planner for scenario in scenarios if scenario.attack}
+    """The one planner that the cases were attacked with. Raises RegentsError where it is not one of ours."""
+    from regents_cosim.planners.find import planner_of
+
+    planners = {planner_of(scenario) for scenario in scenarios if scenario.attack}
     if len(planners) != 1:
         raise RegentsError("the cases do not name one planner that was attacked; name it with --planner")
     return planners.pop()

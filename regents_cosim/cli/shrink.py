@@ -34,7 +34,7 @@ def shrink(
     output
         folder for the shrunk cases, NAME-shrunk; the folder that holds the case by default
     planner
-        who drives the ego; default the planner that was attacked
+        who drives the ego; default the planner that was attacked, if it is one of ours: what a case names is not run
     lead
         the window begins so long before the crash at the latest [s]
     record
@@ -48,6 +48,7 @@ def shrink(
     from regents_cosim.evaluation.shrink import size
     from regents_cosim.files import load_suite
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.planners.find import planner_of
     from regents_cosim.replays.mirror import Wheel
     from regents_cosim.reports.picture import animate_pair, draw_pair
     from regents_cosim.suite import SuiteWriter, load_cases
@@ -64,14 +65,15 @@ def shrink(
         raise RegentsError(f"{cases} holds no case that ends in a collision (make some with `regents attack`)")
     if record and len(crashes) > 1:
         raise RegentsError(f"{cases} holds {len(crashes)} crashes; --record shows one, name its folder")
+    drivers = [planner_of(case, planner) for case in crashes]
     if compile_cache:
         keep_compiled_programs()
     folder = output or (cases.resolve().parent if is_case else cases)
     seed = load_suite(folder).seed if (folder / "suite.json").is_file() else 0
     suite = SuiteWriter(folder, seed)
     rows = []
-    for case in terminal.each(crashes, "shrinking", len(crashes)):
-        with Wheel(planner or (case.attack.planner if case.attack else "idm"), act_timeout) as wheel:
+    for case, driver in terminal.each(zip(crashes, drivers, strict=True), "shrinking", len(crashes)):
+        with Wheel(driver, act_timeout) as wheel:
             shrunk = run_shrink(case, wheel, lead)
         suite.add(shrunk.case)
         rows += [dataclasses.asdict(size(one)) for one in (shrunk.attacked, shrunk.case)]

@@ -114,11 +114,18 @@ def check(suite: Path, *, replay: bool = False, talk: Talk = Talk()) -> int:
         replay every case in the simulator that it is from as well, and compare every position
     """
     from regents_cosim.evaluation.suites import check_suite
+    from regents_cosim.planners.find import BUILT_IN
 
     terminal = open_terminal(talk)
     with terminal.waiting("checking"):
         rows = list(check_suite(suite, replay))
     bad = [row for row in rows if row.problem]
+    foreign = sorted({row.planner for row in rows if row.planner} - BUILT_IN)
+    if foreign:
+        terminal.say(
+            f"attacked with planners that do not come with regents_cosim: {', '.join(foreign)} "
+            "(a planner that a case names is not run, only one that you name with --planner)"
+        )
     terminal.show(
         f"{len(rows)} cases checked in {suite}, {len(bad)} with a problem",
         [dataclasses.asdict(row) for row in (rows if talk.json else bad)],

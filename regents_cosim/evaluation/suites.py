@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from regents_cosim.atomic import explain_write, new_folder, require_writable
@@ -11,6 +11,7 @@ from regents_cosim.evaluation.baseline import FILE, Baseline, load_baseline, sav
 from regents_cosim.files import content_hash, load_case, load_suite
 from regents_cosim.scenario import Scenario
 from regents_cosim.suite import SuiteWriter
+from regents_cosim.suite_code import code_for_pytest
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class CheckRow:
     problem: str  # empty where there is none
     baselines: int  # planners and simulators with an entry
     replayed: str | None = None  # where it was verified; None: it was not
+    planner: str | None = None  # that it was attacked with
 
 
 def write_suite(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline: Baseline | None = None) -> None:
@@ -97,24 +99,27 @@ def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
     """Check every case, and then what the suite holds beside them; with `replay`, every crash in its simulator.
 
     A case has to load, with its maps, as its content hash and the manifest say. Baselines have to be
-    of the cases as they are. Raises CaseError where the manifest or the baseline cannot be read.
+    of the cases as they are. A planner that is not ours is no problem: it is never run because a case
+    names it. Raises CaseError where the manifest or the baseline cannot be read.
     """
     entries = load_suite(suite).cases
     baseline = load_baseline(suite / FILE)
     loaded: list[Scenario] = []
     rows: list[CheckRow] = []
     for entry in entries:
+        planner = None
         try:
             scenario = load_case(suite / entry.case)
+            planner = scenario.attack.planner if scenario.attack else None
             problem = _mismatch(scenario, entry.case, entry.hash, suite, baseline)
             loaded.append(scenario)
         except CaseError as error:
             problem = str(error)
-        rows.append(CheckRow(entry.case, problem, len(_accepted(baseline, entry.case))))
+        rows.append(CheckRow(entry.case, problem, len(_accepted(baseline, entry.case)), planner=planner))
     replays = _replayed(loaded) if replay else {}
     for row in rows:
         place, reason = replays.get(row.case, (None, ""))
-        yield CheckRow(row.case, row.problem or reason, row.baselines, place)
+        yield replace(row, problem=row.problem or reason, replayed=place)
     yield from _left_over(suite, {entry.case for entry in entries}, baseline)
 
 
@@ -154,7 +159,9 @@ def _replayed(scenarios: Sequence[Scenario]) -> dict[str, tuple[str | None, str]
 
 
 def _left_over(suite: Path, listed: set[str], baseline: Baseline) -> Iterator[CheckRow]:
-    """Case folders that the manifest does not list, and baseline entries without a case."""
+    """Code, case folders that the manifest does not list, and baseline entries without a case."""
+    for name in code_for_pytest(suite):
+        yield CheckRow(name, "pytest would run or obey it: remove it, or work in the suite's own folder", 0)
     folders = {path.parent.name for path in suite.glob("*/scenario.json")}
     for name in sorted(folders - listed):
         yield CheckRow(name, "lies in the suite, but suite.json does not list it", 0)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.statistics import percent, percent_interval
+from regents_cosim.planners.find import planner_of
 from regents_cosim.replays.replay import Background, Mode, Simulator, replay_each
 from regents_cosim.replays.verify import Replay, ReportedCollision, failed
 from regents_cosim.scenario import Scenario
@@ -94,28 +95,33 @@ class HighwayRow:
 
 
 def transfer(
-    cases: Sequence[Scenario], places: Sequence[Place] = PLACES
+    cases: Sequence[Scenario], places: Sequence[Place] = PLACES, planner: str | None = None
 ) -> Iterator[tuple[TransferRow, list[CrashReport]]]:
     """What becomes of `cases`, place by place.
 
-    SUMO's own traffic is a place where all come from SUMO, planners drive where all were attacked.
-    A case that a place cannot replay is one without a crash there; its report says why.
+    SUMO's own traffic is a place where all come from SUMO, planners drive where all were attacked: `planner`, or
+    the one that each was attacked with. A case that a place cannot replay is one without a crash there; its report
+    says why. Raises PlannerError before any replay for a planner that a case names and that is not ours.
     """
-    for place in places:
-        if place.background == "reactive" and not all(case.road.sumo_net for case in cases):
-            continue
-        if place.planner_drives and not all(case.attack for case in cases):
-            continue
-        replays = _replayed(cases, place)
+    possible = [place for place in places if _takes(place, cases)]
+    driven = any(place.planner_drives for place in possible)
+    drivers = [planner_of(case, planner) if driven else None for case in cases]
+    for place in possible:
+        replays = _replayed(cases, drivers if place.planner_drives else [None] * len(cases), place)
         yield _transfer_row(place.name, cases, replays), [_report(place.name, replay) for replay in replays]
 
 
-def _replayed(cases: Sequence[Scenario], place: Place) -> list[Replay]:
-    """In the order of `cases`."""
+def _takes(place: Place, cases: Sequence[Scenario]) -> bool:
+    if place.background == "reactive" and not all(case.road.sumo_net for case in cases):
+        return False
+    return not place.planner_drives or all(case.attack for case in cases)
+
+
+def _replayed(cases: Sequence[Scenario], drivers: Sequence[str | None], place: Place) -> list[Replay]:
+    """In the order of `cases`, each with its driver; None: the ego follows its track."""
     found = dict[str, Replay]()
-    planners = {case.attack.planner if place.planner_drives and case.attack else None: None for case in cases}
-    for planner in planners:
-        own = [case for case in cases if planner is None or (case.attack and case.attack.planner == planner)]
+    for planner in dict.fromkeys(drivers):
+        own = [case for case, driver in zip(cases, drivers, strict=True) if driver == planner]
         try:
             replays = list(replay_each(own, place.where, planner, mode=place.mode, background=place.background))
         except PlannerError as error:

@@ -1,15 +1,26 @@
-"""Planners by name: an entry point, `package.module:attribute`, `path/to/file.py:attribute`, or a bridge.
+"""Planners by name: ours, an entry point, `package.module:attribute`, `path/to/file.py:attribute`, or a bridge.
 
+What a user names is run. What a case names is not, for the case may be a stranger's: see `planner_of`.
 No JAX here: processes that host a planner need none.
 """
 
 from collections.abc import Callable
+from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.interface import Planner
+from regents_cosim.scenario import Scenario
 from regents_cosim.user_code import import_named
+
+# Those that come with the package. Another package's entry point of the same name does not take their place.
+OURS: dict[str, str] = {
+    "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
+    "constant_velocity": "regents_cosim.planners.constant_velocity:ConstantVelocity",
+    "idm": "regents_cosim.planners.idm:IDM",
+    "log_replay": "regents_cosim.planners.log_replay:LogReplay",
+}
 
 # Somebody else's kind of planner behind a prefix: `exec:./my_planner --fast`. What the factory gets is the rest.
 # Modules by name, as entry points are: those that need the simulators of `replays` are found there.
@@ -21,25 +32,61 @@ BRIDGES: dict[str, str] = {
     "torch": "regents_cosim.planners.torch_bridge:TorchPlanner",
 }
 
+# All that a case may name: what these load comes with the package, or with SUMO and highway-env.
+BUILT_IN = frozenset({*OURS, "sumo", "highway:idm", "highway:mdp", "highway:random"})
+
+
+def planner_of(case: Scenario, named: str | None = None) -> str:
+    """Who drives `case`: the planner that the user has `named`, else the one that the case was attacked with.
+
+    A case is data, and may come from anywhere: what it names is looked up among our own planners by exact name.
+    Raises PlannerError for any other.
+    """
+    return named or attacked_planners(case)[0]
+
+
+def attacked_planners(case: Scenario) -> tuple[str, ...]:
+    """Those that `case` was attacked with, more than one where an adversary was found for several.
+
+    Raises PlannerError where one of them is not ours.
+    """
+    if case.attack is None:
+        raise PlannerError(f"case {case.id} was never attacked, and names no planner: name one with --planner")
+    names = (case.attack.planner, *str(case.attack.settings.get("against", "")).split())
+    foreign = next((name for name in names if name not in BUILT_IN), None)
+    if foreign is not None:
+        raise PlannerError(
+            f"case {case.id} was attacked with planner {foreign!r}, which does not come with regents_cosim; what a "
+            "case names is not run: name the planner yourself, with --planner"
+        )
+    return names
+
 
 def find_attribute(name: str) -> Any:
     """What a name stands for: a planner, or something that makes one without arguments. Raises PlannerError."""
+    if name in OURS:
+        return _ours(OURS[name])
     known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
     bridge, _, rest = name.partition(":")
     if bridge in BRIDGES and name not in known:
-        factory: Callable[[str], Planner] = find_attribute(BRIDGES[bridge])
+        factory: Callable[[str], Planner] = _ours(BRIDGES[bridge])
         return lambda: factory(rest)
     module_name, _, attribute = known.get(name, name).rpartition(":")
     if not module_name:
         raise PlannerError(
-            f"planner {name!r} not found, expected one of {', '.join(sorted(known))}, sumo, "
+            f"planner {name!r} not found, expected one of {', '.join(sorted({*OURS, *known}))}, sumo, "
             "aim-bev:WEIGHTS, highway:AGENT, torch:MODULE, exec:COMMAND, "
             "`package.module:attribute` or `file.py:attribute`"
         )
-    found = getattr(import_named(module_name, f"planner {name!r}"), attribute, None)
+    found = getattr(import_named(module_name, f"planner {name!r}", installed=name in known), attribute, None)
     if found is None:
         raise PlannerError(f"planner {name!r}: {module_name} has no {attribute!r}")
     return found
+
+
+def _ours(place: str) -> Any:
+    module_name, _, attribute = place.partition(":")
+    return getattr(import_module(module_name), attribute)
 
 
 def make_planner(name: str) -> Planner:

@@ -69,7 +69,10 @@ def html_page(report: Report) -> str:
         script=Markup("\n").join(_inlined(f"{name}.js") for name in _SCRIPTS),
         page=_script_data({"drivers": report.drivers, "driven": report.driven, "rows": rows}),
         maps=[packed(one.content()) for one in maps],
-        payloads=(packed(case.content(maps[place], report.folder)) for case, place in zip(cases, places, strict=True)),
+        payloads=(
+            packed(case.content(maps[place], report.folder, report.driven))
+            for case, place in zip(cases, places, strict=True)
+        ),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from regents_cosim.boxes import Boxes, distance
 from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.planners.find import BUILT_IN
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
@@ -127,8 +128,8 @@ class PageCase:
             return "No collision"
         return _sentence(OUTCOMES[attack.outcome])
 
-    def content(self, page_map: PageMap, folder: Path | None) -> dict[str, Any]:
-        """What the player, the plots and the sheets show; `folder` holds the suite."""
+    def content(self, page_map: PageMap, folder: Path | None, driven: bool = False) -> dict[str, Any]:
+        """What the player, the plots and the sheets show; `folder` holds the suite, `driven` as in the report."""
         case, origin = self.scenario, page_map.origin
         others = range(1, len(case.agents))
         runs = [run.tracks for run in self.runs]
@@ -156,7 +157,7 @@ class PageCase:
             "judgement": _judgement(case),
             "facts": _facts(case),
             "settings": case.attack.settings if case.attack else {},
-            "commands": _commands(case, [run.driver for run in self.runs], folder),
+            "commands": _commands(case, [run.driver for run in self.runs], driven, folder),
         }
 
     def _gap(self, ego: Tracks | None, others: Tracks | None) -> Spans:
@@ -256,20 +257,28 @@ def _facts(case: Scenario) -> list[tuple[str, str]]:
             ),
             ("Candidates", ", ".join(attack.candidates) or "none"),
         ]
+    if source.command:
+        facts.append(("Recorded by", source.command))
     return [*facts, ("Versions", ", ".join(f"{name} {number}" for name, number in source.versions.items()))]
 
 
-def _commands(case: Scenario, drivers: list[str], folder: Path | None) -> list[tuple[str, str]]:
-    """How to make the case again and, where it lies in a `folder`, to drive and to watch it."""
-    found = [("Make the suite again", case.provenance.command)] if case.provenance.command else []
+def _commands(case: Scenario, drivers: list[str], driven: bool, folder: Path | None) -> list[tuple[str, str]]:
+    """How to drive and to watch a case that lies in a `folder`, to be pasted into a shell.
+
+    Nothing of it is what a case says: that may be a stranger's command. Drivers of the drives that the user has
+    asked for (`driven`) are those of the user's own command line.
+    """
     if folder is None:
-        return found
+        return []
     place = shlex.quote(str(folder / case.id))
-    found.insert(0, ("Watch it in SUMO", f"regents replay {place} --in sumo --gui"))
+    found = [("Watch it in SUMO", f"regents replay {place} --in sumo --gui")]
     if case.evasion is not None:
-        found.insert(1, ("Watch the way out", f"regents replay {place} --in sumo --gui --ego evasion"))
+        found.append(("Watch the way out", f"regents replay {place} --in sumo --gui --ego evasion"))
+    names = [name if driven or name in BUILT_IN else None for name in drivers]
     again = [
         (f"Drive it again with {name}", f"regents replay {place} --in mirror --planner {shlex.quote(name)}")
-        for name in drivers
+        if name
+        else ("Drive it with a planner of yours", f"regents replay {place} --in mirror --planner YOUR_PLANNER")
+        for name in names
     ]
     return [*again, *found]
