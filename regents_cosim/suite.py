@@ -1,5 +1,6 @@
 """Folders of cases with their manifest: written case by case, read as a whole."""
 
+import logging
 from pathlib import Path
 
 from regents_cosim.atomic import require_writable
@@ -17,6 +18,8 @@ from regents_cosim.files import (
 from regents_cosim.interruption import keep, made_whole
 from regents_cosim.provenance import command, versions
 from regents_cosim.scenario import Scenario
+
+_log = logging.getLogger(__name__)
 
 
 class SuiteWriter:
@@ -40,6 +43,7 @@ class SuiteWriter:
             save_suite(self.folder, Suite(cases, command(), self.seed, versions()))
         self._added += 1
         keep(f"finished cases saved in {self.folder}: {self._added}; for the others run the same command again")
+        _log.info("saved %s", saved)
         return saved
 
 

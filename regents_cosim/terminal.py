@@ -1,10 +1,12 @@
 """What a person sees: progress on stderr, tables on stdout, the same rows as JSON on demand."""
 
 import json
+import logging
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -14,64 +16,99 @@ from rich.table import Table
 from rich.text import Text
 
 from regents_cosim.plain_text import printable
+from regents_cosim.table_fit import GAP, Column, fit
 
 _Item = TypeVar("_Item")
 _LABEL_LIMIT = 120
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Terminal:
-    """How to talk: `quiet` leaves out everything but the result, `json` prints it for machines."""
+    """How to talk: `quiet` leaves out everything but the result, `json` prints it for machines.
+
+    `wide` prints every column of a table, even where the terminal is too narrow for them. With `verbose` the loggers
+    tell on stderr what is done, and how long it takes, so that no bar does.
+    """
 
     quiet: bool = False
     json: bool = False
+    wide: bool = False
+    verbose: bool = False
 
     def say(self, text: str) -> None:
         """One line on stderr."""
-        if not self.quiet:
+        _log.info("%s", text)
+        if not (self.quiet or self.verbose):
             _stderr().print(plain(text), soft_wrap=True)
 
     @contextmanager
     def waiting(self, what: str) -> Iterator[None]:
         """A bar without an end while the block runs."""
-        with self._progress() as bar:
+        with self._progress() as bar, _timed(what):
             bar.add_task(printable(what, _LABEL_LIMIT), total=None)
             yield
 
     def each(self, items: Iterable[_Item], what: str, total: int) -> Iterator[_Item]:
         """Pass `items` on while a bar counts them."""
-        with self._progress() as bar:
+        with self._progress() as bar, _timed(f"{what} ({total})"):
             task = bar.add_task(printable(what, _LABEL_LIMIT), total=total)
             for item in items:
                 bar.advance(task)
                 yield item
 
-    def publish(self, text: str, value: object) -> None:
-        """A result that is a text of its own, or as JSON the `value` that it tells of."""
+    def publish(self, text: str, value: object, grids: Sequence[tuple[str, Sequence[dict[str, Any]]]] = ()) -> None:
+        """A result that is a text of its own, or as JSON the `value` that it tells of; a terminal gets its `grids`."""
         if self.json:
             json.dump(value, sys.stdout, indent=1)
             sys.stdout.write("\n")
+        elif self._fits(grids):
+            for title, rows in grids:
+                self._print(title, rows, ())
         else:
-            sys.stdout.writelines(f"{printable(line, limit=None)}\n" for line in text.rstrip("\n").split("\n"))
+            self.write(text)
 
-    def show(self, title: str, rows: Sequence[dict[str, Any]], note: str = "") -> None:
-        """A table of `rows`, whose keys are the headings, and a `note` under it."""
+    def write(self, text: str) -> None:
+        """A text of its own on stdout, line by line as it is."""
+        sys.stdout.writelines(f"{printable(line, limit=None)}\n" for line in text.rstrip("\n").split("\n"))
+
+    def show(self, title: str, rows: Sequence[dict[str, Any]], note: str = "", essential: Sequence[str] = ()) -> None:
+        """A table of `rows`, whose keys are the headings, and a `note` under it.
+
+        On a terminal the `essential` columns are shown first, the others where there is room; elsewhere all.
+        """
         if self.json:
             self.publish("", rows)
             return
-        table = Table(
-            title=plain(title) if title else None, title_justify="left", box=None, pad_edge=False, header_style="bold"
-        )
-        for heading in rows[0] if rows else ():
-            table.add_column(plain(heading.replace("_", " ")), no_wrap=True)
-        for row in rows:
-            table.add_row(*(plain(_cell(value)) for value in row.values()))
-        console = Console(file=sys.stdout, highlight=False)
-        # As wide as it needs: a terminal that is narrower breaks lines, which reads better than broken cells.
-        console.width = Measurement.get(console, console.options.update(max_width=10_000), table).maximum
-        console.print(table)
+        self._print(title, rows, essential)
         if note:
-            console.print(Text("\n").join(map(plain, note.split("\n"))))
+            _log.info("%s", note)
+            _stdout().print(Text("\n").join(map(plain, note.split("\n"))), soft_wrap=not sys.stdout.isatty())
+
+    def _fits(self, grids: Sequence[object]) -> bool:
+        """Whether to fit tables to a terminal: what reads a file or a pipe has no width."""
+        return bool(grids) and not self.wide and sys.stdout.isatty()
+
+    def _print(self, title: str, rows: Sequence[dict[str, Any]], essential: Sequence[str]) -> None:
+        _log.info("%s", title)
+        console = _stdout()
+        fitted = self._fits(rows)
+        if title:
+            console.print(plain(title), style="italic", soft_wrap=not fitted)
+        keys = rows[0] if rows else ()
+        columns = {key: Column(_heading(key), [_cell(row.get(key)) for row in rows]) for key in keys}
+        widths = fit(columns, essential, console.width) if fitted else dict.fromkeys(columns)
+        table = _table({key: columns[key] for key in widths}, widths)
+        if not fitted:
+            console.width = Measurement.get(console, console.options.update(max_width=10_000), table).maximum
+        console.print(table)
+        if left_out := [column.heading for key, column in columns.items() if key not in widths]:
+            self._say_left_out(left_out)
+
+    def _say_left_out(self, headings: Sequence[str]) -> None:
+        if not self.quiet:
+            line = f"no room for: {', '.join(headings)} (--wide shows them)"
+            _stderr().print(plain(line), style="dim")
 
     def _progress(self) -> Progress:
         columns = (
@@ -81,7 +118,19 @@ class Terminal:
             TimeElapsedColumn(),
         )
         console = _stderr()
-        return Progress(*columns, console=console, transient=True, disable=self.quiet or not console.is_terminal)
+        hidden = self.quiet or self.verbose or not console.is_terminal
+        return Progress(*columns, console=console, transient=True, disable=hidden)
+
+
+@contextmanager
+def _timed(stage: str) -> Iterator[None]:
+    """Tell the log when a stage begins and ends."""
+    _log.info("%s: begins", stage)
+    begin = perf_counter()
+    try:
+        yield
+    finally:
+        _log.info("%s: %s after %.2f s", stage, "stopped" if sys.exc_info()[0] else "done", perf_counter() - begin)
 
 
 def _stderr() -> Console:
@@ -93,6 +142,24 @@ def plain(text: str) -> Text:
     return Text(printable(text))
 
 
+def _stdout() -> Console:
+    return Console(file=sys.stdout, highlight=False)
+
+
+def _table(columns: Mapping[str, Column], widths: Mapping[str, int | None]) -> Table:
+    """Without widths every column is as wide as it needs: a narrow terminal then breaks lines."""
+    table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="bold")
+    for key, column in columns.items():
+        table.add_column(plain(column.heading), width=widths[key], no_wrap=widths[key] is None, overflow="fold")
+    for cells in zip(*(column.cells for column in columns.values()), strict=True):
+        table.add_row(*map(Text, cells))
+    return table
+
+
+def _heading(key: str) -> str:
+    return printable(key.replace("_", " "))
+
+
 def _cell(value: object) -> str:
     if value is None:
         return "-"
@@ -100,4 +167,4 @@ def _cell(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, (list, tuple)):
         return ", ".join(map(_cell, value))
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return f"{value:.3g}" if isinstance(value, float) else printable(str(value))

@@ -1,5 +1,15 @@
 """What a person sees is what the text says, whatever it holds."""
 
+import contextlib
+import fcntl
+import os
+import pty
+import re
+import struct
+import subprocess
+import sys
+import termios
+
 import pytest
 
 from regents_cosim.cli import run
@@ -49,3 +59,53 @@ def test_an_error_is_one_line_of_500_characters_without_control_characters(capsy
     assert said.endswith("\n")
     assert len(said) == 501
     assert said[:-1].isprintable()
+
+
+NAME = "roundabout-00162.0s-south_in.north_out.12-focused-log_replay-south_in.north_out.10"
+TABLE = """
+import sys
+from regents_cosim.terminal import Terminal
+row = {"case": sys.argv[1], "outcome": "collision", "expected": "main.exit.193 at step 54", "iterations": 17,
+       "position_error_mm": 1e-12, "yaw_error_deg": 0.3, "SUMO_verified": True, "own_list_has_it": None}
+table = Terminal(wide="wide" in sys.argv)
+table.show("a title of many words " * 9, [row, row], "a note of many words " * 9, ("case", "outcome", "SUMO_verified"))
+"""
+
+
+def on_a_terminal(columns, *words):
+    """What a table looks like on a terminal so wide."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 50, columns, 0, 0))
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    environment |= {"TERM": "xterm", "NO_COLOR": "1"}
+    command = [sys.executable, "-c", TABLE, NAME, *words]
+    done = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
+    os.close(theirs)
+    said = b""
+    with contextlib.suppress(OSError):  # the other end is closed
+        while more := os.read(ours, 65536):
+            said += more
+    os.close(ours)
+    assert done.wait() == 0
+    return [line.rstrip() for line in re.sub("\x1b\\[[0-9;]*m", "", said.decode()).splitlines()]
+
+
+@pytest.mark.parametrize("columns", [80, 100, 140])
+def test_a_table_fits_the_terminal_and_says_what_it_leaves_out(columns):
+    lines = on_a_terminal(columns)
+    assert max(map(len, lines)) <= columns
+    text = " ".join(lines)
+    assert "outcome" in text
+    assert "verified" in text
+    assert "error" in text[text.index("no room for:") : text.index("(--wide shows them)")]
+    first = next(line for line in lines if line.startswith("roundabout")).split()[0]
+    assert NAME.startswith(first)
+    assert NAME in "".join(line.split()[0] for line in lines if line)
+
+
+def test_wide_and_pipes_get_every_column_on_one_line():
+    assert any(NAME in line and "0.3" in line for line in on_a_terminal(80, "wide"))
+    piped = subprocess.run([sys.executable, "-c", TABLE, NAME], capture_output=True, text=True, check=True)
+    assert piped.stdout.splitlines()[1].split()[:5] == ["case", "outcome", "expected", "iterations", "position"]
+    assert piped.stderr == ""
+    assert len(piped.stdout.splitlines()) == 5

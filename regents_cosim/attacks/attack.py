@@ -29,6 +29,7 @@ from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.universal import Several
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.logged import logged
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
@@ -62,6 +63,18 @@ def attack(
         yield from results
 
 
+def _ended(results: list[Scenario]) -> str:
+    """For the log: how the searches on one scenario ended."""
+    said = []
+    for case in results:
+        assert case.attack is not None
+        hit = case.attack.collision
+        with_whom = f" with {hit.agent} at step {hit.step}" if hit else ""
+        said.append(f"{case.id}: {case.attack.outcome}{with_whom}, {case.attack.iterations} iterations")
+    return "attacked " + "; ".join(said)
+
+
+@logged(_ended)
 def attack_each(
     scenarios: Iterable[Scenario],
     config: AttackConfig,

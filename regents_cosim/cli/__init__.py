@@ -25,6 +25,7 @@ def run(arguments: Sequence[str]) -> int:
     from cyclopts import CycloptsError
 
     from regents_cosim.cli.application import app
+    from regents_cosim.cli.run_log import end_run_log
 
     mine, for_sumo = _split(arguments)
     words = [*mine, *(f"--sumo-option={word}" for word in for_sumo)]
@@ -41,7 +42,9 @@ def run(arguments: Sequence[str]) -> int:
         if error.filename is None:
             raise
         return _complain(f"{error.filename}: {error.strerror} (choose another file or folder)", WRONG_USAGE)
-    return code if isinstance(code, int) else 0
+    code = code if isinstance(code, int) else 0
+    end_run_log(code)
+    return code
 
 
 def main() -> None:
@@ -51,5 +54,8 @@ def main() -> None:
 
 
 def _complain(message: str, code: int) -> int:
+    from regents_cosim.cli.run_log import end_run_log
+
     print(one_line(f"regents: {message}"), file=sys.stderr)
+    end_run_log(code, message)
     return code

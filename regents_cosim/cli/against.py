@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -31,6 +30,7 @@ from regents_cosim.evaluation.regression import (
 from regents_cosim.evaluation.thresholds import Threshold, parse_thresholds
 from regents_cosim.files import content_hash
 from regents_cosim.replays.mirror import Wheel
+from regents_cosim.reports.tables import COMPARED
 from regents_cosim.scenario import Scenario
 from regents_cosim.terminal import Terminal
 
@@ -93,12 +93,12 @@ class Comparison:
         suite = _suite_of(self.cases)
         summary = markdown(verdicts, suite, self.planner, self.where, left)
         if self.options.markdown == _STDOUT:
-            sys.stdout.write(summary)
+            terminal.write(summary)
         else:
             if self.options.markdown is not None:
                 _write(self.options.markdown, summary)
             rows = [dataclasses.asdict(v) if terminal.json else _row(v) for v in verdicts]
-            terminal.show(f"{self.planner} in {self.where} against {self.file}", rows)
+            terminal.show(f"{self.planner} in {self.where} against {self.file}", rows, essential=COMPARED)
         terminal.say(tally(verdicts))
         for verdict in verdicts:
             if verdict.fails(self.options.strict) and not self.options.update:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Count, CountOrZero, Search, Seed, Talk
+from regents_cosim.cli.options import Count, CountOrZero, Search, Seed, Switch, Talk
 from regents_cosim.cli.runs import aggressive_run, attack_run, write_table
 from regents_cosim.cli.shared import (
     logged_traffic,
@@ -66,7 +66,7 @@ def table1(
     patience: CountOrZero | None = None,
     replan_every: CountOrZero | None = None,
     output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
-    compile_cache: bool = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
 ) -> int:
     """The results table of the ReGentS paper on your own traffic, and what it does not measure.
@@ -106,7 +106,7 @@ def table1(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.evaluation.table1 import as_json, markdown
+    from regents_cosim.evaluation.table1 import as_json, markdown, sections
     from regents_cosim.evaluation.table1 import table1 as make_table
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
@@ -135,7 +135,8 @@ def table1(
         found = make_table(runs)
         if output is not None:  # after every run: a table that is interrupted keeps its columns
             write_table(found, output)
-    terminal.publish(markdown(found), as_json(found))
+    grids = [(part.title.lstrip("# "), part.rows()) for part in sections(found)]
+    terminal.publish(markdown(found), as_json(found), grids)
     return 0
 
 
@@ -149,7 +150,7 @@ def replan(
     every: tuple[int, ...] = (1, 10),
     method: Literal["king", "regents"] = "regents",
     act_timeout: float = 10.0,
-    compile_cache: bool = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
 ) -> int:
     """What it changes, and saves, to let the planner drive in every k-th iteration of the search only.
@@ -225,7 +226,7 @@ def highway(
     policy: str = "idm",
     planners: tuple[str, ...] = ("idm",),
     methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents"),
-    compile_cache: bool = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
 ) -> int:
     """How often attacks on highway-env's own traffic succeed, and whether the crashes happen in highway-env.
@@ -249,6 +250,7 @@ def highway(
     from regents_cosim.attacks.presets import METHODS
     from regents_cosim.evaluation.transfer import highway_row
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import IN_HIGHWAY
     from regents_cosim.sources.record import record as run_record
 
     terminal = open_terminal(talk)
@@ -265,7 +267,8 @@ def highway(
                 results = attack_each(found, METHODS[method], planner)
                 attacked = [s for each in terminal.each(results, f"{method} in {env}", len(found)) for s in each]
                 rows.append(dataclasses.asdict(highway_row(env, METHODS[method], planner, attacked)))
-    terminal.show(f"attacks on {sum(map(len, windows.values()))} windows, replayed in highway-env", rows)
+    title = f"attacks on {sum(map(len, windows.values()))} windows, replayed in highway-env"
+    terminal.show(title, rows, essential=IN_HIGHWAY)
     return 0
 
 
@@ -285,6 +288,7 @@ def transfer(cases: Path, *, planner: str | None = None, talk: Talk = Talk()) ->
     """
     from regents_cosim.evaluation.transfer import PLACES
     from regents_cosim.evaluation.transfer import transfer as run_transfer
+    from regents_cosim.reports.tables import TRANSFERRED
     from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
@@ -292,7 +296,7 @@ def transfer(cases: Path, *, planner: str | None = None, talk: Talk = Talk()) ->
     for row, reports in terminal.each(run_transfer(load_cases(cases), PLACES, planner), "replaying", len(PLACES)):
         replays = {"replays": [dataclasses.asdict(report) for report in reports]} if talk.json else {}
         rows.append(dataclasses.asdict(row) | replays)
-    terminal.show(f"transfer of {cases}", rows)
+    terminal.show(f"transfer of {cases}", rows, essential=TRANSFERRED)
     return 0
 
 
@@ -307,7 +311,7 @@ def cross(
     seed: Seed = 0,
     nets: tuple[str, ...] = (),
     act_timeout: float = 10.0,
-    compile_cache: bool = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
 ) -> int:
     """Whether adversaries that were found for one planner make others crash, or one adversary all of them.
@@ -337,6 +341,7 @@ def cross(
     from regents_cosim.evaluation.cross import cross_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.planners.find import attacked_planners
+    from regents_cosim.reports.tables import CROSSED
     from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
@@ -365,6 +370,6 @@ def cross(
             results = attack_each(windows, search.config(), first, act_timeout_s=act_timeout, against=others)
             attacked[name] = [c for some in terminal.each(results, f"attacking {name}", len(windows)) for c in some]
     with terminal.waiting("driving"):
-        rows = cross_rows(attacked, planners, act_timeout)
-    terminal.show("planners among adversaries that were found for others", [dataclasses.asdict(row) for row in rows])
+        rows = [dataclasses.asdict(row) for row in cross_rows(attacked, planners, act_timeout)]
+    terminal.show("planners among adversaries that were found for others", rows, essential=CROSSED)
     return 0

@@ -8,7 +8,18 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.cli.options import Against, Count, CountOrZero, FineTune, Search, Seed, SumoOptions, Talk, Traffic
+from regents_cosim.cli.options import (
+    Against,
+    Count,
+    CountOrZero,
+    FineTune,
+    Search,
+    Seed,
+    SumoOptions,
+    Switch,
+    Talk,
+    Traffic,
+)
 from regents_cosim.cli.shared import (
     attacked_planner,
     draw,
@@ -23,19 +34,28 @@ from regents_cosim.cli.shared import (
 )
 from regents_cosim.errors import RegentsError
 
+
+def _shown_default(value: object) -> str | None:
+    """Defaults that say nothing are not shown; several words as they are typed."""
+    if value is None or value is False or value in ("", ()):
+        return None
+    return " ".join(map(str, value)) if isinstance(value, tuple) else "on" if value is True else str(value)
+
+
 app = App(
     name="regents",
     help="Crash-test driving planners: ordinary traffic in, a verified crash out.",
     help_format="plaintext",
     version=lambda: version("regents_cosim"),
+    default_parameter=Parameter(negative_bool=(), negative_iterable=(), show_default=_shown_default),
 )
 training = App(name="train", help="Teach a planner to drive.")
 
 
 @app.command
 def record(
-    traffic: Traffic = Traffic(),
     *,
+    traffic: Traffic = Traffic(),
     output: Annotated[Path, Parameter(["--output", "-o"])],
     executor: str = "local",
     talk: Talk = Talk(),
@@ -50,7 +70,7 @@ def record(
     executor
         where SUMO runs: local, or dask:ADDRESS
     """
-    from regents_cosim.reports.tables import case_row
+    from regents_cosim.reports.tables import RECORDED, case_row
     from regents_cosim.suite import SuiteWriter
 
     terminal = open_terminal(talk)
@@ -61,6 +81,7 @@ def record(
     terminal.show(
         f"{len(scenarios)} cases in {output}",
         [case_row(scenario) for scenario in scenarios],
+        essential=RECORDED,
     )
     return 0
 
@@ -91,7 +112,7 @@ def inspect(
         folder for one picture per scenario
     """
     from regents_cosim.reports.log_picture import draw_scene
-    from regents_cosim.reports.tables import inspection_notes, inspection_row
+    from regents_cosim.reports.tables import INSPECTED, inspection_notes, inspection_row
     from regents_cosim.sources.logs.formats import Beside
     from regents_cosim.sources.logs.inspection import inspect_scene
     from regents_cosim.sources.logs.record import scenes_of
@@ -103,15 +124,15 @@ def inspect(
         if output is not None:
             draw_scene(scene, output)
     rows = [dataclasses.asdict(one) if talk.json else inspection_row(one) for one in found]
-    terminal.show(f"{len(rows)} scenarios in {log}", rows, inspection_notes(found))
+    terminal.show(f"{len(rows)} scenarios in {log}", rows, inspection_notes(found), INSPECTED)
     return 0
 
 
 @app.command
 def attack(
     cases: Annotated[Path | None, Parameter(show_default=False)] = None,
-    traffic: Traffic = Traffic(),
     *,
+    traffic: Traffic = Traffic(),
     planner: str = "idm",
     against: tuple[str, ...] = (),
     output: Annotated[Path, Parameter(["--output", "-o"])],
@@ -120,10 +141,10 @@ def attack(
     engine: Literal["auto", "threads", "lanes"] = "auto",
     act_timeout: float = 10.0,
     executor: str = "local",
-    judge: bool = True,
-    verify: bool = True,
-    pictures: bool = True,
-    compile_cache: bool = True,
+    judge: Switch = True,
+    verify: Switch = True,
+    pictures: Switch = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
     sumo: SumoOptions = (),
 ) -> int:
@@ -160,7 +181,7 @@ def attack(
     from regents_cosim.attacks.attack import attack_each as run_attack_each
     from regents_cosim.evaluation.judgement import judge_each
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
-    from regents_cosim.reports.tables import attack_row, summary
+    from regents_cosim.reports.tables import ATTACKED, attack_row, summary
     from regents_cosim.suite import SuiteWriter, load_cases
 
     terminal = open_terminal(talk)
@@ -186,7 +207,8 @@ def attack(
         draw_stills(attacked, output, terminal)
     rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
     planners = " and ".join((planner, *against))
-    terminal.show(f"{config.label} against {planners}: {len(rows)} cases in {output}", rows, summary(attacked, replays))
+    title = f"{config.label} against {planners}: {len(rows)} cases in {output}"
+    terminal.show(title, rows, summary(attacked, replays), ATTACKED)
     return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))
 
 
@@ -235,7 +257,7 @@ def replay(
         where SUMO runs: local, or dask:ADDRESS
     """
     from regents_cosim.replays.replay import replay_each
-    from regents_cosim.reports.tables import replay_row, traffic_row
+    from regents_cosim.reports.tables import REPLAYED, replay_row, replay_summary, traffic_row
     from regents_cosim.suite import load_cases
     from regents_cosim.workers import executor_for
 
@@ -257,9 +279,13 @@ def replay(
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
     if record and found[0].replayed:
         draw(found[0].replayed, record, beside_original, terminal)
-    rows = [replay_row(result) | (traffic_row(result) if background == "reactive" else {}) for result in found]
+    rows = [
+        replay_row(result, not talk.json) | (traffic_row(result) if background == "reactive" else {})
+        for result in found
+    ]
     at_the_wheel = "its evasion" if ego == "evasion" else driven_by or "its track"
-    terminal.show(f"replayed in {where}, the ego driven by {at_the_wheel}", rows)
+    title = f"replayed in {where}, the ego driven by {at_the_wheel}"
+    terminal.show(title, rows, replay_summary(found, ego == "evasion"), REPLAYED)
     return exit_code(found, terminal)
 
 
@@ -306,7 +332,7 @@ def evaluate(
     baseline: Against = Against(),
     act_timeout: float = 10.0,
     executor: str = "local",
-    compile_cache: bool = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
 ) -> int:
     """How well a planner drives: route completion, collision rate and driving score; or whether it got worse.
@@ -330,6 +356,7 @@ def evaluate(
     from regents_cosim.cli.against import Comparison
     from regents_cosim.evaluation.driving import drive_each, driving_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import DRIVEN
     from regents_cosim.suite import load_cases
     from regents_cosim.workers import executor_for
 
@@ -344,7 +371,7 @@ def evaluate(
     if comparison is not None:
         return comparison.report(scenarios, drives, terminal)
     rows = [dataclasses.asdict(row) for row in driving_rows(drives)]
-    terminal.show(f"{planner} on {len(drives)} cases in {where}", rows)
+    terminal.show(f"{planner} on {len(drives)} cases in {where}", rows, essential=DRIVEN)
     errors = [drive for drive in drives if drive.error]
     for drive in errors:
         terminal.say(f"{drive.case}: {drive.error}")
@@ -358,7 +385,7 @@ def report(
     output: Annotated[Path, Parameter(["--output", "-o"])],
     planner: tuple[str, ...] = (),
     act_timeout: float = 10.0,
-    compile_cache: bool = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
 ) -> int:
     """One HTML file with the scores, every case in a player, and what is known of it; opens anywhere, offline.
@@ -379,6 +406,7 @@ def report(
     """
     from regents_cosim.evaluation.report import check_report, drive_for_report, judge_rest, report_of, save_report
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import SCORED
     from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
@@ -395,7 +423,7 @@ def report(
         made = report_of(scenarios, driven, cases)
         save_report(made, output)
     rows = [{"score": s.label, "driver": s.driver, "value": s.value, "detail": s.detail} for s in made.scores]
-    terminal.show(f"{len(scenarios)} cases in {output}", rows)
+    terminal.show(f"{len(scenarios)} cases in {output}", rows, essential=SCORED)
     errors = [(case.scenario.id, run) for case in made.cases for run in case.runs if run.error]
     for name, run in errors:
         terminal.say(f"{name}: {run.driver}: {run.error}")
@@ -507,7 +535,7 @@ def train_aim_bev(
 def gallery(
     *,
     output: Annotated[Path, Parameter(["--output", "-o"])],
-    compile_cache: bool = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
 ) -> int:
     """Make the figures of the ReGentS paper anew: gradients around the ego, and how KING fails.
@@ -521,7 +549,7 @@ def gallery(
     """
     from regents_cosim.evaluation.gallery.make import make_gallery
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
-    from regents_cosim.reports.tables import attack_row
+    from regents_cosim.reports.tables import ATTACKED, attack_row
 
     terminal = open_terminal(talk)
     if compile_cache:
@@ -529,5 +557,6 @@ def gallery(
     with terminal.waiting("making the gallery"):
         attacked = make_gallery(output)
     rows = [attack_row(scenario, None) for scenario in attacked]
-    terminal.show(f"{len(rows)} attacked scenes", rows, f"pictures and what they show: {output / 'README.md'}")
+    note = f"pictures and what they show: {output / 'README.md'}"
+    terminal.show(f"{len(rows)} attacked scenes", rows, note, ATTACKED)
     return 0

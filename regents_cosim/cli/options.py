@@ -156,6 +156,14 @@ class Talk:
     """no progress, only the result"""
     json: bool = False
     """print the result as JSON"""
+    wide: bool = False
+    """every column of a table, even where the terminal is too narrow for them"""
+    verbose: Annotated[bool, Parameter(["--verbose", "-v"])] = False
+    """say on stderr what is done, case by case, and how long it takes, in place of progress bars"""
+    log_file: Path | None = None
+    """file to which the same is added, with times"""
 
 
+# On where it is not turned off: the only kind of option whose negation says something.
+Switch = Annotated[bool, Parameter(negative_bool="no-")]
 SumoOptions = Annotated[tuple[str, ...], Parameter("--sumo-option", show=False, allow_leading_hyphen=True)]

@@ -1,5 +1,6 @@
 """What several commands do: get traffic, verify, draw, say what failed."""
 
+import logging
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,12 +13,16 @@ if TYPE_CHECKING:
     from regents_cosim.scenario import Scenario
     from regents_cosim.terminal import Terminal
 
+_log = logging.getLogger(__name__)
+
 
 def open_terminal(talk: Talk) -> "Terminal":
     """Where results and progress go."""
+    from regents_cosim.cli.run_log import begin_run_log
     from regents_cosim.terminal import Terminal
 
-    return Terminal(talk.quiet, talk.json)
+    begin_run_log(talk)
+    return Terminal(talk.quiet, talk.json, talk.wide, talk.verbose)
 
 
 def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "Terminal") -> "list[Scenario]":
@@ -57,6 +62,7 @@ def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, termi
             radius_m=traffic.radius,
             executor=pool,
         )
+    _log.info("recorded %d windows", len(found))
     if len(found) < traffic.count:
         terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
     return found

@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.cli.options import Talk
+from regents_cosim.cli.options import Switch, Talk
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
@@ -20,7 +20,7 @@ def shrink(
     lead: Annotated[float, Parameter(validator=Number(gte=0.0, lte=3600.0))] = 2.0,
     record: Path | None = None,
     act_timeout: float = 10.0,
-    compile_cache: bool = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
 ) -> int:
     """Find the least of a crash: fewest changed agents, least deviation, shortest window.
@@ -51,6 +51,7 @@ def shrink(
     from regents_cosim.planners.find import planner_of
     from regents_cosim.replays.mirror import Wheel
     from regents_cosim.reports.picture import animate_pair, draw_pair
+    from regents_cosim.reports.tables import SHRUNK
     from regents_cosim.suite import SuiteWriter, load_cases
 
     terminal = open_terminal(talk)
@@ -81,5 +82,5 @@ def shrink(
             with terminal.waiting(f"drawing {record}"):
                 draw = animate_pair if record.suffix == ".gif" else draw_pair
                 draw(shrunk.in_time, shrunk.case, record, titles=("as attacked", "shrunk"))
-    terminal.show(f"{len(crashes)} cases before and after, in {folder}", rows)
+    terminal.show(f"{len(crashes)} cases before and after, in {folder}", rows, essential=SHRUNK)
     return 0

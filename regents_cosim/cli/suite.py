@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Count, CountOrZero, Seed, Talk
+from regents_cosim.cli.options import Count, CountOrZero, Seed, Switch, Talk
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
@@ -26,7 +26,7 @@ def build(
     planner: tuple[str, ...] = ("idm",),
     method: Literal["regents", "king", "focused"] = "focused",
     seed: Seed = 0,
-    compile_cache: bool = True,
+    compile_cache: Switch = True,
     talk: Talk = Talk(),
 ) -> int:
     """Record traffic, attack it, and keep a balanced choice. The same command gives the same suite, bit for bit.
@@ -65,6 +65,7 @@ def build(
     from regents_cosim.evaluation.suites import require_place, write_suite
     from regents_cosim.files import content_hash
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import LISTED
     from regents_cosim.shipped import NETWORKS
 
     terminal = open_terminal(talk)
@@ -80,7 +81,7 @@ def build(
     scenarios = run_build(recipe, terminal.say)
     write_suite(output, scenarios, seed)
     rows = [dataclasses.asdict(card(scenario, content_hash(scenario)[:12])) for scenario in scenarios]
-    terminal.show(f"{len(rows)} cases in {output}", rows)
+    terminal.show(f"{len(rows)} cases in {output}", rows, essential=LISTED)
     return 0
 
 
@@ -94,11 +95,12 @@ def list_cases(suite: Path, *, talk: Talk = Talk()) -> int:
         a folder of cases
     """
     from regents_cosim.evaluation.cards import card_of, suite_cases
+    from regents_cosim.reports.tables import LISTED
 
     rows = [dataclasses.asdict(card_of(suite / case)) for case in suite_cases(suite)]
     if not talk.json:
         rows = [{**row, "hash": row["hash"][:12]} for row in rows]
-    open_terminal(talk).show(f"{len(rows)} cases in {suite}", rows)
+    open_terminal(talk).show(f"{len(rows)} cases in {suite}", rows, essential=LISTED)
     return 0
 
 
@@ -115,6 +117,7 @@ def check(suite: Path, *, replay: bool = False, talk: Talk = Talk()) -> int:
     """
     from regents_cosim.evaluation.suites import check_suite
     from regents_cosim.planners.find import BUILT_IN
+    from regents_cosim.reports.tables import CHECKED
 
     terminal = open_terminal(talk)
     with terminal.waiting("checking"):
@@ -129,6 +132,7 @@ def check(suite: Path, *, replay: bool = False, talk: Talk = Talk()) -> int:
     terminal.show(
         f"{len(rows)} cases checked in {suite}, {len(bad)} with a problem",
         [dataclasses.asdict(row) for row in (rows if talk.json else bad)],
+        essential=CHECKED,
     )
     return 1 if bad else 0
 

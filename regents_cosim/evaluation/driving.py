@@ -17,6 +17,7 @@ from regents_cosim.evaluation.clean import corners_off_road
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
+from regents_cosim.logged import logged
 from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, replay_each
@@ -69,6 +70,13 @@ class DrivingRow:
     max_drac_p95_m_s2: float | None
 
 
+def _went(drive: Drive) -> str:
+    """For the log: how a drive ended."""
+    hit = f"hits {drive.hits} at step {drive.step}" if drive.hits is not None else "no collision"
+    return f"drove {drive.case}: {drive.error or hit}"
+
+
+@logged(_went)
 def drive_each(
     scenarios: Sequence[Scenario],
     planner: str,

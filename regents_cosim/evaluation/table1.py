@@ -80,18 +80,46 @@ def compare(first: Run, second: Run, count: str) -> Comparison:
     )
 
 
-def markdown(table: Table1) -> str:
+@dataclass(frozen=True)
+class Section:
+    """A grid of the table, and what stands above it."""
+
+    title: str
+    head: tuple[str, ...]
+    cells: list[list[str]]
+
+    def rows(self) -> list[dict[str, str]]:
+        """By headings, without the marks that make text bold."""
+        return [dict(zip(self.head, (cell.strip("*") for cell in row), strict=True)) for row in self.cells]
+
+
+def sections(table: Table1) -> list[Section]:
     """The table as people read it: a column for each method, planner by planner."""
-    parts = []
-    for planner in dict.fromkeys(found.planner for found in table.scores):
-        columns = [found for found in table.scores if found.planner == planner]
-        parts += [f"### {planner}", "", *_grid(["", *(c.method for c in columns)], _rows(columns)), ""]
-        pairs = [c for c in table.comparisons if c.planner == planner]
-        parts += ["Windows in which just one of two methods succeeds, and McNemar's p:", ""]
-        parts += [*_grid(["", "success", "clean", "actionable"], _compared(pairs)), ""]
-        parts += ["By source, windows with a crash / clean / actionable:", ""]
-        parts += [*_grid(["", "n", *(c.method for c in columns)], _per_source(table, planner, columns)), ""]
-    return "\n".join(parts)
+    found = []
+    for planner in dict.fromkeys(one.planner for one in table.scores):
+        columns = [one for one in table.scores if one.planner == planner]
+        pairs = [one for one in table.comparisons if one.planner == planner]
+        methods = [one.method for one in columns]
+        found += [
+            Section(f"### {planner}", ("", *methods), _rows(columns)),
+            Section(
+                "Windows in which just one of two methods succeeds, and McNemar's p:",
+                ("", "success", "clean", "actionable"),
+                _compared(pairs),
+            ),
+            Section(
+                "By source, windows with a crash / clean / actionable:",
+                ("", "n", *methods),
+                _per_source(table, planner, columns),
+            ),
+        ]
+    return found
+
+
+def markdown(table: Table1) -> str:
+    """The sections as Markdown."""
+    parts = ([part.title, "", *_grid(part.head, part.cells), ""] for part in sections(table))
+    return "\n".join(itertools.chain.from_iterable(parts))
 
 
 def as_json(table: Table1) -> dict[str, object]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.logged import logged
 from regents_cosim.planners.driver import driver_for
 from regents_cosim.planners.systems import find_planner
 from regents_cosim.replays.mirror import replay_in_mirror
@@ -42,6 +43,12 @@ def replay(
     return next(replay_each([scenario], where, planner, gui, mode=mode, background=background))
 
 
+def _ended(found: Replay) -> str:
+    """For the log: how a replay ended."""
+    return f"replayed {found.case}: {'as expected' if found.verified else found.reason}"
+
+
+@logged(_ended)
 def replay_each(
     scenarios: Sequence[Scenario],
     where: Simulator = "sumo",

@@ -9,6 +9,21 @@ from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.inspection import Inspection
 
+# The columns of each table that a narrow terminal shows before all others.
+RECORDED = ("case", "agents", "overlaps")
+INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
+ATTACKED = ("case", "outcome", "clean", "avoidable", "SUMO_verified")
+REPLAYED = ("case", "verified", "found")
+DRIVEN = ("source", "n", "route_completion_percent", "collisions", "collision_rate_percent", "driving_score_percent")
+COMPARED = ("case", "verdict", "now")
+LISTED = ("case", "kind", "clean", "avoidable")
+CHECKED = ("case", "problem")
+TRANSFERRED = ("place", "cases", "crashes", "same_crash", "same_crash_percent", "interval_percent")
+IN_HIGHWAY = ("environment", "method", "ego", "n", "successes", "success_percent", "track_same", "actions_same")
+CROSSED = ("adversaries_of", "planner", "n", "crashes", "crash_percent", "interval_percent")
+SHRUNK = ("case", "changed_agents", "deviation_mean_m", "steps")
+SCORED = ("score", "driver", "value")
+
 
 def case_row(scenario: Scenario) -> dict[str, Any]:
     """A recorded case."""
@@ -78,22 +93,31 @@ def summary(attacked: Sequence[Scenario], replays: Mapping[str, Replay]) -> str:
     return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
 
 
-def replay_row(replay: Replay) -> dict[str, Any]:
+def replay_row(replay: Replay, in_words: bool = False) -> dict[str, Any]:
     """A replayed case; errors are the largest over all scripted agents and steps.
+
+    `in_words`: where there is no collision the table says so; in JSON it is null.
 
     The simulator's own list of collisions is a second opinion: whether it holds the expected
     pair, and how many pairs it holds in all.
     """
+    none = "no collision" if in_words and replay.replayed else None
     return {
         "case": replay.case,
         "verified": replay.verified,
-        "expected": _contact(replay.expected),
-        "found": _contact(replay.found),
+        "expected": _contact(replay.expected) or none,
+        "found": _contact(replay.found) or none,
         "position_error_mm": _worst(replay.position_error_m, 1e3),
         "yaw_error_deg": _worst(replay.yaw_error_deg, 1.0),
         "own_list_has_it": replay.reports_same_pair if replay.expected else None,
         "own_list_pairs": len({frozenset((hit.collider, hit.victim)) for hit in replay.own_collisions}),
     }
+
+
+def replay_summary(replays: Sequence[Replay], evaded: bool) -> str:
+    """How many replays end as they should, and what that means where the ego drives its evasion."""
+    good = sum(replay.verified for replay in replays)
+    return f"{good} of {len(replays)} {'without a collision, as the evasion promises' if evaded else 'as expected'}"
 
 
 def traffic_row(replay: Replay) -> dict[str, Any]:

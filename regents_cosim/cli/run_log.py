@@ -1,0 +1,79 @@
+"""`--verbose` and `--log-file`: what a run does, as the package's loggers tell it, on stderr and in a file."""
+
+import contextlib
+import logging
+import sys
+from pathlib import Path
+from time import perf_counter
+
+from regents_cosim.cli.options import Talk
+from regents_cosim.errors import RegentsError
+from regents_cosim.plain_text import printable
+from regents_cosim.provenance import command, versions
+
+_PACKAGE = logging.getLogger("regents_cosim")
+_log = logging.getLogger(__name__)
+
+
+class _OneLine(logging.Formatter):
+    """A record is a line, whatever names it holds."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record), limit=None)
+
+
+class _File(logging.FileHandler):
+    """A file that cannot be written to the end is said once, and costs the run nothing."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, encoding="utf-8")
+        self.begin_s = perf_counter()
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 (the name is logging's)
+        _PACKAGE.removeHandler(self)
+        with contextlib.suppress(OSError):
+            self.close()
+        print(f"regents: cannot write {printable(self.baseFilename)} any more: the log ends here", file=sys.stderr)
+
+
+def begin_run_log(talk: Talk) -> None:
+    """Tell stderr and a file, where the options ask for it. Raises RegentsError for a file that cannot be written."""
+    if not (talk.verbose or talk.log_file):
+        return
+    end_run_log()
+    if talk.verbose:
+        _tell(logging.StreamHandler(sys.stderr), "%(asctime)s %(message)s", "%H:%M:%S")
+    if talk.log_file:
+        _tell(_opened(talk.log_file), "%(asctime)s %(levelname)s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S%z")
+    _PACKAGE.setLevel(logging.INFO)
+    _log.info("%s", command())
+    _log.info("%s", ", ".join(f"{name} {number}" for name, number in versions().items()))
+
+
+def end_run_log(code: int | None = None, complaint: str = "") -> None:
+    """Say in the file how the run ended; stderr has heard it."""
+    ours = [handler for handler in _PACKAGE.handlers if isinstance(handler.formatter, _OneLine)]
+    for handler in ours:
+        if not isinstance(handler, _File):
+            _PACKAGE.removeHandler(handler)
+            continue
+        if complaint:
+            _log.error("%s", complaint)
+        if code is not None:
+            _log.info("exit code %d after %.1f s", code, perf_counter() - handler.begin_s)
+        _PACKAGE.removeHandler(handler)
+        handler.close()
+    if ours:
+        _PACKAGE.setLevel(logging.NOTSET)
+
+
+def _tell(handler: logging.Handler, form: str, times: str) -> None:
+    handler.setFormatter(_OneLine(form, times))
+    _PACKAGE.addHandler(handler)
+
+
+def _opened(path: Path) -> logging.Handler:
+    try:
+        return _File(path)
+    except OSError as error:
+        raise RegentsError(f"--log-file {path}: {error.strerror} (choose another file)") from error

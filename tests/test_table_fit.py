@@ -1,0 +1,44 @@
+"""Tables fit the terminal: columns by what matters, none wider than there is room for."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+from regents_cosim.table_fit import GAP, Column, fit
+
+WORDS = st.text(st.characters(categories=["L", "N"]), min_size=1, max_size=12)
+COLUMNS = st.dictionaries(
+    WORDS, st.builds(Column, WORDS, st.lists(st.text(max_size=90), max_size=4)), min_size=1, max_size=12
+)
+
+
+def total(widths):
+    return sum(widths.values()) + GAP * (len(widths) - 1)
+
+
+@given(COLUMNS, st.integers(60, 300), st.data())
+def test_no_table_is_wider_than_the_terminal(columns, room, data):
+    essential = data.draw(st.lists(st.sampled_from(sorted(columns)), unique=True))
+    widths = fit(columns, essential, room)
+    assert total(widths) <= room
+    assert list(widths) == [key for key in columns if key in widths]
+    assert (essential or list(columns))[0] in widths
+
+
+@given(COLUMNS)
+def test_where_there_is_room_everything_is_whole(columns):
+    widths = fit(columns, (), 10_000)
+    assert list(widths) == list(columns)
+    assert all(cell_len(cell) <= widths[key] for key, column in columns.items() for cell in column.cells)
+
+
+def test_essential_columns_come_in_first_and_names_break_where_they_must():
+    columns = {
+        "case": Column("case", [60 * "c"]),
+        "iterations": Column("iterations", ["17"]),
+        "note": Column("note", [70 * "n"]),
+        "clean": Column("clean", ["yes"]),
+    }
+    assert fit(columns, ("case", "clean"), 80) == {"case": 60, "iterations": 10, "clean": 5}
+    assert fit(columns, ("case", "clean"), 60) == {"case": 41, "iterations": 10, "clean": 5}
+    assert fit(columns, ("case", "clean"), 31) == {"case": 24, "clean": 5}
