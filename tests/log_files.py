@@ -22,9 +22,9 @@ WEST, EAST, KERB = -20.0, 180.0, 4.0
 SECONDS = 9.0
 
 
-def motion(dt=0.1, seconds=SECONDS):
+def motion(dt=0.1):
     """Id, kind, x, y over time."""
-    time = np.arange(round(seconds / dt) + 1) * dt
+    time = np.arange(round(SECONDS / dt) + 1) * dt
     for name, (x, y) in CARS.items():
         yield name, "car", x + SPEED * time, np.full(len(time), y)
     name, x, y = WALKER
@@ -133,7 +133,7 @@ def write_waymo_example(folder):
     for i, (_, kind, x, y) in enumerate(rows):
         size = (LENGTH, WIDTH) if kind == "car" else (0.8, 0.8)
         for key, value in zip(full, (x, y, 1.0, 0.0, *size, 1.0), strict=True):
-            full[key][i] = value
+            full[key][i] = value if np.isscalar(value) else np.append(value, np.full(91 - len(value), value[-1]))
     for part, span in {"past": slice(0, 10), "current": slice(10, 11), "future": slice(11, 91)}.items():
         for key, values in full.items():
             add(f"state/{part}/{key}", values[:, span], key != "valid")
@@ -211,11 +211,13 @@ def scenarionet():
     for number, y in LANES.items():
         line = np.array([(WEST, y, 0.0), (EAST, y, 0.0)], np.float32)
         features[str(number)] = {"type": "LANE_SURFACE_STREET", "polyline": line, "exit_lanes": [], "entry_lanes": []}
-    light = {"type": "TRAFFIC_LIGHT", "lane": "1", "state": {"object_state": ["LANE_STATE_STOP"] * 91}}
+    steps = round(SECONDS / 0.1) + 1
+    light = {"type": "TRAFFIC_LIGHT", "lane": "1", "state": {"object_state": ["LANE_STATE_STOP"] * steps}}
     return {
-        "id": "sn", "version": "test", "length": 91, "tracks": tracks, "map_features": features,
+        "id": "sn", "version": "test", "length": steps, "tracks": tracks, "map_features": features,
         "dynamic_map_states": {"1": light},
-        "metadata": {"ts": np.arange(91) * 0.1, "sdc_id": "11", "dataset": "test", "scenario_id": "sn", "set": {1, 2}},
+        "metadata": {"ts": np.arange(steps) * 0.1, "sdc_id": "11", "dataset": "test", "scenario_id": "sn",
+                     "set": {1, 2}},
     }  # fmt: skip
 
 
