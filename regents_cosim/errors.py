@@ -5,6 +5,8 @@ The command line prints the message on one line and exits with `exit_code`; no t
 
 from pathlib import Path
 
+from regents_cosim.plain_text import printable
+
 # The exit codes of `regents`; 0 is a clean end, 130 one by Ctrl-C, 143 one by SIGTERM.
 NEGATIVE_VERDICT = 1  # a crash that did not transfer, a regression, a suite that fails its check
 WRONG_USAGE = 2
@@ -13,9 +15,12 @@ PLANNER_FAILED = 4  # in at least one case; the others are done
 
 
 class RegentsError(Exception):
-    """Wrong usage or input."""
+    """Wrong usage or input. The message is one line of 500 printable characters at most, whatever it quotes."""
 
     exit_code = WRONG_USAGE
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(printable(" ".join(message.split("\n"))))
 
 
 class MissingDependencyError(RegentsError):
@@ -70,8 +75,12 @@ def require(condition: bool, message: str, error: type[RegentsError] = ScenarioE
 
 def require_file(path: Path, what: str) -> Path:
     """Return `path` if it is a readable file, otherwise raise with what was expected there."""
-    if not path.exists():
+    try:
+        is_there, is_file = path.exists(), path.is_file()
+    except OSError as error:  # a name that is too long for the file system
+        raise RegentsError(f"{what} cannot be looked up: {path} ({error.strerror or error})") from error
+    if not is_there:
         raise RegentsError(f"{what} not found: {path} (expected an existing file; check the path)")
-    if not path.is_file():
+    if not is_file:
         raise RegentsError(f"{what} is not a file: {path}")
     return path

@@ -88,8 +88,8 @@ _NUMBERS = (
 _PIECES = (
     *_NUMBERS, b"\xff" * 4, b"\0" * 8, b"\x7f\xff\xff\xff", b"[", b"{", b"}", b"]", b'"', b"'", b"<", b">", b"/>",
     b",", b";", b"\n", b"\r", b"\t", b"\x1b[31m", "\u202e".encode(), b"\xed\xa0\x80", b"\xef\xbb\xbf", b"<!--", b"]]>",
-    b"<a/>", b"&amp;", b"&a;", b"&#0;", b"\x1f\x8b", b"../", b"%n", b"\\u0000", b"\\ud800", b".", b"(", b"t", b"R", b"\x85",
-    b"K\x01",
+    b"<a/>", b"&amp;", b"&a;", b"&#0;", b"\x1f\x8b", b"../", b"%n", b"\\u0000", b"\\ud800", b".", b"(", b"t", b"R",
+    b"\x85", b"K\x01",
 )  # fmt: skip
 _BOMBS = (
     b"[",
