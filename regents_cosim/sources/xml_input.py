@@ -36,25 +36,31 @@ def open_xml(path: Path, what: str, error: type[RegentsError]) -> BinaryIO:
         return open_bounded(path, unpacked_limit(path))
 
 
-def elements(path: Path, what: str, error: type[RegentsError], keep: bool = True) -> Iterator[tuple[str, ET.Element]]:
-    """`start` and `end` of every element; with `keep` the caller keeps them all, and so there may be only so many."""
-    count = Count(path)
+def children(path: Path, what: str, error: type[RegentsError]) -> Iterator[tuple[str, ET.Element]]:
+    """The name of the root, and each of its children as a whole; what was read is not kept."""
+    root, count = None, Count(path)
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
         for event, element in ET.iterparse(stream, events=("start", "end")):
+            root = element if root is None else root
             if event == "start":
-                count.open(kept=keep)
-            else:
-                count.close()
-            yield event, element
+                count.open()
+            elif count.close() == 1:
+                yield root.tag, element
+                root.clear()
+                count.elements = 0
 
 
 def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
     """The root of a file. Raises `error` where it is broken or too large."""
-    root = None
-    for _, element in elements(path, what, error):
-        root = element if root is None else root
-    require(root is not None, f"{path}: an empty file, expected {what}", error)
-    assert root is not None
+    root, count = None, Count(path)
+    with explained_xml(path, what, error), open_xml(path, what, error) as stream:
+        for event, element in ET.iterparse(stream, events=("start", "end")):
+            root = element if root is None else root
+            if event == "start":
+                count.open()
+            else:
+                count.close()
+    assert root is not None  # an empty file is broken XML
     return root
 
 
@@ -62,21 +68,22 @@ class Count:
     """How deep one is in a file, and how many elements it had; raises ValueError past what is sensible."""
 
     def __init__(self, path: Path) -> None:
-        self._depth = self._elements = 0
+        self.depth = self.elements = 0
         self._most = _FEW_ELEMENTS + path.stat().st_size // _BYTES_PER_ELEMENT
 
-    def open(self, kept: bool = True) -> None:
+    def open(self) -> None:
         """An element begins."""
-        self._depth += 1
-        self._elements += kept
-        if self._depth > _DEEPEST:
+        self.depth += 1
+        self.elements += 1
+        if self.depth > _DEEPEST:
             raise ValueError(f"elements nested more than {_DEEPEST} deep")
-        if self._elements > self._most:
+        if self.elements > self._most:
             raise ValueError(f"more than {self._most} elements in so small a file")
 
-    def close(self) -> None:
-        """An element ends."""
-        self._depth -= 1
+    def close(self) -> int:
+        """An element ends; how deep one is behind it."""
+        self.depth -= 1
+        return self.depth
 
 
 @contextmanager
@@ -94,31 +101,21 @@ def explained_xml(path: Path, what: str, error: type[RegentsError]) -> Iterator[
         raise error(f"{path}: cannot be read ({found.strerror or found}); expected {what}") from found
 
 
-class _FirstElement(Exception):
-    """The prologue is over."""
-
-
 def _refuse_document_type(path: Path) -> None:
     """A document type, and with it all entities, can only come before the first element."""
+    begun: list[str] = []
 
     def refuse(*_: object) -> None:
-        raise ValueError("XML with a document type, which is not read (it may define entities that fill the memory)")
-
-    def stop(*_: object) -> None:
-        raise _FirstElement
+        raise ValueError("XML with a document type, which is not read (its entities may fill the memory)")
 
     parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler, parser.StartElementHandler = refuse, stop
-    try:
-        with open_bounded(path, unpacked_limit(path)) as stream:
-            while piece := stream.read(1 << 12):
-                parser.Parse(piece)
-    except (_FirstElement, expat.ExpatError):  # whoever reads on meets the error again
-        return
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = lambda name, _: begun.append(name)
+    with open_bounded(path, unpacked_limit(path)) as stream:
+        while not begun and (piece := stream.read(1 << 12)):
+            parser.Parse(piece)
 
 
 def _is_plain(path: Path) -> bool:
-    with open_bounded(path, 1 << 62) as stream:
-        del stream
     with path.open("rb") as file:
         return file.read(2) != b"\x1f\x8b"
