@@ -34,7 +34,7 @@ def gunzip_bounded(data: bytes, limit_bytes: int) -> bytes:
         return _read_all(file, name, limit_bytes)
 
 
-def open_bounded(path: Path, limit_bytes: int) -> BinaryIO:
+def open_bounded(path: Path, limit_bytes: int) -> io.BufferedReader:
     """A stream of a regular file, gzip undone where its content is gzip, that gives at most `limit_bytes`.
 
     Raises InputError here for what is no regular file, and on reading past the limit or into damage.

@@ -7,21 +7,20 @@ are derived from positions) an error of about 0.1 m/s.
 """
 
 import csv
-import gzip
 import io
 import itertools
 import warnings
 import xml.etree.ElementTree as ET
-import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from regents_cosim.errors import LogError, NoWindowError, require_file
+from regents_cosim.bounded import open_bounded
+from regents_cosim.errors import InputError, LogError, NoWindowError, require_file
 from regents_cosim.frames import wrap
 from regents_cosim.provenance import sha256_of
 from regents_cosim.roadmap import RoadMap
@@ -31,8 +30,11 @@ from regents_cosim.sources.recording import Recording, Slot
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, VehicleType, read_types
 from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.xml_input import children, unpacked_limit
 
 STEP_S = 0.1
+_EXPECTED = "SUMO's fcd-output as .xml, .xml.gz or .csv"
+_LONGEST_LINE = 1 << 16
 _COARSEST_S = 1.0  # between samples further apart a vehicle's way is a guess
 
 
@@ -165,40 +167,33 @@ _Row = tuple[str, str, float, float, float]  # vehicle, type, x, y, angle
 
 def _instants(log: Path) -> Iterator[tuple[float, list[_Row]]]:
     """Time [s] and vehicles of every instant, one at a time."""
-    with _explain(log), log.open("rb") as packed:
-        is_gzip = packed.read(2) == b"\x1f\x8b"
-        packed.seek(0)
-        with gzip.open(packed) if is_gzip else nullcontext(packed) as stream:
-            start = stream.read(64)
+    with _explain(log):
+        with open_bounded(log, unpacked_limit(log)) as stream:
+            start = stream.peek(64)[:64].lstrip()
             if not start:
                 raise ValueError("the file is empty")
-            stream.seek(0)
-            yield from (_from_xml if start.lstrip()[:1] == b"<" else _from_csv)(stream)
+            if start[:1] != b"<":
+                yield from _from_csv(stream)
+                return
+        yield from _from_xml(log)
 
 
 @contextmanager
 def _explain(log: Path) -> Iterator[None]:
-    expected = "expected SUMO's fcd-output as .xml, .xml.gz or .csv"
     try:
         yield
-    except ET.ParseError as error:
-        raise LogError(f"{log}: broken or truncated XML ({error}); {expected}") from error
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise LogError(f"{log}: truncated or damaged gzip file ({error}); {expected}") from error
-    except (ValueError, csv.Error) as error:  # among them text that is no UTF-8
-        raise LogError(f"{log}: {error}; {expected}") from error
+    except LogError:
+        raise
+    except (ValueError, csv.Error, InputError) as error:  # among them text that is no UTF-8
+        raise LogError(f"{log}: {error}; expected {_EXPECTED}") from error
 
 
-def _from_xml(stream: gzip.GzipFile | io.BufferedReader) -> Iterator[tuple[float, list[_Row]]]:
-    root = None
-    for event, element in ET.iterparse(stream, events=("start", "end")):
-        if root is None:
-            root = element
-            if root.tag != "fcd-export":
-                raise ValueError(f"the root element is <{root.tag}>, not <fcd-export>")
-        if event == "end" and element.tag == "timestep":
+def _from_xml(log: Path) -> Iterator[tuple[float, list[_Row]]]:
+    for root, element in children(log, _EXPECTED, LogError):
+        if root != "fcd-export":
+            raise ValueError(f"the root element is <{root}>, not <fcd-export>")
+        if element.tag == "timestep":
             yield _seconds(_value(element, "time")), [_row(vehicle) for vehicle in element.iter("vehicle")]
-            root.clear()  # what was read is not kept
 
 
 def _row(vehicle: ET.Element) -> _Row:
@@ -219,9 +214,9 @@ def _seconds(time: str) -> float:
     return sum(factor * float(part) for factor, part in zip(factors, reversed(time.split(":")), strict=False))
 
 
-def _from_csv(stream: gzip.GzipFile | io.BufferedReader) -> Iterator[tuple[float, list[_Row]]]:
+def _from_csv(stream: BinaryIO) -> Iterator[tuple[float, list[_Row]]]:
     with io.TextIOWrapper(stream, encoding="utf-8", newline="") as text:
-        header = text.readline().strip()
+        header = text.readline(_LONGEST_LINE).strip()
         separator = next((mark for mark in ";,\t" if mark in header), ";")
         columns = [name.strip('"') for name in header.split(separator)]
         missing = [name for name in _COLUMNS if name not in columns and name != "vehicle_type"]

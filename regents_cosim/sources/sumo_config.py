@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 from regents_cosim.errors import SumoError, require_file
 from regents_cosim.ranges import Range
-from regents_cosim.sources.sumo_types import read_xml
+from regents_cosim.sources.xml_input import read_tree
 
 _LATEST_S = 1e9  # SUMO counts milliseconds
 
@@ -114,7 +114,7 @@ _DROPPED = {
 
 def _read_config(path: Path) -> dict[str, str]:
     """Options of a configuration by their long names, paths absolute, outputs left out."""
-    root = read_xml(path, "SUMO configuration")
+    root = read_tree(path, "SUMO configuration", SumoError)
     if root.tag not in ("configuration", "sumoConfiguration", "sumo-configuration"):
         raise SumoError(f"{path}: the root element is <{root.tag}>, expected a .sumocfg with <configuration>")
     dropped = {item for section in root if section.tag in _SECTIONS_DROPPED for item in section.iter()}
@@ -165,7 +165,7 @@ _OUTPUT_ATTRIBUTES = {
 
 def _without_outputs(path: Path, copy: Path) -> Path:
     """`path` itself, or a copy that writes nothing where an element of it names an output."""
-    root = read_xml(path, "additional file")
+    root = read_tree(path, "additional file", SumoError)
     outputs = [e for e in root.iter() if e.tag in _OUTPUT_ATTRIBUTES and _OUTPUT_ATTRIBUTES[e.tag] in e.keys()]  # noqa: SIM118
     if not outputs:
         return path

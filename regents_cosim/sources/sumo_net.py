@@ -7,19 +7,22 @@ out. Ways through junctions are lanes of their own, and may be chains of several
 import gzip
 import itertools
 import xml.sax
-import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from xml.sax.xmlreader import AttributesImpl
 
 import numpy as np
 import shapely
 import sumolib
+from shapely.errors import ShapelyError
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.errors import SumoError, require_file
+from regents_cosim.errors import ScenarioError, SumoError, require
 from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.sources.xml_input import Count, explained_xml, open_xml
 
+_FARTHEST_M = 1e8  # from the origin; maps in UTM lie up to 1e7 m from it
 _CLOSE_M = 0.2  # slivers between lanes up to twice as wide belong to the road
 _LEAST_LENGTH_M = 1e-3  # netconvert writes lanes of one point doubled; they have no direction
 
@@ -29,13 +32,34 @@ def read_road_map(path: Path) -> RoadMap:
 
     Raises SumoError where the file is damaged, is no network, or has no lane for cars.
     """
-    content = _read(require_file(path, "SUMO network"))
-    net, lefthand = _parse(content, path)
+    with open_xml(path, "SUMO network", SumoError) as stream, explained_xml(path, "a SUMO network", SumoError):
+        content = stream.read()
+    with _explained(path), np.errstate(all="ignore"):
+        return _road_map(*_parse(content, path), content)
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Turn what a damaged network makes of sumolib and of us into one clear error."""
+    try:
+        yield
+    except SumoError as error:
+        raise SumoError(f"{path}: {error}") from error
+    except xml.sax.SAXParseException as error:
+        where = f"at line {error.getLineNumber()} ({error.getMessage()})"
+        raise SumoError(f"{path}: broken XML {where}; expected a SUMO network") from error
+    except (
+        ValueError, KeyError, IndexError, TypeError, AttributeError, ArithmeticError, ShapelyError, RecursionError,
+        ScenarioError,
+    ) as error:  # fmt: skip
+        raise SumoError(f"{path}: damaged SUMO network ({type(error).__name__}: {error})") from error
+
+
+def _road_map(net: sumolib.net.Net, lefthand: bool, content: bytes) -> RoadMap:
     lanes = {lane.getID(): lane for lane in _car_lanes(net)}
     if not lanes:
         raise SumoError(
-            f"{path}: no lane of this network allows passenger cars (expected at least one; "
-            "see allow/disallow of its lanes)"
+            "no lane of this network allows passenger cars (expected at least one; see allow/disallow of its lanes)"
         )
     return RoadMap(
         lanes=tuple(_lane(lane, lanes, lefthand) for lane in lanes.values()),
@@ -50,34 +74,26 @@ class _Reader(sumolib.net.NetReader):
 
     lefthand: bool | None = None
 
+    def __init__(self, count: Count) -> None:
+        super().__init__(withInternal=True)
+        self._count = count
+
     def startElement(self, name: str, attrs: AttributesImpl) -> None:  # noqa: N802
+        self._count.open()
         if name == "net":
             self.lefthand = attrs.get("lefthand") == "true"
         super().startElement(name, attrs)
 
-
-def _read(path: Path) -> bytes:
-    content = path.read_bytes()
-    if not content.startswith(b"\x1f\x8b"):
-        return content
-    try:
-        return gzip.decompress(content)
-    except (OSError, EOFError, zlib.error) as error:
-        raise SumoError(f"{path}: damaged gzip file ({error}); expected a .net.xml.gz") from error
+    def endElement(self, name: str) -> None:  # noqa: N802
+        self._count.close()
+        super().endElement(name)
 
 
 def _parse(content: bytes, path: Path) -> tuple[sumolib.net.Net, bool]:
-    reader = _Reader(withInternal=True)
-    try:
-        xml.sax.parseString(content, reader)
-    except xml.sax.SAXParseException as error:
-        raise SumoError(
-            f"{path}: broken XML at line {error.getLineNumber()} ({error.getMessage()}); expected a SUMO network"
-        ) from error
-    except (KeyError, ValueError, AttributeError, IndexError, TypeError) as error:
-        raise SumoError(f"{path}: damaged SUMO network ({type(error).__name__}: {error})") from error
+    reader = _Reader(Count(path))
+    xml.sax.parseString(content, reader)
     if reader.lefthand is None:
-        raise SumoError(f"{path}: not a SUMO network (expected the root element <net>, as netconvert writes it)")
+        raise SumoError("not a SUMO network (expected the root element <net>, as netconvert writes it)")
     return reader.getNet(), reader.lefthand
 
 
@@ -91,7 +107,9 @@ def _car_lanes(net: sumolib.net.Net) -> Iterator[sumolib.net.lane.Lane]:
 
 
 def _has_direction(lane: sumolib.net.lane.Lane) -> bool:
-    return shapely.LineString(lane.getShape()).length > _LEAST_LENGTH_M
+    shape = np.array(lane.getShape())
+    require(bool((np.abs(shape) < _FARTHEST_M).all()), f"lane {lane.getID()} lies beyond {_FARTHEST_M:g} m", SumoError)
+    return shapely.LineString(shape).length > _LEAST_LENGTH_M
 
 
 def _lane(lane: sumolib.net.lane.Lane, lanes: dict[str, sumolib.net.lane.Lane], lefthand: bool) -> Lane:
@@ -138,8 +156,11 @@ def _connections(
 
 def _ways_through(link: sumolib.net.connection.Connection, net: sumolib.net.Net) -> Iterator[sumolib.net.lane.Lane]:
     """The internal lanes that follow each other behind `link`: a left turn often has two."""
-    via = link.getViaLaneID()
+    via, passed = link.getViaLaneID(), set()
     while via:
+        if via in passed:
+            raise SumoError(f"the way through a junction over lane {via} leads back to itself")
+        passed.add(via)
         lane = net.getLane(via)
         yield lane
         following = lane.getOutgoing()

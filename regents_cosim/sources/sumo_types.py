@@ -1,12 +1,12 @@
 """SUMO's vehicle classes and types: which kind of road user, and how large."""
 
-import gzip
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
-from regents_cosim.errors import SumoError, require_file
+from regents_cosim.errors import SumoError, require
 from regents_cosim.scenario import Kind
+from regents_cosim.sources.xml_input import children
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ _SIZES: dict[str, tuple[float, float]] = {
     "bicycle": (1.6, 0.65), "scooter": (1.2, 0.5),
 }  # fmt: skip
 CAR = VehicleType("car", 5.0, 1.8)
+_LEAST_M, _MOST_M = 0.05, 1000.0  # of a vehicle, trains included
 
 DEFAULT_TYPES: dict[str, VehicleType] = {
     "DEFAULT_VEHTYPE": CAR,
@@ -53,8 +54,8 @@ def read_types(paths: tuple[Path, ...]) -> dict[str, VehicleType]:
     """Every vType of route and additional files, and SUMO's own; sizes they leave out are those of their class."""
     found = dict(DEFAULT_TYPES)
     for path in paths:
-        entries = read_xml(path, "vehicle types").iter("vType")
-        found.update((entry.get("id", ""), _vehicle_type(entry, path)) for entry in entries)
+        for _, child in children(path, "vehicle types", SumoError):
+            found.update((entry.get("id", ""), _vehicle_type(entry, path)) for entry in child.iter("vType"))
     return found
 
 
@@ -65,15 +66,10 @@ def _vehicle_type(entry: ET.Element, path: Path) -> VehicleType:
         length, width = float(entry.get("length", length)), float(entry.get("width", width))
     except ValueError as error:
         raise SumoError(f"{path}: vType {entry.get('id')!r} has a size that is no number ({error})") from error
+    for name, size in (("length", length), ("width", width)):
+        require(
+            _LEAST_M <= size <= _MOST_M,
+            f"{path}: vType {entry.get('id')!r} has the {name} {size:g} m, expected {_LEAST_M} to {_MOST_M:g} m",
+            SumoError,
+        )
     return VehicleType(kind_of(vehicle_class), length, width)
-
-
-def read_xml(path: Path, what: str) -> ET.Element:
-    """The root of an XML file, plain or gzip. Raises SumoError where it is broken."""
-    content = require_file(path, what).read_bytes()
-    try:
-        return ET.fromstring(gzip.decompress(content) if content.startswith(b"\x1f\x8b") else content)
-    except ET.ParseError as error:
-        raise SumoError(f"{path}: broken XML ({error}); expected {what}") from error
-    except (OSError, EOFError) as error:
-        raise SumoError(f"{path}: damaged gzip file ({error}); expected {what}") from error

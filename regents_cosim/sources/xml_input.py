@@ -5,15 +5,15 @@ one and need nine packed bytes or more for an element; route files pack up to 33
 grows with the file: whoever sends a small one cannot fill the memory.
 """
 
+import io
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
 from xml.parsers import expat
 
 from regents_cosim.bounded import MIB, open_bounded
-from regents_cosim.errors import RegentsError, require, require_file
+from regents_cosim.errors import RegentsError, require_file
 
 _LARGEST = 1 << 30  # bytes of unpacked text
 _MOST_TIMES = 50  # what gzip makes of a file, besides the first 16 MiB
@@ -28,7 +28,7 @@ def unpacked_limit(path: Path) -> int:
     return min(_LARGEST, size if _is_plain(path) else 16 * MIB + _MOST_TIMES * size)
 
 
-def open_xml(path: Path, what: str, error: type[RegentsError]) -> BinaryIO:
+def open_xml(path: Path, what: str, error: type[RegentsError]) -> io.BufferedReader:
     """A stream of a file, gzip undone. Raises `error` for a document type before the first element."""
     require_file(path, what)
     with explained_xml(path, what, error):

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.commonroad import centre_line
-from regents_cosim.sources.logs.formats import explained
+from regents_cosim.sources.logs.formats import explained, unpacked
 from regents_cosim.sources.logs.road import largest
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
 
@@ -51,7 +51,7 @@ def read_map(folder: Path) -> LoggedMap:
     if not found:
         raise LogError(f"{folder}: no map (expected log_map_archive_*.json beside the tracks or in map/)")
     with explained(found[0], "Argoverse 2 map"):
-        content = msgspec.json.decode(found[0].read_bytes(), type=_Map)
+        content = msgspec.json.decode(unpacked(found[0]), type=_Map)
         lanes = [_lane(s, content) for s in content.lane_segments.values() if s.lane_type != "BIKE"]
         areas = [largest(_xy(area.area_boundary)) for area in content.drivable_areas.values()]
         return LoggedMap(

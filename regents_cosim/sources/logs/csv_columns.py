@@ -1,22 +1,22 @@
 """Columns of CSV files, plain or gzip, read a piece at a time."""
 
 import csv
-import gzip
 import io
 import itertools
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from regents_cosim.errors import LogError
+from regents_cosim.bounded import open_bounded
+from regents_cosim.errors import InputError, LogError
+from regents_cosim.sources.xml_input import unpacked_limit
 
 _ROWS = 50_000  # at a time
-_MOST_UNPACKED = 100  # times the size of a gzip file; logs as text are 3 to 10 times as large
+_LONGEST_HEADER = 1 << 16  # characters
 
 
 class Columns(NamedTuple):
@@ -45,7 +45,7 @@ def read_columns(
     missing column, a row that is too short, a field that is no number.
     """
     with _opened(path) as file:
-        line = file.readline()
+        line = file.readline(_LONGEST_HEADER)
         names = header_of(line.encode())
         missing = [name for name in (*numbers, *texts) if name not in names and name not in optional]
         if missing:
@@ -83,7 +83,7 @@ def _pieces(rows: Iterator[list[str]], path: Path) -> Iterator[list[list[str]]]:
         while piece := list(itertools.islice(rows, _ROWS)):
             if filled := [row for row in piece if row]:
                 yield filled
-    except (csv.Error, UnicodeDecodeError, EOFError, OSError, zlib.error) as error:
+    except (csv.Error, UnicodeDecodeError) as error:
         raise LogError(f"{path}: truncated or damaged CSV ({error})") from error
 
 
@@ -104,33 +104,8 @@ def _separator(line: str) -> str:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[io.TextIOWrapper]:
-    with path.open("rb") as file:
-        is_gzip = file.read(2) == b"\x1f\x8b"
-        file.seek(0)
-        limit = _MOST_UNPACKED * path.stat().st_size + (1 << 26)
-        if is_gzip:
-            with gzip.GzipFile(fileobj=file) as packed:
-                yield io.TextIOWrapper(io.BufferedReader(_Limited(packed, limit, path)), "utf-8-sig", newline="")
-        else:
+    try:
+        with open_bounded(path, unpacked_limit(path)) as file:
             yield io.TextIOWrapper(file, "utf-8-sig", newline="")
-
-
-class _Limited(io.RawIOBase):
-    """What a gzip file holds, up to a limit: no log packs a hundred to one."""
-
-    def __init__(self, stream: gzip.GzipFile, limit: int, path: Path) -> None:
-        self._stream, self._left, self._path = stream, limit, path
-
-    def readable(self) -> bool:
-        """It is."""
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        """As `io.RawIOBase` has it."""
-        view = memoryview(buffer).cast("B")
-        content = self._stream.read(len(view))
-        self._left -= len(content)
-        if self._left < 0:
-            raise LogError(f"{self._path}: unpacks to more than 100 times its size, expected a log")
-        view[: len(content)] = content
-        return len(content)
+    except InputError as error:
+        raise LogError(f"{error}; expected a table") from error

@@ -4,9 +4,9 @@ Other packages add theirs through the entry point group `regents_cosim.sources`:
 `LogFormat`.
 """
 
-import gzip
 import importlib
-import zlib
+import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,8 +17,10 @@ from pathlib import Path
 import numpy as np
 from shapely.errors import ShapelyError
 
-from regents_cosim.errors import LogError, RegentsError
+from regents_cosim.bounded import open_bounded
+from regents_cosim.errors import InputError, LogError, RegentsError, ScenarioError
 from regents_cosim.sources.logs.scene import LoggedScene
+from regents_cosim.sources.xml_input import unpacked_limit
 
 _HEAD_BYTES = 1 << 16
 _READERS = (
@@ -79,6 +81,8 @@ def find_logs(path: Path, name: str = "auto") -> list[tuple[Path, LogFormat]]:
         raise RegentsError(f"--format {name}, expected auto or one of {', '.join(formats())}")
     if not path.exists():
         raise LogError(f"log not found: {path} (expected an existing file or folder; check the path)")
+    if not path.is_file() and not path.is_dir():
+        raise LogError(f"{path} is neither a file nor a folder, expected a log")
     found = list(_within(path, name))
     if found:
         return found
@@ -94,40 +98,26 @@ def format_of(path: Path) -> LogFormat | None:
 
 
 def head_of(path: Path) -> bytes:
-    """The first 64 KiB of a file, unpacked where it is gzip; empty where it cannot be read."""
+    """The first 64 KiB of a file, unpacked where it is gzip; as much as can be read of a damaged one."""
+    head = b""
     try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror})") from error
-    if head[:2] == b"\x1f\x8b":
-        try:
-            return zlib.decompressobj(31).decompress(head, _HEAD_BYTES)
-        except zlib.error:
-            return b""
+        with open_bounded(path, sys.maxsize) as file:
+            while len(head) < _HEAD_BYTES and (piece := file.read1(_HEAD_BYTES - len(head))):
+                head += piece
+    except InputError as error:
+        if path.is_file() and os.access(path, os.R_OK):
+            return head
+        raise LogError(f"{error}; expected a log") from error
     return head
 
 
-def unpacked(path: Path, most_times: int = 100) -> bytes:
-    """Content of a file, unpacked where it is gzip.
-
-    Raises LogError where that is damaged, or more than `most_times` as large (and more than 64
-    MiB): no log is, a file made to fill the memory may be.
-    """
-    content = path.read_bytes()
-    if content[:2] != b"\x1f\x8b":
-        return content
-    limit = max(most_times * len(content), 1 << 26)
-    unpacker = zlib.decompressobj(31)
+def unpacked(path: Path) -> bytes:
+    """Content of a file, unpacked where it is gzip. Raises LogError where that is damaged, or absurdly large."""
     try:
-        text = unpacker.decompress(content, limit)
-    except zlib.error as error:
-        raise LogError(f"{path}: truncated or damaged gzip file ({error})") from error
-    if unpacker.unconsumed_tail:
-        raise LogError(f"{path}: unpacks to more than {limit} bytes, expected a log")
-    if not unpacker.eof:
-        raise LogError(f"{path}: truncated gzip file")
-    return text
+        with open_bounded(path, unpacked_limit(path)) as file:
+            return file.read()
+    except InputError as error:
+        raise LogError(f"{error}; expected a log") from error
 
 
 def read_log(path: Path, one: LogFormat, beside: Beside) -> Iterator[LoggedScene]:
@@ -147,16 +137,16 @@ def explained(path: Path, what: str) -> Iterator[None]:
     """Turn what a damaged file makes of a reader into one clear error."""
     try:
         yield
-    except LogError as error:
-        if str(path) in str(error):
+    except (LogError, InputError, ScenarioError) as error:
+        if isinstance(error, LogError) and str(path) in str(error):
             raise
-        raise LogError(f"{path}: {error}") from error
+        raise LogError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
     except (
         ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, ArithmeticError, ShapelyError
     ) as error:  # fmt: skip
         said = f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__
         raise LogError(f"{path}: damaged, or no {what} ({said[:300]})") from error
-    except (OSError, EOFError, gzip.BadGzipFile, zlib.error) as error:
+    except (OSError, EOFError) as error:
         raise LogError(f"{path}: cannot be read ({error}); expected {what}") from error
     except (MemoryError, RecursionError) as error:
         raise LogError(f"{path}: too large or too deeply nested for {what}") from error
