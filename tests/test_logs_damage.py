@@ -259,9 +259,9 @@ def test_a_file_that_names_one_array_many_times_is_refused(tmp_path):
 def test_a_gzip_bomb_is_not_unpacked(tmp_path):
     bomb = tmp_path / "bomb.json.gz"
     bomb.write_bytes(gzip.compress(b'{"objects": [' + b" " * (200 << 20)))
-    with pytest.raises(LogError, match="unpacks to more than"):
+    with pytest.raises(LogError, match="holds more than"):
         unpacked(bomb)
-    assert "unpacks to more than" in str(use(bomb))
+    assert "holds more than" in str(use(bomb))
 
 
 @pytest.mark.parametrize("name", ["gpudrive", "commonroad", "table"])
@@ -284,7 +284,7 @@ def test_a_mapping_with_a_key_of_endless_parts_is_not_parsed(tmp_path):
 def test_entities_are_refused(tmp_path):
     path = tmp_path / "a.xml"
     path.write_text('<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "bb">]><commonRoad>&b;</commonRoad>')
-    assert "entities" in str(use(path))
+    assert "document type" in str(use(path))
 
 
 def test_a_record_of_an_absurd_length_is_not_allocated(tmp_path):

@@ -102,7 +102,7 @@ def spoilt(logs) -> dict[str, tuple[bytes, str]]:
     return {
         "empty": (b"", "the file is empty"),
         "truncated xml": (xml[: len(xml) // 2], "truncated XML"),
-        "truncated gzip": (gzip.compress(xml)[:50_000], "truncated or damaged gzip"),
+        "truncated gzip": (gzip.compress(xml)[:50_000], "gzip data is damaged or cut off"),
         "truncated csv": (table[: table.rindex(b"main") - 3], "truncated or damaged CSV"),
         "another xml": (NET.read_bytes(), "root element is <net>"),
         "another csv": (b"a;b\n1;2\n", "neither XML nor a CSV header"),
