@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import IO
 
-from regents_cosim.errors import SumoError
+from regents_cosim.errors import MissingDependencyError, RegentsError, SumoError
 
 # Shared libraries that the wheel links but does not bring: measured with ldd, SUMO 1.28.0.
 _DEBIAN_PACKAGES = "libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1"
@@ -22,16 +22,22 @@ _ONE_SIMULATION = threading.Lock()  # libsumo would replace the running one with
 
 
 def load_libsumo() -> ModuleType:
-    """Import libsumo. Raises SumoError that names the Debian packages where it cannot load."""
+    """Import libsumo. Raises MissingDependencyError that names the Debian packages where it cannot load."""
     os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # it greets on stdout otherwise
     try:
         import libsumo
     except ImportError as error:
-        raise SumoError(
+        raise MissingDependencyError(
             f"SUMO's library cannot be loaded ({error}). The wheel needs system libraries; "
             f"on Debian or Ubuntu: apt-get install {_DEBIAN_PACKAGES}"
         ) from error
     return libsumo
+
+
+def require_display() -> None:
+    """Raise RegentsError where sumo-gui would find no display."""
+    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        raise RegentsError("sumo-gui needs a display, and DISPLAY is not set (leave out --gui, or use --record)")
 
 
 @contextmanager
@@ -41,8 +47,8 @@ def running_sumo(options: Sequence[str], gui: bool = False) -> Iterator[ModuleTy
     `options` are SUMO's command-line options. One simulation per process: a second one, in
     another thread, waits for the first to end.
     """
-    if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        raise SumoError("sumo-gui needs a display, and DISPLAY is not set (leave out --gui, or use --record)")
+    if gui:
+        require_display()
     with _ONE_SIMULATION, _output_kept() as output:
         libsumo = load_libsumo()
         try:

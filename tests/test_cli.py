@@ -311,8 +311,9 @@ def test_missing_system_libraries_are_named(tmp_path):
     hidden = tmp_path / "libsumo"
     hidden.mkdir()
     (hidden / "__init__.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
-    done = regents("record", "-c", GRID, "-o", tmp_path / "out", PYTHONPATH=str(tmp_path))
-    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    path = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    done = regents("record", "-c", GRID, "-o", tmp_path / "out", PYTHONPATH=path)
+    assert (done.returncode, len(done.stderr.splitlines())) == (3, 1)
     assert "libGL.so.1" in done.stderr
     assert "apt-get install libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1" in done.stderr
 

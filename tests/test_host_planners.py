@@ -188,7 +188,7 @@ def test_the_command_line(tmp_path):
 
     planner = named("FailsInOneScene")
     done = regents("attack", cases[1], "--planner", planner, "--iterations", 5, "--no-pictures", "-o", tmp_path / "out")
-    assert done.returncode == 1
+    assert done.returncode == 4
     assert json.loads(done.stdout)[0]["outcome"] == "planner_error"
     assert "KeyError: 'lost'" in done.stderr
     assert "Traceback" not in done.stderr

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from regents_cosim.collisions import first_contact
-from regents_cosim.errors import PlannerError, ScenarioError, SumoError
+from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, SumoError
 from regents_cosim.files import find_cases, load_case
 from regents_cosim.frames import wrap
 from regents_cosim.replays import replay as replays
@@ -451,9 +451,8 @@ def test_replays_run_on_a_cluster_also_in_threads_of_one_process():
 
 def test_the_window_needs_a_display(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
-    result = replay(t_bone(), gui=True)
-    assert not result.verified
-    assert "DISPLAY is not set" in result.reason
+    with pytest.raises(RegentsError, match="DISPLAY is not set"):
+        replay(t_bone(), gui=True)
 
 
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no virtual display")

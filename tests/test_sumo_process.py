@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.errors import SumoError
+from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.sumo_process import running_sumo
 from regents_cosim.workers import run_isolated
 
@@ -152,7 +152,7 @@ def test_nothing_of_sumo_reaches_the_terminal():
 
 
 FAILING = f"""
-from regents_cosim.errors import SumoError
+from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.sumo_process import running_sumo
 try:
     with running_sumo(["-n", {NET!r}, "--nonsense"]):
@@ -185,12 +185,12 @@ def test_no_file_stays_open():
 NO_LIBSUMO = """
 import sys
 sys.modules["libsumo"] = None
-from regents_cosim.errors import SumoError
+from regents_cosim.errors import MissingDependencyError
 from regents_cosim.sumo_process import running_sumo
 try:
     with running_sumo([]):
         pass
-except SumoError as error:
+except MissingDependencyError as error:
     print(error)
 """
 
@@ -210,5 +210,5 @@ def open_window():
 
 def test_a_window_needs_a_display(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
-    with pytest.raises(SumoError, match="DISPLAY is not set"):
+    with pytest.raises(RegentsError, match="DISPLAY is not set"):
         run_isolated(open_window)

@@ -117,17 +117,15 @@ def test_attacked():
     assert fine.attack.act_time.decisions >= 80
 
 
-@pytest.mark.parametrize(
-    ("attribute", "said"),
-    [
-        ("Shapeless", "the module answered [1, 1], expected a tensor [1, 2] (batch, control)"),
-        ("NO_MODULE", "is a int, expected a torch.nn.Module"),
-    ],
-)
-def test_one_that_does_not_fit(attribute, said):
-    (case,) = attack([BUSY], QUICK, f"torch:{FILE}:{attribute}")
+def test_one_that_does_not_fit():
+    (case,) = attack([BUSY], QUICK, f"torch:{FILE}:Shapeless")
     assert case.attack.outcome == "planner_error"
-    assert said in case.attack.planner_error
+    assert "the module answered [1, 1], expected a tensor [1, 2] (batch, control)" in case.attack.planner_error
+
+
+def test_one_that_is_no_module_is_refused_before_anything_is_driven():
+    with pytest.raises(PlannerError, match="is a int, expected a torch.nn.Module"):
+        list(attack([BUSY], QUICK, f"torch:{FILE}:NO_MODULE"))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from regents_cosim.cli.options import Against
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.evaluation.baseline import FILE, Baseline, Driven, load_baseline, save_baseline
 from regents_cosim.evaluation.cards import suite_cases
 from regents_cosim.evaluation.drives_ahead import driven
@@ -74,8 +74,8 @@ class Comparison:
         self._show(verdicts, left, terminal)
         if self.options.update:
             self._accept(verdicts, terminal)
-            return 1 if any(v.now.outcome == "planner_error" for v in verdicts) else 0
-        return 1 if any(v.fails(self.options.strict) for v in verdicts) else 0
+            return PLANNER_FAILED if any(v.now.outcome == "planner_error" for v in verdicts) else 0
+        return NEGATIVE_VERDICT if any(v.fails(self.options.strict) for v in verdicts) else 0
 
     def _driven(self, scenarios: Sequence[Scenario], drives: Sequence[Drive]) -> dict[str, Driven]:
         more = self._margins(scenarios, drives) if self.options.margin else [{} for _ in scenarios]

@@ -32,7 +32,7 @@ from regents_cosim.cli.shared import (
     record_traffic,
     verify_in_sumo,
 )
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import PLANNER_FAILED, MissingDependencyError, RegentsError
 
 
 def _shown_default(value: object) -> str | None:
@@ -375,7 +375,7 @@ def evaluate(
     errors = [drive for drive in drives if drive.error]
     for drive in errors:
         terminal.say(f"{drive.case}: {drive.error}")
-    return 1 if errors else 0
+    return PLANNER_FAILED if errors else 0
 
 
 @app.command
@@ -427,7 +427,7 @@ def report(
     errors = [(case.scenario.id, run) for case in made.cases for run in case.runs if run.error]
     for name, run in errors:
         terminal.say(f"{name}: {run.driver}: {run.error}")
-    return 1 if errors else 0
+    return PLANNER_FAILED if errors else 0
 
 
 @training.command(name="aim-bev")
@@ -493,7 +493,7 @@ def train_aim_bev(
     try:
         from regents_cosim.planners.aim_bev.train import FINE_TUNING, TrainConfig, checkpoint_path, train
     except ModuleNotFoundError as error:
-        raise RegentsError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
+        raise MissingDependencyError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
     given = {
         "epochs": epochs, "lessons": lessons, "drives": drives, "frozen": frozen, "learning_rate": learning_rate,
         "teacher": teacher, "evading": fine_tune.evading,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from regents_cosim.cli.options import Talk, Traffic
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 
 if TYPE_CHECKING:
     from regents_cosim.replays.verify import Replay
@@ -177,16 +177,18 @@ def draw(scenario: "Scenario", path: Path, beside_original: bool, terminal: "Ter
 
 
 def planner_errors(attacked: "list[Scenario]", terminal: "Terminal") -> int:
-    """1 where the planner failed; says how."""
+    """4 where the planner failed; says how."""
     records = [scenario.attack for scenario in attacked if scenario.attack and scenario.attack.planner_error]
     for record in records:
         terminal.say(f"{record.case}: {record.planner_error.partition(chr(10))[0]}")
-    return 1 if records else 0
+    return PLANNER_FAILED if records else 0
 
 
 def exit_code(replays: "Iterable[Replay]", terminal: "Terminal") -> int:
-    """1 where a replay differs from its case; says why."""
+    """4 where the planner failed, else 1 where a replay differs from its case; says why."""
     failed = [replay for replay in replays if not replay.verified]
     for replay in failed:
         terminal.say(f"{replay.case}: {replay.reason}")
-    return 1 if failed else 0
+    if any(replay.planner_failed for replay in failed):
+        return PLANNER_FAILED
+    return NEGATIVE_VERDICT if failed else 0

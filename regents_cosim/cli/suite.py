@@ -8,7 +8,7 @@ from cyclopts import App, Parameter
 
 from regents_cosim.cli.options import Count, CountOrZero, Seed, Switch, Talk
 from regents_cosim.cli.shared import open_terminal
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import NEGATIVE_VERDICT, RegentsError
 
 suites = App(name="suite", help="Make, look at, check and merge suites: folders of cases that planners are tested on.")
 
@@ -134,7 +134,7 @@ def check(suite: Path, *, replay: bool = False, talk: Talk = Talk()) -> int:
         [dataclasses.asdict(row) for row in (rows if talk.json else bad)],
         essential=CHECKED,
     )
-    return 1 if bad else 0
+    return NEGATIVE_VERDICT if bad else 0
 
 
 @suites.command

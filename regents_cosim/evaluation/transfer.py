@@ -125,7 +125,7 @@ def _replayed(cases: Sequence[Scenario], drivers: Sequence[str | None], place: P
         try:
             replays = list(replay_each(own, place.where, planner, mode=place.mode, background=place.background))
         except PlannerError as error:
-            replays = [failed(case, str(error)) for case in own]
+            replays = [failed(case, error) for case in own]
         found |= {replay.case: replay for replay in replays}
     return [found[case.id] for case in cases]
 

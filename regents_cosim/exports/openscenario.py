@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import MissingDependencyError, RegentsError
 from regents_cosim.exports.stays import Stay, poses, stays
 from regents_cosim.replays.bare_network import network_of
 from regents_cosim.scenario import Agent, Scenario
@@ -50,7 +50,7 @@ def _package(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
-        raise RegentsError(
+        raise MissingDependencyError(
             f"OpenSCENARIO needs scenariogeneration and eclipse-sumo ({error}); install them with "
             "pip install 'regents_cosim[openscenario]'"
         ) from error

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.errors import PlannerError
+from regents_cosim.errors import MissingDependencyError, PlannerError
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.interface import Control, Observation, Scene
 
@@ -43,9 +43,12 @@ class TorchPlanner:
     """The planner that a module is, on the host."""
 
     def __init__(self, name: str) -> None:
-        """Raises PlannerError where there is nothing of that name; the module is made when it is needed."""
+        """The module is made when it is needed.
+
+        Raises PlannerError where there is nothing of that name, MissingDependencyError without torch.
+        """
         if importlib.util.find_spec("torch") is None:
-            raise PlannerError(f"planner 'torch:{name}' needs the extra: pip install 'regents_cosim[torch]'")
+            raise MissingDependencyError(f"planner 'torch:{name}' needs the extra: pip install 'regents_cosim[torch]'")
         self._name = name
         self._found = find_attribute(name)
 

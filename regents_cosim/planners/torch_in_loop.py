@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from regents_cosim.errors import PlannerError
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
@@ -21,13 +22,18 @@ class Memory(eqx.Module):
 
 
 def in_loop(planner: TorchPlanner) -> "TorchInLoop | None":
-    """The same planner inside the compiled loop; None where its module does not run in JAX, or not at all."""
+    """The same planner inside the compiled loop; None where its module does not run in JAX, or not at all.
+
+    Raises PlannerError for something that is no module.
+    """
     import torch
 
     chance = torch.Generator().manual_seed(0)
     examples = (10.0 * torch.randn(shape, generator=chance) for shape in ((1, 5), (1, NEAREST, 8)))
     try:
         module = translate(planner.module, *examples)
+    except PlannerError:  # no module at all
+        raise
     except Exception:  # its process will say what is wrong with a module that cannot be made
         return None
     answer = eqx.filter_eval_shape(module, jnp.zeros((1, 5)), jnp.zeros((1, NEAREST, 8)))

@@ -14,6 +14,7 @@ from regents_cosim.replays.sumo import SumoReplay, replay_in_sumo
 from regents_cosim.replays.sumo_drivers import DriverParameters, background_drivers
 from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
+from regents_cosim.sumo_process import require_display
 from regents_cosim.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]
@@ -71,7 +72,7 @@ def replay_each(
         for scenario in scenarios
     )
     for scenario, found in zip(scenarios, run_each(_in_sumo, jobs, executor), strict=True):
-        yield failed(scenario, str(found)) if isinstance(found, RegentsError) else found
+        yield failed(scenario, found) if isinstance(found, RegentsError) else found
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,8 @@ def _in_sumo(drive: SumoDrive) -> Replay:
 
 def check(where: Simulator, planner: str | None, gui: bool = False, background: Background = "log") -> None:
     """Complain here rather than once per case. Raises PlannerError, or RegentsError for what a simulator cannot do."""
+    if gui and where == "sumo":
+        require_display()
     if background == "reactive" and where != "sumo":
         raise RegentsError(f"--background reactive is SUMO's own traffic; expected --in sumo, found --in {where}")
     if gui and where == "mirror":
@@ -121,7 +124,7 @@ def _or_failed(scenario: Scenario, replay_it: Callable[[Scenario], Replay]) -> R
     try:
         return replay_it(scenario)
     except DriveError as failure:
-        return failed(scenario, str(failure))
+        return failed(scenario, failure)
 
 
 def _in_highway(scenario: Scenario, planner: str | None, mode: Mode, gui: bool) -> Replay:

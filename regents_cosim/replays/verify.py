@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.collisions import first_contact
+from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks
 
@@ -47,6 +48,7 @@ class Replay:
     intended: Tracks | None = None  # those of the case
     driven: tuple[str, ...] = ()  # agents that the simulator itself drove
     unmatched: tuple[str, ...] = ()  # agents that it was to drive, without a route: they stayed on their tracks
+    planner_failed: bool = False  # it raised, hung or answered wrongly: nothing was replayed
 
     @property
     def reports_same_pair(self) -> bool:
@@ -110,9 +112,11 @@ def compare(
     )
 
 
-def failed(scenario: Scenario, reason: str) -> Replay:
+def failed(scenario: Scenario, error: RegentsError) -> Replay:
     """A replay that could not be made."""
-    return Replay(scenario.id, verified=False, reason=reason, expected=_contact(scenario, scenario.tracks))
+    expected = _contact(scenario, scenario.tracks)
+    by_planner = isinstance(error, PlannerError)
+    return Replay(scenario.id, verified=False, reason=str(error), expected=expected, planner_failed=by_planner)
 
 
 def _contact(scenario: Scenario, tracks: Tracks) -> Contact | None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
-from regents_cosim.errors import LogError, RegentsError
+from regents_cosim.errors import LogError, MissingDependencyError, RegentsError
 from regents_cosim.sources.logs.csv_columns import Columns
 from regents_cosim.workers import run_isolated
 
@@ -29,10 +29,10 @@ _MOST_TIMES = 200  # a log is never packed tighter
 def read_polars(path: Path, numbers: Sequence[str], texts: Sequence[str] = (), optional: Sequence[str] = ()) -> Columns:
     """Columns of a Parquet or Feather file, as `csv_columns.read_columns` has them.
 
-    Raises RegentsError where polars is not installed, LogError where the file is damaged.
+    Raises MissingDependencyError where polars is not installed, LogError where the file is damaged.
     """
     if importlib.util.find_spec("polars") is None:
-        raise RegentsError(
+        raise MissingDependencyError(
             f"{path.name}: Parquet and Feather files need polars; install it with the extra `logs` "
             "(pip install 'regents_cosim[logs]')"
         )

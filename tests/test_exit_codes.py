@@ -1,0 +1,106 @@
+"""What `regents` exits with; 130 and 143 are in test_interruption, 3 for SUMO's libraries in test_cli."""
+
+import json
+import os
+import shutil
+
+import pytest
+from test_cli import regents
+
+from regents_cosim.shipped import shipped
+
+QUICKSTART = shipped("scenarios") / "quickstart"
+CODES = ("0", "1", "2", "3", "4", "130", "143")
+
+
+@pytest.fixture(scope="module")
+def case():
+    return next(QUICKSTART.glob("merge-00064*"))
+
+
+@pytest.fixture(scope="module")
+def failing(tmp_path_factory):
+    """A planner that raises."""
+    file = tmp_path_factory.mktemp("planners") / "failing.py"
+    file.write_text(
+        "class Failing:\n    def reset(self, scene): pass\n    def act(self, observation): raise KeyError('boom')\n"
+    )
+    return f"{file}:Failing"
+
+
+def without(package, tmp_path):
+    """An environment in which a package is not installed."""
+    (tmp_path / f"{package}.py").write_text(f"raise ModuleNotFoundError('no {package}', name='{package}')")
+    return {"PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+
+
+def complaint(done):
+    """The one line on stderr."""
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("regents: ")
+    return line
+
+
+def test_help_and_the_documentation_name_them():
+    said = " ".join(regents("--help").stdout.split("Exit codes:")[1].split())
+    table = (shipped("scenarios").parent / "docs" / "command-line.md").read_text()
+    for code in CODES:
+        assert f"{code} " in said
+        assert f"| {code} |" in table
+
+
+def test_0_all_is_well(case):
+    assert regents("replay", case, "--in", "mirror", "--json").returncode == 0
+
+
+def test_1_a_crash_that_does_not_happen_again(case):
+    assert regents("replay", case, "--in", "mirror", "--planner", "constant_velocity").returncode == 1
+
+
+def test_1_a_suite_that_fails_its_check(case, tmp_path):
+    shutil.copytree(QUICKSTART, tmp_path / "suite")
+    (tmp_path / "suite" / case.name / "tracks.npz").write_bytes(b"")
+    assert regents("suite", "check", tmp_path / "suite").returncode == 1
+
+
+def test_2_a_window_without_a_display_before_anything_starts(case):
+    done = regents("replay", case, "--gui", DISPLAY="")
+    assert done.returncode == 2
+    assert "DISPLAY is not set" in complaint(done)
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize("name", ["no_such_planner", "torch:pathlib:Path", "collections:OrderedDict"])
+def test_2_a_planner_that_is_not_there_or_is_something_else(case, tmp_path, name):
+    if name.startswith("torch"):
+        pytest.importorskip("torch", reason="torch is an extra")
+    done = regents("evaluate", case, "--planner", name)
+    assert done.returncode == 2
+    assert name in complaint(done)
+
+
+def test_3_a_package_that_is_not_installed(case, tmp_path):
+    done = regents("replay", case, "--executor", "dask:tcp://127.0.0.1:1", **without("distributed", tmp_path))
+    assert done.returncode == 3
+    assert "pip install 'regents_cosim[dask]'" in complaint(done)
+
+
+@pytest.mark.parametrize("where", ["mirror", "sumo"])
+def test_4_a_planner_that_fails(case, failing, where):
+    done = regents("evaluate", case, "--planner", failing, "--in", where, "--json")
+    assert done.returncode == 4
+    assert json.loads(done.stdout)[0]["planner_errors"] == 1
+    assert "KeyError: 'boom'" in done.stderr
+
+
+def test_4_comes_before_1(case, failing):
+    done = regents("replay", case, "--planner", failing, "--json")
+    assert done.returncode == 4
+    assert json.loads(done.stdout)[0]["verified"] is False
+
+
+def test_1_for_a_planner_that_fails_against_a_baseline(case, failing, tmp_path):
+    shutil.copytree(QUICKSTART, tmp_path / "suite")
+    words = ("evaluate", tmp_path / "suite" / case.name, "--planner", failing)
+    assert regents(*words, "--update").returncode == 4  # such an outcome is not accepted
+    assert regents(*words, "--against", tmp_path / "suite" / "baseline.json").returncode == 1
