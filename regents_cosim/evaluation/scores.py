@@ -5,19 +5,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean, median
 
-import numpy as np
-
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.evaluation.deviation import deviation
 from regents_cosim.evaluation.driving import driving_row, score
 from regents_cosim.evaluation.failures import count_reasons
+from regents_cosim.evaluation.in_time import avoidable_in_time
 from regents_cosim.evaluation.realism import realism
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
-
-_DEPARTED_M = 0.5
-_REACTION_S = 0.75  # of an attentive driver (RSS: 0.5 to 1 s)
 
 Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
 Interval = tuple[float, float]
@@ -126,7 +122,9 @@ def scores(run: Run, source: str = "all") -> MethodScores:
         off_road_percent=_flawed(crashes, "off_road"),
         hits_others_percent=_flawed(crashes, "hits_others"),
         avoidable_percent=percent(sum(_avoidable(case) for case in crashes), len(crashes)),
-        avoidable_in_time_percent=percent(sum(_avoidable_in_time(case) for case in crashes), len(crashes)),
+        avoidable_in_time_percent=percent(
+            sum(avoidable_in_time(case, case.judgement) for case in crashes), len(crashes)
+        ),
         evade_before_s=_median([s for case in crashes if (s := _evade_before_s(case)) is not None]),
         at_fault=dict(Counter(c.judgement.fault.at_fault for c in crashes if c.judgement and c.judgement.fault)),
         min_ttc_p5_s=driven.min_ttc_p5_s,
@@ -182,21 +180,6 @@ def _flawed(crashes: Sequence[Scenario], flaw: str) -> float:
 
 def _avoidable(case: Scenario) -> bool:
     return bool(case.judgement and case.judgement.avoidability and case.judgement.avoidability.avoidable)
-
-
-def _avoidable_in_time(case: Scenario) -> bool:
-    """Whether the ego could still evade once the adversary had left its log and some time to react had passed.
-
-    A bank of manoeuvres that may begin at once knows what is to come; a planner does not.
-    """
-    found = case.judgement.avoidability if case.judgement else None
-    if found is None or found.last_onset_step is None or case.original is None:
-        return False
-    agent = next(index for index, agent in enumerate(case.agents) if agent.role == "adversary")
-    now, log = case.tracks, case.original
-    away = np.hypot(now.x[agent] - log.x[agent], now.y[agent] - log.y[agent]) > _DEPARTED_M
-    departed = int(np.argmax(away & now.valid[agent] & log.valid[agent])) if away.any() else 0
-    return found.last_onset_step * case.dt >= departed * case.dt + _REACTION_S
 
 
 def _evade_before_s(case: Scenario) -> float | None:

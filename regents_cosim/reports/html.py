@@ -1,5 +1,7 @@
 """The report: cases, scores and a player in one HTML file that needs nothing else."""
 
+import base64
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,14 +9,17 @@ from typing import Any
 
 import jinja2
 import msgspec
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
+from regents_cosim.plain_text import printable
 from regents_cosim.reports.packing import packed
 from regents_cosim.reports.page_case import PageCase
 from regents_cosim.reports.page_colours import DARK, LIGHT
 from regents_cosim.reports.page_map import page_maps
+from regents_cosim.reports.verdict import groups
 
 SCHEMA = 1
+_MOST_GROUPS = 6  # of crashes, in the summary
 _PAGE = Path(__file__).parent / "page"
 _SCRIPTS = ("unpack", "colours", "camera", "ground", "vehicles", "plots", "player", "sheets", "table", "app")
 
@@ -58,28 +63,40 @@ def html_page(report: Report) -> str:
     places = [home[id(case.scenario)] for case in cases]
     rows = [case.row(place) for case, place in zip(cases, places, strict=True)]
     changes = [row["change"] for row in rows]
+    style, script = _style(), _script()
+    contents = (
+        case.content(maps[place], report.folder, report.driven) for case, place in zip(cases, places, strict=True)
+    )
+    todo = groups([case.crash for case in cases if case.crash])
+    member = {name: number for number, group in enumerate(todo) for name in group.cases}
     return _template().render(
         report=report,
         scores=_by_label(report.scores),
         changes={name: changes.count(name) for name in ("broken", "fixed", "unchanged")},
         kinds=_counts(hit["kind"] for row in rows for hit in row["endings"] if hit),
-        light=LIGHT,
-        dark=DARK,
-        style=_inlined("style.css"),
-        script=Markup("\n").join(_inlined(f"{name}.js") for name in _SCRIPTS),
-        page=_script_data({"drivers": report.drivers, "driven": report.driven, "rows": rows}),
-        maps=[packed(one.content()) for one in maps],
-        payloads=(
-            packed(case.content(maps[place], report.folder, report.driven))
-            for case, place in zip(cases, places, strict=True)
+        todo=[*enumerate(todo)][:_MOST_GROUPS],
+        left_out=sum(group.crashes for group in todo[_MOST_GROUPS:]),
+        style=style,
+        script=script,
+        policy=_policy(style, script),
+        page=_script_data(
+            visible(
+                {
+                    "drivers": report.drivers,
+                    "driven": report.driven,
+                    "rows": [row | {"group": member.get(row["id"])} for row in rows],
+                }
+            )
         ),
+        maps=[packed(visible(one.content())) for one in maps],
+        payloads=(packed(visible(content)) for content in contents),
     )
 
 
 def json_twin(report: Report) -> bytes:
     """The scores and the table for machines."""
     rows = [
-        {k: v for k, v in case.row(0).items() if k not in ("map", "otherwise")}
+        {k: v for k, v in case.row(0).items() if k not in ("map", "otherwise", "evasion")}
         | {"outcome": case.scenario.attack.outcome if case.scenario.attack else None}
         for case in report.worst_first
     ]
@@ -89,6 +106,7 @@ def json_twin(report: Report) -> bytes:
         "command": report.command,
         "drivers": report.drivers,
         "scores": report.scores,
+        "fix_first": groups([case.crash for case in report.worst_first if case.crash]),
         "cases": rows,
     }
     return msgspec.json.format(msgspec.json.encode(content), indent=1)
@@ -96,14 +114,55 @@ def json_twin(report: Report) -> bytes:
 
 def _template() -> jinja2.Template:
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=visible
     )
+    environment.filters["breakable"] = _breakable
     return environment.from_string((_PAGE / "page.html").read_text("utf-8"))
 
 
-def _inlined(name: str) -> Markup:
-    """A file of our own, as it is."""
-    return Markup((_PAGE / name).read_text("utf-8"))
+def visible(content: Any) -> Any:
+    """`content` with what has no look of its own, or turns the direction of writing around, shown as escapes."""
+    if isinstance(content, Markup):
+        return content
+    if isinstance(content, str):
+        return "\n".join(printable(line, None) for line in content.split("\n"))
+    if isinstance(content, dict):
+        return {visible(name): visible(value) for name, value in content.items()}
+    if isinstance(content, (list, tuple)) and not all(isinstance(value, int) for value in content):
+        return [visible(value) for value in content]
+    return content
+
+
+def _breakable(name: str) -> Markup:
+    """A name that may be broken after its signs."""
+    return Markup("").join(escape(letter) + (Markup("<wbr>") if letter in ":._/-" else "") for letter in visible(name))
+
+
+def _style() -> Markup:
+    """Colours by day and by night, then the style sheet."""
+    light, dark = ("".join(f"--{name}: {value}; " for name, value in colours.items()) for colours in (LIGHT, DARK))
+    return Markup(
+        f"\n:root {{ color-scheme: light; {light}}}\n"
+        f':root[data-theme="dark"] {{ color-scheme: dark; {dark}}}\n'
+        f"@media (prefers-color-scheme: dark) {{ :root:not([data-theme]) {{ color-scheme: dark; {dark}}} }}\n"
+        + (_PAGE / "style.css").read_text("utf-8")
+    )
+
+
+def _script() -> Markup:
+    parts = "\n".join((_PAGE / f"{name}.js").read_text("utf-8") for name in _SCRIPTS)
+    return Markup(f'\n"use strict";\n(() => {{\n{parts}\n}})();\n')
+
+
+def _policy(style: str, script: str) -> str:
+    """What the browser may run and apply: this very script and style; nothing is loaded, nothing is sent."""
+    style_hash, script_hash = (
+        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in (style, script)
+    )
+    return (
+        f"default-src 'none'; script-src 'sha256-{script_hash}'; style-src 'sha256-{style_hash}'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
 
 
 def _script_data(content: object) -> Markup:

@@ -16,6 +16,7 @@ from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.scene import contact_point
+from regents_cosim.reports.verdict import FAULTS, Crash, Verdict
 from regents_cosim.scenario import Collision, Scenario, Tracks
 
 Change = Literal["broken", "fixed", "unchanged"]
@@ -47,6 +48,7 @@ class Run:
     tracks: Tracks | None  # of all agents; None where the planner failed
     error: str = ""
     closest: ClosestCall | None = None
+    verdict: Verdict | None = None  # on its crash
 
 
 @dataclass(frozen=True)
@@ -89,21 +91,32 @@ class PageCase:
         return next((i for i, agent in enumerate(self.scenario.agents) if agent.role == "adversary"), None)
 
     @property
-    def badness(self) -> tuple[int, int, int, int, float, float]:
-        """Sorts the worst first: what broke, crashes that count, hard impacts, close calls."""
+    def verdict(self) -> Verdict | None:
+        """On the crash of the last driver that has one: the newer of two."""
+        return next((run.verdict for run in reversed(self.runs) if run.verdict), None)
+
+    @property
+    def badness(self) -> tuple[Any, ...]:
+        """Sorts what to fix first: what broke, failures, the planner's fault, avoidable in time, hard impacts."""
         order = {"broken": 0, None: 1, "unchanged": 1, "fixed": 2}
-        judgement = self.scenario.judgement
         failed = any(run.error for run in self.runs)
         impact = max((hit.relative_speed for hit in self.endings if hit), default=-1.0)
         calls = [run.closest.ttc_s for run in self.runs if run.closest and run.closest.ttc_s is not None]
-        call = min(calls, default=inf)
-        actionable = judgement is not None and judgement.actionable
-        return order[self.change], -int(failed), -int(impact >= 0.0), -int(actionable), -impact, call
+        urgency = self.verdict.urgency if self.verdict else (1, 1, 1)
+        return order[self.change], not failed, impact < 0.0, urgency, -impact, min(calls, default=inf)
+
+    @property
+    def crash(self) -> Crash | None:
+        """That of the last driver, the one to be fixed; a planner that fails counts as well."""
+        run, hit = self.runs[-1], self.endings[-1]
+        if hit is None and not run.error:
+            return None
+        kind = "Planner failed" if run.error or hit is None else _sentence(KINDS[hit.kind])
+        return Crash(self.scenario.id, kind, run.verdict, self.change == "broken", bool(run.error))
 
     def row(self, map_index: int) -> dict[str, Any]:
         """What the table says."""
-        case, attack, judgement = self.scenario, self.scenario.attack, self.scenario.judgement
-        avoidability = judgement.avoidability if judgement else None
+        case, attack, verdict = self.scenario, self.scenario.attack, self.verdict
         return {
             "id": case.id,
             "network": network(case),
@@ -113,9 +126,12 @@ class PageCase:
             "errors": [run.error for run in self.runs],
             "closest": [asdict(run.closest) if run.closest else None for run in self.runs],
             "change": self.change,
-            "avoidable": avoidability.avoidable if avoidability else None,
-            "fault": judgement.fault.at_fault if judgement and judgement.fault else None,
-            "clean": judgement.clean if judgement else None,
+            "avoidable": verdict.avoidable if verdict else None,
+            "in_time": verdict.in_time if verdict else None,
+            "evasion": verdict.in_words if verdict else None,
+            "fault": FAULTS[verdict.at_fault] if verdict and verdict.at_fault else None,
+            "rule": verdict.rule if verdict else None,
+            "clean": verdict.clean if verdict else None,
             "map": map_index,
             "steps": case.tracks.steps,
             "dt": case.dt,

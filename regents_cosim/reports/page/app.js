@@ -2,6 +2,10 @@
 
 const page = JSON.parse(byId("page").textContent);
 readColours();
+for (const bar of document.querySelectorAll("[data-left], [data-width]")) {
+  // Attributes of style are forbidden by the page's own policy.
+  for (const side of ["left", "width"]) if (bar.dataset[side]) bar.style.setProperty(side, `${bar.dataset[side]}%`);
+}
 const table = new CaseTable(page);
 const player = new Player(byId("scene"), showTime);
 player.names = page.drivers;
@@ -10,6 +14,7 @@ const plots = ["speed", "accel", "gap"].map((name) => new TimePlot(byId(`plot-${
   player.seek(step);
 }));
 const grounds = new Map();
+document.querySelectorAll("[data-case]").forEach((link) => (link.href = hashOf({ case: link.dataset.case })));
 let open = null; // the row of the case that is shown
 let scrolled = 0; // where the list was
 

@@ -9,6 +9,11 @@ function element(tag, properties = {}, ...children) {
   return made;
 }
 
+// Names may be broken after their signs.
+function breakable(name) {
+  return name.split(/(?<=[:._/-])/).flatMap((part) => [part, element("wbr")]);
+}
+
 function byId(id) {
   return document.getElementById(id);
 }
@@ -21,7 +26,8 @@ function fillSheets(content) {
   byId("settings-fold").hidden = !Object.keys(content.settings).length;
   fillMotion(content.motion);
   fillCosts(content.costs);
-  byId("commands").replaceChildren(...content.commands.map(([what, line]) => commandBox(what, line)));
+  byId("commands").parentElement.hidden = !content.commands.length;
+  byId("commands").replaceChildren(...content.commands.map((command) => commandBox(...command)));
 }
 
 function fillList(id, pairs) {

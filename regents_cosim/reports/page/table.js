@@ -1,4 +1,4 @@
-// --- Table: the cases, worst first; sorted by a column, filtered by what they have in common ---
+// --- Table: the cases, what to fix first; sorted by a column, filtered by what they have in common ---
 
 class CaseTable {
   constructor({ drivers, driven, rows }) {
@@ -27,21 +27,21 @@ class CaseTable {
   }
 
   chooseColumns() {
-    const judged = this.rows.some((row) => row.avoidable !== null);
+    const judged = this.rows.some((row) => row.evasion !== null);
     const blamed = this.rows.some((row) => row.fault !== null);
     const planners = new Set(this.rows.map((row) => row.attacked)).size > 1;
     const compared = this.drivers.length > 1;
     return [
       compared && { name: "Change", value: (row) => ["broken", "unchanged", "fixed"].indexOf(row.change), cell: (row) => [element("span", { className: `tag ${row.change}`, textContent: row.change })] },
-      { name: "Case", style: "case", value: (row) => row.id, cell: (row) => [element("a", { href: hashOf({ case: row.id }), textContent: row.id })] },
-      { name: "Network", value: (row) => row.network },
+      { name: "Case", style: "case", value: (row) => row.id, cell: (row) => [element("a", { href: hashOf({ case: row.id }) }, ...breakable(row.id))] },
+      { name: "Network", style: "spare", value: (row) => row.network },
       planners && { name: this.driven ? "Attacked" : "Planner", value: (row) => row.attacked || null },
       ...this.drivers.map((driver, k) => ({ name: this.driven ? driver : "Result", style: "by", labelled: compared, value: (row) => endingOf(row, k), cell: (row) => [ending(row, k)] })),
       { name: "At", unit: " s", style: "number", value: (row) => least(row.endings.map((hit) => hit && hit.step * row.dt)), digits: 1 },
       { name: "Impact", unit: " m/s", style: "number", value: (row) => greatest(row.endings.map((hit) => hit && hit.impact)), digits: 1 },
-      !compared && { name: "Least TTC", unit: " s", style: "number", value: (row) => (row.endings[0] ? null : (row.closest[0]?.ttc_s ?? null)), digits: 1 },
-      judged && { name: "Avoidable", value: avoidability, cell: (row) => [element("span", { className: row.avoidable ? "yes" : "", textContent: avoidability(row) ?? "" })] },
-      blamed && { name: "At fault", value: (row) => row.fault },
+      !compared && { name: "Least TTC", unit: " s", style: "number spare", value: (row) => (row.endings[0] ? null : (row.closest[0]?.ttc_s ?? null)), digits: 1 },
+      blamed && { name: "At fault", labelled: true, value: (row) => row.fault, cell: (row) => [element("span", { className: FAULT_LOOK[row.fault] ?? "", textContent: row.fault })] },
+      judged && { name: "Avoidable", labelled: true, value: (row) => row.evasion, cell: (row) => [element("span", { className: row.in_time ? "yes" : "", textContent: row.evasion })] },
     ].filter(Boolean);
   }
 
@@ -63,16 +63,22 @@ class CaseTable {
   addHeads() {
     const head = document.querySelector("#cases thead tr");
     for (const column of this.columns) {
-      const button = element("button", { type: "button", textContent: column.name });
+      const button = element("button", { type: "button" }, ...breakable(column.name));
       button.addEventListener("click", () => this.sort(column));
       column.head = element("th", { scope: "col", className: column.style ?? "" }, button);
       head.append(column.head);
+      byId("sort").append(element("option", { value: column.name, textContent: `Sorted by ${column.name.toLowerCase()}` }));
     }
+    byId("sort").addEventListener("input", ({ target }) => {
+      const column = this.columns.find(({ name }) => name === target.value);
+      this.sorted = column ? { column, down: falls(column) } : null;
+      this.refresh();
+    });
   }
 
-  // First as is natural, then the other way, then worst first again.
+  // First as is natural, then the other way, then what to fix first again.
   sort(column) {
-    const down = column.style === "number" && column.name !== "Least TTC";
+    const down = falls(column);
     if (this.sorted?.column !== column) this.sorted = { column, down };
     else this.sorted = this.sorted.down === down ? { column, down: !down } : null;
     this.refresh();
@@ -86,7 +92,7 @@ class CaseTable {
       const options = values.map((value) => element("option", { value, textContent: value }));
       const select = element("select", { id: `filter-${name}`, ariaLabel: title }, element("option", { value: "", textContent: title }), ...options);
       select.addEventListener("input", () => this.filter(name, select.value));
-      byId("filters").insertBefore(select, byId("search"));
+      byId("filters").insertBefore(select, byId("sort"));
     }
     byId("search").addEventListener("input", (event) => {
       this.search = event.target.value.trim().toLowerCase();
@@ -113,14 +119,15 @@ class CaseTable {
   refresh() {
     const shown = this.shown;
     document.querySelector("#cases tbody").replaceChildren(...shown.map((row) => this.lines[row.index]));
-    byId("count").textContent = shown.length === this.rows.length ? `${shown.length}, worst first` : `${shown.length} of ${this.rows.length}`;
+    byId("count").textContent = shown.length === this.rows.length ? `${shown.length}, what to fix first` : `${shown.length} of ${this.rows.length}`;
     if (this.sorted && shown.length === this.rows.length) byId("count").textContent = `${shown.length}`;
     byId("nothing").hidden = shown.length > 0;
     byId("cases").hidden = shown.length === 0;
     for (const column of this.columns) {
-      if (this.sorted?.column === column) column.head.ariaSort = this.sorted.down ? "descending" : "ascending";
-      else column.head.removeAttribute("aria-sort");
+      const how = this.sorted?.column !== column ? "none" : this.sorted.down ? "descending" : "ascending";
+      column.head.setAttribute("aria-sort", how);
     }
+    byId("sort").value = this.sorted?.column.name ?? "";
     for (const [name, value] of Object.entries(this.filters)) {
       if (byId(`filter-${name}`)) byId(`filter-${name}`).value = value;
     }
@@ -133,14 +140,19 @@ class CaseTable {
 // What cases can be filtered by: the values that a row has.
 const FILTERS = {
   change: { of: (row) => (row.change ? [row.change] : []) },
+  group: { of: (row) => (row.group === null ? [] : [String(row.group)]) },
   network: { title: "Any network", of: (row) => [row.network] },
   kind: { title: "Any collision", of: (row, drivers) => [...new Set(drivers.map((_, k) => endingOf(row, k)))] },
-  avoidable: { title: "Avoidable or not", of: (row) => [avoidability(row) ?? "not judged"] },
+  fault: { title: "Any fault", of: (row) => [row.fault ? FAULT_WORDS[row.fault] : "not judged"] },
+  avoidable: { title: "Avoidable or not", of: (row) => (row.avoidable === null ? ["not judged"] : row.avoidable ? ["avoidable", `avoidable ${row.evasion}`] : ["unavoidable"]) },
   planner: { title: "Any planner", of: (row, drivers) => (drivers.length > 1 ? drivers.filter((_, k) => row.endings[k]).map((name) => `${name} crashes`) : [row.attacked || "none"]) },
 };
+const FAULT_WORDS = { planner: "planner at fault", both: "both at fault", adversary: "adversary at fault", unclear: "fault unclear" };
+const FAULT_LOOK = { planner: "blamed", both: "blamed" };
 
-function avoidability({ avoidable }) {
-  return avoidable === null ? null : avoidable ? "avoidable" : "unavoidable";
+// Numbers begin with the greatest, but for a time to collision, which is worse the less it is.
+function falls(column) {
+  return (column.style ?? "").includes("number") && column.name !== "Least TTC";
 }
 
 function endingOf(row, k) {
