@@ -387,11 +387,12 @@ def run(
     workers: int = 1,
     keep: Path | None = None,
 ) -> list[Tally]:
-    """`count` kills, dealt evenly to `jobs`; how long each job takes undisturbed is measured first."""
+    """`count` kills of `jobs`, the shorter ones more often; how long each takes undisturbed is measured first."""
     lasts = {job.name: _undisturbed(job, template, work) for job in jobs}
     tallies = {job.name: Tally(job.name) for job in jobs}
-    seeds = random.Random(seed)
-    deals = [(jobs[index % len(jobs)], random.Random(seeds.getrandbits(64))) for index in range(count)]
+    dice = random.Random(seed)
+    chosen = [*jobs, *dice.choices(jobs, [lasts[job.name] ** -0.5 for job in jobs], k=count)][:count]
+    deals = [(job, random.Random(dice.getrandbits(64))) for job in chosen]
 
     def one(deal: tuple[Job, random.Random]) -> Outcome:
         job, dice = deal
