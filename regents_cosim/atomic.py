@@ -1,40 +1,83 @@
-"""Writing that a killed run cannot leave half-done: a temporary name, then a rename."""
+"""Writing that a killed run cannot leave half-done: a temporary name, then a rename.
+
+A temporary is locked by who writes it, so the next writer knows those of the dead and removes them.
+"""
 
 import os
+import re
 import secrets
 import shutil
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
+from regents_cosim.locks import LOCK, take
+from regents_cosim.swap import restore, swap
+
+_TEMPORARY = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{8}\.tmp(?P<aside>\.old)?", re.DOTALL)
+_TRIES = 20  # names, and moves of the folder below a file that is being written
 
 
 @contextmanager
-def new_folder(target: Path) -> Iterator[Path]:
-    """A folder under a temporary name that takes the place of `target` when the block succeeds."""
-    folder = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+def new_folder(target: Path, ours: Callable[[Path, Path], bool] = lambda folder, path: True) -> Iterator[Path]:
+    """A folder under a temporary name that takes the place of `target` when the block succeeds.
+
+    What is not `ours` in the folder that was there, asked with that folder and a path in it, is in the new one as
+    well. One writer at a time may replace a folder: where there can be others, hold a lock.
+    """
+    target = Path(os.path.realpath(target.parent), target.name)
+    restore(target)
+    clear_leftovers(target.parent, target.name)
+    folder, lock = _temporary(target, _make_folder)
+    old = folder
     try:
         yield folder
-        folder.chmod(0o755)
-        old = target.with_name(f".{target.name}.{secrets.token_hex(4)}.old")
-        if target.exists():
-            target.rename(old)
-        folder.rename(target)
-        shutil.rmtree(old, ignore_errors=True)
+        _keep_rest(target, folder, ours)
+        old = swap(folder, target)
+        _keep_rest(old, target, ours)  # what came while we wrote
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        _remove(old)
+        os.close(lock)
 
 
 def write_atomic(path: Path, content: bytes) -> None:
     """Write `content` to `path` as a whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    clear_leftovers(path.parent, path.name)
+    for left in reversed(range(_TRIES)):
+        temporary, file = _temporary(path, _make_file)
+        try:
+            with open(file, "wb", closefd=False) as stream:
+                stream.write(content)
+            os.replace(temporary, path)
+            return
+        except FileNotFoundError:  # the folder was replaced meanwhile; write into the new one
+            if not left or not path.parent.exists():
+                raise
+        finally:
+            temporary.unlink(missing_ok=True)
+            os.close(file)
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a file or folder of this name is none of a user's, but a lock or what a writer works on or left."""
+    return name == LOCK or _TEMPORARY.fullmatch(name) is not None
+
+
+def clear_leftovers(folder: Path, name: str | None = None) -> None:
+    """Remove the temporaries in `folder` whose writers are dead: all, or those for a file or folder `name`."""
     try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        every = [(Path(entry.path), _TEMPORARY.fullmatch(entry.name)) for entry in os.scandir(folder)]
+    except OSError:
+        return
+    found = [(path, match) for path, match in every if match]
+    for path, match in sorted(found, key=lambda one: not one[1]["aside"]):
+        if name in (None, match["name"]):
+            target = path.with_name(match["name"])
+            if match["aside"]:
+                restore(target)
+            if not match["aside"] or os.path.lexists(target):
+                _remove_dead(path)
 
 
 def require_writable(folder: Path) -> None:
@@ -53,3 +96,68 @@ def explain_write(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise RegentsError(f"cannot write to {folder}: {error.strerror} (choose another folder with -o)") from error
+
+
+def _temporary(target: Path, make: Callable[[Path], int | None]) -> tuple[Path, int]:
+    """A new file or folder beside `target`, and the descriptor that holds its lock."""
+    for _ in range(_TRIES):
+        path = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
+        lock = make(path)
+        if lock is not None:
+            return path, lock
+    raise RegentsError(f"cannot write to {target}: others remove what we begin (choose another folder with -o)")
+
+
+def _make_folder(path: Path) -> int | None:
+    path.mkdir()  # with the rights that the user's umask leaves
+    try:
+        return take(path, os.O_RDONLY)
+    except FileNotFoundError:  # cleared before it was locked
+        return None
+
+
+def _make_file(path: Path) -> int | None:
+    return take(path, os.O_RDWR | os.O_CREAT | os.O_EXCL)
+
+
+def _remove_dead(path: Path) -> None:
+    """Remove a temporary unless its writer holds its lock."""
+    try:
+        lock = take(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    except OSError:
+        return  # gone, or not ours to touch
+    if lock is None:
+        return
+    _remove(path)
+    os.close(lock)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder as far as that is possible; a link alone, not what it leads to."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+        return
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+
+
+def _keep_rest(old: Path, new: Path, ours: Callable[[Path, Path], bool]) -> None:
+    """Let `new` have what is in `old`, is not ours, and is not there yet: the same files, under a second name."""
+    if old.is_symlink():
+        return
+    for folder, folders, files in os.walk(old):
+        inside = Path(folder).relative_to(old)
+        linked = [name for name in folders if (old / inside / name).is_symlink()]
+        folders[:] = [name for name in folders if not is_temporary(name)]
+        for name in (*files, *linked):
+            path = inside / name
+            if not is_temporary(name) and not ours(old, path) and not os.path.lexists(new / path):
+                (new / inside).mkdir(parents=True, exist_ok=True)
+                _link(old / path, new / path)
+
+
+def _link(source: Path, target: Path) -> None:
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except OSError:  # a file system without hard links
+        shutil.copy2(source, target, follow_symlinks=False)

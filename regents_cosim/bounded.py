@@ -19,19 +19,26 @@ from regents_cosim.errors import InputError
 MIB = 1 << 20
 _GZIP = b"\x1f\x8b"
 _PIECE_BYTES = 1 << 16
+_DATA = "gzip data"
 
 
 def read_bounded(path: Path, limit_bytes: int) -> bytes:
     """The content of a regular file. Raises InputError for anything else, and for more than `limit_bytes`."""
     with _explain(path), _open_regular(path, limit_bytes) as file:
-        return _read_all(file, str(path), limit_bytes)
+        return b"".join(_pieces(file, str(path), limit_bytes))
 
 
 def gunzip_bounded(data: bytes, limit_bytes: int) -> bytes:
     """`data` with gzip undone. Raises InputError where it is damaged, or holds more than `limit_bytes`."""
-    name = "gzip data"
-    with _explain(name), gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-        return _read_all(file, name, limit_bytes)
+    with _explain(_DATA), gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+        return b"".join(_pieces(file, _DATA, limit_bytes))
+
+
+def require_gunzip_within(data: bytes, limit_bytes: int) -> None:
+    """Raise InputError where `gunzip_bounded` would; keeps nothing."""
+    with _explain(_DATA), gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+        for _ in _pieces(file, _DATA, limit_bytes):
+            pass
 
 
 def open_bounded(path: Path, limit_bytes: int) -> io.BufferedReader:
@@ -90,13 +97,12 @@ def _kind(mode: int) -> str:
     return kinds.get(stat.S_IFMT(mode), "special file")
 
 
-def _read_all(file: BinaryIO | gzip.GzipFile, name: str, limit_bytes: int) -> bytes:
-    pieces, total = [], 0
+def _pieces(file: BinaryIO | gzip.GzipFile, name: str, limit_bytes: int) -> Iterator[bytes]:
+    total = 0
     while piece := file.read(_PIECE_BYTES):
         total += len(piece)
         _require_within(total, limit_bytes, name)
-        pieces.append(piece)
-    return b"".join(pieces)
+        yield piece
 
 
 def _require_within(size: int, limit_bytes: int, name: str) -> None:

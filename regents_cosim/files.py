@@ -3,15 +3,18 @@
 A case is a folder written under a temporary name and renamed, so a killed run leaves none
 half-written. Its maps lie once per suite in `../maps`, named by their content. Loading checks
 schema, shapes and a content hash and never unpickles.
+
+The rename also decides what the manifest lists: it names the case that is `pending` before, with
+its hash, and a reader counts that one if the folder holds it.
 """
 
 import hashlib
 import io
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,14 +22,22 @@ import msgspec
 import numpy as np
 import shapely
 
-from regents_cosim.atomic import explain_write, new_folder, write_atomic
-from regents_cosim.errors import CaseError, ScenarioError
-from regents_cosim.map_files import MapFiles, load_map, map_files, save_map
+from regents_cosim.array_files import load_arrays
+from regents_cosim.atomic import clear_leftovers, explain_write, new_folder, write_atomic
+from regents_cosim.bounded import MIB, read_bounded
+from regents_cosim.errors import CaseError, InputError, ScenarioError
+from regents_cosim.locks import writing
+from regents_cosim.map_files import MapFiles, is_map_file, load_map, map_files, save_map
 from regents_cosim.names import require_file_name, require_inside, require_no_link
 from regents_cosim.scenario import Agent, AttackRecord, Judgement, Overlap, Provenance, Scenario, Signal, Tracks
+from regents_cosim.swap import restore
 
 SCHEMA = 2  # the newest that is read: cases with heights
 _FLAT_SCHEMA = 1  # of everything else; their bytes and hashes are those of the versions that knew no heights
+MANIFEST = "suite.json"
+HEADER = "scenario.json"
+CASE_FILES = frozenset({HEADER, "tracks.npz", "original.npz", "evasion.npz", "still.png"})
+_JSON_BYTES = 64 * MIB  # of a case 100 KB, the costs of every iteration included; of a suite 100 bytes a case
 _Kind = TypeVar("_Kind")
 
 
@@ -71,25 +82,69 @@ class Suite:
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
     schema: int = _FLAT_SCHEMA
+    pending: SuiteEntry | None = None  # about to be written: of the suite if its folder holds it
+
+    def having(self, entry: SuiteEntry) -> "Suite":
+        """With `entry` in the place of one of its name, and nothing pending."""
+        entries = {one.case: one for one in (*self.cases, entry)}
+        return replace(self, cases=tuple(entries[name] for name in sorted(entries)), pending=None)
 
 
 def save_case(scenario: Scenario, suite: Path) -> Path:
-    """Write `scenario` to `suite/<id>`, replacing a case of that name; return its folder.
+    """Write `scenario` to `suite/<id>`, replacing a case of that name; return its folder. The manifest stays as it is.
 
     Raises RegentsError where the folder cannot be written.
     """
     with explain_write(suite):
         suite.mkdir(parents=True, exist_ok=True)
+        with writing(suite):
+            return _write_case(scenario, suite, content_hash(scenario))
+
+
+def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
+    """Write `scenario` to `suite/<id>` and list it in the manifest beside what that lists by then; return its folder.
+
+    The manifest then says of itself what `notes` says. Raises RegentsError where the folder cannot be written.
+    """
+    entry = SuiteEntry(scenario.id, content_hash(scenario))
+    with explain_write(suite):
+        suite.mkdir(parents=True, exist_ok=True)
+        with writing(suite):
+            known = load_suite(suite).cases if (suite / MANIFEST).exists() else ()
+            manifest = replace(notes, cases=known, pending=entry)
+            saved = _write_case(scenario, suite, entry.hash, lambda: save_suite(suite, manifest))
+            save_suite(suite, manifest.having(entry))
+    return saved
+
+
+def is_ours(suite: Path, path: Path) -> bool:
+    """Whether a file at `path` in a suite is of the suite itself; all others are the user's."""
+    if len(path.parts) != 2:
+        return path == Path(MANIFEST)
+    folder, name = path.parent, path.name
+    return folder.name == "maps" if is_map_file(name) else is_of_case(suite / folder, Path(name))
+
+
+def is_of_case(case: Path, path: Path) -> bool:
+    """Whether a file at `path` in the folder of a case is of the case itself."""
+    return path.as_posix() in CASE_FILES and (case / HEADER).exists()
+
+
+def _write_case(scenario: Scenario, suite: Path, digest: str, ready: Callable[[], None] = lambda: None) -> Path:
+    """Write a case into a suite that is locked; `ready` is called when it only has to be put in its place."""
+    with explain_write(suite):
+        clear_leftovers(suite)
         files = save_map(scenario.road, suite / "maps")
-        with new_folder(require_no_link(suite / scenario.id)) as folder:
+        with new_folder(require_no_link(suite / scenario.id), is_of_case) as folder:
             (folder / "tracks.npz").write_bytes(_pack_tracks(scenario.tracks))
             if scenario.original is not None:
                 (folder / "original.npz").write_bytes(_pack_tracks(scenario.original))
             if scenario.evasion is not None:
                 (folder / "evasion.npz").write_bytes(_pack_tracks(scenario.evasion))
-            header = _header(scenario, files, content_hash(scenario))
+            header = _header(scenario, files, digest)
             text = msgspec.json.encode({"schema": _schema(scenario)} | msgspec.to_builtins(header))
-            (folder / "scenario.json").write_bytes(msgspec.json.format(text, indent=1) + b"\n")
+            (folder / HEADER).write_bytes(msgspec.json.format(text, indent=1) + b"\n")
+            ready()
     return suite / scenario.id
 
 
@@ -128,12 +183,13 @@ def load_case(folder: Path) -> Scenario:
 
 def load_header(folder: Path) -> Header:
     """What a case says of itself; reads neither tracks nor maps and checks no hash. Raises CaseError."""
-    path = folder / "scenario.json"
-    if not path.is_file():
-        raise CaseError(f"no scenario.json in {folder} (expected a case folder)")
+    restore(folder)
+    path = folder / HEADER
+    if not path.exists():
+        raise CaseError(f"no {HEADER} in {folder} (expected a case folder)")
     _require_own(folder)
     with _explain_read(folder):
-        return _decode(path.read_bytes(), Header, path)
+        return _decode(read_bounded(path, _JSON_BYTES), Header, path)
 
 
 def _require_own(folder: Path) -> None:
@@ -160,26 +216,42 @@ def content_hash(scenario: Scenario) -> str:
 
 def save_suite(folder: Path, suite: Suite) -> None:
     """Write the manifest of a suite."""
+    values = msgspec.to_builtins(suite)
+    if suite.pending is None:
+        del values["pending"]
     with explain_write(folder):
-        text = msgspec.json.format(msgspec.json.encode(suite), indent=1) + b"\n"
-        write_atomic(folder / "suite.json", text)
+        write_atomic(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(values), indent=1) + b"\n")
 
 
 def load_suite(folder: Path) -> Suite:
     """Read the manifest of a suite. Raises CaseError where there is none that can be read."""
-    path = folder / "suite.json"
-    if not path.is_file():
+    restore(folder)
+    path = folder / MANIFEST
+    if not path.exists():
         raise CaseError(f"no suite.json in {folder} (expected a folder of cases; make one with `regents record`)")
     require_inside(path, folder)
     with _explain_read(folder):
-        return _decode(path.read_bytes(), Suite, path)
+        suite = _decode(read_bounded(path, _JSON_BYTES), Suite, path)
+    return _settled(suite, folder)
+
+
+def _settled(suite: Suite, folder: Path) -> Suite:
+    """The suite with nothing pending: a writer may have been killed before or after it put the case in its place."""
+    if suite.pending is None:
+        return suite
+    try:
+        there = load_header(folder / suite.pending.case).hash == suite.pending.hash
+    except CaseError:
+        there = False
+    return suite.having(suite.pending) if there else replace(suite, pending=None)
 
 
 def find_cases(path: Path) -> list[Path]:
     """The case folders that `path` stands for: itself, or those its manifest lists, in that order."""
+    restore(path)
     if not path.is_dir():
         raise CaseError(f"{path} is not a folder (expected a case, or a folder of cases)")
-    if (path / "scenario.json").is_file():
+    if (path / HEADER).is_file():
         return [path]
     return [path / entry.case for entry in load_suite(path).cases]
 
@@ -250,12 +322,7 @@ def _arrays(tracks: Tracks) -> dict[str, Any]:
 
 
 def _load_tracks(path: Path) -> Tracks:
-    names = {f.name for f in fields(Tracks)}
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as packed:
-        unknown = set(packed.files) - names
-        if unknown:
-            raise CaseError(f"{path}: unknown arrays {sorted(unknown)}, expected {sorted(names)}")
-        return Tracks(**{name: packed[name] for name in packed.files})
+    return Tracks(**load_arrays(path, {f.name for f in fields(Tracks)}))
 
 
 # --- reading safely ---------------------------------------------------------------------------
@@ -272,8 +339,9 @@ def _explain_read(folder: Path) -> Iterator[None]:
         yield
     except CaseError:
         raise
-    except ScenarioError as error:
-        raise CaseError(f"{folder}: {error}") from error
+    except (ScenarioError, InputError) as error:
+        named = str(folder) in str(error)
+        raise CaseError(str(error) if named else f"{folder}: {error}") from error
     except _UNREADABLE as error:
         raise CaseError(
             f"{folder}: a file of the case is missing, damaged or truncated ({_first_line(error)})"

@@ -3,6 +3,7 @@
 import functools
 import gzip
 import hashlib
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,10 +11,19 @@ import msgspec
 import numpy as np
 import shapely
 
-from regents_cosim.atomic import write_atomic
-from regents_cosim.errors import CaseError
+from regents_cosim.atomic import clear_leftovers, write_atomic
+from regents_cosim.bounded import MIB, gunzip_bounded, read_bounded, require_gunzip_within
+from regents_cosim.errors import CaseError, InputError
 from regents_cosim.names import require_file_name, require_inside, require_no_link
+from regents_cosim.polygon_file import load_polygons
 from regents_cosim.roadmap import Connection, Lane, RoadMap
+
+# City networks (Luxembourg, Monaco, Berlin) have 30 to 250 MiB as XML, and a third of that as lanes.
+_PACKED_BYTES = 64 * MIB
+_ROAD_BYTES = 128 * MIB
+_NET_BYTES = 512 * MIB
+_ROAD, _NET = ".road.json.gz", ".net.xml.gz"
+_NAME = re.compile(rf"[0-9a-f]{{16}}({re.escape(_ROAD)}|{re.escape(_NET)})")
 
 
 @dataclass(frozen=True)
@@ -56,13 +66,19 @@ def map_files(road: RoadMap) -> MapFiles:
     return _pack(road)[0]
 
 
+def is_map_file(name: str) -> bool:
+    """Whether this is how a file of a map is called."""
+    return _NAME.fullmatch(name) is not None
+
+
 def save_map(road: RoadMap, folder: Path) -> MapFiles:
-    """Write the files of `road` that `folder` does not hold yet."""
+    """Write the files of `road` that `folder` does not hold yet, or holds damaged."""
     files, content = _pack(road)
     require_no_link(folder)
     folder.mkdir(exist_ok=True)
+    clear_leftovers(folder)
     for name, data in content.items():
-        if not (folder / name).exists():
+        if not _is_whole(folder / name, data):
             write_atomic(folder / name, data)
     return files
 
@@ -78,20 +94,22 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
     entry = lanes, road.connections, shapely.to_wkb(road.drivable)
     heights = tuple(tuple(lane.height.tolist()) for lane in road.lanes)
     plain = msgspec.json.encode(_RaisedRoadEntry(*entry, heights) if road.raised else _RoadEntry(*entry))
-    content = {f"{_digest(plain)}.road.json.gz": gzip.compress(plain, mtime=0)}
+    content = {_digest(plain) + _ROAD: gzip.compress(plain, mtime=0)}
     net_name = None
     if road.sumo_net is not None:
-        net_name = f"{_digest(road.sumo_net)}.net.xml.gz"
+        net_name = _digest(road.sumo_net) + _NET
         content[net_name] = road.sumo_net
     return MapFiles(next(iter(content)), net_name), content
 
 
 @functools.lru_cache(maxsize=16)
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
-    entry = msgspec.json.decode(gzip.decompress(road), type=_RaisedRoadEntry)
+    entry = msgspec.json.decode(gunzip_bounded(road, _ROAD_BYTES), type=_RaisedRoadEntry)
+    if sumo_net is not None:
+        require_gunzip_within(sumo_net, _NET_BYTES)
     heights = entry.heights or (None,) * len(entry.lanes)
     lanes = tuple(_lane(one, height) for one, height in zip(entry.lanes, heights, strict=True))
-    return RoadMap(lanes, entry.connections, shapely.from_wkb(entry.drivable), sumo_net)
+    return RoadMap(lanes, entry.connections, load_polygons(entry.drivable), sumo_net)
 
 
 def _lane(entry: _LaneEntry, height: tuple[float, ...] | None) -> Lane:
@@ -110,8 +128,17 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
+def _is_whole(path: Path, data: bytes) -> bool:
+    """Whether a file holds `data`, or what another zlib made of the same map: its name is a digest of it."""
+    try:
+        found = read_bounded(path, _PACKED_BYTES)
+        return found == data or (path.name.endswith(_ROAD) and _digest(gunzip_bounded(found, _ROAD_BYTES)) in path.name)
+    except InputError:
+        return False
+
+
 def _read(name: str, case: Path) -> bytes:
     for path, home in ((case / name, case), (case.parent / "maps" / name, case.parent)):
-        if path.is_file():
-            return require_inside(path, home).read_bytes()
+        if path.exists():
+            return read_bounded(require_inside(path, home), _PACKED_BYTES)
     raise CaseError(f"{case}: map {name} not found (expected in the case or in {case.parent / 'maps'})")

@@ -16,7 +16,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator
 
-    from regents_cosim.evaluation.baseline import Baseline
+    from regents_cosim.evaluation.baseline import Baseline, Driven
     from regents_cosim.evaluation.drives_ahead import DrivesAhead
     from regents_cosim.evaluation.driving import Drive
     from regents_cosim.evaluation.regression import Verdict
@@ -266,18 +266,26 @@ class _Run:
         if self._drives is not None:
             self._drives.close()
         if self.update and not _is_worker(self.config):
-            self._save()
+            from regents_cosim.errors import RegentsError
+
+            try:
+                self._save()
+            except RegentsError as error:
+                pytest.exit(f"nothing accepted: {error}", returncode=4)
 
     def _save(self) -> None:
-        from regents_cosim.evaluation.baseline import save_baseline
+        from regents_cosim.evaluation.baseline import update_baseline
+        from regents_cosim.evaluation.cards import suite_cases
 
-        for file, baseline in self.baselines.items():
+        for file in self.baselines:
             suites = [suite for suite, its in self.baseline_files.items() if its == file]
             new = {case: v.now for (suite, case), v in self.verdicts.items() if suite in suites and self.accepts(v)}
-            listed = [case for suite in suites for case in self.cases[suite]]
-            accepted = baseline.accepting(self.planner, self.where, new, listed)
-            if accepted.planners != baseline.planners:
-                save_baseline(file, accepted)
+
+            def accept(now: Baseline, suites: list[Path] = suites, new: dict[str, Driven] = new) -> Baseline:
+                listed = [case for suite in suites for case in suite_cases(suite)]
+                return now.accepting(self.planner, self.where, new, listed)
+
+            update_baseline(file, accept)
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """What is worth knowing besides the failures."""

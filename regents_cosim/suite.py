@@ -5,16 +5,7 @@ from pathlib import Path
 
 from regents_cosim.atomic import require_writable
 from regents_cosim.errors import CaseError
-from regents_cosim.files import (
-    Suite,
-    SuiteEntry,
-    content_hash,
-    find_cases,
-    load_case,
-    load_suite,
-    save_case,
-    save_suite,
-)
+from regents_cosim.files import MANIFEST, Suite, add_case, find_cases, load_case, load_suite
 from regents_cosim.interruption import keep, made_whole
 from regents_cosim.provenance import command, versions
 from regents_cosim.scenario import Scenario
@@ -28,20 +19,17 @@ class SuiteWriter:
     def __init__(self, folder: Path, seed: int) -> None:
         """Raises RegentsError where `folder` cannot be written, or its manifest cannot be read."""
         require_writable(folder)
+        if (folder / MANIFEST).exists():
+            load_suite(folder)
         self.folder = folder
         self.seed = seed
         self._added = 0
-        known = load_suite(folder).cases if (folder / "suite.json").exists() else ()
-        self._entries = {entry.case: entry.hash for entry in known}
 
     def add(self, scenario: Scenario) -> Path:
-        """Save a case and the manifest with it; return the case's folder."""
+        """Save a case and list it, beside what others have added meanwhile; return the case's folder."""
         with made_whole():
-            saved = save_case(scenario, self.folder)
-            self._entries[scenario.id] = content_hash(scenario)
-            cases = tuple(SuiteEntry(case, digest) for case, digest in sorted(self._entries.items()))
-            save_suite(self.folder, Suite(cases, command(), self.seed, versions()))
-        self._added += 1
+            saved = add_case(scenario, self.folder, Suite((), command(), self.seed, versions()))
+            self._added += 1
         keep(f"finished cases saved in {self.folder}: {self._added}; for the others run the same command again")
         _log.info("saved %s", saved)
         return saved

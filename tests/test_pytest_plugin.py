@@ -330,7 +330,7 @@ def test_a_damaged_case_fails_alone(project):
     (project.path / "suite" / "pushes" / "tracks.npz").write_bytes(b"PK")
     done = session(project)
     done.assert_outcomes(passed=2, failed=1)
-    assert "a file of the case is missing, damaged or truncated" in done.stdout.str()
+    assert "tracks.npz: damaged or truncated" in done.stdout.str()
 
 
 # --- who does not use it ----------------------------------------------------------------------

@@ -178,7 +178,7 @@ def _baseline_of_nothing(folder):
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (_truncate_tracks, "missing, damaged or truncated"),
+        (_truncate_tracks, "tracks.npz: damaged or truncated"),
         (_lose_map, "road.json.gz not found"),
         (_another_content, "suite.json says"),
         (_forget_a_case, "suite.json does not list it"),

@@ -11,7 +11,7 @@ from typing import Any
 
 from regents_cosim.cli.options import Against
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
-from regents_cosim.evaluation.baseline import FILE, Baseline, Driven, load_baseline, save_baseline
+from regents_cosim.evaluation.baseline import FILE, Baseline, Driven, load_baseline, update_baseline
 from regents_cosim.evaluation.cards import suite_cases
 from regents_cosim.evaluation.drives_ahead import driven
 from regents_cosim.evaluation.driving import Drive
@@ -110,7 +110,7 @@ class Comparison:
     def _accept(self, verdicts: Sequence[Verdict], terminal: Terminal) -> None:
         accepted = [v for v in verdicts if v.now.outcome != "planner_error"]
         new = {v.case: v.now for v in accepted}
-        save_baseline(self.file, self.baseline.accepting(self.planner, self.where, new, self._listed()))
+        update_baseline(self.file, lambda now: now.accepting(self.planner, self.where, new, self._listed()))
         lines = list(filter(None, map(changes, accepted)))
         terminal.say(f"accepted {len(lines)} changes in {self.file}")
         for line in lines:

@@ -155,15 +155,12 @@ def merge(
     seed
         that the manifest notes
     """
-    from regents_cosim.evaluation.suites import merge as run_merge
-    from regents_cosim.evaluation.suites import require_place, write_suite
+    from regents_cosim.evaluation.suites import merge_into
 
-    require_place(output)
     if len(folders) < 2:
         raise RegentsError(f"{len(folders)} suites named, expected two or more to merge")
-    scenarios, baseline = run_merge(folders)
-    write_suite(output, scenarios, seed, baseline)
-    open_terminal(talk).say(f"{len(scenarios)} cases of {len(folders)} suites in {output}")
+    count = merge_into(output, folders, seed)
+    open_terminal(talk).say(f"{count} cases of {len(folders)} suites in {output}")
     return 0
 
 

@@ -3,7 +3,7 @@
 One file per suite, `<suite>/baseline.json`: by planner, simulator and case.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -11,12 +11,15 @@ from typing import Literal
 import msgspec
 
 from regents_cosim.atomic import explain_write, write_atomic
-from regents_cosim.errors import CaseError, RegentsError, ScenarioError
+from regents_cosim.bounded import MIB, read_bounded
+from regents_cosim.errors import CaseError, InputError, RegentsError, ScenarioError
+from regents_cosim.locks import writing
 from regents_cosim.names import require_file_name, require_inside
 from regents_cosim.provenance import versions
 
 SCHEMA = 1
 FILE = "baseline.json"
+_MOST_BYTES = 64 * MIB  # 1 KB for each case, planner and simulator
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ def load_baseline(path: Path) -> Baseline:
     if path.name == FILE:  # that of a suite
         require_inside(path, path.parent)
     try:
-        text = path.read_bytes()
+        text = read_bounded(path, _MOST_BYTES)
         schema = msgspec.json.decode(text, type=_Schema).schema
         if schema != SCHEMA:
             raise CaseError(
@@ -79,7 +82,7 @@ def load_baseline(path: Path) -> Baseline:
                 "(upgrade regents_cosim, or accept a new baseline in another file)"
             )
         return msgspec.json.decode(text, type=Baseline)
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, ScenarioError) as error:
+    except (InputError, ScenarioError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise CaseError(
             f"{path}: not a baseline, or damaged or truncated ({str(error).splitlines()[0]}); "
             "restore it, or delete it and accept anew"
@@ -91,6 +94,20 @@ def save_baseline(path: Path, baseline: Baseline) -> None:
     with explain_write(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, msgspec.json.format(msgspec.json.encode(baseline, order="sorted"), indent=1) + b"\n")
+
+
+def update_baseline(path: Path, change: Callable[[Baseline], Baseline]) -> None:
+    """Change what is accepted by now, which may be more than what this run has read, and save it.
+
+    Raises CaseError where the file cannot be read, RegentsError where it cannot be written.
+    """
+    with explain_write(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with writing(path.parent):
+            before = load_baseline(path)
+            after = change(before)
+            if after.planners != before.planners or not path.exists():
+                save_baseline(path, after)
 
 
 def require_one_home(cases: Mapping[Path, Iterable[str]], files: Mapping[Path, Path]) -> None:

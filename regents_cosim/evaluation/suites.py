@@ -1,17 +1,19 @@
 """Suites as a whole: written at once, checked, merged."""
 
-import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from regents_cosim.atomic import explain_write, new_folder, require_writable
+from regents_cosim.atomic import explain_write, is_temporary, new_folder, require_writable
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.baseline import FILE, Baseline, load_baseline, save_baseline
-from regents_cosim.files import content_hash, load_case, load_suite
+from regents_cosim.files import HEADER, MANIFEST, Suite, add_case, content_hash, is_ours, load_case, load_suite
+from regents_cosim.locks import writing
+from regents_cosim.provenance import command, versions
 from regents_cosim.scenario import Scenario
-from regents_cosim.suite import SuiteWriter
 from regents_cosim.suite_code import code_for_pytest
+from regents_cosim.swap import restore
 
 
 @dataclass(frozen=True)
@@ -32,30 +34,49 @@ def write_suite(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline
     that holds something else.
     """
     require_place(folder)
-    with explain_write(folder):
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with new_folder(folder.absolute()) as fresh:
-            if folder.exists():
-                _keep_the_rest(folder, fresh)
-            writer = SuiteWriter(fresh, seed)
-            for scenario in scenarios:
-                writer.add(scenario)
-            if baseline is not None and baseline.planners:
-                save_baseline(fresh / FILE, baseline)
+    with explain_write(folder), _alone_in(folder):
+        _replace(folder, scenarios, seed, baseline)
+
+
+def merge_into(folder: Path, suites: Sequence[Path], seed: int) -> int:
+    """Let `folder`, which may be one of them, hold the cases of all `suites`, and what was accepted; their number.
+
+    Raises RegentsError as `merge` and `write_suite` do.
+    """
+    require_place(folder)
+    with explain_write(folder), _alone_in(folder):
+        cases, baseline = merge(suites)
+        _replace(folder, cases, seed, baseline)
+    return len(cases)
 
 
 def require_place(folder: Path) -> None:
     """Raise RegentsError where `folder` cannot be written, or holds something that is no suite."""
     require_writable(folder)
-    if folder.exists() and not (folder / "suite.json").is_file() and any(folder.iterdir()):
+    restore(folder.absolute())
+    if folder.exists() and not (folder / MANIFEST).is_file() and not _is_empty(folder):
         raise RegentsError(f"{folder} exists and is no suite (choose another folder with -o)")
 
 
-def _keep_the_rest(old: Path, new: Path) -> None:
-    """Copy what is neither a case nor a map nor the manifest."""
-    for entry in old.iterdir():
-        if entry.is_file() and entry.name != "suite.json" and not entry.name.startswith("."):
-            shutil.copy2(entry, new / entry.name, follow_symlinks=False)
+def _is_empty(folder: Path) -> bool:
+    return all(is_temporary(entry.name) for entry in folder.iterdir())
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Keep others from adding to a suite that is about to be replaced."""
+    with writing(folder) if folder.exists() else nullcontext():
+        yield
+
+
+def _replace(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline: Baseline | None) -> None:
+    target = folder.resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with new_folder(target, is_ours) as fresh:
+        for scenario in scenarios:
+            add_case(scenario, fresh, Suite((), command(), seed, versions()))
+        if baseline is not None and baseline.planners:
+            save_baseline(fresh / FILE, baseline)
 
 
 def merge(suites: Sequence[Path]) -> tuple[list[Scenario], Baseline]:
@@ -162,7 +183,7 @@ def _left_over(suite: Path, listed: set[str], baseline: Baseline) -> Iterator[Ch
     """Code, case folders that the manifest does not list, and baseline entries without a case."""
     for name in code_for_pytest(suite):
         yield CheckRow(name, "pytest would run or obey it: remove it, or work in the suite's own folder", 0)
-    folders = {path.parent.name for path in suite.glob("*/scenario.json")}
+    folders = {path.parent.name for path in suite.glob(f"*/{HEADER}") if not is_temporary(path.parent.name)}
     for name in sorted(folders - listed):
         yield CheckRow(name, "lies in the suite, but suite.json does not list it", 0)
     for planner, simulators in sorted(baseline.planners.items()):
