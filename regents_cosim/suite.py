@@ -17,8 +17,10 @@ class SuiteWriter:
     """Adds cases to a folder. What the folder holds already stays, unless a case of the same name replaces it."""
 
     def __init__(self, folder: Path, seed: int) -> None:
-        """Raises RegentsError where `folder` cannot be written, or its manifest cannot be read."""
+        """Raises RegentsError where `folder` cannot be written, is a case, or its manifest cannot be read."""
         require_writable(folder)
+        if (folder / "scenario.json").exists():
+            raise CaseError(f"{folder} is a case, expected a folder for cases (choose another with -o)")
         if (folder / MANIFEST).exists():
             load_suite(folder)
         self.folder = folder

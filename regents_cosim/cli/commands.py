@@ -30,6 +30,7 @@ from regents_cosim.cli.shared import (
     open_terminal,
     planner_errors,
     record_traffic,
+    require_other_folder,
     verify_in_sumo,
 )
 from regents_cosim.errors import PLANNER_FAILED, MissingDependencyError, RegentsError
@@ -193,6 +194,8 @@ def attack(
     if compile_cache:
         keep_compiled_programs()
     config = search.config()
+    if cases is not None:
+        require_other_folder(output, cases)
     suite = SuiteWriter(output, traffic.seed)
     scenarios = load_cases(cases) if cases else record_traffic(traffic, sumo, executor, terminal)
     attacked = []

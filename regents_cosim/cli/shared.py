@@ -139,6 +139,16 @@ def verify_in_sumo(attacked: "list[Scenario]", executor: str, terminal: "Termina
         return {replay.case: replay for replay in terminal.each(replays, "verifying in SUMO", len(crashes))}
 
 
+def require_other_folder(output: Path, cases: Path) -> None:
+    """Raise RegentsError where attacked cases would come to lie among those that are attacked."""
+    read = cases.parent if (cases / "scenario.json").is_file() else cases
+    if output.resolve() == read.resolve():
+        raise RegentsError(
+            f"-o {output} is the folder that the cases are read from, and what was attacked is not attacked again: "
+            "choose another folder with -o"
+        )
+
+
 def attacked_planner(scenarios: "list[Scenario]") -> str:
     """The one planner that the cases were attacked with. Raises RegentsError where it is not one of ours."""
     from regents_cosim.planners.find import planner_of

@@ -32,7 +32,7 @@ def shrink(
     cases
         an attacked case that ends in a collision, or a folder of cases, of which those are taken
     output
-        folder for the shrunk cases, NAME-shrunk; the folder that holds the case by default
+        folder for the shrunk cases, NAME-shrunk; by default the suite that holds the case
     planner
         who drives the ego; default the planner that was attacked, if it is one of ours: what a case names is not run
     lead
@@ -66,10 +66,10 @@ def shrink(
         raise RegentsError(f"{cases} holds no case that ends in a collision (make some with `regents attack`)")
     if record and len(crashes) > 1:
         raise RegentsError(f"{cases} holds {len(crashes)} crashes; --record shows one, name its folder")
+    folder = output or _suite_of(cases, is_case)
     drivers = [planner_of(case, planner) for case in crashes]
     if compile_cache:
         keep_compiled_programs()
-    folder = output or (cases.resolve().parent if is_case else cases)
     seed = load_suite(folder).seed if (folder / "suite.json").is_file() else 0
     suite = SuiteWriter(folder, seed)
     rows = []
@@ -84,3 +84,11 @@ def shrink(
                 draw(shrunk.in_time, shrunk.case, record, titles=("as attacked", "shrunk"))
     terminal.show(f"{len(crashes)} cases before and after, in {folder}", rows, essential=SHRUNK)
     return 0
+
+
+def _suite_of(cases: Path, is_case: bool) -> Path:
+    """Where shrunk cases come to lie by default, beside those that they were. Raises RegentsError for a case alone."""
+    suite = cases.resolve().parent if is_case else cases
+    if not (suite / "suite.json").is_file():
+        raise RegentsError(f"{cases} lies in no suite (expected a folder for the shrunk case: name one with -o)")
+    return suite
