@@ -165,7 +165,8 @@ def attack(
     batch
         scenarios held on the device at once
     engine
-        one scenario per core (threads), or `batch` searches in one program (lanes); auto: lanes where there is a GPU
+        one scenario per core (threads), or `batch` searches in one program (lanes); auto: lanes where there is a GPU.
+        The two round differently: their results are not equal bit for bit, and a search may end otherwise
     act_timeout
         a planner outside JAX that takes longer over one decision has failed [s]
     executor

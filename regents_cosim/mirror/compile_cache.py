@@ -1,10 +1,14 @@
-"""Compiled and traced programs kept on disk: to make them costs seconds, to load them a tenth."""
+"""Compiled and traced programs kept on disk: to make them costs seconds, to load them a tenth.
+
+JAX can bound its cache itself, but then fails to write for ever where a kill fell between an entry and its time.
+"""
 
 import os
 from pathlib import Path
 
 import jax
 
+from regents_cosim.mirror.kept_programs import private_folder, tidy
 from regents_cosim.mirror.traces import keep_traced_programs
 
 OFF = "off"
@@ -21,14 +25,22 @@ def cache_folder() -> Path | None:
 
 
 def keep_compiled_programs(traced: bool = True) -> None:
-    """Turn JAX's persistent compilation cache on, for programs however small; and ours of what it compiles."""
+    """Turn JAX's persistent compilation cache on, for programs however small; and ours of what it compiles.
+
+    Where no folder can be made nothing is kept. Raises RegentsError for one that others can write to.
+    """
     folder = cache_folder()
     if folder is None:
         return
+    try:
+        compiled, traces = (private_folder(private_folder(folder) / name) for name in ("compiled", "traced"))
+        tidy(folder)
+    except OSError:  # a home that is read-only, say
+        return
     if traced:
-        keep_traced_programs(folder / "traced")
+        keep_traced_programs(traces)
     for option, value in (
-        ("jax_compilation_cache_dir", str(folder / "compiled")),
+        ("jax_compilation_cache_dir", str(compiled)),
         ("jax_persistent_cache_min_compile_time_secs", 0.0),
         ("jax_persistent_cache_min_entry_size_bytes", -1),
         # A program is found by what it does. To note where each operation stands in the source is a third of tracing.

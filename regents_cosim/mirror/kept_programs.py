@@ -1,0 +1,84 @@
+"""The folder of kept programs: private, for what lies there is run; bounded; and without what a kill has cut off."""
+
+import os
+import stat
+import zlib
+from contextlib import suppress
+from pathlib import Path
+
+from regents_cosim.errors import require
+
+LIMIT_BYTES = 2 << 30
+_CHECKED = ".checked"  # its time is that of the last look for entries that are cut off
+_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+_ZLIB = b"\x78"  # how entries of JAX begin where it packs with zlib
+
+
+def private_folder(folder: Path) -> Path:
+    """`folder`, made for its owner alone where it is missing.
+
+    Raises OSError where it cannot be made, RegentsError where others can write to it or put another in its place.
+    """
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if hasattr(os, "geteuid"):
+        real = folder.resolve()
+        found = real.stat()
+        require(found.st_uid == os.geteuid(), _refused(real, f"belongs to user {found.st_uid}"))
+        require(not found.st_mode & _OTHERS, _refused(real, "can be written by others (`chmod go-w` forbids it)"))
+        for parent in real.parents:
+            mode = parent.stat().st_mode
+            open_to_all = mode & stat.S_IWOTH and not mode & stat.S_ISVTX
+            require(not open_to_all, _refused(real, f"lies in {parent}, which everybody can write"))
+    return folder
+
+
+def tidy(folder: Path, limit_bytes: int = LIMIT_BYTES) -> None:
+    """Remove entries that a kill has cut off since the last time, then those used longest ago beyond the limit."""
+    _drop_cut_off(folder)
+    taken = 0
+    for path, found in sorted(_files(folder), key=lambda file: _last_used(file[1]), reverse=True):
+        taken += found.st_size
+        if taken > limit_bytes:
+            with suppress(OSError):
+                path.unlink()
+
+
+def _drop_cut_off(folder: Path) -> None:
+    """JAX writes an entry in place, and complains of a damaged one in every run, but never replaces it."""
+    checked = folder / _CHECKED
+    since = checked.stat().st_mtime if checked.exists() else 0.0
+    checked.touch()
+    for path, found in _files(folder):
+        if found.st_mtime >= since and path.name.endswith("-cache") and _is_cut_off(path):
+            path.unlink(missing_ok=True)
+
+
+def _is_cut_off(path: Path) -> bool:
+    with suppress(OSError):
+        content = path.read_bytes()
+        try:
+            if not content or content[:1] == _ZLIB:
+                zlib.decompress(content)
+        except zlib.error:
+            return True
+    return False
+
+
+def _files(folder: Path) -> list[tuple[Path, os.stat_result]]:
+    found = []
+    for path in folder.rglob("*"):
+        with suppress(OSError):  # another process may tidy as well
+            if path.is_file() and path.name != _CHECKED:
+                found.append((path, path.stat()))
+    return found
+
+
+def _last_used(found: os.stat_result) -> float:
+    return max(found.st_atime, found.st_mtime)
+
+
+def _refused(folder: Path, why: str) -> str:
+    return (
+        f"compiled programs are not kept in {folder}: it {why}, and they would be run; "
+        "name another folder with $REGENTS_CACHE, or REGENTS_CACHE=off"
+    )
