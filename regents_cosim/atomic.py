@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
+from regents_cosim.interruption import made_whole
 from regents_cosim.locks import LOCK, take
 from regents_cosim.swap import restore, swap
 
@@ -29,21 +30,27 @@ def new_folder(target: Path, ours: Callable[[Path, Path], bool] = lambda folder,
     target = Path(os.path.realpath(target.parent), target.name)
     restore(target)
     clear_leftovers(target.parent, target.name)
-    folder, lock = _temporary(target, _make_folder)
-    old = folder
-    try:
-        yield folder
-        _keep_rest(target, folder, ours)
-        old = swap(folder, target)
-        _keep_rest(old, target, ours)  # what came while we wrote
-    finally:
-        _remove(old)
-        os.close(lock)
+    with made_whole():
+        folder, lock = _temporary(target, _make_folder)
+        old = folder
+        try:
+            yield folder
+            _keep_rest(target, folder, ours)
+            old = swap(folder, target)
+            _keep_rest(old, target, ours)  # what came while we wrote
+        finally:
+            _remove(old)
+            os.close(lock)
 
 
 def write_atomic(path: Path, content: bytes) -> None:
     """Write `content` to `path` as a whole or not at all."""
     clear_leftovers(path.parent, path.name)
+    with made_whole():
+        _replace(path, content)
+
+
+def _replace(path: Path, content: bytes) -> None:
     for left in reversed(range(_TRIES)):
         temporary, file = _temporary(path, _make_file)
         try:

@@ -16,10 +16,12 @@ from contextlib import contextmanager
 from regents_cosim.plain_text import printable
 
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
-_WRITING_S = 1.0  # how long something that is being written may take to become whole
+_WRITING_S = 0.7  # how long something that is being written may take to become whole
 _CLEAR = b"\r\x1b[2K\x1b[?25h"  # the line of a bar, and the cursor that it hides
 
-_writing = threading.RLock()
+_changed = threading.Condition()
+_writing: list[int] = []  # threads in the middle of what is to be whole, once for each block
+_ending = threading.Event()
 _kept = ["nothing is half-written, run the same command again"]
 
 
@@ -42,8 +44,16 @@ def keep(what: str) -> None:
 @contextmanager
 def made_whole() -> Iterator[None]:
     """A block of moments, such as a case and its entry in the manifest, that an interruption waits for."""
-    with _writing:
+    me = threading.get_ident()
+    with _changed:
+        _changed.wait_for(lambda: me in _writing or not _ending.is_set())  # the end is near: nothing else is begun
+        _writing.append(me)
+    try:
         yield
+    finally:
+        with _changed:
+            _writing.remove(me)
+            _changed.notify_all()
 
 
 def _leave_to_thread(*_: object) -> None:
@@ -59,7 +69,9 @@ def _wait(here: socket.socket, _there: socket.socket) -> None:
 
 
 def _end(number: signal.Signals) -> None:
-    _writing.acquire(timeout=_WRITING_S)  # for good: nothing else is begun
+    _ending.set()
+    with _changed:
+        _changed.wait_for(lambda: not _writing, timeout=_WRITING_S)
     line = f"regents: {_WORDS[number]}; {printable(_kept[0])}\n".encode(errors="backslashreplace")
     try:
         # Not by sys.stderr, which the main thread may hold.

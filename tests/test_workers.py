@@ -42,6 +42,11 @@ def work(job):
     return name, os.getpid(), threading.get_ident()
 
 
+def resident_mb():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
 def names(outcomes):
     return [outcome if isinstance(outcome, RegentsError) else outcome[0] for outcome in outcomes]
 
@@ -105,6 +110,16 @@ def test_processes_serve_many_jobs():
     pids = {pid for _, pid, _ in run_each(work, [(i, "quick") for i in range(8)])}
     assert len(pids) <= len(os.sched_getaffinity(0))
     assert os.getpid() not in pids
+
+
+def test_jobs_are_taken_in_their_turn_and_results_are_not_kept():
+    taken = []
+    outcomes = run_each(bytes, (taken.append(i) or 4_000_000 for i in range(40)))
+    next(outcomes)
+    assert len(taken) <= len(os.sched_getaffinity(0)) + 1
+    before = resident_mb()
+    assert sum(len(outcome) for outcome in outcomes) == 39 * 4_000_000
+    assert resident_mb() - before < 40.0  # of 160 MB
 
 
 def test_no_jobs_no_processes():
