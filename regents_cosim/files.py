@@ -30,6 +30,7 @@ from regents_cosim.locks import writing
 from regents_cosim.map_files import MapFiles, is_map_file, load_map, map_files, save_map
 from regents_cosim.names import require_file_name, require_inside, require_no_link
 from regents_cosim.scenario import Agent, AttackRecord, Judgement, Overlap, Provenance, Scenario, Signal, Tracks
+from regents_cosim.shipped import SUITES, located, names
 from regents_cosim.swap import restore
 
 SCHEMA = 2  # the newest that is read: cases with heights
@@ -248,9 +249,13 @@ def _settled(suite: Suite, folder: Path) -> Suite:
 
 def find_cases(path: Path) -> list[Path]:
     """The case folders that `path` stands for: itself, or those its manifest lists, in that order."""
+    path = located(path)
     restore(path)
     if not path.is_dir():
-        raise CaseError(f"{path} is not a folder (expected a case, or a folder of cases)")
+        raise CaseError(
+            f"{path} is not a folder (expected a case, a folder of cases, or one that comes with regents_cosim: "
+            f"{', '.join(names(SUITES))})"
+        )
     if (path / HEADER).is_file():
         return [path]
     return [path / entry.case for entry in load_suite(path).cases]

@@ -81,8 +81,10 @@ def _suites(config: pytest.Config) -> list[Path]:
 
 
 def _from_here(config: pytest.Config, path: str) -> Path:
-    """A path of the command line."""
-    return Path(config.invocation_params.dir, path)
+    """A path of the command line, or what comes with the package."""
+    from regents_cosim.shipped import located
+
+    return config.invocation_params.dir / located(Path(path))
 
 
 @pytest.fixture(scope="session")
@@ -177,11 +179,15 @@ class _Run:
         from regents_cosim.evaluation.cards import suite_cases
         from regents_cosim.evaluation.regression import thresholds_measurable
         from regents_cosim.evaluation.thresholds import parse_thresholds
+        from regents_cosim.shipped import require_own
 
         self.cases = {suite.resolve(): suite_cases(suite) for suite in _suites(self.config)}
         for suite in self.cases:
             _refuse_code(suite)
         self.baseline_files = self._baseline_files()
+        if self.update:
+            for file in self.baseline_files.values():
+                require_own(file, "--regents-baseline")
         require_one_home(self.cases, self.baseline_files)
         self.baselines: dict[Path, Baseline] = {f: load_baseline(f) for f in set(self.baseline_files.values())}
         self.thresholds = parse_thresholds(_option(self.config, "fail"))
@@ -302,6 +308,8 @@ class _Run:
                 say(f"{title}: {case}")
         for file, baseline in self.baselines.items():
             listed = [case for suite, its in self.baseline_files.items() if its == file for case in self.cases[suite]]
+            if renamed := baseline.stranger(self.planner, self.where):
+                say(renamed)
             for case in unused(baseline.of(self.planner, self.where), listed):
                 say(f"{'removed' if self.update else 'unused'} baseline entry: {case} in {file}")
         if self.update:

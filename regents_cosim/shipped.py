@@ -1,10 +1,12 @@
-"""Where the networks and scenarios that come with the package lie, installed or in a checkout."""
+"""The SUMO networks and suites that come with the package, installed or in a checkout: `shipped:merge`."""
 
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
 
 NETWORKS = ("merge", "crossing", "signals", "roundabout", "grid", "multilane")
+SUITES = ("standard", "quickstart")
+_PREFIX = "shipped:"
 
 
 def shipped(folder: str) -> Path:
@@ -21,3 +23,38 @@ def network_config(name: str) -> Path:
     if name not in NETWORKS:
         raise RegentsError(f"network {name!r} does not exist, expected one of {', '.join(NETWORKS)}")
     return shipped("sumo_nets") / name / f"{name}.sumocfg"
+
+
+def network(name: str) -> Path:
+    """The .sumocfg that `name` stands for: a file, or a shipped network, with `shipped:` before it or without."""
+    return Path(name) if name.endswith(".sumocfg") else network_config(name.removeprefix(_PREFIX))
+
+
+def suite_folder(name: str) -> Path:
+    """The folder of a shipped suite."""
+    if name not in SUITES:
+        raise RegentsError(f"suite {name!r} does not exist, expected one of {', '.join(SUITES)}")
+    return shipped("scenarios") / name
+
+
+def located(path: Path) -> Path:
+    """`path`, or where `shipped:NAME` lies: the .sumocfg of a network, the folder of a suite or of a case in it."""
+    if not str(path).startswith(_PREFIX):
+        return path
+    name, *case = Path(str(path).removeprefix(_PREFIX)).parts or ("",)
+    if name in NETWORKS and not case:
+        return network_config(name)
+    if name in SUITES and ".." not in case:
+        return suite_folder(name).joinpath(*case)
+    raise RegentsError(f"{path} does not exist, expected one of {', '.join((*names(SUITES), *names(NETWORKS)))}")
+
+
+def names(of: tuple[str, ...]) -> list[str]:
+    """As they are typed."""
+    return [f"{_PREFIX}{name}" for name in of]
+
+
+def require_own(path: Path, option: str) -> None:
+    """Raise RegentsError where `path` lies in the installed package: nothing is written there."""
+    if path.resolve().is_relative_to(Path(__file__).parent):
+        raise RegentsError(f"{path} is part of the installed package: name a place of your own with {option}")

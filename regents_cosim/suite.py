@@ -9,6 +9,7 @@ from regents_cosim.files import MANIFEST, Suite, add_case, find_cases, load_case
 from regents_cosim.interruption import keep, made_whole
 from regents_cosim.provenance import command, versions
 from regents_cosim.scenario import Scenario
+from regents_cosim.shipped import require_own
 
 _log = logging.getLogger(__name__)
 
@@ -18,6 +19,7 @@ class SuiteWriter:
 
     def __init__(self, folder: Path, seed: int) -> None:
         """Raises RegentsError where `folder` cannot be written, is a case, or its manifest cannot be read."""
+        require_own(folder, "--output")
         require_writable(folder)
         if (folder / "scenario.json").exists():
             raise CaseError(f"{folder} is a case, expected a folder for cases (choose another with -o)")

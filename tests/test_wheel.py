@@ -23,6 +23,11 @@ def installed(tmp_path_factory):
 
 
 def run(installed, code):
+    return both(installed, code)[0]
+
+
+def both(installed, code):
+    """What it says on stdout and on stderr."""
     done = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,
@@ -31,7 +36,7 @@ def run(installed, code):
         env=os.environ | {"PYTHONPATH": str(installed)},
     )
     assert done.returncode == 0, done.stderr
-    return done.stdout
+    return done.stdout, done.stderr
 
 
 def test_networks_and_scenarios_come_with_it(installed):
@@ -48,3 +53,23 @@ case, = record(network_config("crossing"), count=1)
 print(replay(case).verified)
 """
     assert run(installed, code).split() == ["True"]
+
+
+def test_what_comes_with_it_is_named_and_never_written_to(installed):
+    code = """
+from regents_cosim.cli import run
+assert run(["record", "-c", "shipped:merge", "--count", "1", "-o", "recorded"]) == 0
+assert run(["suite", "list", "--shipped"]) == 0
+assert run(["suite", "check", "shipped:standard"]) == 0
+assert run(["record", "-c", "sumo_nets/merge/merge.sumocfg", "-o", "other"]) == 2
+assert run(["evaluate", "shipped:quickstart", "--planner", "idm", "--update"]) == 2
+assert run(["shrink", "shipped:quickstart"]) == 2
+"""
+    before = sorted(installed.rglob("*.json"))
+    out, errors = both(installed, code)
+    assert "shipped:quickstart" in out
+    missing, update, shrink = errors.splitlines()
+    assert "shipped:merge" in missing
+    assert "--against" in update
+    assert "--output" in shrink
+    assert sorted(installed.rglob("*.json")) == before

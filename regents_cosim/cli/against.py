@@ -32,6 +32,7 @@ from regents_cosim.files import content_hash
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.reports.tables import COMPARED
 from regents_cosim.scenario import Scenario
+from regents_cosim.shipped import require_own
 from regents_cosim.terminal import Terminal
 
 _STDOUT = Path("-")
@@ -59,6 +60,8 @@ class Comparison:
         file = options.against or _suite_of(cases) / FILE
         if not file.exists() and not options.update:
             raise RegentsError(f"baseline not found: {file} (make it with --update)")
+        if options.update:
+            require_own(file, "--against")
         if options.margin and where != "mirror":
             raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
         thresholds = parse_thresholds(options.fail)
@@ -72,6 +75,8 @@ class Comparison:
         verdicts = [judge_drive(case, one, before.get(case), self.thresholds) for case, one in now.items()]
         left = unused(before, self._listed())
         self._show(verdicts, left, terminal)
+        if renamed := self.baseline.stranger(self.planner, self.where):
+            terminal.say(renamed)
         if self.options.update:
             self._accept(verdicts, terminal)
             return PLANNER_FAILED if any(v.now.outcome == "planner_error" for v in verdicts) else 0

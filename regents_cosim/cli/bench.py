@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Count, CountOrZero, Search, Seed, Switch, Talk
+from regents_cosim.cli.options import Cases, Count, CountOrZero, Search, Seed, Switch, Talk
 from regents_cosim.cli.runs import aggressive_run, attack_run, write_table
 from regents_cosim.cli.shared import (
     logged_traffic,
@@ -273,7 +273,7 @@ def highway(
 
 
 @bench.command
-def transfer(cases: Path, *, planner: str | None = None, talk: Talk = Talk()) -> int:
+def transfer(cases: Cases, *, planner: str | None = None, talk: Talk = Talk()) -> int:
     """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
 
     In SUMO with everybody scripted, then among live traffic: only the adversary is scripted, and the ego, which
@@ -282,7 +282,7 @@ def transfer(cases: Path, *, planner: str | None = None, talk: Talk = Talk()) ->
     Parameters
     ----------
     cases
-        a case or a folder of cases
+        a case or a folder of cases; shipped:standard and shipped:quickstart come with the package
     planner
         who drives there; default the planner that was attacked, if it is one of ours: what a case names is not run
     """
@@ -302,7 +302,7 @@ def transfer(cases: Path, *, planner: str | None = None, talk: Talk = Talk()) ->
 
 @bench.command
 def cross(
-    cases: tuple[Path, ...] = (),
+    cases: tuple[Cases, ...] = (),
     *,
     planners: tuple[str, ...] = (),
     universal: tuple[Literal["mean", "worst"], ...] = (),

@@ -10,6 +10,7 @@ from cyclopts.validators import Number
 
 from regents_cosim.cli.options import (
     Against,
+    Cases,
     Count,
     CountOrZero,
     FineTune,
@@ -131,7 +132,7 @@ def inspect(
 
 @app.command
 def attack(
-    cases: Annotated[Path | None, Parameter(show_default=False)] = None,
+    cases: Cases | None = None,
     *,
     traffic: Traffic = Traffic(),
     planner: str = "idm",
@@ -192,6 +193,8 @@ def attack(
             "expected either a folder of cases or traffic "
             "(-c NAME.sumocfg, --from highway:ENVIRONMENT, --log PATH), not both"
         )
+    if cases and sumo:
+        raise RegentsError("what follows -- goes to SUMO, which records nothing here: leave it out, or name traffic")
     if compile_cache:
         keep_compiled_programs()
     config = search.config()
@@ -218,7 +221,7 @@ def attack(
 
 @app.command
 def replay(
-    cases: Path,
+    cases: Cases,
     *,
     where: Annotated[Literal["sumo", "highway", "mirror"], Parameter("--in")] = "sumo",
     mode: Literal["track", "actions"] = "track",
@@ -230,14 +233,13 @@ def replay(
     beside_original: bool = False,
     executor: str = "local",
     talk: Talk = Talk(),
-    sumo: SumoOptions = (),
 ) -> int:
     """Replay a case, or every case of a folder, and say whether the same crash happens.
 
     Parameters
     ----------
     cases
-        a case or a folder of cases
+        a case or a folder of cases; shipped:standard and shipped:quickstart come with the package
     where
         in SUMO, in highway-env, or in the mirror
     mode
@@ -295,7 +297,7 @@ def replay(
 
 @app.command
 def export(
-    case: Path,
+    case: Cases,
     *,
     to: Literal["fcd", "csv", "openscenario", "commonroad"],
     output: Annotated[Path, Parameter(["--output", "-o"])],
@@ -329,7 +331,7 @@ def export(
 
 @app.command
 def evaluate(
-    cases: Path,
+    cases: Cases,
     *,
     planner: str,
     where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
@@ -384,7 +386,7 @@ def evaluate(
 
 @app.command
 def report(
-    cases: Path,
+    cases: Cases,
     *,
     output: Annotated[Path, Parameter(["--output", "-o"])],
     planner: tuple[str, ...] = (),
@@ -397,7 +399,7 @@ def report(
     Parameters
     ----------
     cases
-        a case or a folder of cases
+        a case or a folder of cases; shipped:standard and shipped:quickstart come with the package
     output
         file for the page (.html); the scores and the table go into a .json beside it
     planner
@@ -436,7 +438,7 @@ def report(
 
 @training.command(name="aim-bev")
 def train_aim_bev(
-    cases: Path,
+    cases: Cases,
     *,
     output: Annotated[Path, Parameter(["--output", "-o"])],
     epochs: Count | None = None,

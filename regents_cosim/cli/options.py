@@ -9,11 +9,21 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cyclopts import Token
+
     from regents_cosim.attacks.presets import AttackConfig
 
 Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**31 - 1))]
 Count = Annotated[int, Parameter(validator=Number(gte=1, lte=1_000_000))]  # of what there must be one of
 CountOrZero = Annotated[int, Parameter(validator=Number(gte=0, lte=1_000_000))]  # of what there may be none of
+
+
+def _located(type_: object, tokens: "Sequence[Token]") -> Path:
+    from regents_cosim.shipped import located
+
+    return located(Path(tokens[0].value))
 
 
 @Parameter(name="*")
@@ -22,7 +32,7 @@ class Traffic:
     """Ordinary traffic, in SUMO's own option names, and the windows to cut out of it."""
 
     config: Annotated[Path | None, Parameter(["--configuration-file", "-c"])] = None
-    """SUMO configuration (.sumocfg)"""
+    """SUMO configuration (.sumocfg), or shipped:NETWORK: merge, crossing, signals, roundabout, grid, multilane"""
     net: Annotated[Path | None, Parameter(["--net-file", "-n"])] = None
     """SUMO network (.net.xml, .net.xml.gz)"""
     routes: Annotated[str, Parameter(["--route-files", "-r"])] = ""
@@ -166,4 +176,6 @@ class Talk:
 
 # On where it is not turned off: the only kind of option whose negation says something.
 Switch = Annotated[bool, Parameter(negative_bool="no-")]
+# A case or a folder of cases, also `shipped:standard`.
+Cases = Annotated[Path, Parameter(converter=_located)]
 SumoOptions = Annotated[tuple[str, ...], Parameter("--sumo-option", show=False, allow_leading_hyphen=True)]

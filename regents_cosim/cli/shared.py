@@ -61,6 +61,7 @@ def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, termi
             horizon_s=traffic.horizon,
             radius_m=traffic.radius,
             executor=pool,
+            tell=terminal.say,
         )
     _log.info("recorded %d windows", len(found))
     if len(found) < traffic.count:
@@ -101,10 +102,10 @@ def _files(names: str) -> tuple[Path, ...]:
 
 def network_traffic(nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal") -> "dict[str, list[Scenario]]":
     """Windows of SUMO networks, by network: of all shipped ones where none is named."""
-    from regents_cosim.shipped import NETWORKS, network_config
+    from regents_cosim.shipped import NETWORKS, network
     from regents_cosim.sources.record import record as run_record
 
-    configs = {net: Path(net) if net.endswith(".sumocfg") else network_config(net) for net in nets or NETWORKS}
+    configs = {net: network(net) for net in nets or NETWORKS}
     return {
         net: run_record(config, count=count, seed=seed)
         for net, config in terminal.each(configs.items(), "recording traffic", len(configs))

@@ -7,13 +7,13 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.cli.options import Switch, Talk
+from regents_cosim.cli.options import Cases, Switch, Talk
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
 
 def shrink(
-    cases: Path,
+    cases: Cases,
     *,
     output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
     planner: str | None = None,

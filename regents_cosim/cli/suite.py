@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Count, CountOrZero, Seed, Switch, Talk
+from regents_cosim.cli.options import Cases, Count, CountOrZero, Seed, Switch, Talk
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, RegentsError
 
@@ -86,26 +86,34 @@ def build(
 
 
 @suites.command(name="list")
-def list_cases(suite: Path, *, talk: Talk = Talk()) -> int:
+def list_cases(suite: Cases | None = None, *, shipped: bool = False, talk: Talk = Talk()) -> int:
     """What a suite holds.
 
     Parameters
     ----------
     suite
         a folder of cases
+    shipped
+        list the suites and SUMO networks that come with the package instead
     """
     from regents_cosim.evaluation.cards import card_of, suite_cases
-    from regents_cosim.reports.tables import LISTED
+    from regents_cosim.reports.tables import LISTED, shipped_rows
 
+    if shipped == (suite is not None):
+        raise RegentsError("expected a folder of cases, or --shipped for those that come with the package")
+    terminal = open_terminal(talk)
+    if suite is None:
+        terminal.show("they come with regents_cosim", shipped_rows())
+        return 0
     rows = [dataclasses.asdict(card_of(suite / case)) for case in suite_cases(suite)]
     if not talk.json:
         rows = [{**row, "hash": row["hash"][:12]} for row in rows]
-    open_terminal(talk).show(f"{len(rows)} cases in {suite}", rows, essential=LISTED)
+    terminal.show(f"{len(rows)} cases in {suite}", rows, essential=LISTED)
     return 0
 
 
 @suites.command
-def check(suite: Path, *, replay: bool = False, talk: Talk = Talk()) -> int:
+def check(suite: Cases, *, replay: bool = False, talk: Talk = Talk()) -> int:
     """Whether every case of a suite loads as it was saved, with its maps, and fits its manifest and its baseline.
 
     Parameters
@@ -139,7 +147,7 @@ def check(suite: Path, *, replay: bool = False, talk: Talk = Talk()) -> int:
 
 @suites.command
 def merge(
-    *folders: Path,
+    *folders: Cases,
     output: Annotated[Path, Parameter(["--output", "-o"])],
     seed: Seed = 0,
     talk: Talk = Talk(),

@@ -54,6 +54,16 @@ class Baseline:
         """What was accepted of a planner in a simulator, by case."""
         return self.planners.get(planner, {}).get(where, {})
 
+    def stranger(self, planner: str, where: str) -> str:
+        """Where it holds nothing of `planner` but something of others: that it goes by names, and by which."""
+        known = sorted(name for name, simulators in self.planners.items() if simulators.get(where))
+        if not known or planner in known:
+            return ""
+        return (
+            f"the baseline holds nothing of a planner that is named {planner!r} in {where}; it goes by the name that "
+            f"is typed, and knows {', '.join(known)} (type one of these, or accept the new name)"
+        )
+
     def accepting(self, planner: str, where: str, driven: Mapping[str, Driven], cases: Iterable[str]) -> "Baseline":
         """With `driven` accepted, and without entries of this planner and simulator for anything but `cases`."""
         kept, listed = self.of(planner, where), set(cases)

@@ -16,7 +16,7 @@ from regents_cosim.evaluation.judgement import judge_each
 from regents_cosim.files import content_hash
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import network_config
+from regents_cosim.shipped import network
 from regents_cosim.sources.record import record
 
 _SEEN_AHEAD_M = 40.0  # centre to centre
@@ -70,8 +70,7 @@ def follows(scenario: Scenario) -> bool:
 
 
 def _sources(recipe: Recipe) -> list[Path | str]:
-    networks = [Path(net) if net.endswith(".sumocfg") else network_config(net) for net in recipe.nets]
-    return [*networks, *(f"highway:{environment}" for environment in recipe.highway)]
+    return [*map(network, recipe.nets), *(f"highway:{environment}" for environment in recipe.highway)]
 
 
 def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None]) -> list[Scenario]:

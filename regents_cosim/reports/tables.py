@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from regents_cosim.files import find_cases
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
+from regents_cosim.shipped import NETWORKS, SUITES, suite_folder
 from regents_cosim.sources.logs.inspection import Inspection
 
 # The columns of each table that a narrow terminal shows before all others.
@@ -23,6 +25,13 @@ IN_HIGHWAY = ("environment", "method", "ego", "n", "successes", "success_percent
 CROSSED = ("adversaries_of", "planner", "n", "crashes", "crash_percent", "interval_percent")
 SHRUNK = ("case", "changed_agents", "deviation_mean_m", "steps")
 SCORED = ("score", "driver", "value")
+
+
+def shipped_rows() -> list[dict[str, Any]]:
+    """The suites and networks that come with the package, by the names that commands take."""
+    suites = [(name, f"suite of {len(find_cases(suite_folder(name)))} cases") for name in SUITES]
+    networks = [(name, "SUMO network with traffic") for name in NETWORKS]
+    return [{"name": f"shipped:{name}", "what": what} for name, what in (*suites, *networks)]
 
 
 def case_row(scenario: Scenario) -> dict[str, Any]:

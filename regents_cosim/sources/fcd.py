@@ -11,7 +11,7 @@ import io
 import itertools
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -47,12 +47,13 @@ def record_fcd(
     seed: int = 0,
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
+    tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
     """Up to `count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same.
 
     `routes_or_types` are route or additional files that define the vehicle types. Logs of another step,
     up to 1 s, are resampled to 0.1 s: straight between samples, turning the shorter way. Windows are picked as
-    by `windows.choose_windows`; persons are left out.
+    by `windows.choose_windows`; persons are left out. `tell` hears what had to be assumed.
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """
@@ -61,7 +62,7 @@ def record_fcd(
     road = read_road_map(net)
     known = read_types(routes_or_types)
     grid = _time_grid(log)
-    recordings = list(_recordings(log, grid, known, windows))
+    recordings = list(_recordings(log, grid, known, windows, tell))
     _check_place(log, recordings, road)
     recordings = [_resampled(recording, windows) for recording in recordings]
     return choose_windows(recordings, road, Origin("fcd", log.name, sha256_of(log)), windows)
@@ -95,7 +96,9 @@ def _time_grid(log: Path) -> _Grid:
     return _Grid(float(times[0]), round(dt, 6), round((times[-1] - times[0]) / dt) + 1)
 
 
-def _recordings(log: Path, grid: _Grid, known: dict[str, VehicleType], windows: Windows) -> Iterator[Recording]:
+def _recordings(
+    log: Path, grid: _Grid, known: dict[str, VehicleType], windows: Windows, tell: Callable[[str], None]
+) -> Iterator[Recording]:
     steps = int(np.ceil(windows.horizon_s / grid.dt - 1e-6)) + 1
     total = grid.steps // steps
     if total == 0:
@@ -113,10 +116,9 @@ def _recordings(log: Path, grid: _Grid, known: dict[str, VehicleType], windows: 
                 names[name] = kind
     unknown = sorted(set(names.values()) - set(known))
     if unknown:
-        warnings.warn(
+        tell(
             f"{log.name}: no vType for {', '.join(unknown[:5])}{' ...' * (len(unknown) > 5)}; taken as cars of "
-            f"{CAR.length} m x {CAR.width} m (name the files that define them with -r or -a)",
-            stacklevel=3,
+            f"{CAR.length} m x {CAR.width} m (name the files that define them with -r or -a)"
         )
     types = {name: known.get(kind, CAR) for name, kind in names.items()}
     for slot in slots.values():

@@ -1,5 +1,7 @@
 """`record`: traffic of any kind in, Scenarios out."""
 
+import warnings
+from collections.abc import Callable
 from concurrent.futures import Executor
 from pathlib import Path
 
@@ -22,13 +24,15 @@ def record(
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
     executor: Executor | None = None,
+    tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
     """Up to `count` windows of ordinary traffic; the same seed gives the same.
 
     `source` is a .sumocfg, a SumoInput, or `highway:` and the id of an environment of highway-env,
     whose ego `policy` drives: idm, mdp, random, `package.module:attribute` or `file.py:attribute`.
     With `fcd`, an fcd-output of SUMO, nothing is run: the network and the vehicle types come from
-    `source`. Raises RegentsError for bad input, NoWindowError where there is no window.
+    `source`, and `tell` hears what had to be assumed. Raises RegentsError for bad input,
+    NoWindowError where there is no window.
     """
     if isinstance(source, str) and source.startswith(_HIGHWAY):
         from regents_cosim.sources.highway import record_highway  # imports pygame
@@ -49,5 +53,5 @@ def record(
         raise RegentsError("an fcd-output needs the network it was made on: give it with -n NAME.net.xml")
     types = (*given.routes, *given.additional)
     return record_fcd(
-        fcd, given.net, routes_or_types=types, count=count, seed=seed, horizon_s=horizon_s, radius_m=radius_m
+        fcd, given.net, routes_or_types=types, count=count, seed=seed, horizon_s=horizon_s, radius_m=radius_m, tell=tell
     )

@@ -12,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 from regents_cosim.errors import SumoError, require_file
 from regents_cosim.ranges import Range
+from regents_cosim.shipped import NETWORKS, located, names
 from regents_cosim.sources.xml_input import read_tree
 
 _LATEST_S = 1e9  # SUMO counts milliseconds
@@ -53,6 +54,7 @@ def read_input(given: SumoInput) -> SumoOptions:
 
     Raises RegentsError where a file is missing or broken, or no network is named.
     """
+    given = replace(given, config=given.config and located(given.config))
     others = _read_config(given.config) if given.config else {}
     net = _paths(others.pop("net-file", ""))
     routes = _paths(others.pop("route-files", ""))
@@ -114,6 +116,11 @@ _DROPPED = {
 
 def _read_config(path: Path) -> dict[str, str]:
     """Options of a configuration by their long names, paths absolute, outputs left out."""
+    if not path.exists():
+        raise SumoError(
+            f"SUMO configuration not found: {path} (check the path; networks that come with regents_cosim: "
+            f"{', '.join(names(NETWORKS))})"
+        )
     root = read_tree(path, "SUMO configuration", SumoError)
     if root.tag not in ("configuration", "sumoConfiguration", "sumo-configuration"):
         raise SumoError(f"{path}: the root element is <{root.tag}>, expected a .sumocfg with <configuration>")

@@ -1,0 +1,68 @@
+"""What comes with the package has names of its own: `shipped:merge`, `shipped:standard`."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from regents_cosim.cli import run
+from regents_cosim.errors import RegentsError
+from regents_cosim.files import find_cases
+from regents_cosim.shipped import NETWORKS, SUITES, located, network, network_config, shipped
+from regents_cosim.sources.sumo_config import SumoInput, read_input
+
+CASE = "merge-00064.8s-main.exit.32-regents-idm"
+
+
+def said(capsys, *words):
+    """The one line of a command that is refused."""
+    assert run(list(map(str, words))) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+def test_every_name_leads_to_what_it_says():
+    for name in NETWORKS:
+        assert located(Path(f"shipped:{name}")) == network_config(name) == network(name) == network(f"shipped:{name}")
+        assert read_input(SumoInput(Path(f"shipped:{name}"))) == read_input(SumoInput(network_config(name)))
+    for name in SUITES:
+        assert find_cases(Path(f"shipped:{name}")) == find_cases(shipped("scenarios") / name)
+    assert located(Path(f"shipped:quickstart/{CASE}")) == shipped("scenarios") / "quickstart" / CASE
+    assert located(Path("suite")) == Path("suite")
+
+
+@pytest.mark.parametrize("name", ["", "x", "../..", "standard/../../..", "merge/x", "/etc"])
+def test_no_name_leads_elsewhere(name):
+    with pytest.raises(RegentsError, match="does not exist, expected one of shipped:standard"):
+        located(Path(f"shipped:{name}"))
+
+
+def test_commands_take_the_names(tmp_path, capsys):
+    assert run(["record", "-c", "shipped:crossing", "--count", "1", "--end", "60", "-o", str(tmp_path / "out")]) == 0
+    assert run(["suite", "check", "shipped:quickstart", "--quiet"]) == 0
+    assert "12 cases checked" in capsys.readouterr().out
+    assert run(["replay", f"shipped:quickstart/{CASE}", "--in", "mirror", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["case"] == CASE
+    assert run(["suite", "merge", "shipped:quickstart", str(tmp_path / "out"), "-o", str(tmp_path / "both")]) == 0
+
+
+def test_they_are_listed(capsys):
+    assert run(["suite", "list", "--shipped", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in rows] == [f"shipped:{name}" for name in (*SUITES, *NETWORKS)]
+    assert "--shipped" in said(capsys, "suite", "list")
+
+
+def test_what_is_not_found_names_them(tmp_path, capsys):
+    missing = said(capsys, "record", "-c", "sumo_nets/nowhere.sumocfg", "-o", tmp_path / "out")
+    assert "SUMO configuration not found: sumo_nets/nowhere.sumocfg" in missing
+    assert "shipped:merge" in missing
+    assert "shipped:standard" in said(capsys, "replay", tmp_path / "nowhere")
+
+
+def test_pytest_takes_them(tmp_path):
+    words = ["--regents-suite", "shipped:quickstart", "--regents-planner", "idm", "--collect-only", "-q"]
+    done = subprocess.run([sys.executable, "-m", "pytest", *words], cwd=tmp_path, capture_output=True, text=True)
+    assert "12 tests collected" in done.stdout, done.stdout + done.stderr
