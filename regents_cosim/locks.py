@@ -69,7 +69,7 @@ def _wait_for(path: Path, until: float) -> int | None:
     moved_until = time.monotonic() + _MOVED_S
     while True:
         try:
-            file = take(path, os.O_RDWR | os.O_CREAT)
+            file = take(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0))
         except FileNotFoundError:
             if time.monotonic() > moved_until:
                 raise
