@@ -48,6 +48,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini("regents_suite", "folders of cases to run as tests", type="paths")
     parser.addini("regents_planner", "system under test")
     parser.addini("regents_in", "where it drives: mirror, sumo or highway", default="mirror")
+    parser.addini("regents_act_timeout", "a planner that takes longer over one decision has failed [s]", default="10")
     parser.addini("regents_baseline", "file of accepted outcomes", type="paths")
     parser.addini("regents_fail", "which metrics may get how much worse")
 
@@ -138,9 +139,19 @@ def _option(config: pytest.Config, name: str) -> str:
 def _drives_ahead(config: pytest.Config, planner: str, margin: bool = False) -> DrivesAhead:
     from regents_cosim.evaluation.drives_ahead import DrivesAhead
 
-    timeout = getattr(config.option, "regents_act-timeout")
     alone = 1 if _is_worker(config) else None  # xdist has a process for each core already
-    return DrivesAhead(planner, _where(config), timeout or 10.0, alone, margin)
+    return DrivesAhead(planner, _where(config), _act_timeout_s(config), alone, margin)
+
+
+def _act_timeout_s(config: pytest.Config) -> float:
+    given = getattr(config.option, "regents_act-timeout")
+    if given is not None:
+        return given
+    written = config.getini("regents_act_timeout")
+    try:
+        return float(written)
+    except ValueError:
+        raise pytest.UsageError(f"regents_act_timeout = {written}, expected a number of seconds") from None
 
 
 def _where(config: pytest.Config) -> Any:

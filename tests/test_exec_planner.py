@@ -17,6 +17,7 @@ from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.planners.exec_planner import ExecPlanner
 from regents_cosim.planners.host_process import HostProcess, Seen
 from regents_cosim.planners.interface import Control, Observation, Others, Scene, Waypoints
+from regents_cosim.planners.patience import Patience
 
 # What it was asked goes to a file; what it answers is an expression of the question and the id of the scene.
 SCRIPT = """
@@ -94,7 +95,7 @@ def test_what_is_asked_and_answered(planner, tmp_path):
     }  # fmt: skip
     assert reset["lanes"][1] == {
         "id": "lane1", "centre": [[-200.0, 3.2], [600.0, 3.2]], "width": 3.2, "speed_limit": 15.0,
-        "junction": False, "left": "lane2", "right": "lane0",
+        "junction": False, "left": "lane2", "right": "lane0", "height": [0.0, 0.0],
     }  # fmt: skip
     assert {key: act[key] for key in ("step", "time_s", "target", "lights")} == {
         "step": 4, "time_s": 0.4, "target": [5.0, 0.0], "lights": [],
@@ -140,6 +141,13 @@ def test_an_answer_that_is_none(planner, answer, said):
             under_test.act(observation())
 
 
+def test_an_answer_without_an_end(planner):
+    under_test = made(planner('[sys.stdout.write("x" * 100_000) for _ in iter(int, 1)]'))
+    under_test.reset(told())
+    with pytest.raises(PlannerError, match="wrote 'xxx.*unasked, expected one line for every question"):
+        under_test.act(observation())
+
+
 def test_extra_text_that_comes_late(planner):
     under_test = made(
         planner('print(\'{"accel": 1.0, "curvature": 0.0}\', flush=True) or time.sleep(0.1) or "thank you"')
@@ -152,7 +160,7 @@ def test_extra_text_that_comes_late(planner):
 
 
 def test_what_a_crash_leaves(planner, capfd):
-    host = HostProcess(planner('{"accel": 1 / (2 - asked["act"]["step"]), "curvature": 0}'), act_timeout_s=10.0)
+    host = HostProcess(planner('{"accel": 1 / (2 - asked["act"]["step"]), "curvature": 0}'))
     host.reset([told()])
     assert [host.act(step, [seen(step)])[0].decision for step in (0, 1)] == [Control(0.5, 0.0), Control(1.0, 0.0)]
     with pytest.raises(DriveError, match="in `act` at step 2.*ended instead of answering .* code 1") as failure:
@@ -168,7 +176,8 @@ def test_one_that_hangs_is_ended_with_all_that_it_started(planner, tmp_path):
     lock, script, holds = tmp_path / "lock", tmp_path / "hangs.sh", tmp_path / "holds.py"
     holds.write_text(HOLDS)
     script.write_text(f"{shlex.join([sys.executable, '-S', str(holds), str(lock)])}\ntrue\n")
-    host = HostProcess(f"exec:sh {shlex.quote(str(script))}", act_timeout_s=0.3)
+    name = f"exec:sh {shlex.quote(str(script))}"
+    host = HostProcess(name, Patience(name, 0.3))
     host.reset([told()])
     assert not free(lock)
     with pytest.raises(DriveError, match="gave no answer within 0.3 s in `act` at step 0"):

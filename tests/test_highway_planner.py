@@ -33,7 +33,7 @@ class Zigzag:
 
 @pytest.fixture
 def process(request):
-    hosted = HostProcess(request.param, 60.0)
+    hosted = HostProcess(request.param)
     yield hosted
     hosted.close()
 
@@ -60,7 +60,7 @@ def test_every_drive_is_the_same(process):
 def test_a_policy_decides_as_often_as_it_wants(tmp_path):
     file = tmp_path / "policy.py"
     file.write_text(SLOW_POLICY)
-    process = HostProcess(f"highway:{file}:Zigzag", 60.0)
+    process = HostProcess(f"highway:{file}:Zigzag")
     case = platoon()
     drives = [bridged_drive(process, case) for _ in range(2)]
     process.close()

@@ -58,7 +58,7 @@ def test_among_agents_that_react_as_well():
     world = to_world(made)
     reacting = world.vehicle & jnp.asarray(np.arange(len(world.vehicle)) > 0)
     inside, controls, _ = drive_among_reacting(CautiousInJax(), (), world, world.log, reacting)
-    process = HostProcess(named("Cautious"), 10.0)
+    process = HostProcess(named("Cautious"))
     loop = ClosedLoop(made, world, world.log, reacting)
     drive_on_host(process, [loop])
     process.close()

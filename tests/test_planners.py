@@ -105,7 +105,7 @@ def test_something_that_is_no_planner(mine):
 def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
     made = platoon()
     mirror = driven(made, name)
-    driver, tracks = LoopDriver(name), made.tracks
+    driver, tracks = LoopDriver(name, find_planner(name)), made.tracks
     driver.start(made)
     ego = [tracks.x[0, 0], tracks.y[0, 0], tracks.yaw[0, 0], tracks.speed[0, 0]]
     seen = []

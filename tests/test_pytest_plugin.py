@@ -167,11 +167,16 @@ def test_the_margin_shows_what_is_left_before_a_crash(project):
 
 def test_a_planner_that_raises_or_hangs_costs_its_own_case_only(project):
     planner = f"{TESTS / 'regression_planners.py'}:Moody"
-    done = session(project, "--regents-update", "--regents-act-timeout", "1", planner=planner)
+    done = session(project, "--regents-update", "--regents-act-timeout", "1", "--junit-xml", "j.xml", planner=planner)
     done.assert_outcomes(passed=1, failed=2)
     assert "regression: failed: planner" in done.stdout.str()
     assert "KeyError: 'lost'" in done.stdout.str()
     assert "gave no answer within 1 s in `act` at step 3" in done.stdout.str()
+    for text in (done.stdout.str(), (project.path / "j.xml").read_text()):  # the planner's own lines, none of ours
+        assert "regression_planners.py&quot;, line" in text or 'regression_planners.py", line' in text
+        assert 'raise KeyError("lost")' in text
+        assert "in act" in text
+        assert "host_server.py" not in text.partition("KeyError")[2].partition("in act")[0]
     assert list(baseline_of(project).of(planner, "mirror")) == ["follows"], "a failure is never accepted"
 
 

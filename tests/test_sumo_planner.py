@@ -18,7 +18,7 @@ from regents_cosim.scenario import Signal
 
 @pytest.fixture(scope="module")
 def sumo():
-    process = HostProcess("sumo", 60.0)
+    process = HostProcess("sumo")
     yield process
     process.close()
 

@@ -74,7 +74,7 @@ def test_inside_the_compiled_loop_it_drives_as_outside():
     inside = find_planner(name)
     assert isinstance(inside, TorchInLoop)
     motion, controls, _ = drive(inside, inside.init(LoopScene(made, world)), world, world.log)
-    process, loop = HostProcess(name, 10.0), ClosedLoop(made, world, world.log, None)
+    process, loop = HostProcess(name), ClosedLoop(made, world, world.log, None)
     drive_on_host(process, [loop])
     process.close()
     assert np.abs(loop.track.motion.x - motion.x).max() < 1e-3
@@ -129,7 +129,11 @@ def test_one_that_is_no_module_is_refused_before_anything_is_driven():
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("torch:nowhere.py:Thing", "cannot be imported"), (f"torch:{FILE}:Nothing", "has no 'Nothing'")]
+    ("name", "said"),
+    [
+        ("torch:nowhere.py:Thing", "cannot be imported"),
+        (f"torch:{FILE}:Nothing", "has no 'Nothing'"),
+    ],
 )
 def test_one_that_there_is_not(name, said):
     with pytest.raises(PlannerError, match=said):

@@ -30,13 +30,15 @@ from regents_cosim.attacks.universal import Several
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.logged import logged
+from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.names import distinct_word, file_name, word
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
+from regents_cosim.planners.patience import ACT_TIMEOUT
 from regents_cosim.planners.systems import ACT_TIMEOUT_S, HostPlanner, find_planner
 from regents_cosim.ranges import Range
 from regents_cosim.scenario import ActTime, AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
@@ -114,6 +116,7 @@ def attack_each(
     if config.optimiser != "adam" and isinstance(under_test, HostPlanner):
         raise RegentsError(f"method {config.method} needs a planner in JAX, {planner!r} is not: take king or regents")
     _BATCH.check("batch", batch)
+    ACT_TIMEOUT.check("act-timeout", act_timeout_s)
     if isinstance(under_test, HostPlanner):
         yield from _in_processes(
             scenarios, _Attack(_replanning(config, 10), under_test, planner, extra_cost), batch, act_timeout_s
@@ -146,14 +149,18 @@ def _several(first: JaxPlanner | HostPlanner, names: tuple[str, ...], config: At
     return Several(tuple(planner for planner in planners if isinstance(planner, JaxPlanner)), names)
 
 
-def _who_crashes(several: Several, scenario: Scenario, job: Job, found: Found) -> list[str]:
-    """Names of the planners that crash among what was found, each in a drive of its own, by the exact boxes."""
+def _who_crashes(several: Several, scenario: Scenario, job: Job, found: Found, background: Motion) -> list[str]:
+    """Names of the planners that crash among `background`, each in a drive of its own, by the exact boxes.
+
+    Raises DriveError for one that fails there.
+    """
     crashed = []
     for name, planner, memory in zip(several.names, several.planners, job.memory, strict=True):
-        request = Request(scenario, job._replace(memory=memory), Traffic(found.motion, None))
-        (driven,) = in_compiled_loop(planner)([request])
-        assert not isinstance(driven, DriveError)
-        tracks = to_tracks(with_ego(found.motion, driven.ego.motion), found.controls, scenario)
+        request = Request(scenario, job._replace(memory=memory), Traffic(background, None))
+        (driven,) = in_compiled_loop(planner, name)([request])
+        if isinstance(driven, DriveError):
+            raise driven
+        tracks = to_tracks(with_ego(background, driven.ego.motion), found.controls, scenario)
         if first_contact(scenario.agents, tracks):
             crashed.append(name)
     return crashed
@@ -209,11 +216,24 @@ class _Attack:
         assert isinstance(self.planner, JaxPlanner)
         if self.config.optimiser != "adam":
             return self.search([scenario], self.blind)[0]
+        loop = in_compiled_loop(self.planner, self.planner_name)
         pursued = self.config.replan_every > 1
-        return self.search([scenario], self.pursuit(in_compiled_loop(self.planner)) if pursued else self.descend)[0]
+        return self.search([scenario], self.pursuit(loop) if pursued else self.descend)[0]
 
     def search(self, scenarios: list[Scenario], run: Search, pool: Executor | None = None) -> list[list[Scenario]]:
-        """The results of several scenarios whose descents are made together; `pool` prepares them."""
+        """The results of several scenarios whose descents are made together; `pool` prepares them.
+
+        Where the planner raises in the program that they share, each answers for itself.
+        """
+        try:
+            with foreign(self.planner_name, scenarios[0].id):
+                return self._search(scenarios, run, pool)
+        except DriveError as failure:
+            if len(scenarios) == 1:
+                return [[self.failed(scenarios[0], failure)]]
+        return [self.search([scenario], run)[0] for scenario in scenarios]
+
+    def _search(self, scenarios: list[Scenario], run: Search, pool: Executor | None) -> list[list[Scenario]]:
         jobs = list((pool.map if pool else map)(self.jobs_or_failure, scenarios))
         made = [
             (scenario, job)
@@ -263,7 +283,7 @@ class _Attack:
     def results(self, scenario: Scenario, jobs: list[Job], ended: list[Ended | None]) -> list[Scenario]:
         """What the descents found, as cases."""
         made = [(job, one) for job, one in zip(jobs, ended, strict=True) if one]
-        failures = [failure for _, one in made if (failure := _failure(self.planner_name, one))]
+        failures = [failure for _, one in made if (failure := _failure(self.planner_name, scenario.id, one))]
         cases = [self.failed(scenario, failures[0])] if failures else self.distinct(scenario, made, len(jobs) == 1)
         time = _act_time([second for _, one in made for second in one.seconds])
         return [replace(case, attack=replace(case.attack, act_time=time)) for case in cases if case.attack]
@@ -305,9 +325,12 @@ class _Attack:
             candidates=tuple(scenario.agents[index].id for index in np.flatnonzero(job.movers.candidate)),
             cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
         )
-        if isinstance(self.planner, Several) and outcome != "diverged":
-            crashed = _who_crashes(self.planner, scenario, job, found)
-            record = replace(record, settings=record.settings | {"crashed": " ".join(crashed)})
+        if isinstance(self.planner, Several):
+            # Where the search diverged, one of them may have: the log tells.
+            background = job.world.log if outcome == "diverged" else found.motion
+            crashed = _who_crashes(self.planner, scenario, job, found, background)
+            if outcome != "diverged":
+                record = replace(record, settings=record.settings | {"crashed": " ".join(crashed)})
         return replace(
             scenario, id=self.name(scenario), agents=agents, tracks=tracks, attack=record, original=scenario.tracks
         )
@@ -437,19 +460,15 @@ def _history(found: Found) -> list[tuple[float, ...]]:
     return [tuple(term.tolist()) for term in rounded.T]
 
 
-def _failure(name: str, ended: Ended) -> DriveError | None:
+def _failure(name: str, case: str, ended: Ended) -> DriveError | None:
     """How the planner failed; one in JAX by an answer that is no number, others are checked as they answer."""
     if isinstance(ended.found, DriveError):
         return ended.found
-    found = ended.found
-    answers = np.stack([np.asarray(values)[0] for values in (found.controls.accel, found.controls.curvature)])
-    bad = np.flatnonzero(~np.isfinite(answers).all(axis=0))
-    if not len(bad):
-        return None
-    accel, curvature = answers[:, bad[0]].tolist()
-    return DriveError(
-        f"planner {name!r} answered accel {accel}, curvature {curvature} at step {bad[0]}, expected finite numbers"
-    )
+    try:
+        require_finite(jax.tree.map(lambda values: values[0], ended.found.controls), name, case)
+    except DriveError as failure:
+        return failure
+    return None
 
 
 def _act_time(seconds: list[float]) -> ActTime | None:

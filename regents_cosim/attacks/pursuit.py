@@ -19,7 +19,7 @@ from regents_cosim.mirror.rollout import EgoTrack, drive, drive_among_reacting
 from regents_cosim.mirror.world import World
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.planners.jax_planner import JaxPlanner
+from regents_cosim.planners.jax_planner import JaxPlanner, foreign, require_finite
 from regents_cosim.scenario import Scenario
 
 
@@ -72,16 +72,21 @@ def pursue(
     return [Ended(ended[index], seconds[index]) for index in range(len(jobs))]
 
 
-def in_compiled_loop(planner: JaxPlanner) -> Drives:
+def in_compiled_loop(planner: JaxPlanner, name: str) -> Drives:
     """Closed loops of a planner in JAX, which remembers the last drive of each search, or at first of its scene."""
     kept: dict[tuple[int, ...], tuple[Request, Any]] = {}  # requests keep the ids from being given away
 
-    def drive_once(request: Request) -> Driven:
+    def drive_once(request: Request) -> Driven | DriveError:
         scenario, job, memory = request.scenario, request.job, request.job.memory
         of_scene, of_search = (id(scenario),), (id(scenario), id(job.movers))
         if last := kept.get(of_search) or kept.get(of_scene):
             memory = planner.recall(memory, last[1])
-        ego, after = _drive(planner, memory, job.world.without_road(), request.traffic)
+        try:
+            with foreign(name, scenario.id):
+                ego, after = jax.block_until_ready(_drive(planner, memory, job.world.without_road(), request.traffic))
+            require_finite(ego.controls, name, scenario.id)
+        except DriveError as failure:
+            return failure
         kept[of_search] = request, after
         kept.setdefault(of_scene, kept[of_search])
         return Driven(ego)

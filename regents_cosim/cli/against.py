@@ -15,7 +15,7 @@ from regents_cosim.evaluation.baseline import FILE, Baseline, Driven, load_basel
 from regents_cosim.evaluation.cards import suite_cases
 from regents_cosim.evaluation.drives_ahead import driven
 from regents_cosim.evaluation.driving import Drive
-from regents_cosim.evaluation.margin import attack_margin
+from regents_cosim.evaluation.margin import with_margin
 from regents_cosim.evaluation.regression import (
     Verdict,
     changes,
@@ -83,16 +83,19 @@ class Comparison:
         return NEGATIVE_VERDICT if any(v.fails(self.options.strict) for v in verdicts) else 0
 
     def _driven(self, scenarios: Sequence[Scenario], drives: Sequence[Drive]) -> dict[str, Driven]:
-        more = self._margins(scenarios, drives) if self.options.margin else [{} for _ in scenarios]
+        more: list[dict[str, float | None]] = [{} for _ in scenarios]
+        if self.options.margin:
+            drives, margins = self._margins(scenarios, drives)
+            more = [{"margin": margin} for margin in margins]
         each = zip(scenarios, drives, more, strict=True)
         return {scenario.id: driven(drive, content_hash(scenario), scenario.dt, its) for scenario, drive, its in each}
 
-    def _margins(self, scenarios: Sequence[Scenario], drives: Sequence[Drive]) -> list[dict[str, float | None]]:
-        failed = {drive.case for drive in drives if drive.error}
+    def _margins(
+        self, scenarios: Sequence[Scenario], drives: Sequence[Drive]
+    ) -> tuple[list[Drive], list[float | None]]:
         with Wheel(self.planner) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            can = [scenario for scenario in scenarios if scenario.id not in failed]
-            found = dict(zip((s.id for s in can), pool.map(partial(attack_margin, wheel=wheel), can), strict=True))
-        return [{"margin": found.get(scenario.id)} for scenario in scenarios]
+            found = list(pool.map(partial(with_margin, wheel=wheel), scenarios, drives))
+        return [drive for drive, _ in found], [margin for _, margin in found]
 
     def _show(self, verdicts: Sequence[Verdict], left: Sequence[str], terminal: Terminal) -> None:
         suite = _suite_of(self.cases)

@@ -33,7 +33,17 @@ class Driven:
     time_s: float | None = None  # of the collision
     kind: str | None = None  # of the collision
     metrics: dict[str, float | None] = field(default_factory=dict)  # `thresholds.METRICS`; None: nothing to measure
-    error: str = ""  # how the planner failed
+    error: str = ""  # how the planner failed, on its first line; the others are its own traceback
+
+    @property
+    def failure(self) -> str:
+        """How the planner failed, on one line."""
+        return self.error.partition("\n")[0]
+
+    @property
+    def trace(self) -> str:
+        """The traceback of the planner that failed, empty where it has none."""
+        return self.error.partition("\n")[2]
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,13 @@ from pathlib import Path
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.baseline import Driven
 from regents_cosim.evaluation.driving import Drive, drive_case, drive_each
-from regents_cosim.evaluation.margin import attack_margin
+from regents_cosim.evaluation.margin import with_margin
 from regents_cosim.files import load_case, load_header
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.plain_text import printable
 from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
-from regents_cosim.replays.replay import Simulator, check
+from regents_cosim.replays.replay import Simulator, check, drivers_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.workers import local_processes
 
@@ -42,11 +43,12 @@ class DrivesAhead:
         if margin and where != "mirror":
             raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
         keep_compiled_programs()
-        check(where, planner)
+        check(where, planner, act_timeout_s=act_timeout_s)
         self.planner = planner
         self.where: Simulator = where
         self._act_timeout_s, self._margin = act_timeout_s, margin
         self._wheel = Wheel(planner, act_timeout_s)
+        self._in_highway = drivers_of(planner, act_timeout_s) if where == "highway" else None
         # highway-env draws with pygame, which is not made for threads
         side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(side_by_side)
@@ -64,6 +66,8 @@ class DrivesAhead:
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._wheel.__exit__(None, None, None)
         self._processes.shutdown(wait=False)
+        if self._in_highway is not None:
+            self._in_highway.__exit__(None, None, None)
         self._pool.shutdown(wait=True)
 
     def begin(self, folders: Iterable[Path]) -> None:
@@ -86,23 +90,24 @@ class DrivesAhead:
 
     def _drive_folder(self, folder: Path) -> tuple[Drive, Driven]:
         scenario = load_case(folder)
-        drive = self._drive(scenario)
-        margin = None if drive.error or not self._margin else attack_margin(scenario, self._wheel)
-        more = {"margin": margin} if self._margin else {}
+        drive, more = self._drive(scenario), {}
+        if self._margin:
+            drive, margin = with_margin(scenario, drive, self._wheel)
+            more = {"margin": margin}
         return drive, driven(drive, load_header(folder).hash, scenario.dt, more)
 
     def _drive(self, scenario: Scenario) -> Drive:
         if self.where == "mirror":
             return drive_case(scenario, self._wheel)
         if self.where == "highway":
-            return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where))
+            return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, drivers=self._in_highway))
         return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, self._processes))
 
 
 def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) -> Driven:
     """A drive as baselines keep it: the outcome and the metrics, to four digits after the point."""
     if drive.error:
-        return Driven(digest, "planner_error", error=" ".join(drive.error.split()))
+        return Driven(digest, "planner_error", error=_in_lines(drive))
     measured = {
         "collision": float(drive.hits is not None),
         "min_ttc_s": drive.min_ttc_s,
@@ -123,3 +128,9 @@ def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) 
         kind=drive.kind,
         metrics={name: None if value is None else round(float(value), _DIGITS) for name, value in measured.items()},
     )
+
+
+def _in_lines(failed: Drive) -> str:
+    """What `Driven.error` holds; it is printed as it is."""
+    lines = [" ".join(failed.error.split()), *failed.trace.splitlines()]
+    return "\n".join(printable(line, limit=None) for line in lines)

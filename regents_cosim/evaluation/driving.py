@@ -18,6 +18,7 @@ from regents_cosim.evaluation.metrics import driving_score, infraction_score, of
 from regents_cosim.evaluation.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.logged import logged
+from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, replay_each
@@ -39,6 +40,7 @@ class Drive:
     kind: CollisionKind | None = None  # of the collision
     act_s: tuple[float, ...] = ()  # time of each decision of a planner outside the mirror
     error: str = ""  # how the planner failed; it got nowhere then
+    trace: str = ""  # of the planner that failed: its own
     min_ttc_s: float | None = None  # surrogate safety: see `safety.Safety`
     min_pet_s: float | None = None
     max_drac_m_s2: float | None = None
@@ -83,19 +85,22 @@ def drive_each(
     act_timeout_s: float = ACT_TIMEOUT_S,
     where: Simulator = "mirror",
     executor: Executor | None = None,
+    drivers: Drivers | None = None,
 ) -> Iterator[Drive]:
     """Let `planner` drive every case, in order, to the end of its horizon or its first collision.
 
     SUMO runs in processes of its own, or those of `executor`. A case in which the planner or the
-    simulator fails says so. Raises PlannerError where the planner cannot be found.
+    simulator fails says so. `drivers` are those of the planner for highway-env, where the caller
+    keeps them. Raises PlannerError where the planner cannot be found.
     """
-    check(where, planner)
+    check(where, planner, act_timeout_s=act_timeout_s)
     if where == "mirror":
         with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
         return
-    for scenario, replay in zip(scenarios, replay_each(scenarios, where, planner, executor=executor), strict=True):
-        yield score(scenario, replay.replayed.tracks) if replay.replayed else _nowhere(scenario, replay.reason)
+    replays = replay_each(scenarios, where, planner, executor=executor, act_timeout_s=act_timeout_s, drivers=drivers)
+    for scenario, one in zip(scenarios, replays, strict=True):
+        yield score(scenario, one.replayed.tracks) if one.replayed else nowhere(scenario, one.reason, one.trace)
 
 
 def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
@@ -108,7 +113,7 @@ def drive_and_keep(scenario: Scenario, wheel: Wheel) -> tuple[Drive, Tracks | No
     try:
         lap = wheel.drive(scenario)
     except DriveError as failure:
-        return _nowhere(scenario, str(failure)), None
+        return nowhere(scenario, str(failure), failure.trace), None
     return replace(score(scenario, lap.tracks), act_s=tuple(lap.act_seconds)), lap.tracks
 
 
@@ -146,9 +151,9 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
     )
 
 
-def _nowhere(scenario: Scenario, error: str) -> Drive:
+def nowhere(scenario: Scenario, error: str, trace: str = "") -> Drive:
     """A drive that could not be made."""
-    return Drive(scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0, error=error)
+    return Drive(scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0, error=error, trace=trace)
 
 
 def score(scenario: Scenario, tracks: Tracks) -> Drive:

@@ -16,6 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from regents_cosim.collisions import first_contact
+from regents_cosim.errors import DriveError
+from regents_cosim.evaluation.driving import Drive, nowhere
 from regents_cosim.frames import wrap
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import Scenario, Tracks
@@ -43,6 +45,16 @@ def attack_margin(scenario: Scenario, wheel: Wheel) -> float | None:
         middle = 0.5 * (safe + hit)
         safe, hit = (safe, middle) if collides(weakened(scenario, middle)) else (middle, hit)
     return hit
+
+
+def with_margin(scenario: Scenario, drive: Drive, wheel: Wheel) -> tuple[Drive, float | None]:
+    """The drive and its margin; a planner that fails in a weaker attack has failed in the case."""
+    if drive.error:
+        return drive, None
+    try:
+        return drive, attack_margin(scenario, wheel)
+    except DriveError as failure:
+        return nowhere(scenario, f"{failure} (with less of the attack)", failure.trace), None
 
 
 def weakened(scenario: Scenario, share: float) -> Scenario:

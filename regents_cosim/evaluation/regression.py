@@ -51,7 +51,7 @@ def judge_drive(case: str, now: Driven, before: Driven | None, thresholds: Seque
         return Verdict(case, status, reasons, before, now)
 
     if now.outcome == "planner_error":
-        return verdict("regression", f"failed: {now.error}")
+        return verdict("regression", f"failed: {now.failure}")
     if before is None:
         return verdict("missing", f"there is none for it {_ACCEPT}")
     if before.hash != now.hash:
@@ -77,7 +77,7 @@ def describe(driven: Driven | None) -> str:
     if driven is None:
         return "none"
     if driven.outcome == "planner_error":
-        return f"failed: {driven.error}"
+        return f"failed: {driven.failure}"
     happened = "no collision"
     if driven.outcome == "collision":
         happened = f"{driven.kind} collision with {driven.agent} at {driven.time_s:g} s (step {driven.step})"
@@ -108,7 +108,7 @@ def explain(verdict: Verdict, case: Path, planner: str, where: str, adversary: s
         f"  now        {describe(verdict.now)}",
         f"  see it     {reproduce(case, planner, where)}",
     ]
-    return "\n".join(lines)
+    return "\n".join([*lines, *(["", verdict.now.trace] if verdict.now.trace else [])])
 
 
 def unused(before: Mapping[str, Driven], cases: Iterable[str]) -> list[str]:

@@ -15,7 +15,7 @@ from regents_cosim.evaluation.driving import drive_each
 from regents_cosim.evaluation.judgement import judge_each
 from regents_cosim.files import content_hash
 from regents_cosim.frames import wrap
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import AttackRecord, Scenario
 from regents_cosim.shipped import network
 from regents_cosim.sources.record import record
 
@@ -80,11 +80,16 @@ def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None]) -
 
 def _crashes(windows: Sequence[Scenario], recipe: Recipe, tell: Callable[[str], None]) -> list[Scenario]:
     found: list[Scenario] = []
+    lost: list[AttackRecord] = []
     for planner in recipe.planners:
         for number, results in enumerate(attack_each(windows, METHODS[recipe.method], planner), start=1):
             found += [case for case in results if case.attack and case.attack.outcome == "collision"]
+            lost += [case.attack for case in results if case.attack and case.attack.planner_error]
             if number % 25 == 0 or number == len(windows):
                 tell(f"attacked {planner} in {number} of {len(windows)} windows: {len(found)} crashes")
+    if lost:
+        first = lost[0].planner_error.partition("\n")[0]
+        tell(f"a planner failed in {len(lost)} windows, the first is {lost[0].case}: {first}")
     tell(f"judging {len(found)} crashes")
     return list(judge_each(found))
 

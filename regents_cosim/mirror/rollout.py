@@ -92,7 +92,7 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
     def advance(carry: tuple[Motion, Any], sight_now: Any) -> tuple[tuple[Motion, Any], tuple[Motion, Controls]]:
         ego, recalled = carry
         control, recalled = planner.step(recalled, sight_now, ego)
-        control = clip(control)
+        control = _limited(control)
         return (move_ego(world, ego, control), recalled), (ego, control)
 
     decisions = jax.tree.map(lambda values: values[:-1], sight)
@@ -170,7 +170,12 @@ def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> 
     """The planner's control and next memory from one instant of `traffic` [agent, 1], within the limits."""
     sight = jax.tree.map(lambda values: values[0], planner.look(memory, traffic))
     control, memory = planner.step(memory, sight, ego)
-    return clip(control), memory
+    return _limited(control), memory
+
+
+def _limited(control: Controls) -> Controls:
+    """A planner's answer within the limits; what is not finite stays, for the host to see (`jax_planner`)."""
+    return jax.tree.map(lambda said, cut: jnp.where(jnp.isfinite(said), cut, said), control, clip(control))
 
 
 def move_ego(world: World, ego: Motion, control: Controls) -> Motion:

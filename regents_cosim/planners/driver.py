@@ -4,6 +4,8 @@ The ego moves by the mirror's model; what the planner reacts to is what the simu
 step by step, so that nothing of the future can leak in.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import jax
@@ -11,48 +13,69 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import decide, move_ego, others
 from regents_cosim.mirror.world import World, scene_origin, to_world
 from regents_cosim.planners.closed_loop import move, scene_of
+from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Placement, Seen
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
 from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
 from regents_cosim.scenario import Scenario
 
 
-def driver_for(planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> "LoopDriver | HostDriver":
-    """A driver for the planner of that name. Raises PlannerError where there is none."""
-    if isinstance(find_planner(planner), JaxPlanner):
-        return LoopDriver(planner)
-    return HostDriver(planner, act_timeout_s)
+class Drivers:
+    """Drivers for the planner of that name, and its processes, if any: a context manager that ends them."""
+
+    def __init__(self, planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
+        """Raises PlannerError where there is no such planner, RegentsError for a time that cannot be waited."""
+        self._found = find_planner(planner)
+        self._name, self._processes = planner, HostPool(planner, act_timeout_s)
+
+    def __enter__(self) -> "Drivers":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._processes.__exit__(*error)
+
+    @contextmanager
+    def lend(self) -> "Iterator[LoopDriver | HostDriver]":
+        """A driver for one drive."""
+        if isinstance(self._found, JaxPlanner):
+            yield LoopDriver(self._name, self._found)
+            return
+        with self._processes.lend() as process:
+            yield HostDriver(process)
 
 
 class LoopDriver:
-    """A planner of the mirror's compiled loop. Picklable until `start`, like the other."""
+    """A planner of the mirror's compiled loop."""
 
-    def __init__(self, planner: str) -> None:
-        self.planner = planner
+    def __init__(self, name: str, planner: JaxPlanner) -> None:
+        self._name, self._loop = name, planner
 
     def start(self, scenario: Scenario) -> None:
-        """Prepare for `scenario`. Raises PlannerError where the planner fails."""
-        loop = find_planner(self.planner)
-        assert isinstance(loop, JaxPlanner)
-        self._loop = loop
+        """Prepare for `scenario`. Raises DriveError where the planner fails."""
         self._world = to_world(scenario)
         self._scene = LoopScene(scenario, self._world)
-        self._memory = start(self._loop, self._scene, self.planner)
+        self._memory = start(self._loop, self._scene, self._name)
 
     def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
-        """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame)."""
+        """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame).
+
+        Raises DriveError where the planner fails.
+        """
         east, north = self._scene.origin
         missing = self._world.valid.shape[0] - len(seen.x)
         states = (np.pad(values, (0, missing)) for values in (seen.x - east, seen.y - north, seen.yaw, seen.speed))
         motion = Motion(*(jnp.asarray(values, jnp.float32)[:, None] for values in states))
         present = jnp.asarray(np.pad(seen.valid, (0, missing)))[:, None]
-        ego, self._memory = _move(self._loop, self._memory, self._world, motion, present)
+        with foreign(self._name, self._scene.scenario.id, f"at step {step}"):
+            moved = _move(self._loop, self._memory, self._world, motion, present)
+            ego, control, self._memory = jax.block_until_ready(moved)
+        require_finite(control, self._name, self._scene.scenario.id, step)
         ahead = [float(value) for value in (ego.x, ego.y, ego.yaw, ego.speed)]
         return ahead[0] + float(east), ahead[1] + float(north), ahead[2], ahead[3]
 
@@ -60,17 +83,19 @@ class LoopDriver:
 class HostDriver:
     """A planner in a process of its own."""
 
-    def __init__(self, planner: str, act_timeout_s: float) -> None:
-        self.planner, self.act_timeout_s = planner, act_timeout_s
+    def __init__(self, process: HostProcess) -> None:
+        self._process = process
 
     def start(self, scenario: Scenario) -> None:
         """Prepare for `scenario`. Raises DriveError where the planner fails."""
         self._world, self._origin = to_world(scenario), np.array([*scene_origin(scenario), 0.0, 0.0])
-        self._process = HostProcess(self.planner, self.act_timeout_s)
         self._process.reset([scene_of(scenario)])
 
     def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
-        """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame)."""
+        """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame).
+
+        Raises DriveError where the planner fails.
+        """
         (answer,) = self._process.act(step, [seen])
         decision = answer.decision
         if isinstance(decision, Placement):
@@ -83,8 +108,8 @@ class HostDriver:
 @compiled
 def _move(
     planner: JaxPlanner, memory: Any, world: World, seen: Motion, valid: Bool[Array, "agent 1"]
-) -> tuple[Motion, Any]:
-    """The ego's next state and the planner's next memory, from one instant of all agents."""
+) -> tuple[Motion, Controls, Any]:
+    """The ego's next state, the planner's control and its next memory, from one instant of all agents."""
     ego = jax.tree.map(lambda values: values[0, 0], seen)
     control, memory = decide(planner, memory, others(world, seen, valid), ego)
-    return move_ego(world, ego, control), memory
+    return move_ego(world, ego, control), control, memory

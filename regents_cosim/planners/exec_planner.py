@@ -10,8 +10,8 @@ A drive begins with `{"reset": SCENE}`, answered by `{"ok": true}`. SCENE has
 - `ego`, a STATE: where the drive begins; `target` [x, y] [m]: where it should end;
 - `others` [{`id`, `kind`, `length` [m], `width` [m]}]: everybody else who may turn up;
 - `max_accel` [m/s^2] and `max_curvature` [1/m] of an answer, to either side;
-- `lanes` [{`id`, `centre` [[x, y], ...] [m] in the direction of travel, `width` [m], `speed_limit` [m/s],
-  `junction` (inside one), `left` and `right` (the lane one may change to, or null)}];
+- `lanes` [{`id`, `centre` [[x, y], ...] [m] in the direction of travel, `height` [m] of each of its points,
+  `width` [m], `speed_limit` [m/s], `junction` (inside one), `left` and `right` (the lane one may change to, or null)}];
 - `connections` [{`source`, `target`: lanes; `signal` (whose light holds there, or null), `link`}].
 
 Every step asks `{"act": SIGHT}`. SIGHT has
@@ -29,7 +29,7 @@ bus, motorcycle, bicycle, pedestrian and other. The answer is one of
   left out);
 - `{"error": "why"}`, also to a reset: the planner gives this scene up.
 
-After an answer of any other kind the command is ended, and started anew for the next scene. When
+After an answer of any other kind the command is ended, and started again for the next scene. When
 its stdin ends it has a second to leave. POSIX only.
 """
 
@@ -37,13 +37,11 @@ import os
 import select
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import threading
 import weakref
 from collections import deque
-from contextlib import suppress
 from typing import IO, Any
 
 import msgspec
@@ -51,12 +49,12 @@ import numpy as np
 
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.interface import Control, Observation, Scene, Waypoints
+from regents_cosim.planners.kept_process import KeptProcess
 
+_LINE_BYTES = 1 << 20  # of an answer, and of a line of stderr that is kept whole
 _LAST_LINES = 20  # of stderr that a failure quotes
 _QUOTED = 200  # characters of an answer that an error repeats
 _LAST_WORDS_S = 2.0  # a command that closes its stdout may take so long to end
-# Waits at a pipe whose other end is here: whatever ends this process, be it SIGKILL, closes that.
-_KEEPER = 'cat; sleep 1; kill -s KILL -- "-$0"'
 
 
 class _Answer(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -146,24 +144,16 @@ class _Running:
 
     def __init__(self, words: list[str]) -> None:
         pipe = subprocess.PIPE
-        # A group of its own, so that all of it can be ended.
-        self._process = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True)
-        self._keeper = subprocess.Popen(
-            ["sh", "-c", _KEEPER, str(self._process.pid)],
-            stdin=pipe,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        assert self._process.stdin
-        assert self._process.stdout
-        assert self._process.stderr
-        assert self._keeper.stdin
-        self._pipes = (self._process.stdin, self._process.stdout, self._keeper.stdin)
-        self._to, self._from = self._process.stdin.fileno(), self._process.stdout.fileno()
+        self._kept = KeptProcess(words, stdin=pipe, stdout=pipe, stderr=pipe)
+        process = self._kept.process
+        assert process.stdin
+        assert process.stdout
+        assert process.stderr
+        self._pipes = (process.stdin, process.stdout)
+        self._to, self._from = process.stdin.fileno(), process.stdout.fileno()
         self._unread, self._at_end = b"", False
         self._last_lines: deque[str] = deque(maxlen=_LAST_LINES)
-        self._listener = threading.Thread(target=self._pass_on, args=(self._process.stderr,), daemon=True)
+        self._listener = threading.Thread(target=self._pass_on, args=(process.stderr,), daemon=True)
         self._listener.start()
 
     def ask(self, line: bytes) -> bytes:
@@ -175,6 +165,8 @@ class _Running:
         while rest:
             rest = rest[os.write(self._to, rest) :]
         while b"\n" not in self._unread:
+            if len(self._unread) > _LINE_BYTES:
+                raise _UnaskedError(self._unread[:_QUOTED])
             self._read()
         answer, _, self._unread = self._unread.partition(b"\n")
         if self._unread:
@@ -183,23 +175,12 @@ class _Running:
 
     def end(self) -> tuple[str, list[str]]:
         """End it with all that it started; how it ended, and the last lines of its stderr."""
-        how = self._outcome()
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._keeper.kill()
-        for process in (self._process, self._keeper):
-            process.wait()
+        how = self._kept.outcome(_LAST_WORDS_S if self._at_end else 0.0)
+        self._kept.end()
         self._listener.join(_LAST_WORDS_S)
         for pipe in self._pipes:
             pipe.close()
         return how, list(self._last_lines)
-
-    def _outcome(self) -> str:
-        try:
-            code = self._process.wait(_LAST_WORDS_S if self._at_end else 0.0)
-        except subprocess.TimeoutExpired:
-            return "it was ended"
-        return f"exit code {code}" if code >= 0 else f"killed by {signal.Signals(-code).name}"
 
     def _read(self) -> None:
         some = os.read(self._from, 1 << 16)
@@ -210,7 +191,7 @@ class _Running:
 
     def _pass_on(self, stderr: IO[bytes]) -> None:
         with stderr:
-            for line in stderr:
+            for line in iter(lambda: stderr.readline(_LINE_BYTES), b""):
                 text = line.decode(errors="replace")
                 self._last_lines.append(text)
                 sys.stderr.write(text)

@@ -6,16 +6,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.patience import ACT_TIMEOUT_S, Patience
 
 
 class HostPool:
     """Lends processes; one that has been used waits for the next who asks. A context manager that ends them all."""
 
-    def __init__(self, planner: str, act_timeout_s: float) -> None:
-        self.planner, self.act_timeout_s = planner, act_timeout_s
+    def __init__(self, planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
+        """Raises RegentsError for a time that cannot be waited."""
+        self.planner = planner
+        self._patience = Patience(planner, act_timeout_s)
         self._free: queue.SimpleQueue[HostProcess] = queue.SimpleQueue()
         self._all: list[HostProcess] = []
-        # Also where nobody says goodbye: an iterator that is given up, Ctrl-C.
+        # Also where it is never closed: an iterator that is given up, Ctrl-C.
         self._finalizer = weakref.finalize(self, _close, self._all)
 
     def __enter__(self) -> "HostPool":
@@ -30,7 +33,7 @@ class HostPool:
         try:
             process = self._free.get_nowait()
         except queue.Empty:
-            process = HostProcess(self.planner, self.act_timeout_s)
+            process = HostProcess(self.planner, self._patience)
             self._all.append(process)
         try:
             yield process

@@ -9,7 +9,10 @@ near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
 return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
 """
 
+import re
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -72,7 +75,10 @@ class JaxPlanner(eqx.Module):
         return Traffic(*in_time, *(jnp.broadcast_to(v, (steps, *v.shape)) for v in sizes))
 
     def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
-        """Scalar controls for one step and the next memory. They are clipped to the mirror's limits."""
+        """Scalar controls for one step and the next memory.
+
+        They are clipped to the mirror's limits; what is not finite is an error of the planner's.
+        """
         raise NotImplementedError
 
     def keep(self, last: Any) -> Any:
@@ -109,6 +115,41 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
     if jax.tree.map(_form, memory) != jax.tree.map(_form, after):
         raise DriveError(f"planner {name!r}: `step` returns another kind of memory than it was given")
     return memory
+
+
+def require_finite(controls: Controls, name: str, case: str, first_step: int = 0) -> None:
+    """Raise DriveError for a planner whose answers, from `first_step` on, are not all finite."""
+    answers = np.stack([np.ravel(np.asarray(values)) for values in (controls.accel, controls.curvature)])
+    bad = np.flatnonzero(~np.isfinite(answers).all(axis=0))
+    if len(bad):
+        accel, curvature = answers[:, bad[0]].tolist()
+        raise DriveError(
+            f"planner {name!r} answered accel {accel}, curvature {curvature} at step {first_step + int(bad[0])} "
+            f"of case {case}, expected finite numbers"
+        )
+
+
+@contextmanager
+def foreign(name: str, case: str, when: str = "") -> Iterator[None]:
+    """Raise DriveError for what the planner raises inside a compiled program, in a callback or by `eqx.error_if`.
+
+    Wait for the results inside, an error comes with them.
+    """
+    try:
+        yield
+    except (RuntimeError, ValueError) as error:  # JAX's own take both forms
+        said = str(error)
+        if not isinstance(error, eqx.EquinoxRuntimeError) and "callback error" not in said.lower():
+            raise
+        where = f"on case {case} {when}".rstrip()
+        raise DriveError(f"planner {name!r} failed {where}: {_last_line(said)}", said) from error
+
+
+def _last_line(said: str) -> str:
+    """What was raised, at the end of the traceback that JAX quotes."""
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    raised = [line for line in lines if re.match(r"[A-Za-z_][\w.]*(Error|Exception|Warning|Interrupt|Exit)\b", line)]
+    return (raised or lines or ["no reason given"])[-1]
 
 
 @compiled

@@ -5,10 +5,9 @@ from typing import Any
 
 from regents_cosim.planners.find import find_attribute, no_planner
 from regents_cosim.planners.jax_planner import JaxPlanner
+from regents_cosim.planners.patience import ACT_TIMEOUT_S as ACT_TIMEOUT_S
 from regents_cosim.planners.torch_bridge import TorchPlanner
 from regents_cosim.planners.torch_in_loop import in_loop
-
-ACT_TIMEOUT_S = 10.0  # a planner that takes longer over one decision has failed
 
 
 @dataclass(frozen=True)

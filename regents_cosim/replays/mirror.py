@@ -1,4 +1,4 @@
-"""Scenarios in the mirror again: the ego driven anew among each case's own background."""
+"""Scenarios in the mirror again: the ego driven once more among each case's own background."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,7 +11,7 @@ from regents_cosim.mirror.rollout import EgoTrack, drive, with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_pool import HostPool
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
 from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
 from regents_cosim.scenario import Scenario, Tracks
 
@@ -46,7 +46,10 @@ class Wheel:
         world = to_world(scenario)
         if isinstance(self._planner, JaxPlanner):
             memory = start(self._planner, LoopScene(scenario, world), self.planner)
-            return Lap(_with_ego(scenario, world, _drive(self._planner, memory, world.without_road())))
+            with foreign(self.planner, scenario.id):
+                track = jax.block_until_ready(_drive(self._planner, memory, world.without_road()))
+            require_finite(track.controls, self.planner, scenario.id)
+            return Lap(_with_ego(scenario, world, track))
         with self._processes.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, None)
             seconds = drive_on_host(process, [loop])

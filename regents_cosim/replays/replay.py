@@ -1,15 +1,18 @@
 """`replay`: a case in a simulator, and whether the same crash happens there."""
 
+import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.logged import logged
-from regents_cosim.planners.driver import driver_for
+from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
+from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.systems import find_planner
-from regents_cosim.replays.mirror import replay_in_mirror
+from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.sumo import SumoReplay, replay_in_sumo
 from regents_cosim.replays.sumo_drivers import DriverParameters, background_drivers
 from regents_cosim.replays.verify import Replay, compare, failed
@@ -20,6 +23,8 @@ from regents_cosim.workers import run_each
 Simulator = Literal["sumo", "highway", "mirror"]
 Mode = Literal["track", "actions"]
 Background = Literal["log", "reactive"]
+_RUN = secrets.token_hex(8)  # of this process
+_KEPT: dict[tuple[str, str, float], Drivers] = {}  # in a worker: of the run that it works on
 _AGENT = "highway:"  # in front of the names of highway-env's agents, which need no bridge there
 
 
@@ -58,17 +63,31 @@ def replay_each(
     executor: Executor | None = None,
     mode: Mode = "track",
     background: Background = "log",
+    act_timeout_s: float = ACT_TIMEOUT_S,
+    drivers: Drivers | None = None,
 ) -> Iterator[Replay]:
-    """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`."""
-    check(where, planner, gui, background)
+    """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`.
+
+    A planner that takes longer than `act_timeout_s` over a decision has failed in that case.
+    `drivers` are those of the planner for highway-env, where the caller keeps them.
+    """
+    check(where, planner, gui, background, act_timeout_s)
     if where == "highway":
-        yield from (_or_failed(s, lambda s: _in_highway(s, planner, mode, gui)) for s in scenarios)
+        with nullcontext(drivers) if drivers else drivers_of(planner, act_timeout_s) or nullcontext() as those:
+            yield from (_or_failed(s, lambda s: _in_highway(s, planner, those, mode, gui)) for s in scenarios)
         return
     if where == "mirror":
-        yield from (_or_failed(s, lambda s: _in_mirror(s, planner)) for s in scenarios)
+        with Wheel(planner, act_timeout_s) if planner else nullcontext() as wheel:
+            yield from (_or_failed(s, lambda s: _in_mirror(s, wheel)) for s in scenarios)
         return
     jobs = (
-        SumoDrive(scenario, planner, background_drivers(scenario) if background == "reactive" else {}, gui=gui)
+        SumoDrive(
+            scenario,
+            planner,
+            background_drivers(scenario) if background == "reactive" else {},
+            gui=gui,
+            act_timeout_s=act_timeout_s,
+        )
         for scenario in scenarios
     )
     for scenario, found in zip(scenarios, run_each(_in_sumo, jobs, executor), strict=True):
@@ -84,6 +103,8 @@ class SumoDrive:
     released: Mapping[int, DriverParameters] = field(default_factory=dict)
     seed: int = 0
     gui: bool = False
+    act_timeout_s: float = ACT_TIMEOUT_S
+    run: str = _RUN  # who asks: while that is the same, the planner's process is
 
 
 def drive_in_sumo_each(
@@ -95,8 +116,24 @@ def drive_in_sumo_each(
 
 def drive_in_sumo(drive: SumoDrive) -> SumoReplay:
     """Run in a worker process."""
-    driver = driver_for(drive.planner) if drive.planner else None
-    return replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
+    with _driver_of(drive) as driver:
+        return replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
+
+
+@contextmanager
+def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | None]:
+    """Who drives the ego, from what this worker keeps between the drives of one run."""
+    if drive.planner is None:
+        yield None
+        return
+    key = drive.run, drive.planner, drive.act_timeout_s
+    if key not in _KEPT:
+        for drivers in _KEPT.values():
+            drivers.__exit__()
+        _KEPT.clear()
+        _KEPT[key] = Drivers(drive.planner, drive.act_timeout_s)
+    with _KEPT[key].lend() as driver:
+        yield driver
 
 
 def _in_sumo(drive: SumoDrive) -> Replay:
@@ -107,7 +144,13 @@ def _in_sumo(drive: SumoDrive) -> Replay:
     return replace(found, unmatched=unmatched)
 
 
-def check(where: Simulator, planner: str | None, gui: bool = False, background: Background = "log") -> None:
+def check(
+    where: Simulator,
+    planner: str | None,
+    gui: bool = False,
+    background: Background = "log",
+    act_timeout_s: float = ACT_TIMEOUT_S,
+) -> None:
     """Complain here rather than once per case. Raises PlannerError, or RegentsError for what a simulator cannot do."""
     if gui and where == "sumo":
         require_display()
@@ -115,6 +158,7 @@ def check(where: Simulator, planner: str | None, gui: bool = False, background: 
         raise RegentsError(f"--background reactive is SUMO's own traffic; expected --in sumo, found --in {where}")
     if gui and where == "mirror":
         raise RegentsError("the mirror has no window; --gui shows that of --in sumo or --in highway, or use --record")
+    ACT_TIMEOUT.check("act-timeout", act_timeout_s)
     if planner is not None:
         find_planner(planner)
 
@@ -127,15 +171,22 @@ def _or_failed(scenario: Scenario, replay_it: Callable[[Scenario], Replay]) -> R
         return failed(scenario, failure)
 
 
-def _in_highway(scenario: Scenario, planner: str | None, mode: Mode, gui: bool) -> Replay:
+def drivers_of(planner: str | None, act_timeout_s: float) -> Drivers | None:
+    """Drivers of a planner in highway-env; None for its own agents, which need none."""
+    return Drivers(planner, act_timeout_s) if planner and not planner.startswith(_AGENT) else None
+
+
+def _in_highway(scenario: Scenario, planner: str | None, drivers: Drivers | None, mode: Mode, gui: bool) -> Replay:
     from regents_cosim.replays.highway import drive_in_highway, replay_in_highway
 
     if planner and planner.startswith(_AGENT):
         seen = drive_in_highway(scenario, planner.removeprefix(_AGENT), mode, gui=gui)
     else:
-        seen = replay_in_highway(scenario, driver_for(planner) if planner else None, mode, gui)
+        with drivers.lend() if drivers else nullcontext() as driver:
+            seen = replay_in_highway(scenario, driver, mode, gui)
     return compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
 
 
-def _in_mirror(scenario: Scenario, planner: str | None) -> Replay:
-    return compare(scenario, replay_in_mirror(scenario, planner), ego_is_free=planner is not None)
+def _in_mirror(scenario: Scenario, wheel: Wheel | None) -> Replay:
+    tracks = wheel.drive(scenario).tracks if wheel else scenario.tracks
+    return compare(scenario, tracks, ego_is_free=wheel is not None)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.collisions import first_contact
-from regents_cosim.errors import PlannerError, RegentsError
+from regents_cosim.errors import DriveError, PlannerError, RegentsError
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks
 
@@ -48,7 +48,8 @@ class Replay:
     intended: Tracks | None = None  # those of the case
     driven: tuple[str, ...] = ()  # agents that the simulator itself drove
     unmatched: tuple[str, ...] = ()  # agents that it was to drive, without a route: they stayed on their tracks
-    planner_failed: bool = False  # it raised, hung or answered wrongly: nothing was replayed
+    planner_failed: bool = False  # the reason is the planner's
+    trace: str = ""  # of the planner that failed: its own
 
     @property
     def reports_same_pair(self) -> bool:
@@ -114,9 +115,14 @@ def compare(
 
 def failed(scenario: Scenario, error: RegentsError) -> Replay:
     """A replay that could not be made."""
-    expected = _contact(scenario, scenario.tracks)
-    by_planner = isinstance(error, PlannerError)
-    return Replay(scenario.id, verified=False, reason=str(error), expected=expected, planner_failed=by_planner)
+    return Replay(
+        scenario.id,
+        verified=False,
+        reason=str(error),
+        expected=_contact(scenario, scenario.tracks),
+        planner_failed=isinstance(error, PlannerError),
+        trace=error.trace if isinstance(error, DriveError) else "",
+    )
 
 
 def _contact(scenario: Scenario, tracks: Tracks) -> Contact | None:

@@ -1,0 +1,128 @@
+"""What is said between `host_process` and `host_server`: MessagePack of a fixed schema both ways, nothing pickled.
+
+Every question has a number, which its answer repeats.
+"""
+
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.planners.interface import Control, Placement, Scene, Seen
+
+TRACE_LIMIT = 8192  # characters of a traceback or a stack, its head and its tail
+SUMMARY_LIMIT = 1000  # characters of an exception's own words
+
+
+class Make(msgspec.Struct, tag=True):
+    """Make the planner of that name; answered by Made."""
+
+    number: int
+    name: str
+
+
+class Reset(msgspec.Struct, tag=True):
+    """Begin a drive in each of `scenes`, None for those of the drive before; answered by Done."""
+
+    number: int
+    scenes: list[Scene] | None
+
+
+class Act(msgspec.Struct, tag=True):
+    """Decide in every scene of the drive; answered by Decided."""
+
+    number: int
+    step: int
+    seen: list[bytes]  # `packed`
+
+
+class Made(msgspec.Struct, tag=True, forbid_unknown_fields=True):
+    """The planner is there."""
+
+    number: int
+    batches: bool  # it drives many scenes at once
+
+
+class Done(msgspec.Struct, tag=True, forbid_unknown_fields=True):
+    """The drives may begin."""
+
+    number: int
+
+
+class Answer(msgspec.Struct, forbid_unknown_fields=True):
+    """A decision, and how long it took."""
+
+    seconds: float
+    control: tuple[float, float] | None = None  # accel [m/s^2], curvature [1/m]
+    placement: tuple[float, float, float, float] | None = None  # x, y [m], yaw [rad], speed [m/s]
+
+    @property
+    def decision(self) -> Control | Placement:
+        """The one of both that it is."""
+        if self.placement is not None:
+            return Placement(*self.placement)
+        assert self.control is not None
+        return Control(*self.control)
+
+
+class Decided(msgspec.Struct, tag=True, forbid_unknown_fields=True):
+    """A decision for each scene, in their order."""
+
+    number: int
+    answers: list[Answer]
+
+
+class Raised(msgspec.Struct, tag=True, forbid_unknown_fields=True):
+    """The planner raised an exception: as text, its class may not exist elsewhere."""
+
+    number: int
+    summary: Annotated[str, msgspec.Meta(max_length=SUMMARY_LIMIT)]
+    trace: Annotated[str, msgspec.Meta(max_length=TRACE_LIMIT)]
+
+
+Question = Make | Reset | Act
+Reply = Made | Done | Decided | Raised
+
+
+def packed(seen: Seen) -> bytes:
+    """An instant as bytes."""
+    return np.array(seen, np.float64).tobytes()
+
+
+def unpacked(seen: bytes) -> Seen:
+    """The same as arrays that one may write to."""
+    *states, valid = np.frombuffer(seen).copy().reshape(len(Seen._fields), -1)
+    return Seen._make([*states, valid > 0.0])
+
+
+def shortened(text: str, limit: int) -> str:
+    """`text` in at most `limit` characters: what is in its middle goes."""
+    if len(text) <= limit:
+        return text
+    gap = f"\n... {len(text) - limit} characters left out ...\n"
+    kept = limit - len(gap)
+    return text[: kept // 2] + gap + text[len(text) - (kept - kept // 2) :]
+
+
+def _plain(value: Any) -> Any:
+    """Points and areas as bytes."""
+    if isinstance(value, np.ndarray):
+        return value.shape, np.ascontiguousarray(value, np.float64).tobytes()
+    if isinstance(value, shapely.Geometry):
+        return shapely.to_wkb(value)
+    raise NotImplementedError(f"a {type(value).__name__} is no part of a scene")
+
+
+def _made(kind: Any, value: Any) -> Any:
+    """The points or the area that these bytes are."""
+    if kind is BaseGeometry:
+        return shapely.from_wkb(value)
+    shape, content = value
+    return np.frombuffer(content).reshape(shape)
+
+
+encoder = msgspec.msgpack.Encoder(enc_hook=_plain)
+questions = msgspec.msgpack.Decoder(Question, dec_hook=_made)
+replies = msgspec.msgpack.Decoder(Reply)

@@ -1,0 +1,189 @@
+"""The process that hosts a planner: `host_process` starts it, asks, and ends it. It imports no JAX.
+
+What the planner prints goes to stderr, so that tables on stdout stay clean.
+"""
+
+import faulthandler
+import fcntl
+import os
+import resource
+import secrets
+import signal
+import socket
+import time
+import traceback
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from regents_cosim.planners.find import make_planner
+from regents_cosim.planners.host_messages import (
+    SUMMARY_LIMIT,
+    TRACE_LIMIT,
+    Act,
+    Answer,
+    Decided,
+    Done,
+    Made,
+    Make,
+    Question,
+    Raised,
+    Reply,
+    Reset,
+    encoder,
+    questions,
+    shortened,
+    unpacked,
+)
+from regents_cosim.planners.interface import (
+    BatchPlanner,
+    Control,
+    Decision,
+    Observation,
+    Others,
+    Placement,
+    Planner,
+    Scene,
+    Seen,
+    Waypoints,
+)
+from regents_cosim.planners.talk import Talk
+from regents_cosim.planners.waypoints import follow
+
+_TOLERANCE = 1e-6  # rounding beyond a limit
+_MOST_DESCRIPTORS = 1024  # that are looked at for a place that nobody guesses
+
+
+def serve(connection: int, stacks: int) -> None:
+    """Answer what is asked over the socket `connection` until that ends. `stacks` takes where the planner hangs."""
+    faulthandler.register(signal.SIGUSR1, _hidden(stacks), all_threads=True)
+    talk = Talk(socket.socket(fileno=_hidden(connection)), limit_bytes=None)
+    os.register_at_fork(after_in_child=talk.close)  # of two that answer, one is a copy
+    seat = _Seat()
+    while True:
+        try:
+            question = questions.decode(talk.receive())
+            talk.send(encoder.encode(_answered(seat, question)))
+        except (EOFError, OSError):  # the parent is gone, or this is the copy
+            os._exit(0)
+
+
+def _hidden(descriptor: int) -> int:
+    """The same under a number that code does not come across by counting up."""
+    most = min(resource.getrlimit(resource.RLIMIT_NOFILE)[0], _MOST_DESCRIPTORS)
+    lowest = most // 2 + secrets.randbelow(most // 4)
+    moved = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, lowest)
+    os.close(descriptor)
+    return moved
+
+
+def _answered(seat: "_Seat", question: Question) -> Reply:
+    try:
+        return seat.answer(question)
+    except BaseException as error:  # foreign code, `sys.exit` included
+        return _raised(question.number, error)
+
+
+def _raised(number: int, error: BaseException) -> Raised:
+    """The error, and the part of its traceback that is the planner's own."""
+    place = error.__traceback__
+    while place is not None and place.tb_frame.f_code.co_filename == __file__:
+        place = place.tb_next
+    try:
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        trace = "".join(traceback.format_exception(type(error), error, place)) if place is not None else ""
+    except BaseException as second:  # of its `__str__`
+        said, trace = f"{type(error).__name__}, whose text cannot be had: {type(second).__name__}", ""
+    return Raised(number, _sent(said, SUMMARY_LIMIT), _sent(trace, TRACE_LIMIT))
+
+
+def _sent(text: str, limit: int) -> str:
+    """At most `limit` characters, all of which can be encoded."""
+    return shortened(text, limit).encode(errors="backslashreplace").decode()[:limit]
+
+
+class _Seat:
+    """The planner, and the scenes that it drives in."""
+
+    def __init__(self) -> None:
+        self._scenes: list[Scene] = []
+
+    def answer(self, question: Question) -> Reply:
+        """The answer to one question."""
+        match question:
+            case Make():
+                self._planner: Planner = make_planner(question.name)
+                return Made(question.number, isinstance(self._planner, BatchPlanner))
+            case Reset():
+                self._reset(question.scenes)
+                return Done(question.number)
+            case Act():
+                return Decided(question.number, self._act(question.step, [unpacked(one) for one in question.seen]))
+
+    def _reset(self, scenes: list[Scene] | None) -> None:
+        """None: the scenes of the drive before."""
+        if scenes is not None:
+            self._scenes = scenes
+        if isinstance(self._planner, BatchPlanner):
+            self._planner.reset_batch(list(self._scenes))
+        else:
+            (scene,) = self._scenes
+            self._planner.reset(scene)
+
+    def _act(self, step: int, seen: list[Seen]) -> list[Answer]:
+        observations = [_observation(scene, step, one) for scene, one in zip(self._scenes, seen, strict=True)]
+        begin = time.perf_counter()
+        if isinstance(self._planner, BatchPlanner):
+            decisions = list(self._planner.act_batch(observations))
+            if len(decisions) != len(observations):
+                raise TypeError(f"`act_batch` gave {len(decisions)} decisions for {len(observations)} observations")
+        else:
+            decisions = [self._planner.act(observations[0])]
+        seconds = (time.perf_counter() - begin) / len(observations)
+        return [_answer(_checked(made, o), seconds) for made, o in zip(decisions, observations, strict=True)]
+
+
+def _observation(scene: Scene, step: int, seen: Seen) -> Observation:
+    x, y, yaw, speed = (float(values[0]) for values in seen[:4])
+    ego = replace(scene.ego, x=x, y=y, yaw=yaw, speed=speed)
+    return Observation(scene, step, ego, Others(scene.others, *(values[1:] for values in seen)))
+
+
+def _answer(decision: Control | Placement, seconds: float) -> Answer:
+    if isinstance(decision, Control):
+        return Answer(seconds, control=(decision.accel, decision.curvature))
+    return Answer(seconds, placement=(decision.x, decision.y, decision.yaw, decision.speed))
+
+
+def _checked(decision: Decision, observation: Observation) -> Control | Placement:
+    """A decision as plain numbers. Raises TypeError or ValueError with what was expected."""
+    if isinstance(decision, Waypoints):
+        points = np.asarray(decision.points)
+        if points.ndim != 2 or points.shape[1] != 2 or not len(points):
+            raise ValueError(f"waypoints of shape {list(points.shape)}, expected [point, 2] with at least one point")
+        if not np.isfinite(np.asarray(points, float)).all() or not decision.spacing_s > 0:
+            raise ValueError("waypoints that are not finite, or not a positive time apart")
+        return follow(decision, observation.ego, observation.scene)
+    if isinstance(decision, Control):
+        scene = observation.scene
+        return Control(
+            _number(decision.accel, "accel", "m/s^2", scene.max_accel),
+            _number(decision.curvature, "curvature", "1/m", scene.max_curvature),
+        )
+    if isinstance(decision, Placement):
+        x, y, yaw = (_number(getattr(decision, name), name, "", np.inf) for name in ("x", "y", "yaw"))
+        return Placement(x, y, yaw, max(_number(decision.speed, "speed", "m/s", np.inf), 0.0))
+    raise TypeError(f"`act` returned a {type(decision).__name__}, expected Control(accel, curvature) or Waypoints")
+
+
+def _number(value: Any, name: str, unit: str, limit: float) -> float:
+    shape = np.shape(value)
+    if shape != ():
+        raise ValueError(f"{name} of shape {list(shape)}, expected a single number")
+    number = float(value)
+    if not np.isfinite(number):
+        raise ValueError(f"{name} is {number}, expected a finite number")
+    if abs(number) > limit + _TOLERANCE:
+        raise ValueError(f"{name} {number:g} {unit} is beyond the limit, expected {-limit:g} to {limit:g}")
+    return float(np.clip(number, -limit, limit))

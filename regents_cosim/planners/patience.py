@@ -1,0 +1,54 @@
+"""How long a planner outside the mirror is waited for, and when no more."""
+
+import threading
+
+from regents_cosim.errors import DriveError
+from regents_cosim.ranges import Range
+
+ACT_TIMEOUT_S = 10.0  # a planner that takes longer over one decision has failed
+MAKE_TIMEOUT_S = 60.0  # over its imports and its construction
+RESET_TIMEOUT_S = 30.0  # over one `reset`
+ACT_TIMEOUT = Range(1e-3, 86400.0, "seconds that a planner may take over one decision")
+
+
+class Patience:
+    """What the processes of one planner share. From any thread.
+
+    A planner that hangs when it is made, or in its first `reset`, is given up: all further drives fail at once. One
+    that has answered a `reset` before is given up when it hangs in two of them in a row.
+    """
+
+    def __init__(self, planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
+        """A planner that may take longer than usual over a decision may do so elsewhere too. Raises RegentsError."""
+        ACT_TIMEOUT.check("act-timeout", act_timeout_s)
+        self.act_s = act_timeout_s
+        self.make_s = max(MAKE_TIMEOUT_S, act_timeout_s)
+        self.reset_s = max(RESET_TIMEOUT_S, act_timeout_s)
+        self._planner = planner
+        self._lock = threading.Lock()
+        self._chances = 1  # to hang in `reset`
+        self._given_up: DriveError | None = None
+
+    def check(self) -> None:
+        """Raise DriveError where the planner has been given up."""
+        if self._given_up is not None:
+            raise DriveError(f"{self._given_up}; it was not asked again (more time: --act-timeout)")
+
+    def hung_when_made(self, failure: DriveError) -> DriveError:
+        """Note that it did, and return what to raise."""
+        with self._lock:
+            self._given_up = failure
+        return DriveError(str(failure), failure.trace)
+
+    def hung_in_reset(self, failure: DriveError) -> DriveError:
+        """Note that it did, and return what to raise."""
+        with self._lock:
+            self._chances -= 1
+            if self._chances <= 0:
+                self._given_up = failure
+        return DriveError(str(failure), failure.trace)
+
+    def has_reset(self) -> None:
+        """Note that it answered."""
+        with self._lock:
+            self._chances = 2

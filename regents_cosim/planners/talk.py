@@ -1,0 +1,88 @@
+"""Messages of bounded length between two processes, one of which runs code that nothing is known of.
+
+A message is a mark, its length and its content. Whatever else comes, or only a part of one, ends the talk: it never
+blocks past a deadline, and nothing of it is executed. POSIX only.
+"""
+
+import select
+import socket
+import struct
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+LIMIT_BYTES = 1 << 20  # of an answer; 30 KB are those to a batch of 1,000 scenes
+_HEADER = struct.Struct(">4sI")
+_MARK = b"\xa7rc1"  # not what text or a pickle begins with
+_PIECE_BYTES = 1 << 18
+
+
+class TalkError(Exception):
+    """What came is no message."""
+
+
+class Talk:
+    """One end of a pair of sockets, for one thread at a time; deadlines by `time.monotonic`, None waits for ever."""
+
+    def __init__(self, connection: socket.socket, limit_bytes: int | None = LIMIT_BYTES) -> None:
+        """`limit_bytes` bounds a message that is received."""
+        self._connection, self._limit = connection, limit_bytes
+        connection.setblocking(False)
+        self._readable, self._writable = select.poll(), select.poll()
+        self._readable.register(connection, select.POLLIN)
+        self._writable.register(connection, select.POLLOUT)
+
+    def send(self, content: bytes, deadline: float | None = None) -> None:
+        """Raises TimeoutError, and OSError where nobody listens any more."""
+        rest = memoryview(_HEADER.pack(_MARK, len(content)) + content)
+        while rest:
+            try:
+                rest = rest[self._connection.send(rest) :]
+            except BlockingIOError:
+                _wait(self._writable.poll, deadline)
+
+    def receive(self, deadline: float | None = None) -> bytes:
+        """Raises EOFError, TimeoutError, and TalkError for what is no message."""
+        head = self._read(_HEADER.size, deadline)
+        mark, length = _HEADER.unpack(head)
+        if mark != _MARK:
+            raise TalkError(f"{head!r} where a message begins")
+        if self._limit is not None and length > self._limit:
+            raise TalkError(f"a message of {length} bytes, more than {self._limit}")
+        return self._read(length, deadline)
+
+    def unasked(self) -> bytes:
+        """What has come though nothing was asked; empty where nothing has."""
+        try:
+            return self._connection.recv(64)
+        except BlockingIOError:
+            return b""
+
+    def hang_up(self) -> None:
+        """Both sides read EOF, also who waits now in another thread."""
+        with suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """The other end reads EOF."""
+        self._connection.close()
+
+    def _read(self, size: int, deadline: float | None) -> bytes:
+        found = b""
+        while len(found) < size:
+            _wait(self._readable.poll, deadline)
+            try:
+                piece = self._connection.recv(min(size - len(found), _PIECE_BYTES))
+            except BlockingIOError:  # somebody else with the same socket was faster
+                continue
+            if not piece:
+                raise EOFError
+            found += piece
+        return found
+
+
+def _wait(poll: Callable[[float | None], list[Any]], deadline: float | None) -> None:
+    left_ms = None if deadline is None else max(1e3 * (deadline - time.monotonic()), 0.0)
+    if not poll(left_ms):
+        raise TimeoutError
