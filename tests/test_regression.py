@@ -180,7 +180,10 @@ def test_a_baseline_is_read_as_it_was_written(tmp_path):
     assert load_baseline(tmp_path / "none.json") == Baseline()
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"schema": 1, "planners": {"idm": 3}}', '{"planners": {', "\xff"])
+NO_STEP = '{"schema": 1, "planners": {"idm": {"mirror": {"one": {"hash": "a", "outcome": "collision"}}}}}'
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": 1, "planners": {"idm": 3}}', '{"planners": {', "\xff", NO_STEP])
 def test_a_damaged_baseline(text, tmp_path):
     (tmp_path / "baseline.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(CaseError, match=r"baseline\.json: not a baseline, or damaged or truncated"):
@@ -199,7 +202,7 @@ def test_a_run_that_is_killed_leaves_a_baseline_that_is_whole(tmp_path):
     code = f"""
 from pathlib import Path
 from regents_cosim.evaluation.baseline import Baseline, Driven, save_baseline
-driven = {{f"case{{i}}": Driven("a" * 64, "collision", metrics={{"score": 0.5}}) for i in range(300)}}
+driven = {{f"case{{i}}": Driven("a" * 64, "no_collision", metrics={{"score": 0.5}}) for i in range(300)}}
 print("ready", flush=True)
 while True:
     for planner in ("one", "two"):

@@ -110,7 +110,7 @@ def test_a_suite_takes_the_place_of_the_one_before(tmp_path):
     folder = regression_cases.write(tmp_path / "suite")
     save_baseline(
         folder / "baseline.json",
-        Baseline().accepting("idm", "mirror", {"follows": Driven("", "collision")}, ["follows"]),
+        Baseline().accepting("idm", "mirror", {"follows": Driven("", "no_collision")}, ["follows"]),
     )
     write_suite(folder, [platoon()], 3)
     assert [entry.case for entry in load_suite(folder).cases] == ["platoon0"]

@@ -12,7 +12,7 @@ import msgspec
 
 from regents_cosim.atomic import explain_write, write_atomic
 from regents_cosim.bounded import MIB, read_bounded
-from regents_cosim.errors import CaseError, InputError, RegentsError, ScenarioError
+from regents_cosim.errors import CaseError, InputError, RegentsError, ScenarioError, require
 from regents_cosim.locks import writing
 from regents_cosim.names import require_file_name, require_inside
 from regents_cosim.provenance import versions
@@ -44,6 +44,14 @@ class Driven:
     def trace(self) -> str:
         """The traceback of the planner that failed, empty where it has none."""
         return self.error.partition("\n")[2]
+
+    def __post_init__(self) -> None:
+        told = [self.agent is not None, self.step is not None, self.time_s is not None, self.kind is not None]
+        require(
+            all(told) if self.outcome == "collision" else not any(told),
+            f"an outcome {self.outcome!r} with {sum(told)} of agent, step, time_s and kind, "
+            "expected all of them of a collision, and none otherwise",
+        )
 
 
 @dataclass(frozen=True)
