@@ -1,0 +1,60 @@
+"""Short forms of the endless runs of tests/endurance: thousands of items are for their commands."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.endurance.attacks import run
+from tests.endurance.gauge import Gauge, Sample
+from tests.endurance.replays import play
+
+FLAT = {"rss_kb": 1000, "children_rss_kb": 0, "fds": 7, "threads": 4, "children": 0, "files": 0}
+
+
+def held(tmp_path, **growing):
+    """Five samples, in which some quantities grow by as much from each to the next."""
+    made = Gauge(tmp_path)
+    for k in range(5):
+        made.samples.append(
+            Sample(items=100 * k, **{name: value + k * growing.get(name, 0) for name, value in FLAT.items()})
+        )
+    return made
+
+
+@pytest.mark.parametrize("name", ["fds", "threads", "children", "files"])
+def test_what_grows_is_found(tmp_path, name):
+    assert held(tmp_path).growth(1.0) == []
+    [found] = held(tmp_path, **{name: 1}).growth(1.0)
+    assert found.startswith(f"{name}: {FLAT[name]} at first")
+
+
+def test_memory_that_grows_is_found(tmp_path):
+    leaking = held(tmp_path, rss_kb=18_500)  # as when every result of a replay is kept
+    assert leaking.slope_kb() == pytest.approx(185.0)
+    assert len(leaking.growth(4.0)) == 1
+    assert leaking.growth(200.0) == leaking.growth(None) == []
+
+
+@pytest.mark.parametrize("where", ["sumo", "highway"])
+def test_replays_leave_nothing(where):
+    found = play(16, where, every=4, check_memory=False)
+    assert (found["count"], found["failures"], found["grown"]) == (16, {}, [])
+    assert found["left"] == {"children": 0, "files": 0}
+
+
+def test_attacks_leave_nothing():
+    found = run(8, every=2, check_memory=False, most_jobs=1)
+    assert (found["count"], found["failures"], found["grown"]) == (8, 0, [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", ["replays --count 1000 --where sumo", "replays --count 1000 --where highway",
+                                   "attacks --count 600"])  # fmt: skip
+def test_long_runs_keep_no_memory(words):
+    """In a process of its own, whose threads share one heap from the beginning."""
+    name, *options = words.split()
+    done = subprocess.run([sys.executable, "-m", f"tests.endurance.{name}", *options], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert json.loads(done.stdout)["grown"] == []
