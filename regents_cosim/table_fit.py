@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from rich.cells import cell_len
 
 GAP = 2  # blanks between two columns
-_NARROWEST = 24  # cells are broken into lines no shorter than that
-_MOST_LINES = 4  # that a cell is broken into
+_NARROWEST = 16  # cells are broken into lines no shorter than that
+_MOST_LINES = 8  # that a cell is broken into
 
 
 @dataclass(frozen=True)

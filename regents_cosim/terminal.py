@@ -64,7 +64,7 @@ class Terminal:
             sys.stdout.write("\n")
         elif self._fits(grids):
             for title, rows in grids:
-                self._print(title, rows, ())
+                self._print(title, rows, tuple(rows[0]) if rows else ())
         else:
             self.write(text)
 

@@ -42,3 +42,9 @@ def test_essential_columns_come_in_first_and_names_break_where_they_must():
     assert fit(columns, ("case", "clean"), 80) == {"case": 60, "iterations": 10, "clean": 5}
     assert fit(columns, ("case", "clean"), 60) == {"case": 41, "iterations": 10, "clean": 5}
     assert fit(columns, ("case", "clean"), 31) == {"case": 24, "clean": 5}
+
+
+def test_columns_that_are_all_essential_break_before_one_is_left_out():
+    methods = {name: Column(name, [90 * name[0]]) for name in ("king", "regents", "focused")}
+    columns = {"": Column("", ["windows without an actionable crash"]), **methods}
+    assert list(fit(columns, list(columns), 80)) == list(columns)
