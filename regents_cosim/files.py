@@ -14,7 +14,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,7 +25,7 @@ import shapely
 from regents_cosim.array_files import load_arrays
 from regents_cosim.atomic import clear_leftovers, explain_write, new_folder, write_atomic
 from regents_cosim.bounded import MIB, read_bounded
-from regents_cosim.errors import CaseError, InputError, ScenarioError
+from regents_cosim.errors import CaseError, InputError, ScenarioError, require
 from regents_cosim.locks import writing
 from regents_cosim.map_files import MapFiles, is_map_file, load_map, map_files, save_map
 from regents_cosim.names import require_file_name, require_inside, require_no_link
@@ -327,7 +327,10 @@ def _arrays(tracks: Tracks) -> dict[str, Any]:
 
 
 def _load_tracks(path: Path) -> Tracks:
-    return Tracks(**load_arrays(path, {f.name for f in fields(Tracks)}))
+    arrays = load_arrays(path, {f.name for f in fields(Tracks)})
+    missing = sorted({f.name for f in fields(Tracks) if f.default is MISSING} - set(arrays))
+    require(not missing, f"{path}: arrays {missing} are missing", InputError)
+    return Tracks(**arrays)
 
 
 # --- reading safely ---------------------------------------------------------------------------

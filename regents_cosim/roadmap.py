@@ -11,6 +11,8 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.errors import require
 from regents_cosim.names import require_id
 
+MOST_COORDINATE_M = 2.1e7  # half way around the Earth, as in Web Mercator; UTM's northings end at 1e7
+
 
 @dataclass(frozen=True, eq=False)
 class Lane:
@@ -43,6 +45,10 @@ class Lane:
         require(
             bool(np.isfinite(centre).all() and np.isfinite(height).all()),
             f"lane {self.id}: centre line holds NaN or infinite numbers",
+        )
+        require(
+            bool((np.abs(centre) <= MOST_COORDINATE_M).all()),
+            f"lane {self.id}: a point is further than {MOST_COORDINATE_M:g} m from 0 (look for a mistake in its unit)",
         )
         require(self.width > 0, f"lane {self.id}: width {self.width} m, expected a positive number")
 
@@ -79,6 +85,10 @@ class RoadMap:
         ids = {lane.id for lane in self.lanes}
         require(len(ids) == len(self.lanes), "lane ids of a map must differ from each other")
         require(not self.drivable.is_empty, "the drivable area of a map is empty")
+        require(
+            bool((np.abs(self.drivable.bounds) <= MOST_COORDINATE_M).all()),
+            f"the drivable area reaches further than {MOST_COORDINATE_M:g} m from 0, or holds NaN",
+        )
         for link in self.connections:
             for end in (link.source, link.target):
                 require(end in ids, f"a connection names lane {end}, which the map does not have")

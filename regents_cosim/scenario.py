@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.boxes import Boxes
 from regents_cosim.errors import ScenarioError, require
 from regents_cosim.names import require_file_name, require_id
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.roadmap import MOST_COORDINATE_M, RoadMap
 
 Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
 Role = Literal["ego", "background", "adversary"]
@@ -24,6 +24,21 @@ Dynamics = Literal["bicycle", "highway"]  # how controls move a vehicle: the mir
 CollisionKind = Literal["rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on"]
 
 VEHICLE_KINDS: frozenset[Kind] = frozenset({"car", "truck", "bus", "motorcycle"})
+
+
+MOST_EXTENT_M = 100e3  # of one scene: twenty minutes at 300 km/h
+MOST_SIZE_M = 2e3  # of a road user: no train is longer
+_DT_S = (1e-4, 100.0)
+# From 0. No speed on Earth is greater; controls are those of the finest fit to a track that jumps.
+_MOST = {
+    "x": MOST_COORDINATE_M,
+    "y": MOST_COORDINATE_M,
+    "z": 1e5,
+    "yaw": 1e6,
+    "speed": 1e5,
+    "accel": 1e9,
+    "curvature": 1e9,
+}
 
 
 @dataclass(frozen=True)
@@ -41,8 +56,8 @@ class Agent:
         for name in ("length", "width"):
             size = getattr(self, name)
             require(
-                bool(np.isfinite(size)) and size > 0,
-                f"agent {self.id}: {name} {size} m, expected a positive number",
+                bool(np.isfinite(size)) and 0 < size <= MOST_SIZE_M,
+                f"agent {self.id}: {name} {size} m, expected a positive number, at most {MOST_SIZE_M:g}",
             )
 
 
@@ -93,6 +108,15 @@ class Tracks:
         bad = np.argwhere(~np.isfinite(value))
         if len(bad):
             require(False, f"tracks: {name} is not finite at agent {bad[0][0]}, step {bad[0][1]}")
+        most = _MOST.get(name, np.inf)
+        far = np.argwhere(np.abs(value) > most)
+        if len(far):
+            agent, step = far[0].tolist()
+            require(
+                False,
+                f"tracks: {name} is {value[agent, step]:g} at agent {agent}, step {step}, expected at most {most:g} "
+                "from 0 (look for a mistake in its unit)",
+            )
 
     @property
     def flat(self) -> bool:
@@ -266,7 +290,12 @@ class Scenario:
     def __post_init__(self) -> None:
         require_file_name(self.id, "case id")
         require(bool(np.isfinite(self.dt)) and self.dt > 0, f"dt is {self.dt} s, expected a positive number")
+        require(_DT_S[0] <= self.dt <= _DT_S[1], f"dt is {self.dt} s, expected {_DT_S[0]:g} to {_DT_S[1]:g} seconds")
         require(bool(np.isfinite(self.target).all()), f"target {self.target} is not finite")
+        require(
+            max(map(abs, self.target)) <= MOST_COORDINATE_M,
+            f"target {self.target} is further than {MOST_COORDINATE_M:g} m from 0",
+        )
         self._check_agents()
         for tracks in filter(None, (self.tracks, self.original)):
             self._check_tracks(tracks)
@@ -293,6 +322,14 @@ class Scenario:
             f"tracks of {len(tracks.x)} agents, expected {len(self.agents)} as listed",
         )
         require(tracks.steps >= 2, f"{tracks.steps} steps, expected at least 2")
+        for name in ("x", "y"):
+            placed = getattr(tracks, name)[tracks.valid]
+            extent_m = float(np.ptp(placed)) if placed.size else 0.0
+            require(
+                extent_m <= MOST_EXTENT_M,
+                f"tracks are spread over {extent_m / 1e3:.4g} km in {name}, expected at most "
+                f"{MOST_EXTENT_M / 1e3:g} km (look for a position that is a mistake)",
+            )
         missing = np.flatnonzero(~tracks.valid[0])
         if len(missing):
             require(False, f"ego {self.agents[0].id!r} is absent at step {missing[0]}, expected throughout")
