@@ -18,6 +18,7 @@ from regents_cosim import user_code
 from regents_cosim.bounded import gunzip_bounded
 from regents_cosim.cli import run
 from regents_cosim.errors import InputError, LogError, PlannerError, RegentsError
+from regents_cosim.evaluation.driving import drive_each
 from regents_cosim.evaluation.report import report_of
 from regents_cosim.evaluation.suites import check_suite, write_suite
 from regents_cosim.exports.export import export
@@ -68,6 +69,15 @@ def test_a_planner_that_is_named_runs_with_your_rights(tmp_path, monkeypatch):
                                       "    reset = act = lambda self, given: None\n")  # fmt: skip
     make_planner(f"{tmp_path}/mine.py:P")
     assert (tmp_path / "ran").exists()
+
+
+def test_what_a_planner_answers_is_data(tmp_path, monkeypatch):
+    monkeypatch.setenv("REGENTS_BOMB", str(tmp_path / "PWNED"))
+    made = scene((0, 0, 10), (20, 0, 8), steps=6)
+    for name in ("Pickles", "PicklesInFrame"):
+        (drive,) = drive_each([made], f"{Path(__file__).with_name('hostile_planners.py')}:{name}")
+        assert "broke the protocol in `act` at step 1" in drive.error
+    assert not (tmp_path / "PWNED").exists()
 
 
 def test_no_module_of_a_suite_is_imported(suite, monkeypatch):
