@@ -3,10 +3,12 @@
 Importing it loads neither JAX nor libsumo: every name below is loaded when it is first used.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
+TYPE_CHECKING = False  # what type checkers take for true; `typing` takes a while to import, before Ctrl-C is seen to
 if TYPE_CHECKING:
+    from typing import Any
+
     from regents_cosim.attacks.attack import attack as attack
     from regents_cosim.attacks.presets import KING as KING
     from regents_cosim.attacks.presets import REGENTS as REGENTS
@@ -60,6 +62,8 @@ __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
     value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
     globals()[name] = value  # a subpackage of the same name must not win the next look-up
     return value

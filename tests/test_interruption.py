@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 
 from regents_cosim.files import load_case, load_suite
-from regents_cosim.shipped import network_config
+from regents_cosim.shipped import network_config, shipped
 
 REGENTS = Path(sys.executable).parent / "regents"
 GRID = network_config("grid")
+QUICKSTART = shipped("scenarios") / "quickstart"
 WITHIN_S = 2.0
 
 pytestmark = pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks processes up in /proc")
@@ -100,3 +101,12 @@ def test_an_attack_ends_at_once_and_says_what_is_kept(tmp_path, number):
         f"regents: {word}; finished cases saved in {suite}: {count}; for the others run the same command again"
     ]
     assert code == 128 + number
+
+
+@pytest.mark.parametrize("after_s", [0.15, 0.5, 1.0])
+def test_it_is_heard_while_jax_is_imported(tmp_path, after_s):
+    command = Command(REGENTS, "report", QUICKSTART, "--planner", "idm", "-o", tmp_path / "report.html")
+    time.sleep(after_s)  # Python itself, which shows a traceback, needs 0.04 s to begin
+    command.send(signal.SIGINT)
+    assert command.end() == (130, ["regents: interrupted; nothing is half-written, run the same command again"])
+    assert list(tmp_path.iterdir()) == []
