@@ -9,6 +9,7 @@ are derived from positions) an error of about 0.1 m/s.
 import csv
 import io
 import itertools
+import math
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +27,7 @@ from regents_cosim.provenance import sha256_of
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.motion import smooth_pieces
-from regents_cosim.sources.recording import Recording, Slot
+from regents_cosim.sources.recording import Names, Recording, Slot, left_out
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, VehicleType, read_types
 from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
@@ -35,6 +36,8 @@ from regents_cosim.sources.xml_input import children, unpacked_limit
 STEP_S = 0.1
 _EXPECTED = "SUMO's fcd-output as .xml, .xml.gz or .csv"
 _LONGEST_LINE = 1 << 16
+_FINEST_S = 1e-3
+_LATEST_S = 1e9
 _COARSEST_S = 1.0  # between samples further apart a vehicle's way is a guess
 
 
@@ -53,7 +56,7 @@ def record_fcd(
 
     `routes_or_types` are route or additional files that define the vehicle types. Logs of another step,
     up to 1 s, are resampled to 0.1 s: straight between samples, turning the shorter way. Windows are picked as
-    by `windows.choose_windows`; persons are left out. `tell` hears what had to be assumed.
+    by `windows.choose_windows`; persons are left out, which `tell` is told, as it is of types that are not known.
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """
@@ -64,6 +67,8 @@ def record_fcd(
     grid = _time_grid(log)
     recordings = list(_recordings(log, grid, known, windows, tell))
     _check_place(log, recordings, road)
+    for line in left_out(recordings):
+        tell(line)
     recordings = [_resampled(recording, windows) for recording in recordings]
     return choose_windows(recordings, road, Origin("fcd", log.name, sha256_of(log)), windows)
 
@@ -81,13 +86,15 @@ class _Grid(NamedTuple):
 
 def _time_grid(log: Path) -> _Grid:
     """First instant, step, number of steps. Steps may be missing (SUMO can leave out empty ones)."""
-    times = np.array([time for time, _ in _instants(log)])
+    times = np.array([time for time, _, _ in _instants(log)])
     if len(times) < 2:
         raise LogError(f"{log}: {len(times)} time steps, expected at least 2 (is it an fcd-output?)")
     gaps = np.diff(times)
     dt = float(gaps.min())
     if dt <= 0:
         raise LogError(f"{log}: time does not increase at {times[1:][gaps <= 0][0]:g} s")
+    if dt < _FINEST_S:
+        raise LogError(f"{log}: one sample every {dt:g} s, expected at least {_FINEST_S:g} s between two")
     if dt > _COARSEST_S + 1e-6:
         raise LogError(f"{log}: one sample every {dt:g} s, expected at most {_COARSEST_S:g} s (--step-length 0.1)")
     steps = gaps / dt
@@ -107,20 +114,22 @@ def _recordings(
             f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter --horizon"
         )
     slots = {i: Slot(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps) for i in draw_slots(total, windows)}
-    names: dict[str, str] = {}
-    for time, rows in _instants(log):
+    names, kinds = Names(), dict[str, str]()
+    for time, rows, persons in _instants(log):
         index, step = divmod(round((time - grid.begin_s) / grid.dt), steps)
         if index in slots:
+            slots[index].persons.update(persons)
             for name, kind, x, y, angle in rows:
-                slots[index].rows.append((name, step, x, y, angle))
-                names[name] = kind
-    unknown = sorted(set(names.values()) - set(known))
+                one = names.of(name, kind)
+                slots[index].rows.append((one, step, x, y, angle))
+                kinds[one] = kind
+    unknown = sorted(set(kinds.values()) - set(known))
     if unknown:
         tell(
             f"{log.name}: no vType for {', '.join(unknown[:5])}{' ...' * (len(unknown) > 5)}; taken as cars of "
             f"{CAR.length} m x {CAR.width} m (name the files that define them with -r or -a)"
         )
-    types = {name: known.get(kind, CAR) for name, kind in names.items()}
+    types = {name: known.get(kind, CAR) for name, kind in kinds.items()}
     for slot in slots.values():
         yield slot.finish(types)
 
@@ -167,8 +176,11 @@ def _resampled(recording: Recording, windows: Windows) -> Recording:
 _Row = tuple[str, str, float, float, float]  # vehicle, type, x, y, angle
 
 
-def _instants(log: Path) -> Iterator[tuple[float, list[_Row]]]:
-    """Time [s] and vehicles of every instant, one at a time."""
+_Instant = tuple[float, list[_Row], list[str]]  # time [s], vehicles, persons
+
+
+def _instants(log: Path) -> Iterator[_Instant]:
+    """Every instant, one at a time."""
     with _explain(log):
         with open_bounded(log, unpacked_limit(log)) as stream:
             start = stream.peek(64)[:64].lstrip()
@@ -190,16 +202,17 @@ def _explain(log: Path) -> Iterator[None]:
         raise LogError(f"{log}: {error}; expected {_EXPECTED}") from error
 
 
-def _from_xml(log: Path) -> Iterator[tuple[float, list[_Row]]]:
+def _from_xml(log: Path) -> Iterator[_Instant]:
     for root, element in children(log, _EXPECTED, LogError):
         if root != "fcd-export":
             raise ValueError(f"the root element is <{root}>, not <fcd-export>")
         if element.tag == "timestep":
-            yield _seconds(_value(element, "time")), [_row(vehicle) for vehicle in element.iter("vehicle")]
+            persons = [person.get("id", "") for person in element.iter("person")]
+            yield _seconds(_value(element, "time")), [_row(vehicle) for vehicle in element.iter("vehicle")], persons
 
 
 def _row(vehicle: ET.Element) -> _Row:
-    x, y, angle = (float(_value(vehicle, name)) for name in ("x", "y", "angle"))
+    x, y, angle = (_finite(_value(vehicle, name)) for name in ("x", "y", "angle"))
     return _value(vehicle, "id"), vehicle.get("type", "DEFAULT_VEHTYPE"), x, y, angle
 
 
@@ -210,13 +223,23 @@ def _value(element: ET.Element, name: str) -> str:
     return value
 
 
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:20]!r} is no place or angle")
+    return value
+
+
 def _seconds(time: str) -> float:
     """Seconds of 12.30, or of 1:02:03:04.5 (days, hours, minutes, seconds)."""
     factors = (1.0, 60.0, 3600.0, 86400.0)
-    return sum(factor * float(part) for factor, part in zip(factors, reversed(time.split(":")), strict=False))
+    found = sum(factor * float(part) for factor, part in zip(factors, reversed(time.split(":")), strict=False))
+    if not abs(found) < _LATEST_S:
+        raise ValueError(f"the time {time[:20]!r} lies beyond {_LATEST_S:g} s")
+    return found
 
 
-def _from_csv(stream: BinaryIO) -> Iterator[tuple[float, list[_Row]]]:
+def _from_csv(stream: BinaryIO) -> Iterator[_Instant]:
     with io.TextIOWrapper(stream, encoding="utf-8", newline="") as text:
         header = text.readline(_LONGEST_LINE).strip()
         separator = next((mark for mark in ";,\t" if mark in header), ";")
@@ -226,8 +249,10 @@ def _from_csv(stream: BinaryIO) -> Iterator[tuple[float, list[_Row]]]:
             raise ValueError(f"neither XML nor a CSV header with {', '.join(missing)}")
         rows = (_named(columns, row) for row in csv.reader(text, delimiter=separator))
         for time, entries in itertools.groupby(rows, key=lambda entry: entry["timestep_time"]):
-            # The id is empty in a step without vehicles, and for persons.
-            yield _seconds(time), [_csv_row(entry) for entry in entries if entry["vehicle_id"]]
+            # The vehicle's id is empty in a step without vehicles, and for persons.
+            here = list(entries)
+            persons = [entry["person_id"] for entry in here if entry.get("person_id")]
+            yield _seconds(time), [_csv_row(entry) for entry in here if entry["vehicle_id"]], persons
 
 
 def _named(columns: list[str], row: list[str]) -> dict[str, str]:
@@ -237,7 +262,7 @@ def _named(columns: list[str], row: list[str]) -> dict[str, str]:
 
 
 def _csv_row(entry: dict[str, str]) -> _Row:
-    x, y, angle = (float(entry[f"vehicle_{name}"]) for name in ("x", "y", "angle"))
+    x, y, angle = (_finite(entry[f"vehicle_{name}"]) for name in ("x", "y", "angle"))
     return entry["vehicle_id"], entry.get("vehicle_type", "DEFAULT_VEHTYPE"), x, y, angle
 
 

@@ -31,8 +31,8 @@ def record(
     `source` is a .sumocfg, a SumoInput, or `highway:` and the id of an environment of highway-env,
     whose ego `policy` drives: idm, mdp, random, `package.module:attribute` or `file.py:attribute`.
     With `fcd`, an fcd-output of SUMO, nothing is run: the network and the vehicle types come from
-    `source`, and `tell` hears what had to be assumed. Raises RegentsError for bad input,
-    NoWindowError where there is no window.
+    `source`. `tell` is told what is left out or assumed. Raises RegentsError for bad input, NoWindowError where
+    there is no window.
     """
     if isinstance(source, str) and source.startswith(_HIGHWAY):
         from regents_cosim.sources.highway import record_highway  # imports pygame
@@ -48,10 +48,19 @@ def record(
         )
     given = source if isinstance(source, SumoInput) else SumoInput(config=Path(source))
     if fcd is None:
-        return record_sumo(given, count=count, seed=seed, horizon_s=horizon_s, radius_m=radius_m, executor=executor)
+        return record_sumo(
+            given, count=count, seed=seed, horizon_s=horizon_s, radius_m=radius_m, executor=executor, tell=tell
+        )
     if given.net is None:
         raise RegentsError("an fcd-output needs the network it was made on: give it with -n NAME.net.xml")
     types = (*given.routes, *given.additional)
     return record_fcd(
-        fcd, given.net, routes_or_types=types, count=count, seed=seed, horizon_s=horizon_s, radius_m=radius_m, tell=tell
+        fcd,
+        given.net,
+        routes_or_types=types,
+        count=count,
+        seed=seed,
+        horizon_s=horizon_s,
+        radius_m=radius_m,
+        tell=tell,
     )

@@ -9,10 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
+from regents_cosim.errors import LogError, require
 from regents_cosim.frames import SumoPose, from_sumo
 from regents_cosim.scenario import Signal
 from regents_cosim.sources.sumo_types import VehicleType
 
+_MOST_CELLS = 20_000_000  # of a window: vehicles times instants
 _NOWHERE_M = 1e8  # SUMO puts a vehicle without a place beyond this
 
 
@@ -31,6 +33,22 @@ class Recording:
     signals: tuple[Signal, ...] = ()
     speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] where the source's own agrees with its positions
     egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
+    persons: frozenset[str] = frozenset()  # who were there as well, and are left out
+
+
+class Names:
+    """Ids that tell apart vehicles which use one id one after the other, with other types: `car`, then `car#2`."""
+
+    def __init__(self) -> None:
+        self._kinds: dict[str, list[str]] = {}
+
+    def of(self, name: str, kind: str) -> str:
+        """The id of the vehicle that is called `name` and is of the type `kind`."""
+        known = self._kinds.setdefault(name, [])
+        if kind not in known:
+            known.append(kind)
+        number = known.index(kind) + 1
+        return name if number == 1 else f"{name}#{number}"
 
 
 @dataclass
@@ -43,11 +61,18 @@ class Slot:
     # Vehicle, step, front bumper x and y [m], degrees clockwise from north.
     rows: list[tuple[str, int, float, float, float]] = field(default_factory=list)
     letters: dict[str, list[str]] = field(default_factory=dict)  # of every signal, per step
+    persons: set[str] = field(default_factory=set)
+    names: Names = field(default_factory=Names)
 
     def finish(self, types: dict[str, VehicleType]) -> Recording:
         """The Recording; `types` gives the type of every vehicle."""
         rows = [row for row in self.rows if abs(row[2]) < _NOWHERE_M and abs(row[3]) < _NOWHERE_M]
         ids = tuple(sorted({row[0] for row in rows}))
+        require(
+            len(ids) * self.steps <= _MOST_CELLS,
+            f"{len(ids)} vehicles at {self.steps} instants in one window, expected fewer than {_MOST_CELLS:g} places",
+            LogError,
+        )
         index = {name: i for i, name in enumerate(ids)}
         at = (np.array([index[row[0]] for row in rows], int), np.array([row[1] for row in rows], int))
         x, y, angle = np.array([row[2:] for row in rows], float).reshape(-1, 3).T
@@ -69,6 +94,7 @@ class Slot:
             yaw=arrays["yaw"],
             valid=valid,
             signals=signals,
+            persons=frozenset(self.persons),
         )
 
 
@@ -76,3 +102,15 @@ def changes(letters: Sequence[str]) -> tuple[tuple[int, str], ...]:
     """The steps at which a light shows something new, and what."""
     before = [None, *letters]
     return tuple((step, now) for step, now in enumerate(letters) if now != before[step])
+
+
+def left_out(recordings: Sequence[Recording]) -> list[str]:
+    """What is said of traffic that is not recorded as it is."""
+    persons = frozenset[str]().union(*(one.persons for one in recordings))
+    hinged = {name for one in recordings for name, kind in zip(one.ids, one.types, strict=True) if kind.articulated}
+    said = []
+    if persons:
+        said.append(f"{len(persons)} person{'s' * (len(persons) != 1)} left out: only vehicles are recorded")
+    if hinged:
+        said.append(f"{len(hinged)} articulated vehicle{'s' * (len(hinged) != 1)} taken as rigid: one box each")
+    return said

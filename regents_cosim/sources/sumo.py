@@ -1,7 +1,8 @@
 """Scenarios from SUMO: run it in a process of its own at 10 Hz and cut windows out of its traffic."""
 
 import tempfile
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +11,12 @@ from types import ModuleType
 from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.provenance import sha256_of
 from regents_cosim.scenario import Scenario
-from regents_cosim.sources.recording import Recording, Slot
+from regents_cosim.sources.recording import Names, Recording, Slot, left_out
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input, write_config
 from regents_cosim.sources.sumo_net import read_road_map
-from regents_cosim.sources.sumo_types import VehicleType, kind_of
+from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
 from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.xml_input import open_xml
 from regents_cosim.sumo_process import running_sumo
 from regents_cosim.workers import result_of, run_isolated, submit
 
@@ -30,24 +32,42 @@ def record_sumo(
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
     executor: Executor | None = None,
+    tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
     """Up to `count` Scenarios, fewer where the traffic holds no more; the same seed gives the same.
 
     Each is a window of `horizon_s` between the configuration's begin and end (600 s where it
     names none), as `windows.choose_windows` picks them. Lane changes take 3 s
     (`--lanechange.duration 3`) unless SUMO's sublane model is on, since by default SUMO's
-    vehicles jump between lanes. Persons are left out. Times are those of SUMO's own logs.
+    vehicles jump between lanes. Persons are left out, which `tell` is told. Times are those of SUMO's own logs.
 
     Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words
     where it refuses, NoWindowError where no window is found.
     """
     windows = Windows(count, seed, horizon_s, radius_m)
     options = read_input(source)
+    _require_microscopic(options)
+    for path in (*options.routes, *options.additional):
+        open_xml(path, "route or additional file", SumoError).close()  # as for the network: no document type, no bomb
     road = read_road_map(options.net)
     job = RecordingJob(options, windows)
     recordings = run_isolated(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))
+    for line in left_out(recordings):
+        tell(line)
     origin = Origin("sumo", options.file.name, sha256_of(options.file))
     return choose_windows(recordings, road, origin, windows)
+
+
+def _require_microscopic(options: SumoOptions) -> None:
+    """Raise SumoError for a mesoscopic simulation, whose vehicles have no places on the road."""
+    words = [word.partition("=") for word in options.extra]
+    named = [value for name, _, value in words if name == "--mesosim"]
+    value = named[-1] if named else options.others.get("mesosim", "false")
+    if value.strip().lower() not in ("false", "0", "no", "off", "-"):
+        raise SumoError(
+            f"{options.file}: a mesoscopic simulation (mesosim), whose vehicles stand in queues and have no place or "
+            "heading of their own; expected a microscopic one (take the option out, or add -- --mesosim=false)"
+        )
 
 
 @dataclass(frozen=True)
@@ -85,6 +105,7 @@ def _recordings(sumo: ModuleType, job: RecordingJob) -> Iterator[Recording]:
             f"{end_s - begin_s:g} s ({begin_s:g} to {end_s:g}); choose a shorter --horizon or a later --end"
         )
     types: dict[str, VehicleType] = {}
+    names = Names()
     done = 0
     for index in draw_slots(total, job.windows):
         if sumo.simulation.getMinExpectedNumber() == 0:
@@ -93,7 +114,7 @@ def _recordings(sumo: ModuleType, job: RecordingJob) -> Iterator[Recording]:
         if first > done:
             sumo.simulationStep(begin_s + first * STEP_S)
         done = first + steps
-        slot = Slot(round(begin_s + first * STEP_S, 6), STEP_S, steps)
+        slot = Slot(round(begin_s + first * STEP_S, 6), STEP_S, steps, names=names)
         _fill(slot, sumo, types)
         yield slot.finish(types)
 
@@ -108,19 +129,24 @@ def _span(sumo: ModuleType) -> tuple[float, float]:
 
 def _fill(slot: Slot, sumo: ModuleType, types: dict[str, VehicleType]) -> None:
     vehicle, light = sumo.vehicle, sumo.trafficlight
-    position, angle = vehicle.getPosition, vehicle.getAngle
+    position, angle, type_of, names = vehicle.getPosition, vehicle.getAngle, vehicle.getTypeID, slot.names
     add = slot.rows.append
     slot.letters.update((name, []) for name in light.getIDList())
     for step in range(slot.steps):
         sumo.simulationStep()
+        slot.persons.update(sumo.person.getIDList())
         for name in vehicle.getIDList():
             x, y = position(name)
-            add((name, step, x, y, angle(name)))
-            if name not in types:
-                types[name] = _type_of(vehicle, name)
+            kind = type_of(name)
+            one = names.of(name, kind)
+            add((one, step, x, y, angle(name)))
+            if one not in types:
+                types[one] = _type_of(vehicle, name)
         for name, letters in slot.letters.items():
             letters.append(light.getRedYellowGreenState(name))
 
 
 def _type_of(vehicle: ModuleType, name: str) -> VehicleType:
-    return VehicleType(kind_of(vehicle.getVehicleClass(name)), vehicle.getLength(name), vehicle.getWidth(name))
+    vehicle_class = vehicle.getVehicleClass(name)
+    articulated = is_articulated(vehicle_class, vehicle.getShapeClass(name))
+    return VehicleType(kind_of(vehicle_class), vehicle.getLength(name), vehicle.getWidth(name), articulated)

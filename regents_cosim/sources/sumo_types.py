@@ -16,6 +16,7 @@ class VehicleType:
     kind: Kind
     length: float  # [m]
     width: float  # [m]
+    articulated: bool = False  # bends in reality; here it is one rigid box
 
 
 _KINDS: dict[str, Kind] = {
@@ -50,6 +51,11 @@ def kind_of(vehicle_class: str) -> Kind:
     return _KINDS.get(vehicle_class, "car")
 
 
+def is_articulated(vehicle_class: str, shape: str) -> bool:
+    """Whether a vehicle bends: by its class, or by the shape that SUMO draws it with."""
+    return vehicle_class == "trailer" or shape in ("truck/semitrailer", "truck/trailer", "bus/flexible")
+
+
 def read_types(paths: tuple[Path, ...]) -> dict[str, VehicleType]:
     """Every vType of route and additional files, and SUMO's own; sizes they leave out are those of their class."""
     found = dict(DEFAULT_TYPES)
@@ -72,4 +78,4 @@ def _vehicle_type(entry: ET.Element, path: Path) -> VehicleType:
             f"{path}: vType {entry.get('id')!r} has the {name} {size:g} m, expected {_LEAST_M} to {_MOST_M:g} m",
             SumoError,
         )
-    return VehicleType(kind_of(vehicle_class), length, width)
+    return VehicleType(kind_of(vehicle_class), length, width, is_articulated(vehicle_class, entry.get("guiShape", "")))

@@ -33,8 +33,9 @@ if __package__:
 else:
     from readers import Reader, readers
 
-LONGEST_S = 2.0  # of processor time for one input
-_HANG_S = 20.0  # of the clock, after which the child is ended
+LONGEST_S = 2.0  # of processor time for one input,
+LONGEST_S_PER_MB = 1.0  # and this much more for a megabyte of it
+_HANG_S = 60.0  # of the clock, after which the child is ended
 MOST_BYTES = 500_000_000  # that memory may grow by with one input
 _LIMIT_BYTES = 3_000_000_000  # that the child gets at most
 LONGEST_MESSAGE = 500
@@ -299,7 +300,7 @@ def _run(reader: Reader, task: _Task, number: int, folder: Path, at: Sequence[fl
         if verdict == "failed":
             tally.fail(how, str(index))
         tally.slowest_s = max(tally.slowest_s, round(took, 3))
-        if took > LONGEST_S:
+        if took > LONGEST_S + LONGEST_S_PER_MB * len(data) / 1e6:
             tally.fail(f"more than {LONGEST_S:g} s", str(index))
         grown = _peak() - most
         if grown > 0:

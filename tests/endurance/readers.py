@@ -160,7 +160,7 @@ def _fcd(path: Path) -> object:
     net = path.parent / "a.net.xml"
     if _is_deep(path):
         return fcd.record_fcd(path, net, routes_or_types=(path.parent / "a.rou.xml",), horizon_s=0.5)
-    return sum(len(rows) for _, rows in islice(fcd._instants(path), 10_000))
+    return sum(len(rows) for _, rows, _ in islice(fcd._instants(path), 10_000))
 
 
 def _run_sumo(path: Path) -> object:
@@ -407,8 +407,8 @@ def _xml_bombs(root: str) -> tuple[bytes, ...]:
     doubling = "".join(f'<!ENTITY a{i} "&a{i - 1};&a{i - 1};">' for i in range(1, 40))
     entities = f'<!DOCTYPE {root} [<!ENTITY a0 "aaaaaaaaaa">{doubling}]><{root}>&a39;</{root}>'
     outside = f'<!DOCTYPE {root} [<!ENTITY a SYSTEM "file:///etc/passwd">]><{root}>&a;</{root}>'
-    deep = f"<{root}>" + "<a>" * 400_000
-    broad = f"<{root}>" + "<a/>" * 1_000_000 + f"</{root}>"
+    deep = f"<{root}>" + "<a>" * 100_000
+    broad = f"<{root}>" + "<a/>" * 300_000 + f"</{root}>"
     many = f"<{root} " + " ".join(f'a{i}=""' for i in range(300_000)) + "/>"
-    wide = gzip.compress(f"<{root}>".encode() + b"<a b=''/>" * 5_000_000, 1, mtime=0)
+    wide = gzip.compress(f"<{root}>".encode() + b"<a b=''/>" * 2_000_000, 1, mtime=0)
     return (*(text.encode() for text in (entities, outside, deep, broad, many)), wide, *_gzip_bombs())

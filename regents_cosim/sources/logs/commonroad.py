@@ -50,6 +50,7 @@ def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
     tracks, notes = _obstacles(root)
     last = max((int(track.step[-1]) for track in tracks), default=0)
     ego, target = _ego(root, lanes, dt, last)
+    notes += [] if ego else _without_goal(root)
     if ego is not None:
         tracks.append(ego)
         notes.append("the ego's track follows lanelets from its start to its goal; nobody drove it")
@@ -264,7 +265,7 @@ def _agent(element: ET.Element) -> Agent:
 def _ego(
     root: ET.Element, lanes: tuple[LoggedLane, ...], dt: float, last: int
 ) -> tuple[Track | None, tuple[float, float] | None]:
-    problem = root.find("planningProblem")
+    problem = next((one for one in root.findall("planningProblem") if one.find("goalState") is not None), None)
     if problem is None:
         return None, None
     begin, goal = problem.find("initialState"), problem.find("goalState")
@@ -280,6 +281,12 @@ def _ego(
     step = first + np.arange(len(x))
     name = f"ego_{problem.get('id', '')}"
     return Track(Agent(name, "car", *DEFAULT_SIZES["car"]), step, x, y, yaw), place or (float(x[-1]), float(y[-1]))
+
+
+def _without_goal(root: ET.Element) -> list[str]:
+    """What is said of planning problems that lead nowhere: the ego is then drawn from the traffic."""
+    names = [one.get("id", "") for one in root.findall("planningProblem")]
+    return [f"planning problem {names[0]} has no goal and is left out; the ego is drawn from the traffic"] * bool(names)
 
 
 def _goal_place(goal: ET.Element, lanes: tuple[LoggedLane, ...]) -> tuple[float, float] | None:

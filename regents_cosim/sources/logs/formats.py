@@ -19,6 +19,7 @@ from shapely.errors import ShapelyError
 
 from regents_cosim.bounded import open_bounded
 from regents_cosim.errors import InputError, LogError, RegentsError, ScenarioError
+from regents_cosim.sources.logs.headings import require_headings_along_motion
 from regents_cosim.sources.logs.scene import LoggedScene
 from regents_cosim.sources.xml_input import unpacked_limit
 
@@ -129,6 +130,8 @@ def read_log(path: Path, one: LogFormat, beside: Beside) -> Iterator[LoggedScene
             scene = next(scenes, None)
         if scene is None:
             return
+        with explained(path, one.what):
+            require_headings_along_motion(scene)
         yield scene
 
 

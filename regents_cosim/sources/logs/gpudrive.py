@@ -14,9 +14,10 @@ import msgspec
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.frames import wrap
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.formats import Beside, LogFormat, unpacked
+from regents_cosim.sources.logs.headings import joined as joined_ways
+from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
     LoggedMap,
@@ -31,7 +32,6 @@ from regents_cosim.sources.logs.scene import (
 from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, lights
 
 _KINDS: dict[str, Kind] = {"vehicle": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
-_MOVING_M = 0.3  # per step; slower vehicles say nothing about headings
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
     """The one scenario of a file."""
     content = msgspec.json.decode(unpacked(path), type=_File)
     steps = max((len(one.valid) for one in content.objects), default=0)
-    factor, note = _heading_unit(content)
-    tracks = [_track(one, index, steps, factor) for index, one in enumerate(content.objects)]
+    unit, note = _heading_unit(content)
+    tracks = [_track(one, index, steps, unit) for index, one in enumerate(content.objects)]
     ego = content.metadata.sdc_track_index if content.metadata else -1
     mine = tracks[ego] if 0 <= ego < len(tracks) else None
     lanes, edges = _map(content.roads)
@@ -105,7 +105,7 @@ def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
 # --- tracks -----------------------------------------------------------------------------------
 
 
-def _track(one: _Object, index: int, steps: int, factor: float) -> Track | None:
+def _track(one: _Object, index: int, steps: int, unit: str) -> Track | None:
     if not len(one.position) == len(one.heading) == len(one.valid) == steps:
         raise ValueError(f"object {index} has {len(one.position)} positions, {len(one.heading)} headings, "
                          f"{len(one.valid)} flags, expected {steps} of each")  # fmt: skip
@@ -116,7 +116,7 @@ def _track(one: _Object, index: int, steps: int, factor: float) -> Track | None:
     kind = _KINDS.get(str(one.type), "other")
     length, width = (_size(value, valid) for value in (one.length, one.width))
     agent = sized(str(index if one.id is None else one.id), kind, length, width)
-    heading = factor * np.array(one.heading, float)
+    heading = to_radians(np.array(one.heading, float), unit)
     z = points[:, 2] if np.isfinite(points[valid, 2]).all() else None
     return dense_track(agent, valid, points[:, 0], points[:, 1], np.where(valid, heading, 0.0), z)
 
@@ -134,29 +134,17 @@ def _points(points: Sequence[_Point]) -> Float[np.ndarray, "point 3"]:
     return np.array(rows, float).reshape(-1, 3)
 
 
-def _heading_unit(content: _File) -> tuple[float, str]:
-    """What headings are multiplied with to become radians, and a note on how that was found."""
+def _heading_unit(content: _File) -> tuple[str, str]:
+    """The unit of headings, and a note on how it was found."""
     if content.metadata is not None:
-        return 1.0, "headings in radians (the file has metadata)"
+        return "rad", "headings in radians (the file has metadata)"
     found = [(np.array(o.heading, float), _points(o.position), np.array(o.valid, bool)) for o in content.objects]
     found = [f for f in found if len(f[0]) == len(f[1]) == len(f[2])]
     most = max((float(np.abs(heading[valid]).max(initial=0.0)) for heading, _, valid in found), default=0.0)
     if most > 2.0 * np.pi + 1e-3:
-        return np.pi / 180.0, f"headings in degrees (the largest is {most:.0f})"
-    errors = {factor: _disagreement(found, factor) for factor in (1.0, np.pi / 180.0)}
-    factor = min(errors, key=errors.__getitem__)
-    return factor, f"headings in {'radians' if factor == 1.0 else 'degrees'} (they agree better with the motion)"
-
-
-def _disagreement(found: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], factor: float) -> float:
-    """Mean angle between headings and motion [rad]."""
-    apart = [np.zeros(0)]
-    for heading, points, valid in found:
-        step = np.diff(points[:, :2], axis=0)
-        moved = valid[1:] & valid[:-1] & (np.hypot(*step.T) > _MOVING_M)
-        apart.append(np.abs(wrap(factor * heading[1:][moved] - np.arctan2(*step[moved].T[::-1]))))
-    every = np.concatenate(apart)
-    return float(every.mean()) if len(every) else 0.0
+        return "deg", f"headings in degrees (the largest is {most:.0f})"
+    ways = (moving(heading, xy[:, 0], xy[:, 1], valid[1:] & valid[:-1]) for heading, xy, valid in found)
+    return unit_of(joined_ways(ways), ("rad", "deg"))
 
 
 # --- map --------------------------------------------------------------------------------------

@@ -77,7 +77,8 @@ def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> I
     place = (table.numbers["timestamp_ms"][mine] - begin_ms) / (1e3 * _DT)
     names, kinds = table.texts["track_id"], table.texts["agent_type"]
     kind = table.codes["agent_type"][mine]
-    rows = Rows(table.codes["track_id"][mine], np.round(place).astype(int), x, y, yaw)
+    step = np.round(place).astype(int)
+    rows = Rows(table.codes["track_id"][mine], step, x, y, yaw, place - step)
 
     def agent(who: int, of: np.ndarray) -> Agent:
         what = _KINDS.get(kinds[kind[of[0]]].strip().lower(), "other")

@@ -16,7 +16,7 @@ from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_colu
 from regents_cosim.sources.logs.formats import Beside, LogFormat, head_of
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.road import NO_MAP
-from regents_cosim.sources.logs.rows import Rows, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
 
 _KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
@@ -46,7 +46,7 @@ def _location(table: Columns, number: int) -> str:
 def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> LoggedScene:
     if not all(np.isfinite(values).all() for values in numbers.values()):
         raise LogError(f"{name}: a field is empty or no number")
-    step, dt, begin_s = steps_of(1e-3 * numbers["global_time"])
+    step, late, dt, begin_s = steps_of(1e-3 * numbers["global_time"])
     vehicle = numbers["vehicle_id"]
     who, names = _persons(vehicle, step, dt)
     x, y = FOOT_M * numbers["local_x"], FOOT_M * numbers["local_y"]
@@ -56,8 +56,8 @@ def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> Logged
         kind = _KINDS.get(int(kinds[of[0]]), "car")
         return sized(names[number], kind, float(np.median(length[of])), float(np.median(width[of])))
 
-    tracks = tuple(_centred(t) for t in tracks_of(Rows(who, step, x, y, np.full(len(x), np.nan)), agent))
-    notes = ("headings follow from the motion",) + (() if road.areas else (NO_MAP,))
+    tracks = tuple(_centred(t) for t in tracks_of(Rows(who, step, x, y, np.full(len(x), np.nan), late), agent))
+    notes = ("headings follow from the motion", *late_notes(late, dt), *([] if road.areas else [NO_MAP]))
     return LoggedScene(name=name, dt=dt, tracks=tracks, road=road, begin_s=begin_s, notes=notes)
 
 

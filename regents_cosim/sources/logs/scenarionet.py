@@ -17,6 +17,7 @@ from regents_cosim.errors import LogError
 from regents_cosim.scenario import VEHICLE_KINDS, Kind
 from regents_cosim.sources.logs.formats import Beside, LogFormat, explained
 from regents_cosim.sources.logs.road import largest
+from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
     LoggedMap,
@@ -63,7 +64,9 @@ class _Reader:
         if len(times) < 2 or not (np.diff(times) > 0).all():
             raise ValueError(f"{len(times)} time stamps, expected at least 2 that increase")
         dt = round(float(np.median(np.diff(times))), 3)
-        dt = dt if dt < 1.5 else round(1e-6 * float(np.median(np.diff(times))), 3)  # some count microseconds
+        unit = 1.0 if dt < 1.5 else 1e-6  # some count microseconds
+        dt = round(unit * float(np.median(np.diff(times))), 3)
+        require_steady(unit * times, dt)
         tracks = [self._track(str(name), track, len(times)) for name, track in self._content["tracks"].items()]
         kept = tuple(track for track in tracks if track is not None)
         ego = str(metadata.get("sdc_id"))

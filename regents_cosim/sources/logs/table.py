@@ -3,7 +3,8 @@
     dt = 0.04                 # [s], only where time counts frames
     time = "ms"               # s (default), ms, us, ns or frames
     position = "m"            # m (default) or ft
-    heading = "deg"           # rad (default), deg (both counter-clockwise from +x) or nav (clockwise from +y)
+    heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (degrees clockwise from +y);
+                              # without it the unit that agrees best with the motion, which is said
     anchor = "centre"         # centre (default) or front, of the bumper
     ego = "17"                # optional
     map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0)
@@ -36,11 +37,12 @@ from regents_cosim.frames import FOOT_M, from_front
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.levelx import whole
 from regents_cosim.sources.logs.polars_files import read_polars
 from regents_cosim.sources.logs.road import NO_MAP
-from regents_cosim.sources.logs.rows import Rows, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
 
 _NEEDED = ("id", "time", "x", "y")
@@ -57,7 +59,7 @@ class _Mapping(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     dt: float | None = None
     time: Literal["s", "ms", "us", "ns", "frames"] = "s"
     position: Literal["m", "ft"] = "m"
-    heading: Literal["rad", "deg", "nav"] = "rad"
+    heading: Literal["rad", "deg", "nav"] | None = None
     anchor: Literal["centre", "front"] = "centre"
     ego: str | None = None
     map: str | None = None
@@ -80,16 +82,19 @@ def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
     """The one recording of a table."""
     mapping = _mapping(path, beside)
     table = _table(path, mapping)
-    step, dt, begin_s = _instants(table, path)
+    step, late, dt, begin_s = _instants(table, path)
     factor = FOOT_M if mapping.position == "ft" else 1.0
     x, y = (factor * _known(table.numbers(name)) for name in ("x", "y"))
     heading = table.numbers("heading")
-    yaw = np.full(len(x), np.nan) if heading is None else _radians(heading, mapping.heading)
-    codes = table.columns.codes
-    rows = Rows(codes[table.names["id"]], step, x, y, yaw)
+    who = table.columns.codes[table.names["id"]]
+    yaw, heading_note = np.full(len(x), np.nan), "headings follow from the motion"
+    if heading is not None:
+        unit, heading_note = _heading_unit(mapping, heading, Rows(who, step, x, y, yaw))
+        yaw = to_radians(heading, unit)
+    rows = Rows(who, step, x, y, yaw, late)
     tracks = tuple(_placed(t, mapping) for t in tracks_of(rows, _Agents(table, factor)))
     road = _road(path, mapping, beside)
-    notes = [NO_MAP] * (not road.areas) + ["headings follow from the motion"] * (heading is None)
+    notes = [NO_MAP] * (not road.areas) + [heading_note] * bool(heading_note) + late_notes(late, dt)
     notes += ["sizes usual for the kind are assumed"] * (table.numbers("length") is None)
     yield LoggedScene(
         name=path.name.partition(".")[0], dt=dt, tracks=tracks, road=road, ego=mapping.ego, begin_s=begin_s,
@@ -122,14 +127,14 @@ def _table(path: Path, mapping: _Mapping) -> _Table:
     return _Table(reader(path, numbers, [names["id"], names["kind"]], optional), mapping, names)
 
 
-def _instants(table: _Table, path: Path) -> tuple[np.ndarray, float, float]:
+def _instants(table: _Table, path: Path) -> tuple[np.ndarray, np.ndarray | None, float, float]:
     times, mapping = _known(table.numbers("time")), table.mapping
     if mapping.time != "frames":
         return steps_of(_SECONDS[mapping.time] * times)
     if mapping.dt is None:
         raise LogError(f"{path}: time counts frames, so the mapping needs dt, the seconds between them")
     frame = whole(times, path)
-    return frame - frame.min(), mapping.dt, float(frame.min()) * mapping.dt
+    return frame - frame.min(), None, mapping.dt, float(frame.min()) * mapping.dt
 
 
 def _known(values: np.ndarray | None) -> np.ndarray:
@@ -138,10 +143,16 @@ def _known(values: np.ndarray | None) -> np.ndarray:
     return values
 
 
-def _radians(heading: np.ndarray, unit: str) -> np.ndarray:
-    if unit == "nav":
-        return np.deg2rad(90.0 - heading)
-    return np.deg2rad(heading) if unit == "deg" else heading
+def _heading_unit(mapping: _Mapping, heading: np.ndarray, rows: Rows) -> tuple[str, str]:
+    """The unit that the mapping states, or the one that agrees with the motion and a note that says so.
+
+    A stated unit is taken at its word here; `read_log` refuses a scene whose headings are not those of its motion.
+    """
+    if mapping.heading is not None:
+        return mapping.heading, ""
+    order = np.lexsort((rows.step, rows.who))
+    follows = (np.diff(rows.who[order]) == 0) & (np.diff(rows.step[order]) == 1)
+    return unit_of(moving(heading[order], rows.x[order], rows.y[order], follows))
 
 
 class _Agents:

@@ -13,6 +13,7 @@ import numpy as np
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.formats import Beside, LogFormat, explained
 from regents_cosim.sources.logs.protobuf import Message, columns, grouped, messages, number, numbers, reals, text
+from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
     LoggedMap,
@@ -54,13 +55,19 @@ def _scene(top: dict[int, list[int | Message]]) -> LoggedScene:
     lanes, edges = _map(messages(top[8]))
     return LoggedScene(
         name=text(top[5]) or "scenario",
-        dt=step_of(times),
+        dt=_steady_step(times),
         tracks=tuple(track for track in tracks if track is not None),
         road=LoggedMap(lanes, edges),
         ego=mine.agent.id if mine else None,
         signals=_signals(messages(top[7]), lanes, len(times)),
         begin_s=float(times[0]),
     )
+
+
+def _steady_step(times: np.ndarray) -> float:
+    dt = step_of(times)
+    require_steady(times, dt)
+    return dt
 
 
 def step_of(times: np.ndarray) -> float:

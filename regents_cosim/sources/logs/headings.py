@@ -1,0 +1,84 @@
+"""Whether headings agree with the way vehicles move: what is written in degrees and read as radians does not.
+
+Bicycles drive where they point, so a mean disagreement of a quarter turn over many moving samples is no motion but a
+unit, an axis or a sign that was taken for another. Vehicles that back up are few.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.errors import LogError
+from regents_cosim.frames import wrap
+from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.sources.logs.scene import LoggedScene, Track
+
+_MOVING_M = 0.3  # from sample to sample; slower vehicles say nothing about headings
+_ENOUGH = 20  # moving samples, below which nothing is said
+_MOST_RAD = np.pi / 3.0  # of mean disagreement; logs that are right have less than 0.1
+_UNITS = {"rad": "radians", "deg": "degrees", "nav": "degrees clockwise from +y"}
+
+
+class Ways(NamedTuple):
+    """Moving samples: what the log says of their heading, and the direction of their motion."""
+
+    heading: Float[np.ndarray, " sample"]  # in the log's unit
+    motion: Float[np.ndarray, " sample"]  # [rad]
+
+
+def to_radians(heading: Float[np.ndarray, " sample"], unit: str) -> Float[np.ndarray, " sample"]:
+    """Headings of a log in radians, counter-clockwise from +x. `unit` is rad, deg, or nav (degrees from +y)."""
+    if unit == "nav":
+        return np.deg2rad(90.0 - heading)
+    return np.deg2rad(heading) if unit == "deg" else heading
+
+
+def moving(
+    heading: Float[np.ndarray, " sample"],
+    x: Float[np.ndarray, " sample"],
+    y: Float[np.ndarray, " sample"],
+    follows: np.ndarray,
+) -> Ways:
+    """The samples of one road user that moved since the one before; `follows`: whether that is the instant before."""
+    dx, dy = np.diff(x), np.diff(y)
+    moved = follows & (np.hypot(dx, dy) > _MOVING_M) & np.isfinite(heading[1:])
+    return Ways(heading[1:][moved], np.arctan2(dy[moved], dx[moved]))
+
+
+def joined(ways: Iterable[Ways]) -> Ways:
+    """All of them as one."""
+    found = [*ways, Ways(np.zeros(0), np.zeros(0))]
+    return Ways(np.concatenate([one.heading for one in found]), np.concatenate([one.motion for one in found]))
+
+
+def disagreement(ways: Ways, unit: str) -> float:
+    """Mean angle between headings and motion [rad]; 0 where nothing moved."""
+    if not len(ways.heading):
+        return 0.0
+    return float(np.abs(wrap(to_radians(ways.heading, unit) - ways.motion)).mean())
+
+
+def unit_of(ways: Ways, units: Sequence[str] = ("rad", "deg", "nav")) -> tuple[str, str]:
+    """The unit in which headings agree best with the motion, and a note that says so; the first one in doubt."""
+    errors = [disagreement(ways, unit) for unit in units]
+    if len(ways.heading) < _ENOUGH:
+        return units[0], f"headings in {_UNITS[units[0]]} (assumed: hardly anything moves)"
+    unit = units[int(np.argmin(errors))]
+    return unit, f"headings in {_UNITS[unit]} (they agree best with the motion)"
+
+
+def require_headings_along_motion(scene: LoggedScene) -> None:
+    """Raise LogError where the headings of a scene's vehicles are not those of their motion."""
+    ways = joined(_ways(track) for track in scene.tracks if track.agent.kind in VEHICLE_KINDS)
+    apart = disagreement(ways, "rad")
+    if len(ways.heading) >= _ENOUGH and apart > _MOST_RAD:
+        raise LogError(
+            f"{scene.name}: headings and motion of the vehicles differ by {np.rad2deg(apart):.0f} degrees in the mean, "
+            "expected less than 60 (are the headings in another unit, or from another axis?)"
+        )
+
+
+def _ways(track: Track) -> Ways:
+    return moving(track.yaw, track.x, track.y, np.diff(track.step) == 1)

@@ -1,0 +1,99 @@
+"""Logs that read well and would be silently wrong: units of headings, frames that come late, goals that are missing."""
+
+import json
+
+import log_files
+import numpy as np
+import pytest
+
+from regents_cosim.errors import LogError
+from regents_cosim.sources.logs.record import record_log, scenes_of
+
+
+def turning(unit):
+    """Cars on a circle of 40 m, at 8 m/s, headings in `unit`."""
+    rows = []
+    for number in range(3):
+        for step in range(60):
+            angle = 0.02 * step + 2.0 * number
+            x, y, yaw = 40 * np.cos(angle), 40 * np.sin(angle), angle + np.pi / 2
+            heading = {"rad": yaw, "deg": np.rad2deg(yaw), "nav": 90 - np.rad2deg(yaw)}[unit]
+            rows.append((number, step / 10, round(x, 4), round(y, 4), round(heading, 5)))
+    return rows
+
+
+def read(path):
+    return next(scene for _, _, scene in scenes_of(path, "table"))
+
+
+@pytest.mark.parametrize("unit", ["rad", "deg", "nav"])
+def test_headings_of_a_table_without_a_unit_are_told_by_the_motion(tmp_path, unit):
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y,heading", turning(unit))
+    scene = read(path)
+    (note,) = [note for note in scene.notes if "headings" in note]
+    assert note.startswith(
+        {"rad": "headings in radians", "deg": "headings in degrees (", "nav": "headings in degrees c"}[unit]
+    )
+    for track in scene.tracks:
+        apart = np.angle(np.exp(1j * (track.yaw[1:] - np.arctan2(np.diff(track.y), np.diff(track.x)))))
+        assert np.abs(apart).max() < 0.05
+
+
+def test_a_stated_unit_that_is_wrong_is_refused(tmp_path):
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y,heading", turning("deg"))
+    (tmp_path / "a.toml").write_text('heading = "rad"')
+    with pytest.raises(LogError, match="headings and motion .* differ by .* degrees in the mean"):
+        read(path)
+
+
+def test_every_format_is_asked_for_headings_along_the_motion(tmp_path):
+    content = log_files.gpudrive(3)
+    for one in content["objects"]:
+        one["heading"] = [2.0] * len(one["heading"])
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    with pytest.raises(LogError, match="headings and motion"):
+        list(scenes_of(tmp_path / "a.json"))
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.04])
+def test_frames_that_come_late_are_no_change_of_speed(tmp_path, late_s):
+    """Every fifth frame is 40 ms late, the cars drive at 5 m/s all the time."""
+    rows = []
+    for number in range(3):
+        for step in range(90):
+            time = step / 10 + (late_s if step % 5 == 2 else 0.0)
+            rows.append((number, round(time, 3), round(15.0 * number + 5.0 * time, 4), 0.0))
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y", rows)
+    said = []
+    (scenario, *_) = record_log(path, format="table", tell=said.append)
+    speed = scenario.tracks.speed[scenario.tracks.valid]
+    assert (speed.min(), speed.max()) == pytest.approx((5.0, 5.0), abs=0.05)
+    assert any("up to 40 ms off steps of 100 ms" in line for line in said) == bool(late_s)
+
+
+def test_times_without_any_step_are_refused(tmp_path):
+    rng = np.random.default_rng(0)
+    rows = [(1, round(t, 4), 5.0 * t, 0.0) for t in np.sort(rng.uniform(0, 9, 90))]
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y", rows)
+    with pytest.raises(LogError, match="times do not lie on steps"):
+        read(path)
+
+
+def test_time_stamps_of_a_dense_log_that_jitter_are_refused(tmp_path):
+    scene = log_files.scenarionet()
+    scene["metadata"]["ts"][5] += 0.04
+    import pickle
+
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(scene, protocol=4))
+    with pytest.raises(LogError, match="40 ms off"):
+        list(scenes_of(tmp_path / "a.pkl"))
+
+
+def test_a_planning_problem_without_a_goal_is_left_out(tmp_path):
+    text = log_files.commonroad()
+    start, end = text.index("<goalState>"), text.index("</goalState>") + len("</goalState>")
+    (tmp_path / "a.xml").write_text(text[:start] + text[end:])
+    said = []
+    scenarios = record_log(tmp_path / "a.xml", tell=said.append)
+    assert scenarios[0].ego.id in log_files.CARS
+    assert any("planning problem 99 has no goal and is left out" in line for line in said)
