@@ -224,7 +224,7 @@ def broken(tmp_path_factory):
 
 BAD_TRAFFIC = [
     (("-c", "missing.sumocfg"), "SUMO configuration not found: missing.sumocfg"),
-    (("-c", "broken.sumocfg"), "broken XML"),
+    (("-c", "broken.sumocfg"), "broken or truncated XML"),
     (("-c", "no_net.sumocfg"), "no network named"),
     (("-c", "no_traffic.sumocfg"), "no vehicle was on the road"),
     (("-c", "refused.sumocfg"), "SUMO refused: The vehicle type 'ghost' for vehicle 'a' is not known"),

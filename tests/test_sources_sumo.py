@@ -201,7 +201,12 @@ def test_bad_configurations_give_one_clear_line(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("content", "message"), [("<configuration><input>", "broken XML"), ("", "broken XML"), ("<net/>", "root element")]
+    ("content", "message"),
+    [
+        ("<configuration><input>", "broken or truncated XML"),
+        ("", "broken or truncated XML"),
+        ("<net/>", "root element"),
+    ],
 )
 def test_a_broken_configuration_is_said(tmp_path, content, message):
     path = tmp_path / "x.sumocfg"
@@ -217,7 +222,7 @@ BAD_ROUTES = {
     '<vehicle id="a" type="nope" depart="0"><route edges="main"/></vehicle>': "vehicle type 'nope'",
     '<vehicle id="a" depart="0"><route edges="nowhere"/></vehicle>': "edge 'nowhere'",
     '<vehicle id="a" depart="0"><route edges="exit main"/></vehicle>': "no valid route",  # said while SUMO runs
-    "<vehicle": "SUMO refused",
+    "<vehicle": "broken or truncated XML",
 }
 
 

@@ -38,8 +38,9 @@ def open_xml(path: Path, what: str, error: type[RegentsError]) -> io.BufferedRea
 
 def children(path: Path, what: str, error: type[RegentsError]) -> Iterator[tuple[str, ET.Element]]:
     """The name of the root, and each of its children as a whole; what was read is not kept."""
-    root, count = None, Count(path)
+    root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
+        count = Count(path)
         for event, element in ET.iterparse(stream, events=("start", "end")):
             root = element if root is None else root
             if event == "start":
@@ -52,8 +53,9 @@ def children(path: Path, what: str, error: type[RegentsError]) -> Iterator[tuple
 
 def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
     """The root of a file. Raises `error` where it is broken or too large."""
-    root, count = None, Count(path)
+    root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
+        count = Count(path)
         for event, element in ET.iterparse(stream, events=("start", "end")):
             root = element if root is None else root
             if event == "start":
