@@ -30,7 +30,7 @@ from regents_cosim.attacks.universal import Several
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.logged import logged
-from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
@@ -149,7 +149,7 @@ def _several(first: JaxPlanner | HostPlanner, names: tuple[str, ...], config: At
     return Several(tuple(planner for planner in planners if isinstance(planner, JaxPlanner)), names)
 
 
-def _who_crashes(several: Several, scenario: Scenario, job: Job, found: Found, background: Motion) -> list[str]:
+def _who_crashes(several: Several, scenario: Scenario, job: Job, background: Motion, controls: Controls) -> list[str]:
     """Names of the planners that crash among `background`, each in a drive of its own, by the exact boxes.
 
     Raises DriveError for one that fails there.
@@ -160,7 +160,7 @@ def _who_crashes(several: Several, scenario: Scenario, job: Job, found: Found, b
         (driven,) = in_compiled_loop(planner, name)([request])
         if isinstance(driven, DriveError):
             raise driven
-        tracks = to_tracks(with_ego(background, driven.ego.motion), found.controls, scenario)
+        tracks = to_tracks(with_ego(background, driven.ego.motion), controls, scenario)
         if first_contact(scenario.agents, tracks):
             crashed.append(name)
     return crashed
@@ -327,8 +327,8 @@ class _Attack:
         )
         if isinstance(self.planner, Several):
             # Where the search diverged, one of them may have: the log tells.
-            background = job.world.log if outcome == "diverged" else found.motion
-            crashed = _who_crashes(self.planner, scenario, job, found, background)
+            told = (job.world.log, job.world.controls) if outcome == "diverged" else (found.motion, found.controls)
+            crashed = _who_crashes(self.planner, scenario, job, *told)
             if outcome != "diverged":
                 record = replace(record, settings=record.settings | {"crashed": " ".join(crashed)})
         return replace(
