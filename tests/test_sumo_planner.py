@@ -53,6 +53,7 @@ def only(case, *rows, x, y, speed):
         yaw=zero,
         speed=columns[2] + zero,
         valid=zero == 0.0,
+        z=zero,
         accel=None,
         curvature=None,
     )
