@@ -34,13 +34,6 @@ def gunzip_bounded(data: bytes, limit_bytes: int) -> bytes:
         return b"".join(_pieces(file, _DATA, limit_bytes))
 
 
-def require_gunzip_within(data: bytes, limit_bytes: int) -> None:
-    """Raise InputError where `gunzip_bounded` would; keeps nothing."""
-    with _explain(_DATA), gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-        for _ in _pieces(file, _DATA, limit_bytes):
-            pass
-
-
 def open_bounded(path: Path, limit_bytes: int) -> io.BufferedReader:
     """A stream of a regular file, gzip undone where its content is gzip, that gives at most `limit_bytes`.
 

@@ -12,9 +12,10 @@ import numpy as np
 import shapely
 
 from regents_cosim.atomic import clear_leftovers, write_atomic
-from regents_cosim.bounded import MIB, gunzip_bounded, read_bounded, require_gunzip_within
+from regents_cosim.bounded import MIB, gunzip_bounded, read_bounded
 from regents_cosim.errors import CaseError, InputError
 from regents_cosim.names import require_file_name, require_inside, require_no_link
+from regents_cosim.net_elements import require_network_alone
 from regents_cosim.polygon_file import load_polygons
 from regents_cosim.roadmap import Connection, Lane, RoadMap
 
@@ -106,7 +107,7 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
     entry = msgspec.json.decode(gunzip_bounded(road, _ROAD_BYTES), type=_RaisedRoadEntry)
     if sumo_net is not None:
-        require_gunzip_within(sumo_net, _NET_BYTES)
+        require_network_alone(gunzip_bounded(sumo_net, _NET_BYTES))
     heights = entry.heights or (None,) * len(entry.lanes)
     lanes = tuple(_lane(one, height) for one, height in zip(entry.lanes, heights, strict=True))
     return RoadMap(lanes, entry.connections, load_polygons(entry.drivable), sumo_net)

@@ -27,11 +27,11 @@ from regents_cosim.mirror.kept_programs import private_folder
 from regents_cosim.planners import find
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.planners.find import find_attribute, make_planner
-from regents_cosim.replays.replay import replay
 from regents_cosim.reports.html import html_page
 from regents_cosim.scenario import AttackRecord
 from regents_cosim.shipped import shipped
 from regents_cosim.sources.logs.unpickle import unpickle
+from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.xml_input import read_tree
 from regents_cosim.suite import SuiteWriter, load_cases
 
@@ -218,17 +218,38 @@ def test_the_terminal_is_told_no_control_characters(tmp_path, capsys):
     assert len(said) <= 501
 
 
-def test_a_network_with_entities_costs_its_case():
+@pytest.mark.parametrize(
+    "harm",
+    [
+        '<e1Detector id="d" lane="LANE" pos="1" period="1" file="OUT"/>',
+        '<inductionLoop id="d" lane="LANE" pos="1" period="1" file="OUT"/>',
+        '<edgeData id="d" file="OUT"/>',
+        '<calibrator id="d" lane="LANE" pos="0" output="OUT"/>',
+        '<vType id="DEFAULT_VEHTYPE"><param key="has.ssm.device" value="true"/></vType>',
+        '<tlLogic id="t" type="actuated" programID="1"><param key="file" value="OUT"/></tlLogic>',
+        '<param key="device.ssm.file" value="OUT"/>',
+        '<include href="/etc/passwd"/>',
+        "&x;",
+    ],
+)
+def test_a_network_holds_roads_and_lights_alone(tmp_path, harm):
     case = load_case(find_cases(shipped("scenarios") / "quickstart")[0])
     assert case.road.sumo_net is not None
-    text = gzip.decompress(case.road.sumo_net).decode()
-    at = text.index("<net ")
-    end = text.index(">", at) + 1
-    document_type = '<!DOCTYPE net [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
-    harm = f"{text[:at]}{document_type}{text[at:end]}&x;{text[end:]}"
-    found = replay(replace(case, road=replace(case.road, sumo_net=gzip.compress(harm.encode()))))
-    assert not found.verified
-    assert "entity" in found.reason
+    plain = gzip.decompress(case.road.sumo_net).decode()
+    (tmp_path / "OUT").write_text("precious")
+    harm = harm.replace("LANE", case.road.lanes[0].id).replace("OUT", str(tmp_path / "OUT"))
+    text = plain.replace("</net>", f"{harm}</net>")
+    if harm == "&x;":
+        text = text.replace("<net ", '<!DOCTYPE net [<!ENTITY x SYSTEM "file:///etc/passwd">]><net ')
+    suite = tmp_path / "suite"
+    SuiteWriter(suite, 0).add(replace(case, road=replace(case.road, sumo_net=gzip.compress(text.encode()))))
+    assert run(["replay", str(suite)]) == 2
+    (tmp_path / "harm.net.xml").write_text(text)
+    with pytest.raises(RegentsError, match="SUMO network"):
+        read_road_map(tmp_path / "harm.net.xml")
+    (tmp_path / "plain.net.xml").write_text(plain)
+    read_road_map(tmp_path / "plain.net.xml")
+    assert (tmp_path / "OUT").read_text() == "precious"
 
 
 def test_the_hash_finds_changes_and_is_no_signature(suite):

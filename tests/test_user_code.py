@@ -78,7 +78,7 @@ def test_a_planner_of_several_files_is_made(tmp_path, monkeypatch, name):
 def test_the_process_of_a_planner_finds_the_files_too(tmp_path, monkeypatch, name):
     project(tmp_path)
     monkeypatch.chdir(tmp_path)
-    process = HostProcess(name, 10.0)
+    process = HostProcess(name)
     try:
         process.reset([scene_of(scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0)))])
     finally:

@@ -18,7 +18,8 @@ import sumolib
 from shapely.errors import ShapelyError
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.errors import ScenarioError, SumoError, require
+from regents_cosim.errors import InputError, ScenarioError, SumoError, require
+from regents_cosim.net_elements import require_network_alone
 from regents_cosim.roadmap import Connection, Lane, RoadMap
 from regents_cosim.sources.xml_input import Count, explained_xml, open_xml
 
@@ -43,7 +44,7 @@ def _explained(path: Path) -> Iterator[None]:
     """Turn what a damaged network makes of sumolib and of us into one clear error."""
     try:
         yield
-    except SumoError as error:
+    except (SumoError, InputError) as error:
         raise SumoError(f"{path}: {error}") from error
     except xml.sax.SAXParseException as error:
         where = f"at line {error.getLineNumber()} ({error.getMessage()})"
@@ -56,6 +57,7 @@ def _explained(path: Path) -> Iterator[None]:
 
 
 def _road_map(net: sumolib.net.Net, lefthand: bool, content: bytes) -> RoadMap:
+    require_network_alone(content)
     lanes = {lane.getID(): lane for lane in _car_lanes(net)}
     if not lanes:
         raise SumoError(

@@ -1,0 +1,38 @@
+"""What a SUMO network may hold: roads, junctions and lights.
+
+SUMO takes detectors, types with devices and other things from a network file too, and detectors write files: to
+whatever place the network says, whenever a case is replayed. A network of a case may be a stranger's.
+"""
+
+from xml.parsers import expat
+
+from regents_cosim.errors import InputError
+
+_ELEMENTS = frozenset(
+    {
+        "net", "location", "type", "restriction", "edge", "lane", "neigh", "stopOffset", "junction", "request",
+        "connection", "prohibition", "roundabout", "tlLogic", "phase", "condition", "assignment", "function", "param",
+    }
+)  # fmt: skip
+
+
+def require_network_alone(content: bytes) -> None:
+    """Raise InputError where a network, unpacked, holds anything else, or lights that write files."""
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = _refuse_document_type
+    parser.StartElementHandler = _require_known
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        raise InputError(f"SUMO network: {error}") from error
+
+
+def _refuse_document_type(*_: object) -> None:
+    raise InputError("SUMO network with a document type, which is not read (its entities may fill the memory)")
+
+
+def _require_known(name: str, attributes: dict[str, str]) -> None:
+    key = attributes.get("key", "") if name == "param" else ""
+    if name not in _ELEMENTS or key == "file" or key.endswith(".file") or "output" in key:
+        what = f"a parameter {key!r}" if key else f"<{name}>"
+        raise InputError(f"SUMO network holds {what}, with which SUMO may write files: expected roads and lights alone")
