@@ -110,3 +110,20 @@ def test_it_is_heard_while_jax_is_imported(tmp_path, after_s):
     command.send(signal.SIGINT)
     assert command.end() == (130, ["regents: interrupted; nothing is half-written, run the same command again"])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_slow_planner_does_not_hold_it_up(tmp_path, monkeypatch):
+    (tmp_path / "slow.py").write_text(
+        "import time\nfrom regents_cosim import Control\nclass Slow:\n"
+        "    def reset(self, scene): open('driving', 'w').close()\n"
+        "    def act(self, observation):\n        time.sleep(0.5)\n        return Control(0.0, 0.0)\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    command = attack(tmp_path / "suite", "--planner", tmp_path / "slow.py:Slow")
+    command.wait_until((tmp_path / "driving").exists)
+    command.send(signal.SIGINT)
+    command.send(signal.SIGINT)
+    command.send(signal.SIGINT)
+    code, said = command.end()
+    assert said == ["regents: interrupted; nothing is half-written, run the same command again"]
+    assert code == 130
