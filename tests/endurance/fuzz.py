@@ -2,7 +2,6 @@
 
 One line of JSON per reader: how many inputs, how many it accepted and refused, how fast, the slowest, the biggest
 growth of memory, and every failure. An input is made from seed, reader and number alone, so it can be made again.
-With `--coverage`, atheris (which must be installed) chooses inputs by the lines that they reach.
 
 The readers run in a child process that is watched: a hang, a segmentation fault or an end by the system is a failure
 of the input at hand, and the next child goes on behind it.
@@ -23,10 +22,12 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
+from regents_cosim.plain_text import printable
 
 if __package__:
     from .readers import Reader, readers
@@ -39,7 +40,7 @@ _HANG_S = 60.0  # of the clock, after which the child is ended
 MOST_BYTES = 500_000_000  # that memory may grow by with one input
 _LIMIT_BYTES = 3_000_000_000  # that the child gets at most
 LONGEST_MESSAGE = 500
-_LARGEST = 1 << 17  # bytes of a mutated file
+_LARGEST = 1 << 19  # bytes of a mutated file
 _MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 
 
@@ -115,7 +116,7 @@ _WORDS = re.compile(rb"[A-Za-z_][A-Za-z_0-9]{2,}")
 
 
 def mutated(seeds: Sequence[bytes], rng: random.Random) -> bytes:
-    """One of `seeds` with up to eight changes, at most 128 KiB."""
+    """One of `seeds` with up to eight changes, at most 512 KiB."""
     data = bytearray(rng.choice(seeds))
     for _ in range(rng.choice((1, 1, 1, 2, 2, 4, 8))):
         rng.choice(_MUTATIONS)(data, seeds, rng)
@@ -210,9 +211,15 @@ _MUTATIONS: tuple[Callable[[bytearray, Sequence[bytes], random.Random], None], .
 )  # fmt: skip
 
 
+@lru_cache(maxsize=1)
+def _hostile(name: str, made: Callable[[], tuple[bytes, ...]]) -> tuple[bytes, ...]:
+    """Large files, made once for all inputs of a reader."""
+    return made()
+
+
 def input_of(reader: Reader, seed: int, number: int) -> bytes:
     """The input of that number: hostile files first, then mutations."""
-    hostile = reader.hostile()
+    hostile = _hostile(reader.name, reader.hostile)
     if number < len(hostile):
         return hostile[number]
     rng = random.Random(f"{seed} {reader.name} {number}")
@@ -247,7 +254,7 @@ def try_one(reader: Reader, path: Path, data: bytes) -> tuple[str, str]:
         said = str(error)
         if len(said) > LONGEST_MESSAGE:
             return "failed", f"a message of more than {LONGEST_MESSAGE} characters: {type(error).__name__}"
-        if not said.isprintable():
+        if printable(said, limit=None) != said:
             return "failed", f"a message that is no line of printable text: {_where(error)}"
         return "refused", ""
     except BaseException as error:  # also what C++ and Rust throw
@@ -407,12 +414,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reader", action="append", default=[], help="one of them; may be given more than once")
     parser.add_argument("--keep", type=Path, help="folder for the inputs that failed")
-    parser.add_argument("--coverage", action="store_true", help="let atheris choose the inputs of one reader")
     asked = parser.parse_args()
-    if asked.coverage:
-        from . import coverage
-
-        return coverage.run(readers()[asked.reader[0]], asked.count, asked.seed, asked.keep)
     clean, totals = True, {}
     for tally in fuzz_all(tasks_of(asked.count, asked.seed, asked.reader)):
         if asked.keep:
