@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.boxes import Boxes
 from regents_cosim.errors import ScenarioError, require
+from regents_cosim.levels import Heights
 from regents_cosim.names import require_file_name, require_id
 from regents_cosim.roadmap import MOST_COORDINATE_M, RoadMap
 
@@ -356,6 +357,18 @@ class Scenario:
     def boxes(self) -> Boxes:
         """Boxes of all agents at all steps, [agent, time]."""
         return boxes_of(self.agents, self.tracks)
+
+    @cached_property
+    def heights(self) -> Heights:
+        """How high the road is under its agents, wherever they go."""
+        way = self.tracks if self.original is None else self.original
+        return Heights(self.road, way.x, way.y, way.z, way.valid)
+
+    def with_heights(self, tracks: Tracks) -> Tracks:
+        """`tracks` of the same agents, who may have gone elsewhere, with the heights of the road under them."""
+        if self.heights.flat:
+            return tracks
+        return replace(tracks, z=np.where(tracks.valid, self.heights(tracks.x, tracks.y), 0.0))
 
     @property
     def dynamics(self) -> Dynamics:

@@ -64,7 +64,7 @@ def told(made=MADE):
 
 def seen(step=0, made=MADE):
     tracks = made.tracks
-    return Seen(*(v[:, step] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid)))
+    return Seen(*(v[:, step] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid, tracks.z)))
 
 
 def observation(step=0):
@@ -89,6 +89,7 @@ def test_what_is_asked_and_answered(planner, tmp_path):
         "id": "scene", "dt": 0.1, "steps": 6, "target": [5.0, 0.0], "max_accel": 6.0, "max_curvature": 0.3,
         "ego": {
             "id": "car00", "kind": "car", "x": 0.0, "y": 0.0, "yaw": 0.0, "speed": 10.0, "length": 4.6, "width": 1.8,
+            "z": 0.0,
         },
         "others": [{"id": f"car0{k}", "kind": "car", "length": 4.6, "width": 1.8} for k in (1, 2)],
         "lanes": reset["lanes"], "connections": [],

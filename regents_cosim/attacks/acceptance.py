@@ -46,7 +46,7 @@ def is_clean(
 
 def _off_road(world: World, box: Box, agent: Int[Array, ""]) -> Bool[Array, " time"]:
     began_on = take(world.on_road.T, agent)
-    fields = began_on[:, None] * world.road(*corners(box))[:, 0]
+    fields = began_on[:, None] * world.road(*corners(box), box.z)[:, 0]
     return fields.max(axis=0) > _OFF_ROAD
 
 

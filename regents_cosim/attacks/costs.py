@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, AttackConfig
+from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.separation import Box, corners, distance, first_row, pick
 from regents_cosim.mirror.world import World
@@ -71,7 +72,7 @@ def road_deviation(world: World, boxes: Box, movers: Movers) -> Float[Array, ""]
     agents, steps = world.valid.shape
     background = movers.rows(world.valid & (jnp.arange(agents) > 0)[:, None])
     boxes, on_road = movers.rows(boxes), movers.rows(world.on_road.T)
-    return jnp.where(background & on_road.T[:, :, None], world.road(*corners(boxes)), 0.0).sum() / steps
+    return jnp.where(background & on_road.T[:, :, None], world.road(*corners(boxes), boxes.z), 0.0).sum() / steps
 
 
 def take(values: Bool[Array, "agent *rest"], agent: Int[Array, ""]) -> Bool[Array, "*rest"]:
@@ -180,8 +181,8 @@ def _full(boxes: Box) -> Box:
 def _pulls(
     world: World, valid: Bool[Array, "*agent time"], ego: Box, boxes: Box, config: AttackConfig
 ) -> Bool[Array, "*agent time"]:
-    """Steps at which an agent is drawn to the ego: not from behind it, not while it stands, if so configured."""
-    pulls = valid
+    """Steps at which the ego draws an agent: on its level, and as configured not from behind or while it stands."""
+    pulls = valid if boxes.z is None else valid & same_level(ego.z, boxes.z)
     if not config.pull_from_behind:
         dx, dy = boxes.x - ego.x, boxes.y - ego.y
         pulls &= dx * ego.cos + dy * ego.sin >= np.cos(config.behind_rad) * jnp.hypot(dx, dy)

@@ -36,6 +36,7 @@ from regents_cosim.attacks.costs import Costs
 from regents_cosim.attacks.descent import Descent, Seen, ego_contacts, to_actions, to_controls
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
+from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.rollout import drive, with_ego
 from regents_cosim.mirror.separation import Box, corners, overlaps
 from regents_cosim.mirror.world import World
@@ -57,7 +58,11 @@ def total_cost(world: World, motion: Motion, candidate: Bool[Array, " agent"], c
 def ego_distance(world: World, motion: Motion, candidate: Bool[Array, " agent"]) -> Float[Array, ""]:
     """Ego distance: min over candidates of the mean *squared* distance of *centres* [m^2], over logged steps."""
     squares = (motion.x - motion.x[0]) ** 2 + (motion.y - motion.y[0]) ** 2
-    means = jnp.where(world.valid, squares, 0.0).sum(axis=1) / jnp.maximum(world.valid.sum(axis=1), 1)
+    z, counts = world.height(motion), world.valid
+    if z is not None:
+        counts &= same_level(z, z[:1])
+        candidate &= counts.any(axis=1)
+    means = jnp.where(counts, squares, 0.0).sum(axis=1) / jnp.maximum(counts.sum(axis=1), 1)
     return jnp.where(candidate, means, jnp.inf).min()
 
 
@@ -69,6 +74,9 @@ def pair_proximity(world: World, motion: Motion, candidate: Bool[Array, " agent"
     background = jnp.arange(candidate.shape[0]) > 0
     pairs = jnp.triu(world.apart & (candidate[:, None] | candidate[None]) & background[:, None], k=1)
     counts = pairs[..., None] & world.valid[:, None] & world.valid[None]
+    z = world.height(motion)
+    if z is not None:
+        counts &= same_level(z[:, None], z[None])
     squares = (motion.x[:, None] - motion.x[None]) ** 2 + (motion.y[:, None] - motion.y[None]) ** 2
     closest = -jnp.minimum(jnp.where(counts, squares, jnp.inf).min(), reach_m**2)
     return jnp.where(candidate.sum() == 1, jnp.nan, closest)
@@ -86,7 +94,7 @@ def road_deviation(world: World, motion: Motion) -> Float[Array, ""]:
         along, up = x - left, y - bottom
         inside = (along >= 0.0) & (along < _CROP_M) & (up >= 0.0) & (up < _CROP_M)
         counted = inside & world.valid[1:] & world.on_road[corner, 1:, None]
-        total += jnp.where(counted, world.road(left + up, bottom + along), 0.0).sum()
+        total += jnp.where(counted, world.road(left + up, bottom + along, boxes.z), 0.0).sum()
     return total
 
 

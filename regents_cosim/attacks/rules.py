@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.boxes import CLEARANCE_M
 from regents_cosim.mirror.bicycle import Motion, wrap
 from regents_cosim.mirror.world import World
 
@@ -12,17 +13,26 @@ from regents_cosim.mirror.world import World
 def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     """Agents whose controls the attack may change.
 
-    Motor vehicles other than the ego that are present for at least half of the horizon and do
-    not overlap the ego from the start, less those that rules 2 and 3 exclude.
+    Motor vehicles other than the ego that are present for at least half of the horizon, do not overlap the ego from
+    the start and come to a height that it comes to, less those that rules 2 and 3 exclude.
     """
     not_ego = jnp.arange(world.valid.shape[0]) > 0
     long_enough = world.valid.mean(axis=1) >= 0.5
-    allowed = not_ego & world.vehicle & long_enough & world.apart[0]
+    allowed = not_ego & world.vehicle & long_enough & world.apart[0] & may_meet_ego(world)
     if config.exclude_rear:
         allowed &= ~mostly_behind(world, config.rear_share, config.rear_sector_rad)
     if config.exclude_static:
         allowed &= travelled(world) >= config.static_m
     return allowed
+
+
+def may_meet_ego(world: World) -> Bool[Array, " agent"]:
+    """Who is in the log, at some step, within the clearance of a height that the ego has, at some step."""
+    if world.heights is None:
+        return jnp.ones(world.valid.shape[0], bool)
+    z, ego = world.heights.z, world.heights.z[0]
+    meets = (z > ego.min() - CLEARANCE_M) & (z < ego.max() + CLEARANCE_M)
+    return (meets & world.valid).any(axis=1)
 
 
 def mostly_behind(world: World, share: float, sector_rad: float) -> Bool[Array, " agent"]:

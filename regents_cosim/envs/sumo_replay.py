@@ -221,7 +221,8 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         missing = self.scenario.tracks.steps - len(self._frames)
         nobody = self.seen._replace(valid=np.arange(len(self.scenario.agents)) == 0)
         columns = (np.stack(values, axis=1) for values in zip(*self._frames, *[nobody] * missing, strict=True))
-        return replace(self.scenario, tracks=Tracks(*columns), attack=None, original=None, judgement=None, evasion=None)
+        tracks = Tracks(**dict(zip(Seen._fields, columns, strict=True)))
+        return replace(self.scenario, tracks=tracks, attack=None, original=None, judgement=None, evasion=None)
 
 
 def _numbers(*shape: int) -> Box:

@@ -14,13 +14,15 @@ would be is not sent anew; that makes it lenient towards egos that do anything e
 
 import numpy as np
 import shapely
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
+from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.boxes import Boxes, corners, overlap
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.errors import ScenarioError
 from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.evaluation.manoeuvres import BANK, Bank, Fan, fans
+from regents_cosim.levels import BAND_M, band, drivable_at, has_levels
 from regents_cosim.scenario import Avoidability, Collision, Scenario, Tracks
 
 _MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
@@ -80,6 +82,8 @@ class _Others:
         self._x = np.hstack([tracks.x, tracks.x[:, -1:] + speed * np.cos(yaw) * ahead])
         self._y = np.hstack([tracks.y, tracks.y[:, -1:] + speed * np.sin(yaw) * ahead])
         self._yaw = np.hstack([tracks.yaw, yaw + 0.0 * ahead])
+        self._z = np.hstack([tracks.z, tracks.z[:, -1:] + 0.0 * ahead])
+        self._heights = attacked.heights
         was_hit = np.array([agent.id == hit.agent for agent in attacked.agents])
         self._valid = np.hstack([tracks.valid, np.outer(was_hit & tracks.valid[:, -1], np.ones_like(ahead, bool))])
         self._length, self._width = np.array([(agent.length, agent.width) for agent in attacked.agents]).T
@@ -111,11 +115,12 @@ class _Others:
 
     def _touched(self, fan: Fan, agent: int, steps: np.ndarray, reach: float) -> Bool[np.ndarray, " manoeuvre"]:
         """Which manoeuvres overlap `agent` at one of `steps` after the onset; nobody overlaps beyond `reach` [m]."""
-        x, y, yaw = (values[agent, fan.onset + steps] for values in (self._x, self._y, self._yaw))
+        x, y, yaw, z = (values[agent, fan.onset + steps] for values in (self._x, self._y, self._yaw, self._z))
         row, step = np.nonzero((fan.x[:, steps] - x) ** 2 + (fan.y[:, steps] - y) ** 2 <= reach**2)
         at = row, steps[step]
-        mine = Boxes(fan.x[at], fan.y[at], fan.yaw[at], self._length[0], self._width[0])
-        theirs = Boxes(x[step], y[step], yaw[step], self._length[agent], self._width[agent])
+        own_z = self._heights.of(0, fan.x[at], fan.y[at])
+        mine = Boxes(fan.x[at], fan.y[at], fan.yaw[at], self._length[0], self._width[0], own_z)
+        theirs = Boxes(x[step], y[step], yaw[step], self._length[agent], self._width[agent], z[step])
         touched = np.zeros(len(fan), bool)
         touched[row[overlap(mine, theirs)]] = True
         return touched
@@ -129,15 +134,30 @@ class _Road:
         bounds = [edge(values[0]) for edge in (np.min, np.max) for values in (own.x, own.y)]
         around = np.add(bounds, [-_BEYOND_M, -_BEYOND_M, _BEYOND_M, _BEYOND_M])
         self._steps = own.steps
-        self._allowed = shapely.clip_by_rect(attacked.road.drivable, *around).buffer(OFF_ROAD_M)
-        shapely.prepare(self._allowed)
-        self._ego = attacked.ego
+        self._near = around.tolist()
+        self._road, self._heights, self._ego = attacked.road, attacked.heights, attacked.ego
+        self._allowed: dict[int, BaseGeometry] = {}  # by level
 
     def keeping_to_it(self, fan: Fan) -> Fan:
         """Manoeuvres that take no corner off the road, up to the horizon, which was on it at the onset."""
         for stride in (5, 1):  # few steps tell most of those that leave it
             steps = np.s_[:, : self._steps - fan.onset : stride]
             places = corners(Boxes(fan.x[steps], fan.y[steps], fan.yaw[steps], self._ego.length, self._ego.width))
-            on = shapely.contains_xy(self._allowed, places[..., 0], places[..., 1])
+            on = self._contains(places, self._heights.of(0, fan.x[steps], fan.y[steps]))
             fan = fan.take(np.all(on | ~on[:, :1], axis=(1, 2)))
         return fan
+
+    def _contains(
+        self, places: Float[np.ndarray, "*axes corner 2"], z: Float[np.ndarray, "*axes"]
+    ) -> Bool[np.ndarray, "*axes corner"]:
+        """Whether places are on the road of their level, at heights `z` [m]."""
+        level = band(z) if has_levels(self._road) else np.zeros(z.shape, int)
+        on = np.zeros(places.shape[:-1], bool)
+        for one in np.unique(level).tolist():
+            if one not in self._allowed:
+                road = shapely.clip_by_rect(drivable_at(self._road, one * BAND_M), *self._near)
+                self._allowed[one] = road.buffer(OFF_ROAD_M)
+                shapely.prepare(self._allowed[one])
+            here = level == one
+            on[here] = shapely.contains_xy(self._allowed[one], places[here][..., 0], places[here][..., 1])
+        return on

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners, overlap
+from regents_cosim.levels import beyond_road
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 
@@ -47,7 +47,7 @@ def cleanness(attacked: Scenario) -> Cleanness | None:
 
 def corners_off_road(road: RoadMap, box: Boxes) -> Bool[np.ndarray, "*axes 4"]:
     """Which corners of boxes are more than 0.3 m off the road."""
-    return np.asarray(shapely.distance(road.drivable, shapely.points(corners(box)))) > OFF_ROAD_M
+    return beyond_road(road, corners(box), np.asarray(box.z)[..., None]) > OFF_ROAD_M
 
 
 def _leaves_road(attacked: Scenario, agent: int, step: int) -> bool:

@@ -182,7 +182,8 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
 def _off_road(scenario: Scenario, tracks: Tracks) -> Bool[np.ndarray, " time"]:
     """At which steps a corner of the ego is more than 0.3 m off the road."""
     ego = scenario.ego
-    box = Boxes(tracks.x[0], tracks.y[0], tracks.yaw[0], np.float64(ego.length), np.float64(ego.width))
+    size = np.float64(ego.length), np.float64(ego.width)
+    box = Boxes(tracks.x[0], tracks.y[0], tracks.yaw[0], *size, tracks.z[0])
     return np.any(corners_off_road(scenario.road, box), axis=-1)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from regents_cosim.boxes import same_level
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Agent, Tracks
 
@@ -40,6 +41,7 @@ class Way:
         steps = np.flatnonzero(self.there)
         self.points = np.stack([tracks.x[index], tracks.y[index]], axis=-1)  # [time, 2], of the centre
         self.yaw = tracks.yaw[index]
+        self.z = tracks.z[index]  # [m] of the road
         self.speed = np.where(self.there, tracks.speed[index], np.nan)
         self.accel = np.nan_to_num(np.diff(self.speed, prepend=np.nan)) / dt  # [m/s^2] of the step just made
         ahead = np.stack([np.cos(self.yaw), np.sin(self.yaw)], axis=-1)
@@ -72,6 +74,10 @@ class Way:
         corners, along = self._corners
         return np.stack([np.interp(s, along, corners[:, 0]), np.interp(s, along, corners[:, 1])], axis=-1)
 
+    def height(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Height of the road [m] at distances along the line; beyond its ends as there."""
+        return np.interp(s, self._s, self.z[self.there])
+
     def place(self, points: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Distance along the line, and from it, of points [m]."""
         s = np.asarray(shapely.line_locate_point(self.line, shapely.points(points)))
@@ -98,6 +104,7 @@ def followings(ego: Way, other: Way) -> Iterator[Following]:
         s, away = owner.place(guest.points)
         turn = np.cos(guest.yaw - owner.direction(s))
         aligned = ((turn > np.cos(_ALONG_RAD)) | (turn < -np.cos(_ACROSS_RAD))) & (away < beside) & (s > 0.0)
+        aligned &= same_level(owner.height(s), guest.z)
         ahead = np.where(aligned & owner.there & guest.there, s - owner.s, np.nan)
         approach = owner.speed - guest.speed * turn
         behind = -ahead - owner.agent.length
@@ -129,6 +136,7 @@ def crossing(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
     (own, _), (others, _) = ego.place(meeting), other.place(meeting)
     turn = np.abs(wrap(ego.direction(own) - other.direction(others)))
     across = np.minimum(turn, np.pi - turn) > _ACROSS_RAD
+    across &= same_level(ego.height(own), other.height(others))
     if not across.any():
         return None
     first = np.flatnonzero(across)[np.argmin(own[across])]
@@ -158,7 +166,7 @@ def joining(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
     own = np.arange(0.0, ego.line.length, max(_SPACING_M, ego.line.length / _MOST_POINTS))
     others, away = other.place(ego.at(own))
     turn = np.abs(wrap(ego.direction(own) - other.direction(others)))
-    beside = (away < touching) & (turn < _ALONG_RAD)
+    beside = (away < touching) & (turn < _ALONG_RAD) & same_level(ego.height(own), other.height(others))
     begins = np.flatnonzero(beside & ~np.append(True, beside[:-1]) & (turn > _ACROSS_RAD))
     for first in begins:
         last = first + np.argmin(np.append(beside[first:], False))

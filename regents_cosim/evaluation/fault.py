@@ -15,9 +15,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 import shapely
 
-from regents_cosim.boxes import Boxes, corners
+from regents_cosim.boxes import Boxes, corners, same_level
 from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.frames import wrap
+from regents_cosim.levels import beyond_road, height_on
 from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Lane
 from regents_cosim.scenario import Collision, Fault, Scenario
@@ -122,11 +123,13 @@ class Crash:
     def off_road(self, agent: int) -> float:
         """How far [m] its furthest corner is off the road at the crash."""
         at = [np.broadcast_to(v, self.scenario.tracks.x.shape)[agent, self.hit.step] for v in self.scenario.boxes]
-        return float(shapely.distance(self.scenario.road.drivable, shapely.points(corners(Boxes(*at)))).max())
+        box = Boxes(*at)
+        return float(beyond_road(self.scenario.road, corners(box), box.z).max())
 
     def lanes(self, agent: int) -> list[Lane | None]:
         """The lane under its front at every valid step up to the crash."""
-        return match_lanes(self.scenario.road, self._front(agent))
+        steps = np.flatnonzero(self.scenario.tracks.valid[agent, : self.hit.step + 1])
+        return match_lanes(self.scenario.road, self._front(agent), self.scenario.tracks.z[agent, steps])
 
     def wrong_way(self, agent: int) -> float | None:
         """By how much [rad] it drives against the only lanes there, at the crash; None where it does not."""
@@ -158,10 +161,12 @@ class Crash:
         return _heading(min(along, key=lambda lane: shapely.LineString(lane.centre).distance(at)), at) if along else yaw
 
     def _lanes_at(self, agent: int, step: int) -> tuple[shapely.Point, list[Lane]]:
-        """Where the agent is, and the lanes near it."""
-        road = self.scenario.road
-        at = shapely.Point(self.scenario.tracks.x[agent, step], self.scenario.tracks.y[agent, step])
-        return at, [road.lanes[i] for i in road.centre_lines.query(at, predicate="dwithin", distance=_LANE_REACH_M)]
+        """Where the agent is, and the lanes of its level near it."""
+        road, tracks = self.scenario.road, self.scenario.tracks
+        x, y, z = (float(values[agent, step]) for values in (tracks.x, tracks.y, tracks.z))
+        at = shapely.Point(x, y)
+        near = [road.lanes[i] for i in road.centre_lines.query(at, predicate="dwithin", distance=_LANE_REACH_M)]
+        return at, [lane for lane in near if same_level(height_on(lane, np.array([x, y])), z)]
 
     def _front(self, agent: int) -> np.ndarray:
         tracks = self.scenario.tracks

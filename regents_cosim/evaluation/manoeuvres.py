@@ -108,6 +108,7 @@ class Fan:
         moved = _travelled(driven["speed"], scenario.dt)
         return Tracks(
             **driven,
+            z=scenario.heights.of(0, driven["x"], driven["y"]),
             valid=own.valid[:1],
             accel=np.diff(driven["speed"], axis=1) / scenario.dt,
             curvature=_per_metre(np.diff(np.unwrap(driven["yaw"], axis=1), axis=1), moved),

@@ -73,4 +73,4 @@ def weakened(scenario: Scenario, share: float) -> Scenario:
     }
     others = np.arange(len(scenario.agents))[:, None] > 0
     values = {name: np.where(others & both, value, getattr(attacked, name)) for name, value in mixed.items()}
-    return replace(scenario, tracks=Tracks(**values, valid=attacked.valid))
+    return replace(scenario, tracks=scenario.with_heights(Tracks(**values, valid=attacked.valid)))

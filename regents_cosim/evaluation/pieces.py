@@ -55,7 +55,7 @@ def keep(scenario: Scenario, kept: Bool[np.ndarray, " agent"]) -> Scenario:
 
 
 def _cut(tracks: Tracks, begin: int, end: int) -> Tracks:
-    parts = {name: getattr(tracks, name)[:, begin : end + 1] for name in ("x", "y", "yaw", "speed", "valid")}
+    parts = {name: getattr(tracks, name)[:, begin : end + 1] for name in ("x", "y", "yaw", "speed", "valid", "z")}
     if tracks.accel is None or tracks.curvature is None:
         return Tracks(**parts)
     return Tracks(**parts, accel=tracks.accel[:, begin:end], curvature=tracks.curvature[:, begin:end])

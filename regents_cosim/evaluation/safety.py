@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.boxes import Boxes, distance
+from regents_cosim.boxes import CLEARANCE_M, Boxes, distance
 from regents_cosim.evaluation.encounters import Approach, Way, crossing, followings, joining
 from regents_cosim.scenario import Agent, Tracks, boxes_of
 
@@ -205,7 +205,8 @@ def least_gap(agents: tuple[Agent, ...], tracks: Tracks, end: int) -> float | No
     if not there.any():
         return None
     apart = distance(Boxes(*(values[:1] for values in at)), Boxes(*(values[1:] for values in at)))
-    return float(np.asarray(apart)[there].min())
+    least = float(np.asarray(apart)[there].min())
+    return least if np.isfinite(least) else None  # all the others are on other levels
 
 
 _NEAR_M = 50.0  # whoever stays further away has no part in the drive: the range of SUMO's device
@@ -214,11 +215,18 @@ _NEAR_M = 50.0  # whoever stays further away has no part in the drive: the range
 def _comes_near(tracks: Tracks, agent: int) -> bool:
     there = tracks.valid[agent] & tracks.valid[0]
     apart = np.hypot(tracks.x[agent] - tracks.x[0], tracks.y[agent] - tracks.y[0])
-    return bool((apart[there] < _NEAR_M).any())
+    return bool((there & (apart < _NEAR_M) & _on_a_level(tracks, agent)).any())
+
+
+def _on_a_level(tracks: Tracks, agent: int) -> Bool[np.ndarray, " time"]:
+    """Steps at which the agent's height is one that the ego's way has, at some step: there they may meet."""
+    low, high = tracks.z[0].min() - CLEARANCE_M, tracks.z[0].max() + CLEARANCE_M
+    return (tracks.z[agent] > low) & (tracks.z[agent] < high)
 
 
 def _first_steps(tracks: Tracks, end: int) -> Tracks:
-    return Tracks(*(values[:, :end] for values in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid)))
+    names = ("x", "y", "yaw", "speed", "valid", "z")
+    return Tracks(**{name: getattr(tracks, name)[:, :end] for name in names})
 
 
 def _worst(values: list[Float[np.ndarray, " _"]], choose: Callable[[Iterable[float]], float]) -> float | None:

@@ -70,5 +70,5 @@ def _with_row(tracks: Tracks, other: Tracks, agent: int) -> Tracks:
 
 def with_rows(tracks: Tracks, other: Tracks, chosen: np.ndarray) -> Tracks:
     """`tracks` with the `chosen` rows of `other`: of the motion; whose controls they were is forgotten."""
-    names = ("x", "y", "yaw", "speed", "valid")
+    names = ("x", "y", "yaw", "speed", "valid", "z")
     return Tracks(**{name: np.where(chosen[:, None], getattr(other, name), getattr(tracks, name)) for name in names})

@@ -69,12 +69,15 @@ def _vehicles(scenario: Scenario) -> Iterator[tuple[int, ET.Element]]:
         x, y, yaw, speed = poses(scenario, stay).T
         front = to_sumo(Pose(x, y, yaw), stay.agent.length)
         points = np.stack([front.x, front.y], axis=-1)
-        lanes = lanes_along(scenario, points)
+        z = scenario.tracks.z[stay.index, stay.steps]
+        lanes = lanes_along(scenario, points, z)
         if not scenario.road.sumo_net:  # bare lanes lead nowhere, and the replayer makes a route of the log
             lanes = [first_lane.setdefault(stay.index, lanes[0])] * len(lanes)
         lines = [shapely.LineString(scenario.road.lane[lane].centre) for lane in lanes]
         along = shapely.line_locate_point(lines, shapely.points(points))
         values = {"x": front.x, "y": front.y, "angle": front.angle, "speed": speed, "pos": along}
+        if not scenario.tracks.flat:
+            values["z"] = z
         for k, lane in enumerate(lanes):
             entry = {"id": names[stay.agent.id], "type": _type_of(stay.agent), "lane": lanes_there[lane], "slope": "0"}
             numbers = {name: _number(column[k]) for name, column in values.items()}

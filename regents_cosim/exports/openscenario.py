@@ -139,8 +139,9 @@ class _Storyboard:
     def _places(self, stay: Stay) -> list[Any]:
         x, y, yaw, _ = poses(self._case, stay).T
         back = rear_axle(stay.agent)
-        rows = np.stack([x - back * np.cos(yaw), y - back * np.sin(yaw), yaw], axis=-1).tolist()
-        return [self._xosc.WorldPosition(x=px, y=py, z=0.0, h=h, p=0.0, r=0.0) for px, py, h in rows]
+        z = self._case.tracks.z[stay.index, stay.steps]
+        rows = np.stack([x - back * np.cos(yaw), y - back * np.sin(yaw), z, yaw], axis=-1).tolist()
+        return [self._xosc.WorldPosition(x=px, y=py, z=pz, h=h, p=0.0, r=0.0) for px, py, pz, h in rows]
 
     def _event(self, name: str, time_s: float, action: Any) -> Any:
         event = self._xosc.Event(name, self._xosc.Priority.parallel)

@@ -41,13 +41,13 @@ def poses(scenario: Scenario, stay: Stay) -> Float[np.ndarray, "time 4"]:
     )
 
 
-def lanes_along(scenario: Scenario, points: Float[np.ndarray, "time 2"]) -> list[str]:
-    """The lane under each point [m] of a way; where there is none, that of the last point before it that has one.
+def lanes_along(scenario: Scenario, points: Float[np.ndarray, "time 2"], z: Float[np.ndarray, " time"]) -> list[str]:
+    """The lane under each point [m] of a way at heights `z` [m]; where there is none, that of the last point with one.
 
     Ways that never meet a lane that runs along them count as on the lane nearest to each point.
     """
     road = scenario.road
-    found = [lane.id if lane else "" for lane in match_lanes(road, points)] if len(points) > 1 else [""]
+    found = [lane.id if lane else "" for lane in match_lanes(road, points, z)] if len(points) > 1 else [""]
     if not any(found):
         near = road.centre_lines.query_nearest(shapely.points(points), all_matches=False)[1]
         return [road.lanes[i].id for i in near]

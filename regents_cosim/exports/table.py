@@ -14,7 +14,7 @@ from regents_cosim.scenario import Scenario
 
 COLUMNS = (
     "time_s", "id", "kind", "role", "x_m", "y_m", "yaw_rad", "speed_m_s", "accel_m_s2", "curvature_1_m",
-    "length_m", "width_m", "lane",
+    "length_m", "width_m", "lane", "z_m",
 )  # fmt: skip
 _READ_BACK = {
     "id": "id", "time": "time_s", "x": "x_m", "y": "y_m", "heading": "yaw_rad", "speed": "speed_m_s",
@@ -36,12 +36,13 @@ def write_table(scenario: Scenario, folder: Path) -> None:
 
 def _rows(scenario: Scenario, stay: Stay) -> Iterator[tuple[object, ...]]:
     agent, motion = stay.agent, poses(scenario, stay)
-    lanes = lanes_along(scenario, motion[:, :2])
+    z = scenario.tracks.z[stay.index, stay.steps]
+    lanes = lanes_along(scenario, motion[:, :2], z)
     for k, (x, y, yaw, speed) in enumerate(motion.tolist()):
         step = stay.first + k
         yield (
             round(step * scenario.dt, 9), agent.id, agent.kind, agent.role, x, y, yaw, speed,
-            *_controls(scenario, stay, step), agent.length, agent.width, lanes[k],
+            *_controls(scenario, stay, step), agent.length, agent.width, lanes[k], float(z[k]),
         )  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def fill_gaps(tracks: Tracks) -> Tracks:
         present = np.flatnonzero(valid)
         if len(present):
             nearest[agent] = present[np.abs(steps[:, None] - present).argmin(axis=1)]
-    filled = {name: np.take_along_axis(getattr(tracks, name), nearest, 1) for name in ("x", "y", "yaw", "speed")}
+    filled = {name: np.take_along_axis(getattr(tracks, name), nearest, 1) for name in ("x", "y", "yaw", "speed", "z")}
     return Tracks(**filled, valid=tracks.valid)
 
 

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Motion
+from regents_cosim.mirror.levels import same_level
 
 _HEADWAY_S = 0.5
 _STANDSTILL_M = 1.0
@@ -57,12 +58,18 @@ def react(
     half_length: Float[Array, " agent"],
     half_width: Float[Array, " agent"],
     dt: Float[Array, ""],
+    z: Float[Array, " agent"] | None = None,
 ) -> Progress:
-    """One step of `dt`: all agents are at `now` [agent], and the log had them at `log_now` [agent]."""
+    """One step of `dt`: all agents are at `now` [agent], and the log had them at `log_now` [agent].
+
+    `z` [m] are the heights of their roads, where roads lie above each other.
+    """
     disturbed = present & (jnp.hypot(now.x - log_now.x, now.y - log_now.y) > _OFF_LOG_M)
     before, _, _ = _neighbours(log, progress.step)
     bend = jnp.take_along_axis(curvature, jnp.minimum(before, curvature.shape[1] - 1)[:, None], axis=1)[:, 0]
     gap, closing = _gaps(now, bend, disturbed, half_length, half_width)
+    if z is not None:
+        gap = jnp.where(same_level(z[:, None], z[None]), gap, _FAR_M)
     pressure = _pressure(progress.speed[:, None], gap, closing)
     accel = jnp.clip(_ACCEL * (1.0 - pressure), -ACCEL_LIMIT, _ACCEL)
     logged = _at(log.speed, log, progress.step)

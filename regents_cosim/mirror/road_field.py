@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from scipy.ndimage import gaussian_filter
 
+from regents_cosim.levels import BAND_M, drivable_at
+from regents_cosim.mirror.levels import Bands, to_bands
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.rasters import grid_shape, inside
 from regents_cosim.roadmap import RoadMap
@@ -25,41 +27,50 @@ class RoadField(eqx.Module):
     """Blurred non-drivable map in scene coordinates, its four neighbours packed in one gather.
 
     Cell (r, c), number r * columns + c, holds the values at (r, c), (r, c+1), (r+1, c) and
-    (r+1, c+1); row 0 is the least y. Cells beyond rows * columns are padding.
+    (r+1, c+1); row 0 is the least y. Cells beyond rows * columns are padding. Where roads lie above each other the
+    cells of one level follow those of another.
     """
 
     cells: Float[Array, "cell 4"]  # 0 on the road, 1 off it
     shape: Int[Array, " 2"]  # rows, columns
     corner: Float[Array, " 2"]  # [m] position of cell (0, 0)
+    bands: Bands | None = None  # the levels, where roads lie above each other
 
-    def __call__(self, x: Float[Array, "*axes"], y: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
+    def __call__(
+        self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], z: Float[Array, "*#axes"] | None = None
+    ) -> Float[Array, "*axes"]:
         """Field at points [m], bilinear between cells; constant beyond the grid's border.
 
-        Differentiable with respect to the points alone.
+        Heights `z` [m] choose the level. Differentiable with respect to the points alone.
         """
-        return _look_up(self, x, y)
+        return _look_up(self, x, y, z)
 
 
 @jax.custom_jvp
-def _look_up(field: RoadField, x: Float[Array, "*axes"], y: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
-    return _value_and_slope(field, x, y)[0]
+def _look_up(
+    field: RoadField, x: Float[Array, "*axes"], y: Float[Array, "*axes"], z: Float[Array, "*#axes"] | None
+) -> Float[Array, "*axes"]:
+    return _value_and_slope(field, x, y, z)[0]
 
 
 @_look_up.defjvp
-def _look_up_jvp(at: tuple[RoadField, Array, Array], moved: tuple[RoadField, Array, Array]) -> tuple[Array, Array]:
+def _look_up_jvp(
+    at: tuple[RoadField, Array, Array, Array | None], moved: tuple[RoadField, Array, Array, Array | None]
+) -> tuple[Array, Array]:
     """Written out: of a derivative that JAX makes, every corner of every box reads its neighbours once more."""
     value, east, north = _value_and_slope(*at)
     return value, east * moved[1] + north * moved[2]
 
 
-def _value_and_slope(field: RoadField, x: Array, y: Array) -> tuple[Array, Array, Array]:
+def _value_and_slope(field: RoadField, x: Array, y: Array, z: Array | None) -> tuple[Array, Array, Array]:
     """The field, and its slopes along x and y [1/m]."""
     rows, columns = field.shape
     u, v = (x - field.corner[0]) / CELL_M, (y - field.corner[1]) / CELL_M
     beside, beyond = (u < 0.0) | (u > columns - 1.001), (v < 0.0) | (v > rows - 1.001)
     u, v = jnp.clip(u, 0.0, columns - 1.001), jnp.clip(v, 0.0, rows - 1.001)
     column, row = u.astype(jnp.int32), v.astype(jnp.int32)
-    near = look_up(field.cells, row * columns + column)
+    first = 0 if field.bands is None or z is None else field.bands(z) * rows
+    near = look_up(field.cells, (first + row) * columns + column)
     s, t = u - column, v - row
     on_lower, on_upper = near[..., 1] - near[..., 0], near[..., 3] - near[..., 2]
     lower, upper = near[..., 0] + on_lower * s, near[..., 2] + on_upper * s
@@ -69,9 +80,13 @@ def _value_and_slope(field: RoadField, x: Array, y: Array) -> tuple[Array, Array
 
 
 def blur(
-    road: RoadMap, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], origin: Float[np.ndarray, " 2"]
+    road: RoadMap,
+    low: Float[np.ndarray, " 2"],
+    high: Float[np.ndarray, " 2"],
+    origin: Float[np.ndarray, " 2"],
+    levels: list[int] | None = None,
 ) -> RoadField:
-    """The field of `road` over the bounds `low`..`high` [m, map frame] plus a margin.
+    """The field of `road` over the bounds `low`..`high` [m, map frame] plus a margin, of each of `levels` if any.
 
     Coordinates of the result are relative to `origin` [m]. Source: C_adv_dev of the ReGentS
     paper (m_oob * K), with K a Gaussian of sigma 0.5 m.
@@ -79,13 +94,15 @@ def blur(
     # Centres at odd tenths of a metre: edges of lanes lie at even ones (a width of 3.2 m), and would tie.
     low = (np.floor((low - _MARGIN_M) / CELL_M) + 0.5) * CELL_M
     rows, columns = grid_shape(low, high + _MARGIN_M, CELL_M)
-    off_road = ~inside(road.drivable, low, (rows, columns), CELL_M)
-    field = gaussian_filter(off_road.astype(np.float32), SIGMA_M / CELL_M, mode="nearest")
+    areas = [road.drivable] if levels is None else [drivable_at(road, level * BAND_M) for level in levels]
+    off_road = (~inside(area, low, (rows, columns), CELL_M) for area in areas)
+    field = np.stack([gaussian_filter(off.astype(np.float32), SIGMA_M / CELL_M, mode="nearest") for off in off_road])
     size = next((size for size in _SIZES if size >= field.size), field.size)
     flat = np.zeros(size, np.float32)
     flat[: field.size] = field.ravel()
     cells = _with_neighbours(jnp.asarray(flat), jnp.asarray(np.int32(columns)))
-    return RoadField(cells, jnp.array([rows, columns]), jnp.asarray(low - origin, jnp.float32))
+    bands = None if levels is None else to_bands(levels)
+    return RoadField(cells, jnp.array([rows, columns]), jnp.asarray(low - origin, jnp.float32), bands)
 
 
 @jax.jit

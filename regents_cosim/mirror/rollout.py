@@ -26,6 +26,7 @@ class Traffic(eqx.Module):
     valid: Bool[Array, "*axes"]
     half_length: Float[Array, "*sizes"]  # [m]
     half_width: Float[Array, "*sizes"]  # [m]
+    z: Float[Array, "*axes"] | None = None  # [m] of the road under them, in scenes with roads above each other
 
 
 @runtime_checkable
@@ -157,7 +158,7 @@ def reacted(world: World, background: Motion, progress: Progress, now: Motion, i
     """How far everybody gets by the next step."""
     further = react(
         progress, now, background, world.controls.curvature, instant.log, instant.present,
-        world.half_length, world.half_width, world.dt,
+        world.half_length, world.half_width, world.dt, world.height(now),
     )  # fmt: skip
     # Whoever has not entered yet is as far as time is.
     return Progress(
@@ -185,8 +186,10 @@ def move_ego(world: World, ego: Motion, control: Controls) -> Motion:
 
 def others(world: World, motion: Motion, valid: Bool[Array, "agent time"]) -> Traffic:
     """All agents but the ego as a planner sees them."""
+    height = world.height(motion)
     motion = jax.tree.map(lambda values: values[1:], motion)
-    return Traffic(motion, valid[1:], world.half_length[1:], world.half_width[1:])
+    z = None if height is None else height[1:]
+    return Traffic(motion, valid[1:], world.half_length[1:], world.half_width[1:], z)
 
 
 def with_ego(background: Motion, ego: Motion) -> Motion:

@@ -1,7 +1,7 @@
 """Distances between oriented boxes on the device, with gradients one can follow.
 
-The same geometry as `regents_cosim.boxes`, the exact judge on the host. Hard minima are found
-without gradient and only the winner is differentiated, so everything here is element-wise.
+The same geometry as `regents_cosim.boxes`, the exact judge on the host; boxes on different levels are far apart. Hard
+minima are found without gradient and only the winner is differentiated, so everything here is element-wise.
 """
 
 import functools
@@ -14,7 +14,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.levels import same_level
 
+FAR_M = 1e4  # between levels: as far as whoever is never drawn to the ego
 _TIE_M = 1e-4  # corners that are closer by less are equally close
 _CORNERS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # front left, front right, rear right, rear left
 
@@ -28,6 +30,7 @@ class Box(eqx.Module):
     sin: Float[Array, "*#axes"]
     half_length: Float[Array, "*#axes"]  # [m]
     half_width: Float[Array, "*#axes"]  # [m]
+    z: Float[Array, "*#axes"] | None = None  # [m] of the road under it, in scenes with roads above each other
 
 
 def pick(boxes: Box, agents: Int[Array, " chosen"]) -> Box:
@@ -64,7 +67,7 @@ def gap(a: Box, b: Box) -> Float[Array, "*axes"]:
     across_a = jnp.abs(dy * a.cos - dx * a.sin) - (a.half_width + b.half_length * sin + b.half_width * cos)
     along_b = jnp.abs(dx * b.cos + dy * b.sin) - (b.half_length + a.half_length * cos + a.half_width * sin)
     across_b = jnp.abs(dy * b.cos - dx * b.sin) - (b.half_width + a.half_length * sin + a.half_width * cos)
-    return _greater(_greater(along_a, across_a), _greater(along_b, across_b))
+    return _on_level(a, b, _greater(_greater(along_a, across_a), _greater(along_b, across_b)))
 
 
 def overlaps(a: Box, b: Box, depth_m: float = 0.0) -> Bool[Array, "*axes"]:
@@ -80,7 +83,7 @@ def distance(a: Box, b: Box) -> Float[Array, "*axes"]:
     held fast on their boxes (the mean of them where several corners tie), 0 where the boxes
     overlap: finite everywhere. Sizes are constants.
     """
-    return _where_apart(a, b, _lesser(_least_corner_square(a, b), _least_corner_square(b, a)))
+    return _on_level(a, b, _where_apart(a, b, _lesser(_least_corner_square(a, b), _least_corner_square(b, a))))
 
 
 @distance.defjvp
@@ -95,7 +98,7 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
     squares = jnp.concatenate([theirs.square, ours.square])
     least = squares.min(axis=0)
     value = _where_apart(a, b, least)
-    apart = value > 0.0
+    apart = (value > 0.0) & same_level(a.z, b.z)
     # Not only those that equal the least: XLA computes them once for the minimum and once for the comparison, and
     # rounds differently. Then none is equal, and the step had no gradient (5 to 25 % of the steps of an attack).
     closest = (jnp.sqrt(squares) <= jnp.sqrt(least) + _TIE_M).astype(value.dtype)
@@ -107,7 +110,7 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
     x, y, a_cos, a_sin, b_cos, b_sin = jnp.einsum("vc...,c...->v...", arms, share)
     change = x * (db.x - da.x) + y * (db.y - da.y)
     change += b_cos * db.cos + b_sin * db.sin - (a_cos * da.cos + a_sin * da.sin)
-    return value, change
+    return _on_level(a, b, value), change
 
 
 def _arms(contacts: "_Contacts", sign: float, on_a: tuple[Array, Array], on_b: tuple[Array, Array]) -> Array:
@@ -115,6 +118,11 @@ def _arms(contacts: "_Contacts", sign: float, on_a: tuple[Array, Array], on_b: t
     x, y = sign * contacts.x, sign * contacts.y
     turned = [part for along, across in (on_a, on_b) for part in (x * along + y * across, y * along - x * across)]
     return jnp.stack([x, y, *turned])
+
+
+def _on_level(a: Box, b: Box, values: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
+    """`values` [m] of boxes on one level; far between levels."""
+    return values if a.z is None or b.z is None else jnp.where(same_level(a.z, b.z), values, FAR_M)
 
 
 def _where_apart(a: Box, b: Box, squares: Float[Array, "*axes"]) -> Float[Array, "*axes"]:

@@ -12,8 +12,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim import boxes
+from regents_cosim.levels import contains, has_levels
 from regents_cosim.mirror.actions import fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.levels import HeightMap, to_height_map
 from regents_cosim.mirror.road_field import RoadField, blur
 from regents_cosim.mirror.separation import Box
 from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Scenario, Tracks
@@ -40,6 +42,7 @@ class World(eqx.Module):
     on_road: Bool[Array, "4 agent"]  # corners that are on the drivable area at the first valid step
     road: RoadField
     dt: Float[Array, ""]  # [s]
+    heights: HeightMap | None = None  # in scenes with roads above each other
     dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # what the controls do
 
     def without_road(self) -> "World":
@@ -49,7 +52,11 @@ class World(eqx.Module):
     def boxes(self, motion: Motion) -> Box:
         """Boxes [agent time] of all agents along `motion`."""
         half = (self.half_length[:, None], self.half_width[:, None])
-        return Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *half)
+        return Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *half, self.height(motion))
+
+    def height(self, motion: Motion) -> Float[Array, "agent *time"] | None:
+        """Heights [m] of the road under all agents along `motion`; None where no road is above another."""
+        return None if self.heights is None else self.heights(motion.x, motion.y)
 
 
 def scene_origin(scenario: Scenario) -> Float[np.ndarray, " 2"]:
@@ -85,6 +92,11 @@ def to_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
     present = np.stack([filled.x, filled.y], axis=-1)[tracks.valid]
     sizes = np.array([(a.length, a.width) for a in scenario.agents] + [(1.0, 1.0)] * extra)
     half_length = jnp.asarray(0.5 * sizes[:, 0], jnp.float32)
+    heights, levels = None, None
+    if scenario.heights.stacked:
+        way = [np.pad(values, ((0, extra), (0, 0))) for values in (filled.x, filled.y, filled.z)]
+        heights = to_height_map(scenario.heights, (way[0], way[1], way[2]), valid, origin)
+        levels = scenario.heights.levels if has_levels(scenario.road) else None
     return World(
         log=motion,
         valid=jnp.asarray(valid),
@@ -96,8 +108,9 @@ def to_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
         vehicle=jnp.asarray([a.kind in VEHICLE_KINDS for a in scenario.agents] + [False] * extra),
         apart=jnp.asarray(np.pad(_apart_at_first(scenario), (0, extra))),
         on_road=jnp.asarray(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra)))),
-        road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin),
+        road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin, levels),
         dt=dt,
+        heights=heights,
         dynamics=dynamics,
     )
 
@@ -115,7 +128,7 @@ def to_tracks(motion: Motion, controls: Controls, scenario: Scenario) -> Tracks:
     )
     tracks = Tracks(x + origin[0], y + origin[1], yaw, np.maximum(speed, 0.0), valid, accel, curvature)
     absent = {name: np.where(valid, getattr(tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
-    return dataclasses.replace(tracks, **absent)
+    return scenario.with_heights(dataclasses.replace(tracks, **absent))
 
 
 def _apart_at_first(scenario: Scenario) -> Bool[np.ndarray, "agent agent"]:
@@ -133,4 +146,4 @@ def _corners_on_road(scenario: Scenario) -> Bool[np.ndarray, "4 agent"]:
     first = np.argmax(scenario.tracks.valid, axis=1)
     index = np.arange(len(scenario.agents))
     at_first = boxes.Boxes(*(v[index, first] for v in np.broadcast_arrays(*scenario.boxes)))
-    return scenario.road.contains(boxes.corners(at_first)).T
+    return contains(scenario.road, boxes.corners(at_first), np.asarray(at_first.z)[:, None]).T

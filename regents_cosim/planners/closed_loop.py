@@ -47,7 +47,7 @@ class ClosedLoop:
         """All agents now."""
         valid = self._scenario.tracks.valid[:, len(self._controls)]
         x, y, yaw, speed = np.where(valid, self._now[:, : len(valid)] + self._origin[:, None], 0.0)
-        return Seen(x, y, yaw, speed, valid)
+        return Seen(x, y, yaw, speed, valid, np.where(valid, self._scenario.heights(x, y), 0.0))
 
     def go(self, decision: Control | Placement) -> None:
         """One step on."""

@@ -88,13 +88,13 @@ Reply = Made | Done | Decided | Raised
 
 def packed(seen: Seen) -> bytes:
     """An instant as bytes."""
-    return np.array(seen, np.float64).tobytes()
+    return np.stack(np.broadcast_arrays(*seen)).astype(np.float64).tobytes()
 
 
 def unpacked(seen: bytes) -> Seen:
     """The same as arrays that one may write to."""
-    *states, valid = np.frombuffer(seen).copy().reshape(len(Seen._fields), -1)
-    return Seen._make([*states, valid > 0.0])
+    found = Seen._make(np.frombuffer(seen).copy().reshape(len(Seen._fields), -1))
+    return found._replace(valid=found.valid > 0.0)
 
 
 def shortened(text: str, limit: int) -> str:

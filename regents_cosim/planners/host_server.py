@@ -145,9 +145,10 @@ class _Seat:
 
 
 def _observation(scene: Scene, step: int, seen: Seen) -> Observation:
-    x, y, yaw, speed = (float(values[0]) for values in seen[:4])
-    ego = replace(scene.ego, x=x, y=y, yaw=yaw, speed=speed)
-    return Observation(scene, step, ego, Others(scene.others, *(values[1:] for values in seen)))
+    mine, theirs = ([np.broadcast_to(v, seen.x.shape)[part] for v in seen] for part in (0, slice(1, None)))
+    x, y, yaw, speed, _, z = (float(value) for value in mine)
+    ego = replace(scene.ego, x=x, y=y, yaw=yaw, speed=speed, z=z)
+    return Observation(scene, step, ego, Others(scene.others, *theirs))
 
 
 def _answer(decision: Control | Placement, seconds: float) -> Answer:

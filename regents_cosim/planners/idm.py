@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from scipy.spatial import KDTree
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
+from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
@@ -45,6 +46,7 @@ class Memory(eqx.Module):
     now: Int[Array, ""]  # step to come
     half_length: Float[Array, ""]  # [m]
     half_width: Float[Array, ""]  # [m]
+    z: Float[Array, " point"] | None = None  # [m] heights of the route, where roads lie above each other
 
 
 class Sight(eqx.Module):
@@ -71,7 +73,12 @@ class IDM(JaxPlanner):
 
     def init(self, scene: LoopScene) -> Memory:
         """The route of the ego: its logged path, extended along the lanes."""
-        return self.on_route(scene.scenario, scene.origin)
+        memory = self.on_route(scene.scenario, scene.origin)
+        if scene.world.heights is None:
+            return memory
+        x, y = memory.x + scene.origin[0], memory.y + scene.origin[1]
+        z = scene.scenario.heights.of(0, np.asarray(x, float), np.asarray(y, float))
+        return eqx.tree_at(lambda m: m.z, memory, jnp.asarray(z, jnp.float32), is_leaf=lambda leaf: leaf is None)
 
     def on_route(self, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> Memory:
         """What it knows of the route of a scenario's ego, in the map's coordinates less `origin` [m]."""
@@ -108,6 +115,8 @@ class IDM(JaxPlanner):
         reach = jnp.abs(cos) * half_length + sin * half_width
         breadth = sin * half_length + jnp.abs(cos) * half_width
         inside = jnp.abs(across) - breadth < memory.half_width + self.corridor_margin
+        if memory.z is not None:
+            inside &= same_level(traffic.z, look_up(memory.z, index))
         sight = (along - reach, along + reach, motion.speed * cos, traffic.valid & inside)
         return Sight(*(values.T for values in sight))
 

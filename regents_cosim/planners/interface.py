@@ -67,6 +67,7 @@ class AgentState:
     speed: float  # [m/s]
     length: float  # [m]
     width: float  # [m]
+    z: float = 0.0  # [m] of the road under it
 
     def seen_from(self, ego: "AgentState") -> tuple[float, float]:
         """How far ahead of `ego` and to the left of it, centre to centre [m]."""
@@ -83,6 +84,7 @@ class Seen(NamedTuple):
     yaw: Float[np.ndarray, " agent"]  # [rad]
     speed: Float[np.ndarray, " agent"]  # [m/s]
     valid: Bool[np.ndarray, " agent"]
+    z: Float[np.ndarray, " agent"] | float = 0.0  # [m] of the road
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,10 @@ class Others:
     yaw: Float[np.ndarray, " agent"]  # [rad]
     speed: Float[np.ndarray, " agent"]  # [m/s]
     valid: Bool[np.ndarray, " agent"]  # is there
+    z: Float[np.ndarray, " agent"] | float = 0.0  # [m] of the road: higher for who is on a bridge
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "z", np.broadcast_to(self.z, self.x.shape))
 
     def __iter__(self) -> Iterator[AgentState]:
         for index in np.flatnonzero(self.valid).tolist():
@@ -103,8 +109,9 @@ class Others:
     def state(self, index: int) -> AgentState:
         """One of them."""
         agent = self.agents[index]
-        x, y, yaw, speed = (float(values[index]) for values in (self.x, self.y, self.yaw, self.speed))
-        return AgentState(agent.id, agent.kind, x, y, yaw, speed, agent.length, agent.width)
+        state = self.x, self.y, self.yaw, self.speed, np.asarray(self.z)
+        x, y, yaw, speed, z = (float(values[index]) for values in state)
+        return AgentState(agent.id, agent.kind, x, y, yaw, speed, agent.length, agent.width, z)
 
     @cached_property
     def length(self) -> Float[np.ndarray, " agent"]:
@@ -147,12 +154,13 @@ class Scene:
     def of(cls, scenario: Scenario, max_accel: float, max_curvature: float) -> "Scene":
         """The scene of `scenario`; the limits are those of whatever moves the ego."""
         tracks, ego = scenario.tracks, scenario.ego
-        x, y, yaw, speed = (float(values[0, 0]) for values in (tracks.x, tracks.y, tracks.yaw, tracks.speed))
+        state = tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.z
+        x, y, yaw, speed, z = (float(values[0, 0]) for values in state)
         return cls(
             id=scenario.id,
             dt=scenario.dt,
             steps=tracks.steps,
-            ego=AgentState(ego.id, ego.kind, x, y, yaw, speed, ego.length, ego.width),
+            ego=AgentState(ego.id, ego.kind, x, y, yaw, speed, ego.length, ego.width, z),
             others=tuple(replace(agent, role="background") for agent in scenario.agents[1:]),  # no word of adversaries
             target=scenario.target,
             road=scenario.road,

@@ -70,9 +70,9 @@ class JaxPlanner(eqx.Module):
         where the others do not depend on the ego, and step by step where they do.
         """
         steps = traffic.valid.shape[-1]
-        in_time = jax.tree.map(lambda v: jnp.moveaxis(v, -1, 0), (traffic.motion, traffic.valid))
+        motion, valid, z = jax.tree.map(lambda v: jnp.moveaxis(v, -1, 0), (traffic.motion, traffic.valid, traffic.z))
         sizes = (traffic.half_length, traffic.half_width)
-        return Traffic(*in_time, *(jnp.broadcast_to(v, (steps, *v.shape)) for v in sizes))
+        return Traffic(motion, valid, *(jnp.broadcast_to(v, (steps, *v.shape)) for v in sizes), z=z)
 
     def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
         """Scalar controls for one step and the next memory.

@@ -10,7 +10,9 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from regents_cosim.boxes import same_level
 from regents_cosim.frames import wrap
+from regents_cosim.levels import height_on
 from regents_cosim.roadmap import Lane, RoadMap
 
 _REACH_M = 3.0
@@ -20,14 +22,16 @@ _JUMP_COST_M = 30.0  # between lanes that do not connect
 _NOWHERE_COST_M = 2.0 * _REACH_M  # no lane at all
 
 
-def match_lanes(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[Lane | None]:
-    """The lane under every point [m] of a path, or None where there is none that runs its way.
+def match_lanes(
+    road: RoadMap, points: Float[np.ndarray, "point 2"], z: Float[np.ndarray, " point"]
+) -> list[Lane | None]:
+    """The lane under every point [m] of a path at heights `z` [m], or None where there is none that runs its way.
 
     Viterbi over the lanes within 3 m and 45 degrees: distance to the centre line at each point,
     plus the cost of changing between lanes that do not continue each other.
     """
     options: list[list[tuple[Lane | None, float]]] = [
-        [(None, _NOWHERE_COST_M), *near] for near in lanes_near(road, points)
+        [(None, _NOWHERE_COST_M), *near] for near in lanes_near(road, points, z)
     ]
     follows = {(link.source, link.target) for link in road.connections}
     best = [cost for _, cost in options[0]]
@@ -42,8 +46,10 @@ def match_lanes(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[Lan
     return [options[k][index][0] for k, index in enumerate(reversed(chosen))]
 
 
-def lanes_near(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[list[tuple[Lane, float]]]:
-    """For every point of a path the lanes it may be on with the distance to their centre lines [m]."""
+def lanes_near(
+    road: RoadMap, points: Float[np.ndarray, "point 2"], z: Float[np.ndarray, " point"]
+) -> list[list[tuple[Lane, float]]]:
+    """For every point of a path the lanes of its level it may be on with the distance to their centre lines [m]."""
     where = np.asarray(shapely.points(points))
     step = np.diff(points, axis=0, append=points[-1:] + (points[-1:] - points[-2:-1]))
     heading = np.arctan2(step[:, 1], step[:, 0])
@@ -56,7 +62,8 @@ def lanes_near(road: RoadMap, points: Float[np.ndarray, "point 2"]) -> list[list
     away = shapely.distance(line, where[index])
     found: list[list[tuple[Lane, float]]] = [[] for _ in points]
     for i in np.flatnonzero(turn < _SAME_WAY_RAD):
-        found[index[i]].append((road.lanes[lane[i]], float(away[i])))
+        if not road.raised or same_level(height_on(road.lanes[lane[i]], points[index[i]]), z[index[i]]):
+            found[index[i]].append((road.lanes[lane[i]], float(away[i])))
     return found
 
 

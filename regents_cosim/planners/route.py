@@ -31,6 +31,7 @@ class Route:
     """A line in the map frame with a point every `SPACING_M`."""
 
     points: Float[np.ndarray, "point 2"]  # [m]
+    height: Float[np.ndarray, " point"]  # [m]
     speed_limit: Float[np.ndarray, " point"]  # [m/s]
     stop_lines: tuple[StopLine, ...]
 
@@ -38,10 +39,16 @@ class Route:
 def plan_route(scenario: Scenario) -> Route:
     """The ego's logged path, then straight on along connected lanes, with limits and lights."""
     logged = logged_path(scenario.tracks if scenario.original is None else scenario.original)
-    lanes = lanes_ahead(scenario.road, match_lanes(scenario.road, logged)[-1])
+    lanes = lanes_ahead(scenario.road, lanes_under(scenario, 0, logged)[-1])
     points = _evenly(np.concatenate([logged, _extension(logged, lanes)]))
-    on_lane = match_lanes(scenario.road, points)
-    return Route(points, _limits(on_lane), _stop_lines(scenario, points, on_lane))
+    on_lane = lanes_under(scenario, 0, points)
+    height = scenario.heights.of(0, *points.T)
+    return Route(points, height, _limits(on_lane), _stop_lines(scenario, points, on_lane))
+
+
+def lanes_under(scenario: Scenario, agent: int, points: Float[np.ndarray, "point 2"]) -> list[Lane | None]:
+    """The lanes under points [m] of a path of an agent, on its level."""
+    return match_lanes(scenario.road, points, scenario.heights.of(agent, *points.T))
 
 
 def logged_path(tracks: Tracks, agent: int = 0) -> Float[np.ndarray, "point 2"]:

@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from regents_cosim.boxes import same_level
 from regents_cosim.errors import MissingDependencyError, PlannerError
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.interface import Control, Observation, Scene
@@ -104,7 +105,8 @@ def features(
     for row, others in enumerate(o.others for o in observations):
         count = len(others.agents)
         values = (others.x, others.y, others.yaw, others.speed, others.length, others.width)
-        seen[row, :count], there[row, :count] = np.stack(values, axis=-1), others.valid
+        on_level = others.valid & same_level(others.z, observations[row].ego.z)
+        seen[row, :count], there[row, :count] = np.stack(values, axis=-1), on_level
     ahead, left = _from(at[:, None], seen[..., 0], seen[..., 1])
     turn = seen[..., 2] - at[:, None, 2]
     table = np.stack(

@@ -16,12 +16,12 @@ _OFF_CENTRE_COST = 10.0  # [m] of way that being 1 m off the centre line costs, 
 _CHANGE_COST_M = 20.0  # to the lane beside
 
 
-def way_to_target(road: RoadMap, ego: Pose, target: tuple[float, float]) -> list[Lane]:
+def way_to_target(road: RoadMap, ego: Pose, z: float, target: tuple[float, float]) -> list[Lane]:
     """Lanes that continue each other, past the target straight on; those that are left sideways are left out.
 
-    Where no lane leads to the target, straight on from the lane nearest to the ego.
+    The ego's road is at height `z` [m]. Where no lane leads to the target, straight on from the lane nearest to it.
     """
-    starts = _under_ego(road, ego)
+    starts = _under_ego(road, ego, z)
     way = _shortest(road, starts, _under_target(road, target)) or [min(starts, key=lambda name: starts[name])]
     driven = [lane for lane, after in pairwise(way) if after not in _beside(road.lane[lane])]
     lanes = [road.lane[name] for name in driven]
@@ -55,11 +55,12 @@ def _beside(lane: Lane) -> list[str]:
     return [name for name in (lane.left, lane.right) if name is not None]
 
 
-def _under_ego(road: RoadMap, ego: Pose) -> dict[str, float]:
+def _under_ego(road: RoadMap, ego: Pose, z: float) -> dict[str, float]:
     """Lanes that run the ego's way where it is, or the nearest of all, and what each costs [m]."""
     here = np.array([ego.x, ego.y])
     ahead = here + 0.5 * np.array([np.cos(ego.yaw), np.sin(ego.yaw)])
-    found = {lane.id: _OFF_CENTRE_COST * away for lane, away in lanes_near(road, np.stack([here, ahead]))[0]}
+    near = lanes_near(road, np.stack([here, ahead]), np.full(2, z))[0]
+    found = {lane.id: _OFF_CENTRE_COST * away for lane, away in near}
     return found or {road.lanes[int(road.centre_lines.nearest(shapely.Point(here)))].id: 0.0}
 
 

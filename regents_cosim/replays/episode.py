@@ -65,7 +65,7 @@ class Contacts:
 
     def at(self, seen: Seen) -> Bool[np.ndarray, " agent"]:
         """Call it once per step."""
-        boxes = Boxes(seen.x, seen.y, seen.yaw, self._length, self._width)
+        boxes = Boxes(seen.x, seen.y, seen.yaw, self._length, self._width, np.broadcast_to(seen.z, seen.x.shape))
         touching = overlap(Boxes(*(float(np.asarray(values)[0]) for values in boxes)), boxes) & seen.valid
         self._apart &= ~(touching & ~self._met)
         self._met |= seen.valid

@@ -103,7 +103,7 @@ class _Film:
         """All agents now."""
         states, valid = self.frames[-1]
         x, y, yaw, speed = states.copy()
-        return Seen(x, y, yaw, speed, valid.copy())
+        return Seen(x, y, yaw, speed, valid.copy(), np.where(valid, self._scenario.heights(x, y), 0.0))
 
     def finish(self, road: ReplayRoad) -> HighwayReplay:
         """All that was seen."""
@@ -111,4 +111,4 @@ class _Film:
         valid = np.stack([there for _, there in self.frames], axis=-1)
         ego = self._scenario.ego.id
         hits = tuple(ReportedCollision(step, ego, other, _OWN_KIND) for step, other in road.contacts)
-        return HighwayReplay(Tracks(x, y, yaw, speed, valid), hits)
+        return HighwayReplay(self._scenario.with_heights(Tracks(x, y, yaw, speed, valid)), hits)

@@ -31,7 +31,7 @@ class HighwayEgo:
     def reset(self, scene: Scene) -> None:
         """Begin anew; what the environment needs is known when everybody has been seen, at the first step."""
         ego = scene.ego
-        self._way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), scene.target)
+        self._way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), ego.z, scene.target)
 
     def act(self, observation: Observation) -> Placement:
         """Where highway-env puts the ego."""
@@ -78,9 +78,10 @@ def _case(observation: Observation, way: list[Lane]) -> Scenario:
     scene, ego, others = observation.scene, observation.ego, observation.others
     ahead = np.concatenate([[[ego.x, ego.y]], *(lane.centre for lane in way)])
     first = np.arange(len(ahead)) == 0
-    x, y, yaw, speed = (
-        np.concatenate([[np.full(len(ahead), mine)], theirs[:, None] * first])
-        for mine, theirs in ((ego.x, others.x), (ego.y, others.y), (ego.yaw, others.yaw), (ego.speed, others.speed))
+    names = ("x", "y", "yaw", "speed", "z")
+    x, y, yaw, speed, z = (
+        np.concatenate([[np.full(len(ahead), getattr(ego, name))], getattr(others, name)[:, None] * first])
+        for name in names
     )
     x[0], y[0] = ahead.T
     valid = np.concatenate([[np.ones(len(ahead), bool)], others.valid[:, None] & first])
@@ -88,7 +89,7 @@ def _case(observation: Observation, way: list[Lane]) -> Scenario:
         id=scene.id,
         dt=scene.dt,
         agents=(Agent(ego.id, ego.kind, ego.length, ego.width, "ego"), *others.agents),
-        tracks=Tracks(x, y, yaw, speed, valid),
+        tracks=Tracks(x, y, yaw, speed, valid, z=z),
         target=scene.target,
         road=scene.road,
         provenance=Provenance(source="", file="", sha256="", begin_s=0.0),

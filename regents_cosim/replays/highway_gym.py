@@ -95,7 +95,8 @@ class HighwayReplayEnv(AbstractEnv):
         ego = self.action_type.vehicle_class(road, [x, y], float(heading), float(tracks.speed[0, 0]))
         ego.LENGTH, ego.WIDTH = agent.length, agent.width
         ego.diagonal = float(np.hypot(agent.length, agent.width))
-        ego.route = route_along(road.network, way_to_target(self.scenario.road, start, self.scenario.target))
+        way = way_to_target(self.scenario.road, start, float(tracks.z[0, 0]), self.scenario.target)
+        ego.route = route_along(road.network, way)
         return ego
 
     def _simulate(self, action: Any = None) -> None:

@@ -79,6 +79,6 @@ def _with_ego(scenario: Scenario, world: World, ego: EgoTrack) -> Tracks:
     is_ego = np.arange(len(scenario.agents))[:, None] == 0
     changed = {
         name: np.where(is_ego, getattr(driven, name), getattr(scenario.tracks, name))
-        for name in ("x", "y", "yaw", "speed")
+        for name in ("x", "y", "yaw", "speed", "z")
     }
     return replace(scenario.tracks, **changed, accel=None, curvature=None)

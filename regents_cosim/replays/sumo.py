@@ -157,7 +157,7 @@ def _options(scenario: Scenario, files: dict[str, str], gui: bool, seed: int) ->
 
 
 def _decision(driver: Driver, step: int, seen: Seen) -> EgoState:
-    found = ask(lambda: driver.advance(step, Seen(*(values.copy() for values in seen))), f"at step {step}")
+    found = ask(lambda: driver.advance(step, Seen(*(np.copy(values) for values in seen))), f"at step {step}")
     try:
         ego = EgoState(*(float(value) for value in found))
     except (TypeError, ValueError) as error:
@@ -259,8 +259,9 @@ class _Stage:
     def finish(self) -> SumoReplay:
         """All that was seen."""
         columns = (np.stack(values, axis=1) for values in zip(*self._seen, strict=True))
+        tracks = Tracks(**dict(zip(Seen._fields, columns, strict=True)))
         signals = tuple(Signal(name, _changes(letters)) for name, letters in self._letters.items())
-        return SumoReplay(Tracks(*columns), tuple(self._collisions), signals, frozenset(self._drivers))
+        return SumoReplay(tracks, tuple(self._collisions), signals, frozenset(self._drivers))
 
     def _place(self, index: int, step: int) -> None:
         vehicle = self._sumo.vehicle
@@ -278,8 +279,9 @@ class _Stage:
         if step == 0:
             return True
         seen, track = self.seen, self._scenario.tracks
-        own = (float(values[index, step]) for values in (track.x, track.y, track.yaw))
-        taken = overlap(Boxes(*own, *self._size[:, index]), Boxes(seen.x, seen.y, seen.yaw, *self._size))
+        x, y, yaw, z = (float(values[index, step]) for values in (track.x, track.y, track.yaw, track.z))
+        own = Boxes(x, y, yaw, *self._size[:, index].tolist(), z=z)
+        taken = overlap(own, Boxes(seen.x, seen.y, seen.yaw, *self._size, z=seen.z))
         return not (taken & seen.valid).any()
 
     def _release(self, index: int, step: int) -> None:
@@ -328,7 +330,8 @@ class _Stage:
                 states[:, index] = *pose, vehicle.getSpeed(name)
                 valid[index] = True
         x, y, yaw, speed = states
-        self._seen.append(Seen(x, y, yaw, speed, valid))
+        z = np.where(valid, self._scenario.heights(x, y), 0.0)
+        self._seen.append(Seen(x, y, yaw, speed, valid, z))
         for found in self._sumo.simulation.getCollisions():
             collider, victim = (agents[self._agent[name]].id for name in (found.collider, found.victim))
             self._collisions.append(ReportedCollision(step, collider, victim, found.type))

@@ -86,7 +86,7 @@ class _Stage:
         self._sumo, self._scene = sumo, scene
         self._there: set[int] = set()  # of the others, those who are on the road
         ego = scene.ego
-        way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), scene.target)
+        way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), ego.z, scene.target)
         sumo.route.add(_ROUTE, edges_along(scene.road, way))
         add_type(sumo, _EGO, ego)
         sumo.vehicletype.setSpeedDeviation(_EGO, 0.0)  # as fast as the signs say, not by SUMO's dice

@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 
 from regents_cosim.frames import Pose, to_sumo
-from regents_cosim.planners.lane_matching import match_lanes
-from regents_cosim.planners.route import lanes_ahead, logged_path
+from regents_cosim.planners.route import lanes_ahead, lanes_under, logged_path
 from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Scenario, Tracks
 
@@ -26,7 +25,7 @@ def route_of(scenario: Scenario, agent: int) -> list[str] | None:
     centre = Pose(tracks.x[own], tracks.y[own], tracks.yaw[own])
     x, y, _ = np.stack(to_sumo(centre, scenario.agents[agent].length))
     front = Tracks(x, y, tracks.yaw[own], tracks.speed[own], tracks.valid[own])
-    matched = match_lanes(scenario.road, logged_path(front))
+    matched = lanes_under(scenario, agent, logged_path(front))
     if matched[0] is None:
         return None
     lanes = [lane for lane in matched if lane is not None]

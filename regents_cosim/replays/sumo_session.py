@@ -134,5 +134,4 @@ def _next_play(pipe: Connection) -> Play:
 def _last_seen(play: Play, pipe: Connection) -> Seen:
     """Play to the end; all steps but the last are told on the way."""
     tracks = replay_in_sumo(play.scenario, _Remote(pipe), released=play.released, seed=play.seed).tracks
-    last = (values[:, -1] for values in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid))
-    return Seen(*last)
+    return Seen(**{name: getattr(tracks, name)[:, -1] for name in Seen._fields})

@@ -19,10 +19,12 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from regents_cosim.bounded import open_bounded
 from regents_cosim.errors import InputError, LogError, NoWindowError, require_file
 from regents_cosim.frames import wrap
+from regents_cosim.levels import has_levels, height_on, surface_points
 from regents_cosim.provenance import sha256_of
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
@@ -65,7 +67,8 @@ def record_fcd(
     road = read_road_map(net)
     known = read_types(routes_or_types)
     grid = _time_grid(log)
-    recordings = list(_recordings(log, grid, known, windows, tell))
+    heights = _RoadHeights(road, log)
+    recordings = list(_recordings(log, grid, known, windows, heights, tell))
     _check_place(log, recordings, road)
     for line in left_out(recordings):
         tell(line)
@@ -104,7 +107,12 @@ def _time_grid(log: Path) -> _Grid:
 
 
 def _recordings(
-    log: Path, grid: _Grid, known: dict[str, VehicleType], windows: Windows, tell: Callable[[str], None]
+    log: Path,
+    grid: _Grid,
+    known: dict[str, VehicleType],
+    windows: Windows,
+    heights: "_RoadHeights",
+    tell: Callable[[str], None],
 ) -> Iterator[Recording]:
     steps = int(np.ceil(windows.horizon_s / grid.dt - 1e-6)) + 1
     total = grid.steps // steps
@@ -119,9 +127,10 @@ def _recordings(
         index, step = divmod(round((time - grid.begin_s) / grid.dt), steps)
         if index in slots:
             slots[index].persons.update(persons)
-            for name, kind, x, y, angle in rows:
+            for name, kind, x, y, angle, z, lane in rows:
                 one = names.of(name, kind)
-                slots[index].rows.append((one, step, x, y, angle))
+                height = heights(x, y, lane) if z is None else z
+                slots[index].rows.append((one, step, x, y, angle, height))
                 kinds[one] = kind
     unknown = sorted(set(kinds.values()) - set(known))
     if unknown:
@@ -132,6 +141,29 @@ def _recordings(
     types = {name: known.get(kind, CAR) for name, kind in kinds.items()}
     for slot in slots.values():
         yield slot.finish(types)
+
+
+class _RoadHeights:
+    """The heights that a log leaves out, by the lanes that its vehicles are on."""
+
+    def __init__(self, road: RoadMap, log: Path) -> None:
+        self._road, self._log = road, log
+        self._points = surface_points(road.lanes)
+        self._tree = KDTree(self._points[:, :2]) if road.raised else None
+
+    def __call__(self, x: float, y: float, lane: str) -> float:
+        """The height [m] of the road at a place. Raises LogError where there are two, and the log names no lane."""
+        if self._tree is None:
+            return 0.0
+        place = np.array([x, y])
+        if lane in self._road.lane:
+            return float(height_on(self._road.lane[lane], place))
+        if has_levels(self._road):
+            raise LogError(
+                f"{self._log}: the vehicle at x {x:.1f}, y {y:.1f} has neither a height nor a lane for cars, and roads "
+                "of the network lie above each other; expected z (--fcd-output.attributes x,y,z,angle,type,speed)"
+            )
+        return float(self._points[self._tree.query(place)[1], 2])
 
 
 def _check_place(log: Path, recordings: Sequence[Recording], road: RoadMap) -> None:
@@ -160,20 +192,21 @@ def _resampled(recording: Recording, windows: Windows) -> Recording:
     def between(values: np.ndarray, change: np.ndarray) -> np.ndarray:
         return np.where(valid, values[:, before] + part * change, 0.0)
 
-    x, y, yaw = recording.x, recording.y, recording.yaw
+    x, y, yaw, z = recording.x, recording.y, recording.yaw, recording.z
     return replace(
         recording,
         dt=STEP_S,
         x=between(x, x[:, after] - x[:, before]),
         y=between(y, y[:, after] - y[:, before]),
         yaw=wrap(between(yaw, np.asarray(wrap(yaw[:, after] - yaw[:, before])))),
+        z=None if z is None else between(z, z[:, after] - z[:, before]),
         valid=valid,
     )
 
 
 # --- reading ------------------------------------------------------------------------------------
 
-_Row = tuple[str, str, float, float, float]  # vehicle, type, x, y, angle
+_Row = tuple[str, str, float, float, float, float | None, str]  # vehicle, type, x, y, angle, z, lane
 
 
 _Instant = tuple[float, list[_Row], list[str]]  # time [s], vehicles, persons
@@ -213,7 +246,8 @@ def _from_xml(log: Path) -> Iterator[_Instant]:
 
 def _row(vehicle: ET.Element) -> _Row:
     x, y, angle = (_finite(_value(vehicle, name)) for name in ("x", "y", "angle"))
-    return _value(vehicle, "id"), vehicle.get("type", "DEFAULT_VEHTYPE"), x, y, angle
+    z, kind = vehicle.get("z"), vehicle.get("type", "DEFAULT_VEHTYPE")
+    return _value(vehicle, "id"), kind, x, y, angle, None if z is None else _finite(z), vehicle.get("lane", "")
 
 
 def _value(element: ET.Element, name: str) -> str:
@@ -263,7 +297,8 @@ def _named(columns: list[str], row: list[str]) -> dict[str, str]:
 
 def _csv_row(entry: dict[str, str]) -> _Row:
     x, y, angle = (_finite(entry[f"vehicle_{name}"]) for name in ("x", "y", "angle"))
-    return entry["vehicle_id"], entry.get("vehicle_type", "DEFAULT_VEHTYPE"), x, y, angle
+    z, kind = entry.get("vehicle_z", ""), entry.get("vehicle_type", "DEFAULT_VEHTYPE")
+    return entry["vehicle_id"], kind, x, y, angle, _finite(z) if z else None, entry.get("vehicle_lane", "")
 
 
 _COLUMNS = ("timestep_time", "vehicle_id", "vehicle_type", "vehicle_x", "vehicle_y", "vehicle_angle")

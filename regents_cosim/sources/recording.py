@@ -34,6 +34,7 @@ class Recording:
     speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] where the source's own agrees with its positions
     egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
     persons: frozenset[str] = frozenset()  # who were there as well, and are left out
+    z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: everybody at height 0
 
 
 class Names:
@@ -58,8 +59,8 @@ class Slot:
     begin_s: float
     dt: float  # [s]
     steps: int
-    # Vehicle, step, front bumper x and y [m], degrees clockwise from north.
-    rows: list[tuple[str, int, float, float, float]] = field(default_factory=list)
+    # Vehicle, step, front bumper x and y [m], degrees clockwise from north, height of the road [m].
+    rows: list[tuple[str, int, float, float, float, float]] = field(default_factory=list)
     letters: dict[str, list[str]] = field(default_factory=dict)  # of every signal, per step
     persons: set[str] = field(default_factory=set)
     names: Names = field(default_factory=Names)
@@ -75,11 +76,11 @@ class Slot:
         )
         index = {name: i for i, name in enumerate(ids)}
         at = (np.array([index[row[0]] for row in rows], int), np.array([row[1] for row in rows], int))
-        x, y, angle = np.array([row[2:] for row in rows], float).reshape(-1, 3).T
+        x, y, angle, z = np.array([row[2:] for row in rows], float).reshape(-1, 4).T
         lengths = np.array([types[name].length for name in ids], float)
         pose = from_sumo(SumoPose(x, y, angle), lengths[at[0]])
-        arrays = {name: np.zeros((len(ids), self.steps)) for name in pose._fields}
-        for name, values in pose._asdict().items():
+        arrays = {name: np.zeros((len(ids), self.steps)) for name in (*pose._fields, "z")}
+        for name, values in (pose._asdict() | {"z": z}).items():
             arrays[name][at] = values
         valid = np.zeros((len(ids), self.steps), bool)
         valid[at] = True
@@ -95,6 +96,7 @@ class Slot:
             valid=valid,
             signals=signals,
             persons=frozenset(self.persons),
+            z=arrays["z"],
         )
 
 

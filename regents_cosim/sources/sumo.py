@@ -129,17 +129,17 @@ def _span(sumo: ModuleType) -> tuple[float, float]:
 
 def _fill(slot: Slot, sumo: ModuleType, types: dict[str, VehicleType]) -> None:
     vehicle, light = sumo.vehicle, sumo.trafficlight
-    position, angle, type_of, names = vehicle.getPosition, vehicle.getAngle, vehicle.getTypeID, slot.names
+    position, angle, type_of, names = vehicle.getPosition3D, vehicle.getAngle, vehicle.getTypeID, slot.names
     add = slot.rows.append
     slot.letters.update((name, []) for name in light.getIDList())
     for step in range(slot.steps):
         sumo.simulationStep()
         slot.persons.update(sumo.person.getIDList())
         for name in vehicle.getIDList():
-            x, y = position(name)
+            x, y, z = position(name)
             kind = type_of(name)
             one = names.of(name, kind)
-            add((one, step, x, y, angle(name)))
+            add((one, step, x, y, angle(name), z))
             if one not in types:
                 types[one] = _type_of(vehicle, name)
         for name, letters in slot.letters.items():

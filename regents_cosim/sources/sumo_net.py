@@ -117,9 +117,11 @@ def _has_direction(lane: sumolib.net.lane.Lane) -> bool:
 def _lane(lane: sumolib.net.lane.Lane, lanes: dict[str, sumolib.net.lane.Lane], lefthand: bool) -> Lane:
     inward = _neighbour(lane, 1, lanes)  # lane 0 is the outermost
     outward = _neighbour(lane, -1, lanes)
+    shape = np.array(lane.getShape3D())
     return Lane(
         id=lane.getID(),
-        centre=np.array(lane.getShape()),
+        centre=shape[:, :2],
+        height=shape[:, 2],
         width=lane.getWidth(),
         speed_limit=lane.getSpeed(),
         junction=lane.getEdge().getFunction() == "internal",

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.collisions import find_overlaps
 from regents_cosim.errors import NoWindowError
+from regents_cosim.levels import contains
 from regents_cosim.names import file_name, word
 from regents_cosim.provenance import command, versions
 from regents_cosim.ranges import SEED, Range
@@ -163,7 +164,12 @@ class Scene:
         """Boxes of some vehicles, [vehicle, time]."""
         types = np.array([(kind.length, kind.width) for kind in self.recording.types])[of]
         r = self.recording
-        return Boxes(r.x[of], r.y[of], r.yaw[of], types[:, :1], types[:, 1:])
+        return Boxes(r.x[of], r.y[of], r.yaw[of], types[:, :1], types[:, 1:], self.z[of])
+
+    @property
+    def z(self) -> Float[np.ndarray, "vehicle time"]:
+        """Heights of the road [m]."""
+        return np.zeros(self.valid.shape) if self.recording.z is None else self.recording.z
 
 
 def _egos(scene: Scene, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
@@ -197,7 +203,8 @@ def refusal(scene: Scene, ego: int, road: RoadMap, company: int) -> str | None:
         return f"had fewer than {company} moving vehicle{'s' * (company != 1)} within {_NEAR_M:.0f} m"
     if _overlaps_any(scene, ego, apart):
         return "overlapped another vehicle in the recorded traffic"
-    if not road.contains(np.stack([scene.recording.x[ego], scene.recording.y[ego]], axis=-1)).all():
+    way = np.stack([scene.recording.x[ego], scene.recording.y[ego]], axis=-1)
+    if not contains(road, way, scene.z[ego]).all():
         return "left the lanes for cars"
     return None
 
@@ -260,10 +267,11 @@ def _nearest(scene: Scene, ego: int, radius_m: float) -> list[int]:
 
 def _tracks(scene: Scene, members: list[int]) -> Tracks:
     recording, valid = scene.recording, scene.valid[members]
-    x, y, yaw, speed = (
-        np.where(valid, values[members], 0.0) for values in (recording.x, recording.y, recording.yaw, scene.speed)
+    x, y, yaw, speed, z = (
+        np.where(valid, values[members], 0.0)
+        for values in (recording.x, recording.y, recording.yaw, scene.speed, scene.z)
     )
-    return Tracks(x, y, yaw, speed, valid)
+    return Tracks(x, y, yaw, speed, valid, z=z)
 
 
 def _unique(name: str, taken: Counter[str]) -> str:

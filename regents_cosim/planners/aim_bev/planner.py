@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int, UInt8
 
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars, to_ground
+from regents_cosim.mirror.levels import HeightMap, same_level
 from regents_cosim.mirror.observe import REACH_M, View, observe
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
@@ -33,6 +34,7 @@ class Memory(eqx.Module):
     now: Int[Array, ""]
     errors: Errors
     recollection: Recollection
+    heights: HeightMap | None  # in scenes with roads above each other
 
 
 class Sight(eqx.Module):
@@ -65,18 +67,19 @@ class AimBev(JaxPlanner):
             now=jnp.int32(0),
             errors=self.controller.begin(),
             recollection=Recollection.of_nothing(lights.shape[0], scene.world.valid.shape[0] - 1),
+            heights=scene.world.heights,
         )
 
     def look(self, memory: Memory, traffic: Traffic) -> Sight:
         """Boxes of the others; the view itself depends on where the ego is."""
         motion = traffic.motion
         sizes = (jnp.broadcast_to(half[:, None], motion.x.shape) for half in (traffic.half_length, traffic.half_width))
-        boxes = Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *sizes)
+        boxes = Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *sizes, z=traffic.z)
         return jax.tree.map(lambda values: values.T, Sight(boxes, motion.speed, traffic.valid))
 
     def step(self, memory: Memory, sight: Sight, ego: Motion) -> tuple[Controls, Memory]:
         """See, plan waypoints, steer along them."""
-        view = View(sight.boxes, sight.speed, sight.valid, memory.lights[memory.now])
+        view = View(sight.boxes, sight.speed, self.on_level(memory, sight, ego), memory.lights[memory.now])
         seen, before = in_view(view, ego), memory.recollection.at(memory.now)
         known = (seen == before.seen).all()
         waypoints = jax.lax.cond(known, lambda: before.waypoints, lambda: self.plan(memory, view, ego))
@@ -84,6 +87,12 @@ class AimBev(JaxPlanner):
         recollection = memory.recollection.put(memory.now, Recollection(seen, waypoints))
         changed = memory.now + 1, errors, recollection
         return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.recollection), memory, changed)
+
+    def on_level(self, memory: Memory, sight: Sight, ego: Motion) -> Array:
+        """Who is there, on the ego's level: who is on a bridge hides nobody under it, and is not seen from there."""
+        if memory.heights is None:
+            return sight.valid
+        return sight.valid & same_level(sight.boxes.z, memory.heights.of_ego(ego.x, ego.y))
 
     def keep(self, last: Memory) -> Recollection:
         """What was seen when, and planned."""

@@ -1,0 +1,212 @@
+"""Roads above each other: how high the road is at a place, and where one may drive at a height.
+
+Heights count only where roads lie above each other, or an agent drives over a road (`stacked`): hills alone separate
+nobody. A place there is on a level, one of those that are `BAND_M` apart, and roads count for a level within the
+clearance of it: roads that are 3.8 m apart or more never mix.
+"""
+
+import functools
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.boxes import CLEARANCE_M, Values
+from regents_cosim.roadmap import Lane, RoadMap
+
+BAND_M = 1.5
+_SPACING_M = 1.0  # between the points that stand for a surface
+_MOST_POINTS = 50_000  # of a lane: beyond 50 km it is sampled more coarsely
+_STRETCH = 3.0  # of heights: a road 8 m above is as far away as one 24 m to the side
+_REACH_M = 150.0  # beyond the tracks of a scene
+_CELL_M = 4.0  # in cells of this size and those around them roads lie above each other, or not
+_AROUND_M = 15.0  # of such a cell a place belongs to a level; further away whoever is on a road is on it
+_SEAM_M = 0.25  # closed gaps between lanes are up to twice as wide
+
+Points = Float[np.ndarray, "point 3"]
+
+
+def band(z: Values) -> Int[np.ndarray, "..."]:
+    """The number of the level that is nearest to a height [m]."""
+    return np.asarray(np.round(np.divide(z, BAND_M)), int)
+
+
+def surface_points(lanes: tuple[Lane, ...] | list[Lane]) -> Points:
+    """Points x, y, z [m] along the centre lines of lanes, a metre apart at most."""
+    return np.concatenate([np.zeros((0, 3)), *(_dense(lane) for lane in lanes)])
+
+
+def stacked(points: Points) -> Bool[np.ndarray, " point"]:
+    """Which points lie above or below others, by the clearance or more."""
+    found = np.zeros(len(points), bool)
+    if not len(points) or np.ptp(points[:, 2]) < CLEARANCE_M:
+        return found
+    cell = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / _CELL_M).astype(np.int64) + 1
+    row = int(cell[:, 1].max()) + 2
+    cells, index = np.unique(cell[:, 0] * row + cell[:, 1], return_inverse=True)
+    low, high = np.full(len(cells), np.inf), np.full(len(cells), -np.inf)
+    np.minimum.at(low, index, points[:, 2])
+    np.maximum.at(high, index, points[:, 2])
+    for shift in (across * row + along for across in (-1, 0, 1) for along in (-1, 0, 1)):
+        at = np.minimum(np.searchsorted(cells, cells + shift), len(cells) - 1)
+        apart = np.maximum((high - low[at])[index], (high[at] - low)[index])
+        found |= (cells[at] == cells + shift)[index] & (apart >= CLEARANCE_M)
+    return found
+
+
+# --- where one may drive ------------------------------------------------------------------------
+
+
+@functools.lru_cache(maxsize=16)
+def has_levels(road: RoadMap) -> bool:
+    """Whether lanes of the map lie above each other."""
+    return not _crossings(road).is_empty
+
+
+@functools.lru_cache(maxsize=16)
+def _crossings(road: RoadMap) -> BaseGeometry:
+    """The places where lanes lie above each other, and what is around them."""
+    points = surface_points(road.lanes) if road.raised else np.zeros((0, 3))
+    places = np.unique(np.round(points[stacked(points), :2] / _CELL_M), axis=0) * _CELL_M
+    return shapely.union_all(shapely.buffer(shapely.points(places), _AROUND_M, quad_segs=2))
+
+
+def drivable_at(road: RoadMap, z: float) -> BaseGeometry:
+    """Where one may drive at a height [m]: the map's area, less the lanes of other levels where lanes cross."""
+    return _drivable_of(road, int(band(z))) if has_levels(road) else road.drivable
+
+
+def contains(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Bool[np.ndarray, "..."]:
+    """Whether points [m] at heights `z` [m] lie on the drivable area of their level."""
+    if not has_levels(road):
+        return road.contains(points)
+    bands = np.broadcast_to(band(z), points.shape[:-1])
+    found = np.zeros(bands.shape, bool)
+    for one in np.unique(bands).tolist():
+        here = bands == one
+        found[here] = shapely.contains_xy(_drivable_of(road, one), *points[here].T)
+    return found
+
+
+def beyond_road(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Float[np.ndarray, "..."]:
+    """How far points [m] at heights `z` [m] are off the drivable area of their level [m]."""
+    bands = np.broadcast_to(band(z) if has_levels(road) else 0, points.shape[:-1])
+    found = np.zeros(bands.shape)
+    for one in np.unique(bands).tolist():
+        here = bands == one
+        found[here] = shapely.distance(drivable_at(road, one * BAND_M), shapely.points(points[here]))
+    return found
+
+
+def height_on(lane: Lane, points: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "..."]:
+    """The height [m] of a lane where it comes closest to points [m]."""
+    if not lane.height.any():
+        return np.zeros(points.shape[:-1])
+    line = shapely.LineString(lane.centre)
+    at = shapely.line_locate_point(line, shapely.points(points))
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))])
+    return np.asarray(np.interp(at, along, lane.height))
+
+
+@functools.lru_cache(maxsize=64)
+def _drivable_of(road: RoadMap, level: int) -> BaseGeometry:
+    crossings = _crossings(road)
+    near = road.centre_lines.query(crossings, predicate="dwithin", distance=_AROUND_M)
+    pieces = [piece for index in near for piece in _pieces(road.lanes[index], level * BAND_M)]
+    own = shapely.union_all([strip for strip, is_own in pieces if is_own])
+    others = shapely.union_all([strip for strip, is_own in pieces if not is_own])
+    taken = shapely.difference(shapely.intersection(others.buffer(_SEAM_M, join_style="mitre"), crossings), own)
+    area = shapely.difference(road.drivable, taken)
+    shapely.prepare(area)
+    return area
+
+
+def _pieces(lane: Lane, z: float) -> Iterator[tuple[BaseGeometry, bool]]:
+    """The strips of a lane that are within the clearance of height `z` [m], and those that are not."""
+    points = _dense(lane)
+    own = np.abs(points[:, 2] - z) < CLEARANCE_M
+    ends = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(points)]
+    for begin, end in itertools.pairwise(ends):
+        line = shapely.LineString(points[max(begin - 1, 0) : end + 1, :2])
+        yield line.buffer(0.5 * lane.width, cap_style="flat"), bool(own[begin])
+
+
+def _dense(lane: Lane) -> Points:
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))])
+    count = min(int(along[-1] / _SPACING_M) + 2, _MOST_POINTS)
+    at = np.union1d(along, np.linspace(0.0, along[-1], count))
+    return np.stack([np.interp(at, along, values) for values in (*lane.centre.T, lane.height)], axis=-1)
+
+
+# --- how high the road is -----------------------------------------------------------------------
+
+
+class Heights:
+    """How high the road is under agents of one scene, wherever they go.
+
+    An agent that leaves its recorded way stays on the surface that continues it: of those at its place the one that is
+    nearest to the height of its own recorded way, where that comes closest. So it is taken for one on another road
+    only if it climbs or falls by half the distance of two roads beyond where its recording ends or its way parts.
+    """
+
+    def __init__(
+        self,
+        road: RoadMap,
+        x: Float[np.ndarray, "agent time"],
+        y: Float[np.ndarray, "agent time"],
+        z: Float[np.ndarray, "agent time"],
+        valid: Bool[np.ndarray, "agent time"],
+    ) -> None:
+        """`x`, `y` and `z` [m] are the recorded ways."""
+        self.flat = not (road.raised or z.any())
+        self._way, self._valid = np.stack([x, y, z], axis=-1), valid
+        if not self.flat:
+            self.points = np.concatenate([surface_points(_around(road, self._way[valid])), self._way[valid]])
+
+    @functools.cached_property
+    def stacked(self) -> bool:
+        """Whether there are surfaces above each other around the recorded ways."""
+        return bool(self.levels)
+
+    @functools.cached_property
+    def levels(self) -> list[int]:
+        """The levels of surfaces that are above each other, the lowest first."""
+        return [] if self.flat else np.unique(band(self.points[stacked(self.points), 2])).tolist()
+
+    def __call__(
+        self, x: Float[np.ndarray, "agent *axes"], y: Float[np.ndarray, "agent *axes"]
+    ) -> Float[np.ndarray, "agent *axes"]:
+        """Heights [m] of the road under all agents at places [m]."""
+        if self.flat:
+            return np.zeros(x.shape)
+        rows = (slice(agent, agent + 1) for agent in range(len(x)))
+        return np.concatenate([self.of(row.start, x[row], y[row]) for row in rows])
+
+    def of(
+        self, agent: int, x: Float[np.ndarray, "*axes"], y: Float[np.ndarray, "*axes"]
+    ) -> Float[np.ndarray, "*axes"]:
+        """Heights [m] of the road under one agent at places [m]."""
+        there = self._valid[agent]
+        if self.flat or not there.any():
+            return np.zeros(np.shape(x))
+        way, place = self._way[agent, there], np.stack([x, y], axis=-1)
+        _, nearest = KDTree(way[:, :2]).query(place)
+        return self.surface(place, way[nearest, 2])
+
+    def surface(self, place: Float[np.ndarray, "... 2"], z: Values) -> Float[np.ndarray, "..."]:
+        """The heights [m] of the surfaces at places [m] that are nearest to heights `z` [m]."""
+        stretched = np.concatenate([place, np.broadcast_to(z, place.shape[:-1])[..., None] * _STRETCH], axis=-1)
+        return np.asarray(self.points[self._tree.query(stretched)[1], 2])
+
+    @functools.cached_property
+    def _tree(self) -> KDTree:
+        return KDTree(self.points * [1.0, 1.0, _STRETCH])
+
+
+def _around(road: RoadMap, points: Points) -> list[Lane]:
+    low, high = points[:, :2].min(axis=0) - _REACH_M, points[:, :2].max(axis=0) + _REACH_M
+    return [road.lanes[index] for index in road.centre_lines.query(shapely.box(*low, *high))]
