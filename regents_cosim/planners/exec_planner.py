@@ -21,9 +21,8 @@ Every step asks `{"act": SIGHT}`. SIGHT has
 - `lights` [{`lane` and `to_lane`: the way it is for; `x`, `y` [m]: the stop line;
   `shows`: SUMO's letter, r red, y yellow, g/G green, u red-yellow, s stop, o/O off}].
 
-STATE is {`id`, `kind`, `x` [m], `y` [m], `yaw` [rad], `speed` [m/s], `length` [m], `width` [m], `z` [m] of the road under
-it}. Kinds are car, truck,
-bus, motorcycle, bicycle, pedestrian and other. The answer is one of
+STATE is {`id`, `kind`, `x` [m], `y` [m], `yaw` [rad], `speed` [m/s], `length` [m], `width` [m], `z` [m] of the road
+under it}. Kinds are car, truck, bus, motorcycle, bicycle, pedestrian and other. The answer is one of
 
 - `{"accel": 0.5, "curvature": 0.01}` [m/s^2], [1/m] positive to the left, held until the next step;
 - `{"waypoints": [[x, y], ...], "spacing_s": 0.5}`: where the ego should be after 1, 2, ... times `spacing_s` (0.5 if
