@@ -94,7 +94,9 @@ def contains(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Bo
 
 def beyond_road(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Float[np.ndarray, "..."]:
     """How far points [m] at heights `z` [m] are off the drivable area of their level [m]."""
-    bands = np.broadcast_to(band(z) if has_levels(road) else 0, points.shape[:-1])
+    if not has_levels(road):
+        return np.asarray(shapely.distance(road.drivable, shapely.points(points)))
+    bands = np.broadcast_to(band(z), points.shape[:-1])
     found = np.zeros(bands.shape)
     for one in np.unique(bands).tolist():
         here = bands == one

@@ -151,13 +151,17 @@ class _Road:
         self, places: Float[np.ndarray, "*axes corner 2"], z: Float[np.ndarray, "*axes"]
     ) -> Bool[np.ndarray, "*axes corner"]:
         """Whether places are on the road of their level, at heights `z` [m]."""
-        level = band(z) if has_levels(self._road) else np.zeros(z.shape, int)
+        if not has_levels(self._road):
+            return shapely.contains_xy(self._area(0), places[..., 0], places[..., 1])
         on = np.zeros(places.shape[:-1], bool)
-        for one in np.unique(level).tolist():
-            if one not in self._allowed:
-                road = shapely.clip_by_rect(drivable_at(self._road, one * BAND_M), *self._near)
-                self._allowed[one] = road.buffer(OFF_ROAD_M)
-                shapely.prepare(self._allowed[one])
-            here = level == one
-            on[here] = shapely.contains_xy(self._allowed[one], places[here][..., 0], places[here][..., 1])
+        for level in np.unique(band(z)).tolist():
+            here = band(z) == level
+            on[here] = shapely.contains_xy(self._area(level), places[here][..., 0], places[here][..., 1])
         return on
+
+    def _area(self, level: int) -> BaseGeometry:
+        if level not in self._allowed:
+            road = shapely.clip_by_rect(drivable_at(self._road, level * BAND_M), *self._near)
+            self._allowed[level] = road.buffer(OFF_ROAD_M)
+            shapely.prepare(self._allowed[level])
+        return self._allowed[level]
