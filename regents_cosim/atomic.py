@@ -31,7 +31,7 @@ def new_folder(target: Path, ours: Callable[[Path, Path], bool] = lambda folder,
     restore(target)
     clear_leftovers(target.parent, target.name)
     with made_whole():
-        folder, lock = _temporary(target, _make_folder)
+        folder, lock = temporary(target, _make_folder)
         old = folder
         try:
             yield folder
@@ -39,7 +39,7 @@ def new_folder(target: Path, ours: Callable[[Path, Path], bool] = lambda folder,
             old = swap(folder, target)
             _keep_rest(old, target, ours)  # what came while we wrote
         finally:
-            _remove(old)
+            remove(old)
             os.close(lock)
 
 
@@ -52,17 +52,17 @@ def write_atomic(path: Path, content: bytes) -> None:
 
 def _replace(path: Path, content: bytes) -> None:
     for left in reversed(range(_TRIES)):
-        temporary, file = _temporary(path, _make_file)
+        fresh, file = temporary(path, _make_file)
         try:
             with open(file, "wb", closefd=False) as stream:
                 stream.write(content)
-            os.replace(temporary, path)
+            os.replace(fresh, path)
             return
         except FileNotFoundError:  # the folder was replaced meanwhile; write into the new one
             if not left or not path.parent.exists():
                 raise
         finally:
-            temporary.unlink(missing_ok=True)
+            fresh.unlink(missing_ok=True)
             os.close(file)
 
 
@@ -105,7 +105,7 @@ def explain_write(folder: Path) -> Iterator[None]:
         raise RegentsError(f"cannot write to {folder}: {error.strerror} (choose another folder with -o)") from error
 
 
-def _temporary(target: Path, make: Callable[[Path], int | None]) -> tuple[Path, int]:
+def temporary(target: Path, make: Callable[[Path], int | None]) -> tuple[Path, int]:
     """A new file or folder beside `target`, and the descriptor that holds its lock."""
     for _ in range(_TRIES):
         path = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
@@ -135,11 +135,11 @@ def _remove_dead(path: Path) -> None:
         return  # gone, or not ours to touch
     if lock is None:
         return
-    _remove(path)
+    remove(path)
     os.close(lock)
 
 
-def _remove(path: Path) -> None:
+def remove(path: Path) -> None:
     """Remove a file or a folder as far as that is possible; a link alone, not what it leads to."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)

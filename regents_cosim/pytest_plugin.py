@@ -289,6 +289,8 @@ class _Run:
                 self._save()
             except RegentsError as error:
                 pytest.exit(f"nothing accepted: {error}", returncode=4)
+            except KeyboardInterrupt:  # each file is written as a whole or not at all
+                pytest.exit("interrupted while outcomes were being accepted", returncode=pytest.ExitCode.INTERRUPTED)
 
     def _save(self) -> None:
         from regents_cosim.evaluation.baseline import update_baseline

@@ -89,6 +89,7 @@ def test_a_planner_from_a_module():
         ("no_such_module:Thing", "cannot be imported: ModuleNotFoundError"),
         ("regents_cosim.planners.idm:Nothing", "has no 'Nothing'"),
         ("nowhere.py:Thing", "cannot be imported: FileNotFoundError"),
+        ("json:dumps", "cannot be made: TypeError: dumps.. missing 1 required"),
     ],
 )
 def test_a_planner_that_cannot_be_found(name, said):

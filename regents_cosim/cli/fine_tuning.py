@@ -12,13 +12,13 @@ routes are driven.
 """
 
 import dataclasses
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from regents_cosim.cli.options import FineTune
 from regents_cosim.errors import RegentsError
+from regents_cosim.scratch import scratch_folder
 
 if TYPE_CHECKING:
     from regents_cosim.evaluation.driving import Drive
@@ -100,10 +100,10 @@ def keep_best(before: Path, learnt: Path, output: Path, chosen_by: Cases, termin
     from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 
     ends = load_weights(before), load_weights(learnt)
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         mixtures = []
         for share in (0.0, *SHARES):
-            weights = Path(folder) / f"{share:g}.safetensors"
+            weights = folder / f"{share:g}.safetensors"
             save_weights(interpolate(*ends, share), weights)
             mixtures.append(_driven(share, weights, chosen_by, terminal))
     chosen = best(mixtures[0], mixtures[1:])

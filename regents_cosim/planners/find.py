@@ -92,7 +92,7 @@ def _ours(place: str) -> Any:
 def make_planner(name: str) -> Planner:
     """The host planner that `name` stands for. Raises PlannerError where there is none, or what the planner raises."""
     found: Any = find_attribute(name)
-    planner: Any = found if _is_planner(found) else found() if callable(found) else found
+    planner: Any = found if _is_planner(found) or not callable(found) else found()
     if not _is_planner(planner):
         raise no_planner(name, planner)
     return planner

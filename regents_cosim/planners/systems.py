@@ -1,8 +1,10 @@
 """Systems under test by name: planners in JAX as they are, all others by the name that their process is told."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.planners.find import find_attribute, no_planner
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.planners.patience import ACT_TIMEOUT_S as ACT_TIMEOUT_S
@@ -30,7 +32,7 @@ def find_planner(name: str) -> JaxPlanner | HostPlanner:
         return HostPlanner(name)
     if not callable(found):
         raise no_planner(name, found)
-    made = found()
+    made = _made(name, found)
     if isinstance(made, JaxPlanner):
         return made
     if isinstance(made, TorchPlanner):
@@ -38,6 +40,18 @@ def find_planner(name: str) -> JaxPlanner | HostPlanner:
     if not _acts(made):
         raise no_planner(name, made)
     return HostPlanner(name)
+
+
+def _made(name: str, maker: Callable[[], Any]) -> Any:
+    """What `maker` makes, without arguments."""
+    try:
+        return maker()
+    except RegentsError:
+        raise
+    except Exception as error:  # whatever a user's code raises is the user's answer
+        raise PlannerError(
+            f"planner {name!r} cannot be made: {type(error).__name__}: {error} (it is called without arguments)"
+        ) from error
 
 
 def _acts(found: Any) -> bool:

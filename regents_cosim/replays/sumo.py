@@ -6,7 +6,6 @@ drives on a grid). Runs in a worker process (`workers`).
 """
 
 import re
-import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -27,6 +26,7 @@ from regents_cosim.replays.sumo_drivers import DriverParameters, driven_type, ty
 from regents_cosim.replays.sumo_routes import edge_of, route_of
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
+from regents_cosim.scratch import scratch_folder
 from regents_cosim.sumo_process import running_sumo
 
 _R = TypeVar("_R")
@@ -130,8 +130,8 @@ def _files(scenario: Scenario, drivers: Mapping[int, DriverParameters]) -> Itera
 @contextmanager
 def network_file(net: bytes) -> Iterator[Path]:
     """A network (gzip) where SUMO can read it."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "replay.net.xml.gz"
+    with scratch_folder() as folder:
+        path = folder / "replay.net.xml.gz"
         path.write_bytes(net)
         yield path
 

@@ -1,6 +1,5 @@
 """Scenarios from SUMO: run it in a process of its own at 10 Hz and cut windows out of its traffic."""
 
-import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
@@ -11,6 +10,7 @@ from types import ModuleType
 from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.provenance import sha256_of
 from regents_cosim.scenario import Scenario
+from regents_cosim.scratch import scratch_folder
 from regents_cosim.sources.recording import Names, Recording, Slot, left_out
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input, write_config
 from regents_cosim.sources.sumo_net import read_road_map
@@ -80,7 +80,7 @@ class RecordingJob:
 
 def record_slots(job: RecordingJob) -> list[Recording]:
     """Run SUMO and read the traffic in slots drawn by seed. Call it in a worker process."""
-    with tempfile.TemporaryDirectory() as folder, running_sumo(sumo_command(job, Path(folder))) as sumo:
+    with scratch_folder() as folder, running_sumo(sumo_command(job, folder)) as sumo:
         return list(_recordings(sumo, job))
 
 

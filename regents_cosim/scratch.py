@@ -1,0 +1,42 @@
+"""Folders for files that only one run needs, which a killed run does not leave for ever."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
+from regents_cosim.atomic import clear_leftovers, remove, temporary
+from regents_cosim.locks import take
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """A folder among the system's temporary files, readable by this user alone, removed when the block ends.
+
+    Where the process is killed before, the next process that asks for one removes it.
+    """
+    folder, lock = temporary(_place(), _make_private_folder)
+    try:
+        yield folder
+    finally:
+        remove(folder)
+        os.close(lock)
+
+
+@cache
+def _place() -> Path:
+    """What the folders are named after; asked for the first time, it removes those of dead processes."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    place = Path(tempfile.gettempdir(), f"regents-{user}")
+    clear_leftovers(place.parent, place.name)
+    return place
+
+
+def _make_private_folder(path: Path) -> int | None:
+    path.mkdir(mode=0o700)
+    try:
+        return take(path, os.O_RDONLY)
+    except FileNotFoundError:  # cleared before it was locked
+        return None
