@@ -109,7 +109,7 @@ def test_routes_are_connected():
     case = shipped_case("crossing-00218")
     network = network_of(case)
     start = Pose(*(float(values[0, 0]) for values in (case.tracks.x, case.tracks.y, case.tracks.yaw)))
-    route = route_along(network, way_to_target(case.road, start, case.target))
+    route = route_along(network, way_to_target(case.road, start, 0.0, case.target))
     assert len(route) >= 2
     assert all(before[1] == after[0] for before, after in itertools.pairwise(route))
     assert all(network.get_lane(index) for index in route)
