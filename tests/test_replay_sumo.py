@@ -150,8 +150,8 @@ def test_shipped_crashes_happen_in_sumo_at_the_same_step(case, in_sumo):
 # --- ids --------------------------------------------------------------------------------------
 
 
-def test_ids_may_hold_any_character(in_sumo):
-    names = ["", " ", "a b", "a_b", "a_b#2", "a|b", "a;b", "a,b", "<&>", "'\"\\", "\n", "車", "é", "x" * 300, "ego "]
+def test_ids_may_hold_any_character_that_shows(in_sumo):
+    names = [" ", "a b", "a_b", "a_b#2", "a|b", "a;b", "a,b", "<&>", "'\"\\", "車", "é", "x" * 300, "ego "]
     cars = [straight(name, -60.0 + 10.0 * i, 5.1, np.pi, 8.0 + i) for i, name in enumerate(names)]
     made = scenario(EGO, *cars)
     assert_same(in_sumo(made).tracks, made.tracks)
