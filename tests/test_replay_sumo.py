@@ -290,7 +290,7 @@ class Straight:
         self.last = None
 
     def advance(self, step, seen):
-        x, y, yaw, speed, valid = seen
+        x, y, yaw, speed, valid, _ = seen
         for seen, log in ((x, "x"), (y, "y"), (yaw, "yaw"), (speed, "speed"), (valid, "valid")):
             np.testing.assert_allclose(seen[1:], getattr(self.background, log)[1:, step], atol=1e-9)
         if self.last is not None:
@@ -309,7 +309,7 @@ class Inspector:
         self.made = made
 
     def advance(self, step, seen):
-        x, y, yaw, speed, valid = seen
+        x, y, yaw, speed, valid, _ = seen
         vehicle = load_libsumo().vehicle
         sizes = sorted((vehicle.getLength(name), vehicle.getWidth(name)) for name in vehicle.getIDList())
         assert sizes == sorted((a.length, a.width) for a, v in zip(self.made.agents, valid, strict=True) if v)
