@@ -12,8 +12,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from regents_cosim.boxes import same_level
 from regents_cosim.ranges import Range
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Signal
@@ -30,7 +31,6 @@ _COMPANY = 1
 _LEAST_SAMPLES = 3
 _SHORTEST_S = 0.5
 _NEAR_M = 10.0  # within which a difference in height means a bridge
-_BRIDGE_M = 3.0  # heights of boxes differ by less where two vehicles can meet
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def _on_another_level(ego: Track, other: Track) -> bool:
     if not len(common):
         return False
     near = np.hypot(ego.x[mine] - other.x[theirs], ego.y[mine] - other.y[theirs]) < _NEAR_M
-    apart: Bool[np.ndarray, " step"] = np.abs(ego.z[mine] - other.z[theirs]) > _BRIDGE_M
+    apart = ~np.asarray(same_level(ego.z[mine], other.z[theirs]))
     return bool((near & apart).any())
 
 
