@@ -28,11 +28,7 @@ from pathlib import Path
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import printable
-
-if __package__:
-    from .readers import Reader, readers
-else:
-    from readers import Reader, readers
+from tests.endurance.readers import Reader, readers
 
 LONGEST_S = 2.0  # of processor time for one input,
 LONGEST_S_PER_MB = 1.0  # and this much more for a megabyte of it
@@ -218,10 +214,12 @@ def _hostile(name: str, made: Callable[[], tuple[bytes, ...]]) -> tuple[bytes, .
 
 
 def input_of(reader: Reader, seed: int, number: int) -> bytes:
-    """The input of that number: hostile files first, then mutations."""
+    """The input of that number: the seeds, then hostile files, then mutations."""
+    if number < len(reader.seeds):
+        return reader.wrap(reader.seeds[number])
     hostile = _hostile(reader.name, reader.hostile)
-    if number < len(hostile):
-        return hostile[number]
+    if number < len(reader.seeds) + len(hostile):
+        return hostile[number - len(reader.seeds)]
     rng = random.Random(f"{seed} {reader.name} {number}")
     return reader.wrap(mutated(reader.seeds, rng))
 
@@ -394,7 +392,7 @@ def tasks_of(count: int, seed: int, names: Sequence[str] = (), hostile: bool = T
     found = []
     for one in readers().values():
         if not names or one.name in names:
-            first = 0 if hostile else len(one.hostile())
+            first = 0 if hostile else len(one.seeds) + len(one.hostile())
             found.append(_Task(one.name, first, max(count // one.cost, 2), seed))
     return found
 

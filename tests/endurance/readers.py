@@ -43,6 +43,7 @@ from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import read_types
 from regents_cosim.sources.windows import Origin, Windows
 
+_PROCESS = 150  # cost of a reader that starts a process
 _SECONDS = 1.2  # of every log: a reader is asked thousands of times
 
 
@@ -145,8 +146,8 @@ def _sumo() -> list[Reader]:
         ),
         Reader("fcd_xml", "log.xml", (_fcd_xml(),), _fcd, deep, hostile=partial(_xml_bombs, "fcd-export")),
         Reader("fcd_csv", "log.csv", (_fcd_csv(),), _fcd, deep, hostile=_gzip_bombs),
-        Reader("sumo_itself", "a.rou.xml", (_ROUTES,), _run_sumo, deep, cost=2000),
-        Reader("sumo_itself_net", "a.net.xml", (_NET,), _run_sumo, deep, cost=2000),
+        Reader("sumo_itself", "a.rou.xml", (_ROUTES,), _run_sumo, deep, cost=_PROCESS),
+        Reader("sumo_itself_net", "a.net.xml", (_NET,), _run_sumo, deep, cost=_PROCESS),
     ]
 
 
@@ -180,10 +181,10 @@ def _logs() -> list[Reader]:
         log_files.SECONDS = kept
 
 
-def _log(format: str, path: Path) -> object:
+def _log(format: str, path: Path, mutated: Path) -> object:
     """Read a log, and cut a window out of every sixteenth."""
     scenes_ = list(islice(read_log(path, formats()[format], Beside()), 2))
-    if _is_deep(path):
+    if _is_deep(mutated):
         asked = LogWindows(Windows(horizon_s=0.8))
         for scene in scenes_:
             list(islice(cut(scene, asked, Origin("x", "x", "x"), Counter()), 1))
@@ -206,7 +207,7 @@ def _of(format: str, file: str = "", wrap: Callable[[bytes], bytes] = bytes, nam
     seeds = more.pop("seeds", None) or (files[file],)
 
     def read(mutated: Path) -> object:
-        return _log(format, mutated.parent if whole else mutated.parent / path.name)
+        return _log(format, mutated.parent if whole else mutated.parent / path.name, mutated)
 
     return Reader(name or format, file, seeds, read, files, wrap, **more)
 
@@ -216,10 +217,10 @@ def _binary_logs() -> list[Reader]:
     with tempfile.TemporaryDirectory() as folder:
         example = next(records(log_files.write_waymo_example(Path(folder))))
     return [
-        _of("waymo", seeds=(log_files.record(payload), log_files.record(b"") * 2)),
-        _of("waymo", wrap=log_files.record, seeds=(payload,), name="waymo_payload"),
-        _of("waymo", wrap=log_files.record, seeds=(example,), name="waymo_example_payload"),
-        _of("scenarionet", seeds=tuple(pickle.dumps(log_files.scenarionet(), protocol=p) for p in (3, 4))),
+        _of("waymo", seeds=(log_files.record(payload),), cost=3),
+        _of("waymo", wrap=log_files.record, seeds=(payload,), name="waymo_payload", cost=10),
+        _of("waymo", wrap=log_files.record, seeds=(example,), name="waymo_example_payload", cost=20),
+        _of("scenarionet", seeds=(pickle.dumps(log_files.scenarionet(), protocol=4),)),
     ]
 
 
@@ -258,8 +259,8 @@ def _argoverse2() -> list[Reader]:
     found = [Reader("argoverse2_map", file, (map_,), lambda path: _quiet(read_map, path.parent))]
     try:
         motion, sensor = "scenario_abc.parquet", "annotations.feather"
-        found.append(_of("argoverse2_motion", motion, cost=2000))
-        found.append(_of("argoverse2_sensor", sensor, cost=2000))
+        found.append(_of("argoverse2_motion", motion, cost=_PROCESS))
+        found.append(_of("argoverse2_sensor", sensor, cost=_PROCESS))
     except ImportError:  # polars is an extra
         pass
     return found
@@ -277,15 +278,16 @@ def _quiet(read: Callable[[Path], object], path: Path) -> object:
 
 
 def _parts() -> list[Reader]:
-    payload = log_files.waymo_scenario(sizes_vary=False)[:3000]
+    point = log_files.point(1.0, 2.0) + log_files.single(4, 0.5) + log_files.whole(5, 300)
+    message = b"".join(log_files.nested(k, point * 2) for k in (1, 2, 15, 16)) + log_files.whole(3, -1)
     values = {"a": np.arange(6.0).reshape(2, 3), "b": [1, 2.5, "x", None], "c": (True, b"y"), "d": {"e": {1}}}
     osm = log_files.osm().encode()
     metres = log_files.osm(lambda x, y: (x, y)).replace("lat=", "y=").replace("lon=", "x=").encode()
     origin = UtmOrigin(31, 0.0, 0.0)
     return [
-        Reader("unpickle", "a.pkl", tuple(pickle.dumps(values, p) for p in (3, 4)),
+        Reader("unpickle", "a.pkl", (pickle.dumps(values, 4),),
                lambda path: unpickle(path.read_bytes()), hostile=lambda: _PICKLES),
-        Reader("protobuf", "a.bin", (payload,), partial(_quiet, _protobuf)),
+        Reader("protobuf", "a.bin", (message,), partial(_quiet, _protobuf)),
         Reader("tfrecord", "a.bin", (log_files.record(b"abc") + log_files.record(b"d" * 200),),
                lambda path: list(records(path))),
         Reader("lanelet2", "a.osm", (osm, metres), partial(_quiet, lambda path: read_lanelet2(path, origin)),
@@ -336,7 +338,7 @@ def _cases() -> list[Reader]:
     return [
         one("scenario_json", f"{case.name}/scenario.json", hostile=_json_bombs),
         one("tracks_npz", f"{case.name}/tracks.npz", seeds=(tracks, _zipped(arrays)), hostile=_zip_bombs),
-        one("tracks_npy", f"{case.name}/tracks.npz", seeds=(_npy(arrays["x"]), _npy(arrays["valid"])),
+        one("tracks_npy", f"{case.name}/tracks.npz", seeds=(_npy(arrays["x"]), _npy(np.asfortranarray(arrays["x"]))),
             wrap=lambda data: _npz({**arrays, "x": data})),
         one("road_json", road, seeds=(gzip.decompress(files[road]),), wrap=_packed, hostile=_gzip_bombs),
         one("net_xml_gz", net, hostile=_gzip_bombs),

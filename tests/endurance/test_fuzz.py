@@ -1,8 +1,9 @@
 """Mutated files for every reader: a value or one line, never anything else. `tests.endurance.fuzz` does more."""
 
 import pytest
-from endurance.fuzz import fuzz_all, tasks_of
-from endurance.readers import readers
+
+from tests.endurance.fuzz import fuzz_all, tasks_of
+from tests.endurance.readers import readers
 
 
 def failures(names, count, hostile):
