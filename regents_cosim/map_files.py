@@ -18,6 +18,7 @@ from regents_cosim.names import require_file_name, require_inside, require_no_li
 from regents_cosim.net_elements import require_network_alone
 from regents_cosim.polygon_file import load_polygons
 from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.xml_count import most_unpacked
 
 # City networks (Luxembourg, Monaco, Berlin) have 30 to 250 MiB as XML, and a third of that as lanes.
 _PACKED_BYTES = 64 * MIB
@@ -105,12 +106,16 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
 
 @functools.lru_cache(maxsize=16)
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
-    entry = msgspec.json.decode(gunzip_bounded(road, _ROAD_BYTES), type=_RaisedRoadEntry)
+    entry = msgspec.json.decode(_gunzipped(road, _ROAD_BYTES), type=_RaisedRoadEntry)
     if sumo_net is not None:
-        require_network_alone(gunzip_bounded(sumo_net, _NET_BYTES))
+        require_network_alone(_gunzipped(sumo_net, _NET_BYTES), len(sumo_net))
     heights = entry.heights or (None,) * len(entry.lanes)
     lanes = tuple(_lane(one, height) for one, height in zip(entry.lanes, heights, strict=True))
     return RoadMap(lanes, entry.connections, load_polygons(entry.drivable), sumo_net)
+
+
+def _gunzipped(data: bytes, largest: int) -> bytes:
+    return gunzip_bounded(data, most_unpacked(len(data), largest))
 
 
 def _lane(entry: _LaneEntry, height: tuple[float, ...] | None) -> Lane:

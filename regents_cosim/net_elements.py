@@ -7,6 +7,7 @@ whatever place the network says, whenever a case is replayed. A network of a cas
 from xml.parsers import expat
 
 from regents_cosim.errors import InputError
+from regents_cosim.xml_count import Count
 
 _ELEMENTS = frozenset(
     {
@@ -16,11 +17,17 @@ _ELEMENTS = frozenset(
 )  # fmt: skip
 
 
-def require_network_alone(content: bytes) -> None:
-    """Raise InputError where a network, unpacked, holds anything else, or lights that write files."""
-    parser = expat.ParserCreate()
+def require_network_alone(content: bytes, packed_bytes: int) -> None:
+    """Raise InputError where a network, unpacked, holds anything else, lights that write files, or absurdly much."""
+    parser, count = expat.ParserCreate(), Count(packed_bytes)
+
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        count.open()
+        _require_known(name, attributes)
+
     parser.StartDoctypeDeclHandler = _refuse_document_type
-    parser.StartElementHandler = _require_known
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: count.close()
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, ValueError, LookupError) as error:

@@ -173,6 +173,14 @@ def test_a_map_that_expands_is_refused(case, monkeypatch):
         load_case(case)
 
 
+@pytest.mark.parametrize("name", ["lanes", "text"])
+def test_a_small_map_holds_little(case, name):
+    bomb = b'{"lanes":[' + b"[0,0]," * 4_000_000 if name == "lanes" else b" " * (20 << 20)
+    replace_map(case, lambda _: bomb)
+    with pytest.raises(CaseError, match="gzip data holds more than 1[67].* MiB"):
+        load_case(case)
+
+
 def test_a_network_that_expands_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("regents_cosim.map_files._NET_BYTES", 1 << 20)
     road = replace(platoon().road, sumo_net=gzip.compress(bytes(32 << 20)))

@@ -1,12 +1,15 @@
 """Logs that read well and would be silently wrong: units of headings, frames that come late, goals that are missing."""
 
 import json
+import os
 
 import log_files
 import numpy as np
 import pytest
 
 from regents_cosim.errors import LogError
+from regents_cosim.sources.logs import polars_files, scenarionet, table
+from regents_cosim.sources.logs.formats import Beside
 from regents_cosim.sources.logs.record import record_log, scenes_of
 
 
@@ -69,6 +72,60 @@ def test_frames_that_come_late_are_no_change_of_speed(tmp_path, late_s):
     speed = scenario.tracks.speed[scenario.tracks.valid]
     assert (speed.min(), speed.max()) == pytest.approx((5.0, 5.0), abs=0.05)
     assert any("up to 40 ms off steps of 100 ms" in line for line in said) == bool(late_s)
+
+
+@pytest.mark.parametrize("late_ms", [0, 30])
+def test_interaction_says_when_it_moves_samples_onto_steps(tmp_path, late_ms):
+    path = log_files.write_interaction(tmp_path)
+    lines = path.read_text().splitlines()
+    cells = [line.split(",") for line in lines]
+    for row in cells[1:]:
+        row[2] = str(int(row[2]) + (late_ms if int(row[1]) % 5 == 3 else 0))
+    path.write_text("\n".join(",".join(row) for row in cells))
+    (scene,) = [scene for _, _, scene in scenes_of(path, "interaction")]
+    assert any("up to 30 ms off steps of 100 ms" in note for note in scene.notes) == bool(late_ms)
+
+
+@pytest.mark.parametrize("late_us", [0, 1500, 40_000])
+def test_a_waymo_example_whose_frames_come_late_is_refused(tmp_path, monkeypatch, late_us):
+    def with_stamps(payload):
+        found = {}
+        for part, steps in (("past", range(10)), ("current", range(10, 11)), ("future", range(11, 91))):
+            stamps = np.tile([100_000 * k + late_us * (k % 5 == 2) for k in steps], (128, 1))
+            values = log_files.nested(1, b"".join(log_files.varint(int(v)) for v in stamps.ravel()))
+            found[f"state/{part}/timestamp_micros"] = log_files.nested(3, values)
+        entries = (log_files.nested(1, name) + log_files.nested(2, value) for name, value in found.items())
+        return record(payload + log_files.nested(1, b"".join(log_files.nested(1, entry) for entry in entries)))
+
+    record = log_files.record
+    monkeypatch.setattr(log_files, "record", with_stamps)
+    path = log_files.write_waymo_example(tmp_path)
+    if late_us <= 10_000:
+        assert len(next(scene for _, _, scene in scenes_of(path)).tracks) == 4
+        return
+    with pytest.raises(LogError, match="a time stamp is 40 ms off steps of 100 ms"):
+        list(scenes_of(path))
+
+
+@pytest.mark.parametrize("head", [b"\x80\x04", b"PAR1", b"ARROW1"])
+def test_a_log_of_gigabytes_is_not_taken_into_memory(tmp_path, head):
+    path = tmp_path / "a.bin"
+    with path.open("wb") as file:
+        file.write(head)
+        file.truncate((1 << 30) + 1)
+    with pytest.raises(LogError, match="holds more than 1024 MiB, the most that is read of it; expected a log"):
+        list(scenarionet.read(path, Beside())) if head[0] == 0x80 else polars_files._read(path, (), (), ())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_named_pipes_are_refused_and_not_waited_for(tmp_path):
+    path = log_files.write_table(tmp_path)
+    pipe = path.with_name("pipe")
+    os.mkfifo(pipe)
+    with pytest.raises(LogError, match="is a named pipe, expected a file"):
+        list(table.read(path, Beside(columns=pipe)))
+    with pytest.raises(LogError, match="is a named pipe, expected a file"):
+        list(scenarionet.read(pipe, Beside()))
 
 
 def test_times_without_any_step_are_refused(tmp_path):

@@ -13,10 +13,10 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.scratch import scratch_folder
 from regents_cosim.sources.recording import Names, Recording, Slot, left_out
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input, write_config
+from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
 from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
-from regents_cosim.sources.xml_input import open_xml
 from regents_cosim.sumo_process import running_sumo
 from regents_cosim.workers import result_of, run_isolated, submit
 
@@ -47,8 +47,7 @@ def record_sumo(
     windows = Windows(count, seed, horizon_s, radius_m)
     options = read_input(source)
     _require_microscopic(options)
-    for path in (*options.routes, *options.additional):
-        open_xml(path, "route or additional file", SumoError).close()  # as for the network: no document type, no bomb
+    require_bounded((*options.routes, *options.additional), options.others.values())
     road = read_road_map(options.net)
     job = RecordingJob(options, windows)
     recordings = run_isolated(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))

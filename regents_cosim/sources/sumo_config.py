@@ -13,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 from regents_cosim.errors import SumoError, require_file
 from regents_cosim.ranges import Range
 from regents_cosim.shipped import NETWORKS, located, names
+from regents_cosim.sources.sumo_files import OUTPUT_ATTRIBUTES, exists
 from regents_cosim.sources.xml_input import read_tree
 
 _LATEST_S = 1e9  # SUMO counts milliseconds
@@ -143,7 +144,7 @@ def _resolved(name: str, value: str, folder: Path) -> str:
     names_files = name.endswith(("-file", "-files", ".file", ".files", "load-state"))
     parts = [part.strip() for part in value.split(",")]
     return ",".join(
-        str(folder / part) if part and "$" not in part and (names_files or (folder / part).is_file()) else part
+        str(folder / part) if part and "$" not in part and (names_files or exists(folder / part)) else part
         for part in parts
     )
 
@@ -159,21 +160,12 @@ def _absolute(paths: tuple[Path, ...]) -> tuple[Path, ...]:
 # --- additional files ---------------------------------------------------------------------------
 
 _NOWHERE = "NUL"  # SUMO's name for it on every system
-_OUTPUT_ATTRIBUTES = {
-    **dict.fromkeys(
-        ("e1Detector", "inductionLoop", "e2Detector", "laneAreaDetector", "e3Detector", "entryExitDetector",
-         "instantInductionLoop", "edgeData", "laneData", "routeProbe", "vTypeProbe"),
-        "file",
-    ),
-    "timedEvent": "dest",
-    "calibrator": "output",
-}  # fmt: skip
 
 
 def _without_outputs(path: Path, copy: Path) -> Path:
     """`path` itself, or a copy that writes nothing where an element of it names an output."""
     root = read_tree(path, "additional file", SumoError)
-    outputs = [e for e in root.iter() if e.tag in _OUTPUT_ATTRIBUTES and _OUTPUT_ATTRIBUTES[e.tag] in e.keys()]  # noqa: SIM118
+    outputs = [e for e in root.iter() if e.tag in OUTPUT_ATTRIBUTES and OUTPUT_ATTRIBUTES[e.tag] in e.keys()]  # noqa: SIM118
     if not outputs:
         return path
     for element in root.iter():
@@ -181,6 +173,6 @@ def _without_outputs(path: Path, copy: Path) -> Path:
             if element.get(name):
                 element.set(name, str(path.parent / str(element.get(name))))
     for element in outputs:
-        element.set(_OUTPUT_ATTRIBUTES[element.tag], _NOWHERE)
+        element.set(OUTPUT_ATTRIBUTES[element.tag], _NOWHERE)
     ET.ElementTree(root).write(copy, encoding="utf-8")
     return copy

@@ -21,7 +21,8 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.errors import InputError, ScenarioError, SumoError, require
 from regents_cosim.net_elements import require_network_alone
 from regents_cosim.roadmap import Connection, Lane, RoadMap
-from regents_cosim.sources.xml_input import Count, explained_xml, open_xml
+from regents_cosim.sources.xml_input import explained_xml, open_xml
+from regents_cosim.xml_count import Count
 
 _FARTHEST_M = 1e8  # from the origin; maps in UTM lie up to 1e7 m from it
 _CLOSE_M = 0.2  # slivers between lanes up to twice as wide belong to the road
@@ -36,7 +37,7 @@ def read_road_map(path: Path) -> RoadMap:
     with open_xml(path, "SUMO network", SumoError) as stream, explained_xml(path, "a SUMO network", SumoError):
         content = stream.read()
     with _explained(path), np.errstate(all="ignore"):
-        return _road_map(*_parse(content, path), content)
+        return _road_map(*_parse(content, path), content, path.stat().st_size)
 
 
 @contextmanager
@@ -56,8 +57,8 @@ def _explained(path: Path) -> Iterator[None]:
         raise SumoError(f"{path}: damaged SUMO network ({type(error).__name__}: {error})") from error
 
 
-def _road_map(net: sumolib.net.Net, lefthand: bool, content: bytes) -> RoadMap:
-    require_network_alone(content)
+def _road_map(net: sumolib.net.Net, lefthand: bool, content: bytes, packed_bytes: int) -> RoadMap:
+    require_network_alone(content, packed_bytes)
     lanes = {lane.getID(): lane for lane in _car_lanes(net)}
     if not lanes:
         raise SumoError(
@@ -92,7 +93,7 @@ class _Reader(sumolib.net.NetReader):
 
 
 def _parse(content: bytes, path: Path) -> tuple[sumolib.net.Net, bool]:
-    reader = _Reader(Count(path))
+    reader = _Reader(Count(path.stat().st_size))
     xml.sax.parseString(content, reader)
     if reader.lefthand is None:
         raise SumoError("not a SUMO network (expected the root element <net>, as netconvert writes it)")

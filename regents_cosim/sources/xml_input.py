@@ -1,31 +1,27 @@
 """XML that others made, plain or gzip: no document types, bounded in size, depth and number of elements.
 
-A few lines of entities unfold to gigabytes, and gzip packs XML a thousand to one. Real networks pack six to ten to
-one and need nine packed bytes or more for an element; route files pack up to 33 to one. So what a file may hold
-grows with the file: whoever sends a small one cannot fill the memory.
+A few lines of entities unfold to gigabytes, and gzip packs XML a thousand to one: `xml_count` says what is allowed.
 """
 
 import io
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from xml.parsers import expat
 
-from regents_cosim.bounded import MIB, open_bounded
+from regents_cosim.bounded import open_bounded
 from regents_cosim.errors import RegentsError, require_file
+from regents_cosim.xml_count import Count, most_unpacked
 
 _LARGEST = 1 << 30  # bytes of unpacked text
-_MOST_TIMES = 50  # what gzip makes of a file, besides the first 16 MiB
-_DEEPEST = 100
-_FEW_ELEMENTS = 20_000
-_BYTES_PER_ELEMENT = 4  # on disk: of plain text an element takes no fewer
+_PIECE_BYTES = 1 << 16
 
 
 def unpacked_limit(path: Path) -> int:
     """The most bytes that a text file may hold after unpacking."""
     size = path.stat().st_size
-    return min(_LARGEST, size if _is_plain(path) else 16 * MIB + _MOST_TIMES * size)
+    return min(_LARGEST, size) if _is_plain(path) else most_unpacked(size, _LARGEST)
 
 
 def open_xml(path: Path, what: str, error: type[RegentsError]) -> io.BufferedReader:
@@ -40,7 +36,7 @@ def children(path: Path, what: str, error: type[RegentsError]) -> Iterator[tuple
     """The name of the root, and each of its children as a whole; what was read is not kept."""
     root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
-        count = Count(path)
+        count = Count(path.stat().st_size)
         for event, element in ET.iterparse(stream, events=("start", "end")):
             root = element if root is None else root
             if event == "start":
@@ -48,14 +44,14 @@ def children(path: Path, what: str, error: type[RegentsError]) -> Iterator[tuple
             elif count.close() == 1:
                 yield root.tag, element
                 root.clear()
-                count.elements = 0
+                count.forget()
 
 
 def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
     """The root of a file. Raises `error` where it is broken or too large."""
     root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
-        count = Count(path)
+        count = Count(path.stat().st_size)
         for event, element in ET.iterparse(stream, events=("start", "end")):
             root = element if root is None else root
             if event == "start":
@@ -66,26 +62,21 @@ def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
     return root
 
 
-class Count:
-    """How deep one is in a file, and how many elements it had; raises ValueError past what is sensible."""
+def walk(path: Path, what: str, error: type[RegentsError], visit: Callable[[str, dict[str, str]], object]) -> None:
+    """Read a file to its end and tell `visit` of every element; nothing is kept. Raises `error` as `read_tree` does."""
+    with explained_xml(path, what, error), open_xml(path, what, error) as stream:
+        count = Count(path.stat().st_size)
 
-    def __init__(self, path: Path) -> None:
-        self.depth = self.elements = 0
-        self._most = _FEW_ELEMENTS + path.stat().st_size // _BYTES_PER_ELEMENT
+        def begin(name: str, attributes: dict[str, str]) -> None:
+            count.open()
+            visit(name, attributes)
 
-    def open(self) -> None:
-        """An element begins."""
-        self.depth += 1
-        self.elements += 1
-        if self.depth > _DEEPEST:
-            raise ValueError(f"elements nested more than {_DEEPEST} deep")
-        if self.elements > self._most:
-            raise ValueError(f"more than {self._most} elements in so small a file")
-
-    def close(self) -> int:
-        """An element ends; how deep one is behind it."""
-        self.depth -= 1
-        return self.depth
+        parser = expat.ParserCreate()
+        parser.StartElementHandler = begin
+        parser.EndElementHandler = lambda _: count.close()
+        while piece := stream.read(_PIECE_BYTES):
+            parser.Parse(piece)
+        parser.Parse(b"", True)
 
 
 @contextmanager
@@ -119,5 +110,7 @@ def _refuse_document_type(path: Path) -> None:
 
 
 def _is_plain(path: Path) -> bool:
+    if not path.is_file():  # a pipe would wait for a writer; it is refused where it is opened
+        return True
     with path.open("rb") as file:
         return file.read(2) != b"\x1f\x8b"

@@ -10,14 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import Beside, LogFormat
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.rows import Rows, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
 
 _KINDS: dict[str, Kind] = {
@@ -56,8 +56,10 @@ def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[Logg
         mine = [(table, of[case]) for table, of in zip(tables, rows, strict=True) if case in of]
         tracks = [track for table, here in mine for track in _tracks(table, here, 1e3 * begin_s)]
         name = f"{path.parent.name}-{path.stem}" + (f"-case{case:.0f}" if len(cases) > 1 else "")
-        notes = ("pedestrians and cyclists have neither size nor heading in the log",) * (len(tables) > 1)
-        yield LoggedScene(name=name, dt=_DT, tracks=_unique(tracks), road=road, begin_s=begin_s, notes=notes)
+        notes = ["pedestrians and cyclists have neither size nor heading in the log"] * (len(tables) > 1)
+        late = np.concatenate([_late(_place(table, here, 1e3 * begin_s)) for table, here in mine])
+        notes += late_notes(late, _DT)
+        yield LoggedScene(name=name, dt=_DT, tracks=_unique(tracks), road=road, begin_s=begin_s, notes=tuple(notes))
 
 
 def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " row"]]:
@@ -74,17 +76,25 @@ def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " r
 def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Iterator[Track]:
     empty = np.full(len(table), np.nan)
     x, y, yaw, length, width = (table.numbers.get(key, empty)[mine] for key in ("x", "y", "psi_rad", "length", "width"))
-    place = (table.numbers["timestamp_ms"][mine] - begin_ms) / (1e3 * _DT)
+    place = _place(table, mine, begin_ms)
     names, kinds = table.texts["track_id"], table.texts["agent_type"]
     kind = table.codes["agent_type"][mine]
-    step = np.round(place).astype(int)
-    rows = Rows(table.codes["track_id"][mine], step, x, y, yaw, place - step)
+    rows = Rows(table.codes["track_id"][mine], np.round(place).astype(int), x, y, yaw, _late(place))
 
     def agent(who: int, of: np.ndarray) -> Agent:
         what = _KINDS.get(kinds[kind[of[0]]].strip().lower(), "other")
         return sized(names[who].removesuffix(".0"), what, float(np.median(length[of])), float(np.median(width[of])))
 
     yield from tracks_of(rows, agent)
+
+
+def _place(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Float[np.ndarray, " row"]:
+    """When rows were taken, in steps."""
+    return (table.numbers["timestamp_ms"][mine] - begin_ms) / (1e3 * _DT)
+
+
+def _late(place: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
+    return place - np.round(place)
 
 
 def _unique(tracks: list[Track]) -> tuple[Track, ...]:

@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError, MissingDependencyError, RegentsError
 from regents_cosim.sources.logs.csv_columns import Columns
+from regents_cosim.sources.logs.formats import unpacked
 from regents_cosim.workers import run_isolated
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
     """Run in a worker process."""
     import polars as pl
 
-    content = path.read_bytes()
+    content = unpacked(path)
     _limit(len(content))
     try:
         frame = (pl.read_parquet if content[:4] == b"PAR1" else pl.read_ipc)(content)

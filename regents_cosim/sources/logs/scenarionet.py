@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import VEHICLE_KINDS, Kind
-from regents_cosim.sources.logs.formats import Beside, LogFormat, explained
+from regents_cosim.sources.logs.formats import Beside, LogFormat, explained, unpacked
 from regents_cosim.sources.logs.road import largest
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
@@ -43,7 +43,7 @@ _KMH = 1.0 / 3.6
 
 def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
     """The one scene of a file."""
-    content = path.read_bytes()
+    content = unpacked(path)
     with explained(path, "ScenarioNet pickle"):
         scene = unpickle(content)
         if not isinstance(scene, dict) or not {"tracks", "map_features", "metadata"} <= set(scene):

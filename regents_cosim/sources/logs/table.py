@@ -32,7 +32,8 @@ from typing import Literal, get_args
 import msgspec
 import numpy as np
 
-from regents_cosim.errors import LogError
+from regents_cosim.bounded import read_bounded
+from regents_cosim.errors import InputError, LogError
 from regents_cosim.frames import FOOT_M, from_front
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
@@ -107,10 +108,8 @@ def _mapping(path: Path, beside: Beside) -> _Mapping:
     if beside.columns is None and not file.is_file():
         return _Mapping()
     try:
-        if file.stat().st_size > _LARGEST_MAPPING:
-            raise LogError(f"{file}: more than {_LARGEST_MAPPING} bytes, expected a mapping of columns")
-        return msgspec.convert(tomllib.loads(file.read_text()), _Mapping)
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
+        return msgspec.convert(tomllib.loads(read_bounded(file, _LARGEST_MAPPING).decode()), _Mapping)
+    except (InputError, tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
         raise LogError(
             f"{file}: {str(error)[:200]} (expected a mapping of columns, see regents_cosim.sources.logs.table)"
         ) from None

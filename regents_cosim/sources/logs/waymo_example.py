@@ -5,9 +5,10 @@ broken where points are far apart, because the cloud may be cut off or thinned o
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from regents_cosim.sources.logs.protobuf import Message, grouped, messages, numbers, reals
+from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
     LoggedMap,
@@ -22,6 +23,7 @@ from regents_cosim.sources.logs.scene import (
 from regents_cosim.sources.logs.waymo_codes import KINDS, LETTERS, UNKNOWN, lights
 
 _AGENTS = 128
+_DT = 0.1
 _PARTS = ("past", "current", "future")
 _LIGHTS = 16
 _LANES, _EDGES = (1, 2), (15, 16)  # freeway and street; boundary and median
@@ -78,7 +80,7 @@ def read_example(top: dict[int, list[int | Message]], name: str) -> LoggedScene:
     lanes, edges = _map(features)
     return LoggedScene(
         name=features.text("scenario/id") or name,
-        dt=0.1,
+        dt=_DT,
         tracks=tracks,
         road=LoggedMap(lanes, edges),
         ego=ego,
@@ -94,6 +96,7 @@ def _tracks(features: _Features) -> tuple[tuple[Track, ...], str | None]:
     }
     names = features("state/id", _AGENTS)
     kinds, is_ego = features("state/type", _AGENTS), features("state/is_sdc", _AGENTS)
+    _require_on_time(features, state["valid"] > 0)
     found, ego = [], None
     for row in range(_AGENTS):
         there = state["valid"][row] > 0
@@ -106,6 +109,19 @@ def _tracks(features: _Features) -> tuple[tuple[Track, ...], str | None]:
             found.append(track)
             ego = agent.id if is_ego[row] == 1 else ego
     return tuple(found), ego
+
+
+def _require_on_time(features: _Features, there: Bool[np.ndarray, "row time"]) -> None:
+    """Raise LogError where the time stamps of a road user, if the file has any, do not lie on the steps."""
+    if "state/current/timestamp_micros" not in features:
+        return
+    stamps = 1e-6 * features.over_time("state", "timestamp_micros", _AGENTS)
+    if stamps.shape != there.shape:
+        raise ValueError(f"{stamps.shape[1]} time stamps for {there.shape[1]} steps")
+    for row in np.flatnonzero(there.any(axis=1)):
+        step = np.flatnonzero(there[row])
+        left_out = step - np.arange(len(step))
+        require_steady(stamps[row, step] - _DT * left_out, _DT)
 
 
 def _map(features: _Features) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...]]:

@@ -1,0 +1,123 @@
+"""The files that SUMO opens by itself are bounded before it gets them, and so are those that they name."""
+
+import gzip
+import os
+from pathlib import Path
+
+import pytest
+
+from regents_cosim.errors import SumoError
+from regents_cosim.shipped import network_config
+from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.sources.sumo_files import require_bounded
+from regents_cosim.sources.sumo_net import read_road_map
+
+NET = network_config("merge").parent / "merge.net.xml"
+
+
+def wide(elements=150_000):
+    return b"<routes>" + b'<vType id="t"/>' * elements + b"</routes>"
+
+
+def padded(root=b"routes"):
+    return b"<%b>" % root + b" " * (18 << 20) + b"</%b>" % root
+
+
+BOMBS = {
+    "text": (gzip.compress(padded()), "holds more than 1[67].* MiB"),
+    "elements": (gzip.compress(wide()), "more than 2.... elements in so small a file"),
+    "depth": (b"<routes>" + b"<a>" * 300, "nested more than 100 deep"),
+    "type": (b'<!DOCTYPE routes [<!ENTITY a "a">]><routes/>', "document type"),
+    "damage": (b"<routes>", "broken or truncated XML"),
+    "itself": (b'<routes><include href="a.xml"/></routes>', "which is included already"),
+}
+
+
+def refused(words, **given):
+    with pytest.raises(SumoError, match=words) as error:
+        record_sumo(SumoInput(net=NET, **given), horizon_s=2.0)
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 500
+
+
+@pytest.mark.parametrize("name", BOMBS)
+@pytest.mark.parametrize("option", ["routes", "additional"])
+def test_what_would_fill_the_memory_does_not_reach_sumo(tmp_path, name, option):
+    content, words = BOMBS[name]
+    (tmp_path / "a.xml").write_bytes(content)
+    refused(words, **{option: (tmp_path / "a.xml",)})
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_nor_does_what_a_file_includes(tmp_path, name):
+    content, words = BOMBS[name]
+    (tmp_path / "a.xml").write_bytes(content)
+    (tmp_path / "b.xml").write_text('<additional><include href="a.xml"/></additional>')
+    refused(words, additional=(tmp_path / "b.xml",))
+
+
+@pytest.mark.parametrize("name", sorted({*BOMBS} - {"itself"}))
+@pytest.mark.parametrize("value", ["a.xml", "${HERE}/a.xml", "other.py a.xml"])
+def test_nor_does_what_an_option_of_the_configuration_names(tmp_path, monkeypatch, name, value):
+    monkeypatch.setenv("HERE", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    content, words = BOMBS[name]
+    (tmp_path / "a.xml").write_bytes(content)
+    (tmp_path / "b.sumocfg").write_text(f'<configuration><weight-files value="{value}"/></configuration>')
+    refused(words, config=tmp_path / "b.sumocfg")
+
+
+def test_a_file_that_is_included_again_and_again_multiplies(tmp_path):
+    (tmp_path / "a.xml").write_bytes(b"<routes/>")
+    (tmp_path / "b.xml").write_text("<routes>" + '<include href="a.xml"/>' * 2 + "</routes>")
+    refused("which is included already", routes=(tmp_path / "b.xml",))
+    (tmp_path / "c.xml").write_text("<additional>" + '<rerouter file="a.xml"/>' * 101 + "</additional>")
+    refused("101 times, expected at most 100", additional=(tmp_path / "c.xml",))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "b.xml").write_text('<routes><include href="pipe"/></routes>')
+    refused("is not a file", routes=(tmp_path / "b.xml",))
+    (tmp_path / "b.sumocfg").write_text('<configuration><load-state value="pipe"/></configuration>')
+    refused("is not a file", config=tmp_path / "b.sumocfg")
+
+
+def test_what_cities_use_is_read(tmp_path):
+    """Many vehicles in plain text, an include, a sign's file named twice, outputs of an earlier run, a script."""
+    (tmp_path / "a.xml").write_bytes(wide(20_000))
+    (tmp_path / "sign.xml").write_bytes(b'<vss><step time="0" speed="9"/></vss>')
+    (tmp_path / "out.xml").write_bytes(b"<detector> cut off")
+    (tmp_path / "b.add.xml").write_bytes(
+        b'<additional><include href="a.xml"/><variableSpeedSign id="a" file="sign.xml"/>'
+        b'<variableSpeedSign id="b" file="sign.xml"/><e1Detector id="e" file="out.xml"/><poly imgFile="out.xml"/>'
+        b"</additional>"
+    )
+    (tmp_path / "tool.py").write_bytes(b"print(1)")
+    require_bounded((tmp_path / "b.add.xml",), ("0.8", "true", str(tmp_path / "tool.py"), "a" * 5000, "a\0b"))
+
+
+def test_sumo_takes_the_routes_that_a_file_includes(tmp_path):
+    edge = next(lane.id.rpartition("_")[0] for lane in read_road_map(NET).lanes if not lane.id.startswith(":"))
+    cars = "".join(
+        f'<vehicle id="{x}" depart="0" departPos="{x}" departSpeed="10"><route edges="{edge}"/></vehicle>'
+        for x in (30, 50, 70)
+    )
+    (tmp_path / "a.xml").write_text(f"<routes>{cars}</routes>")
+    (tmp_path / "b.xml").write_text('<routes><include href="a.xml"/></routes>')
+    include = SumoInput(net=NET, routes=(tmp_path / "b.xml",), end_s=4.0)
+    direct = SumoInput(net=NET, routes=(tmp_path / "a.xml",), end_s=4.0)
+    assert [agents(one) for one in (include, direct)] == [["30", "50", "70"]] * 2
+
+
+def agents(source: SumoInput) -> list[str]:
+    (scenario,) = record_sumo(source, horizon_s=2.0, count=1)
+    return sorted(agent.id for agent in scenario.agents)
+
+
+def test_the_cities_at_hand_are_read():
+    folder = Path(os.environ.get("REGENTS_DATA", "nowhere")) / "sumo"
+    for path in folder.glob("*/*.rou.xml"):
+        require_bounded((path,), ())
