@@ -15,6 +15,7 @@ import os
 import random
 import re
 import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -22,7 +23,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -63,6 +64,16 @@ class Tally:
         """Count a failure and remember its first input."""
         self.failures[what] = self.failures.get(what, 0) + 1
         self.kept.setdefault(what, where)
+
+    def count(self, verdict: str, failures: Sequence[str], took_s: float, grown: int, where: str) -> None:
+        """One more input, which `where` stands for."""
+        self.inputs += 1
+        self.accepted += verdict == "accepted"
+        self.refused += verdict == "refused"
+        self.slowest_s = max(self.slowest_s, round(took_s, 3))
+        self.growth_mb = max(self.growth_mb, round(grown / 1e6, 1))
+        for what in failures:
+            self.fail(what, where)
 
     def add(self, other: "Tally") -> None:
         """Take over what another child counted."""
@@ -292,32 +303,31 @@ def _bound_memory() -> None:
 def _run(reader: Reader, task: _Task, number: int, folder: Path, at: Sequence[float]) -> Tally:
     tally, path = Tally(reader.name), place(reader, folder)
     start = time.monotonic()
-    most = _peak()
+    most = peak()
     for index in range(task.first, task.first + task.count):
         data = input_of(reader, task.seed, index)
         at[0], at[1], at[2] = number, index, time.monotonic()
         began = time.process_time()
         verdict, how = try_one(reader, path, data)
-        took = time.process_time() - began
-        tally.inputs += 1
-        tally.accepted += verdict == "accepted"
-        tally.refused += verdict == "refused"
-        if verdict == "failed":
-            tally.fail(how, str(index))
-        tally.slowest_s = max(tally.slowest_s, round(took, 3))
-        if took > LONGEST_S + LONGEST_S_PER_MB * len(data) / 1e6:
-            tally.fail(f"more than {LONGEST_S:g} s", str(index))
-        grown = _peak() - most
-        if grown > 0:
-            most += grown
-            tally.growth_mb = max(tally.growth_mb, round(grown / 1e6, 1))
-            if grown > MOST_BYTES:
-                tally.fail(f"more than {MOST_BYTES // 10**6} MB", str(index))
+        took, grown = time.process_time() - began, max(peak() - most, 0)
+        most += grown
+        failures = [how] if verdict == "failed" else []
+        tally.count(verdict, failures + past_limits(took, grown, len(data)), took, grown, str(index))
     tally.seconds = round(time.monotonic() - start, 2)
     return tally
 
 
-def _peak() -> int:
+def past_limits(took_s: float, grown: int, size: int) -> list[str]:
+    """What an input took too much of: processor time, memory."""
+    found = []
+    if took_s > LONGEST_S + LONGEST_S_PER_MB * size / 1e6:
+        found.append(f"more than {LONGEST_S:g} s")
+    if grown > MOST_BYTES:
+        found.append(f"more than {MOST_BYTES // 10**6} MB")
+    return found
+
+
+def peak() -> int:
     """The most memory that this process has had [bytes]."""
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
@@ -412,10 +422,12 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reader", action="append", default=[], help="one of them; may be given more than once")
     parser.add_argument("--keep", type=Path, help="folder for the inputs that failed")
+    parser.add_argument("--coverage", action="store_true", help="let atheris keep the inputs that reach new lines")
     asked = parser.parse_args()
     clean, totals = True, {}
-    for tally in fuzz_all(tasks_of(asked.count, asked.seed, asked.reader)):
-        if asked.keep:
+    tasks = tasks_of(asked.count, asked.seed, asked.reader)
+    for tally in map(partial(_guided, keep=asked.keep), tasks) if asked.coverage else fuzz_all(tasks):
+        if asked.keep and not asked.coverage:
             _keep(tally, asked.seed, asked.keep)
         clean &= tally.clean
         totals[tally.reader] = tally.inputs
@@ -423,6 +435,18 @@ def main() -> int:
         print(json.dumps({**asdict(tally), "per_s": per_s}), flush=True)
     print(json.dumps({"readers": len(totals), "inputs": sum(totals.values()), "clean": clean}))
     return 0 if clean else 1
+
+
+def _guided(task: _Task, keep: Path | None) -> Tally:
+    """One reader under coverage guidance, in a process of its own."""
+    words = [task.reader, task.count, task.seed, *([keep] if keep else [])]
+    command = [sys.executable, "-m", "tests.endurance.guided", *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace")
+    if done.returncode:
+        tally = Tally(task.reader)
+        tally.fail(f"exit code {done.returncode}: {done.stderr.strip()[-300:]}", "")
+        return tally
+    return Tally(**json.loads(done.stdout.splitlines()[-1]))
 
 
 def _keep(tally: Tally, seed: int, folder: Path) -> None:
