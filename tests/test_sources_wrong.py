@@ -75,6 +75,17 @@ def test_persons_and_trailers_of_a_run_are_told(tmp_path):
     assert any("articulated" in line for line in said)
 
 
+@pytest.mark.parametrize("length", ["inf", "1e9"])
+def test_a_vehicle_longer_than_any_road_is_one_line(tmp_path, length):
+    edge = next(lane.id.rpartition("_")[0] for lane in read_road_map(NET).lanes if not lane.id.startswith(":"))
+    (tmp_path / "a.rou.xml").write_text(
+        f'<routes><vType id="t" length="{length}"/>'
+        f'<vehicle id="a" type="t" depart="0"><route edges="{edge}"/></vehicle></routes>'
+    )
+    with pytest.raises(SumoError, match=r"vehicle 'a' has the length (inf|1e\+09) m, expected 0.05 to 1000 m"):
+        record_sumo(SumoInput(net=NET, routes=(tmp_path / "a.rou.xml",), end_s=4.0), horizon_s=2.0)
+
+
 @pytest.mark.parametrize("extra", [("--mesosim",), ("--mesosim=true",)])
 def test_a_mesoscopic_run_is_refused_by_its_name(extra):
     with pytest.raises(SumoError, match="a mesoscopic simulation .* expected a microscopic one"):

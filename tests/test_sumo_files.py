@@ -9,7 +9,7 @@ import pytest
 from regents_cosim.errors import SumoError
 from regents_cosim.shipped import network_config
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.sources.sumo_config import SumoInput, read_input
 from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
 
@@ -83,6 +83,13 @@ def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path):
     refused("is not a file", routes=(tmp_path / "b.xml",))
     (tmp_path / "b.sumocfg").write_text('<configuration><load-state value="pipe"/></configuration>')
     refused("is not a file", config=tmp_path / "b.sumocfg")
+
+
+def test_a_value_that_cannot_be_a_name_is_left_as_it_is(tmp_path):
+    (tmp_path / "b.sumocfg").write_text(
+        f'<configuration><net-file value="{NET}"/><lanechange.duration value="{"1" * 5000}"/></configuration>'
+    )
+    assert read_input(SumoInput(config=tmp_path / "b.sumocfg")).others == {"lanechange.duration": "1" * 5000}
 
 
 def test_what_cities_use_is_read(tmp_path):

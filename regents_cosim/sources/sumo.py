@@ -15,7 +15,7 @@ from regents_cosim.sources.recording import Names, Recording, Slot, left_out
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input, write_config
 from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
-from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
+from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of, require_size
 from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
 from regents_cosim.sumo_process import running_sumo
 from regents_cosim.workers import result_of, run_isolated, submit
@@ -148,4 +148,6 @@ def _fill(slot: Slot, sumo: ModuleType, types: dict[str, VehicleType]) -> None:
 def _type_of(vehicle: ModuleType, name: str) -> VehicleType:
     vehicle_class = vehicle.getVehicleClass(name)
     articulated = is_articulated(vehicle_class, vehicle.getShapeClass(name))
-    return VehicleType(kind_of(vehicle_class), vehicle.getLength(name), vehicle.getWidth(name), articulated)
+    length, width = vehicle.getLength(name), vehicle.getWidth(name)
+    require_size(f"vehicle {name!r}", length, width)
+    return VehicleType(kind_of(vehicle_class), length, width, articulated)

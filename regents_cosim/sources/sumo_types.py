@@ -65,6 +65,16 @@ def read_types(paths: tuple[Path, ...]) -> dict[str, VehicleType]:
     return found
 
 
+def require_size(whose: str, length: float, width: float) -> None:
+    """Raise SumoError for a vehicle that SUMO drives and no road carries: it takes any length, infinity as well."""
+    for name, size in (("length", length), ("width", width)):
+        require(
+            _LEAST_M <= size <= _MOST_M,
+            f"{whose} has the {name} {size:g} m, expected {_LEAST_M} to {_MOST_M:g} m",
+            SumoError,
+        )
+
+
 def _vehicle_type(entry: ET.Element, path: Path) -> VehicleType:
     vehicle_class = entry.get("vClass", "passenger")
     length, width = _SIZES.get(vehicle_class, (CAR.length, CAR.width))
@@ -72,10 +82,5 @@ def _vehicle_type(entry: ET.Element, path: Path) -> VehicleType:
         length, width = float(entry.get("length", length)), float(entry.get("width", width))
     except ValueError as error:
         raise SumoError(f"{path}: vType {entry.get('id')!r} has a size that is no number ({error})") from error
-    for name, size in (("length", length), ("width", width)):
-        require(
-            _LEAST_M <= size <= _MOST_M,
-            f"{path}: vType {entry.get('id')!r} has the {name} {size:g} m, expected {_LEAST_M} to {_MOST_M:g} m",
-            SumoError,
-        )
+    require_size(f"{path}: vType {entry.get('id')!r}", length, width)
     return VehicleType(kind_of(vehicle_class), length, width, is_articulated(vehicle_class, entry.get("guiShape", "")))
