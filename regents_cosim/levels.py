@@ -1,7 +1,7 @@
 """Roads above each other: how high the road is at a place, and where one may drive at a height.
 
 Heights count only where roads lie above each other, or an agent drives over a road (`stacked`): hills alone separate
-nobody. A place there is on a level, one of those that are `BAND_M` apart, and roads count for a level within the
+no agents. A place there is on a level, one of those that are `BAND_M` apart, and roads count for a level within the
 clearance of it: roads that are 3.8 m apart or more never mix.
 """
 
@@ -24,7 +24,7 @@ _MOST_POINTS = 50_000  # of a lane: beyond 50 km it is sampled more coarsely
 _STRETCH = 3.0  # of heights: a road 8 m above is as far away as one 24 m to the side
 _REACH_M = 150.0  # beyond the tracks of a scene
 _CELL_M = 4.0  # in cells of this size and those around them roads lie above each other, or not
-_AROUND_M = 15.0  # of such a cell a place belongs to a level; further away whoever is on a road is on it
+_AROUND_M = 15.0  # of such a cell a place belongs to a level; further away an agent on a road is on that level
 _SEAM_M = 0.25  # closed gaps between lanes are up to twice as wide
 
 Points = Float[np.ndarray, "point 3"]

@@ -121,7 +121,7 @@ class Tracks:
 
     @property
     def flat(self) -> bool:
-        """Everybody is at height 0, as in all maps without heights."""
+        """All agents are at height 0, as in all maps without heights."""
         return not self.z.any()
 
     @property

@@ -36,9 +36,9 @@ def test_a_folder_that_others_can_write_is_refused(tmp_path, mode):
 def test_a_folder_that_others_can_replace_is_refused(tmp_path):
     (tmp_path / "open").mkdir()
     (tmp_path / "open").chmod(0o777)
-    with pytest.raises(RegentsError, match="which everybody can write"):
+    with pytest.raises(RegentsError, match="which all users can write to"):
         private_folder(tmp_path / "open" / "kept")
-    (tmp_path / "open").chmod(0o1777)  # as /tmp is: there nobody can replace what belongs to others
+    (tmp_path / "open").chmod(0o1777)  # as /tmp is: there no user can replace what belongs to others
     private_folder(tmp_path / "open" / "kept")
 
 

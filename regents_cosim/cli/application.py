@@ -47,7 +47,7 @@ def run(arguments: Sequence[str]) -> int:
         return _complain(f"{error} ({_where_to_look(error, mine)})", WRONG_USAGE)
     except RegentsError as error:
         return _complain(str(error), error.exit_code)
-    except BrokenPipeError:  # whoever read the table has seen enough
+    except BrokenPipeError:  # the reader of the table has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0
     except OSError as error:  # of a name that the file system does not take, say, wherever it is first used

@@ -10,7 +10,7 @@ from regents_cosim.scenario import AttackRecord, Judgement, Scenario, Tracks
 
 
 def verdict_of(case: Scenario, judgement: Judgement | None) -> Verdict | None:
-    """What a judgement of the crash in `case` says, None where nobody has judged it."""
+    """What a judgement of the crash in `case` says, None where it has not been judged."""
     if judgement is None:
         return None
     found, fault = judgement.avoidability, judgement.fault

@@ -28,7 +28,7 @@ def private_folder(folder: Path) -> Path:
         for parent in real.parents:
             mode = parent.stat().st_mode
             open_to_all = mode & stat.S_IWOTH and not mode & stat.S_ISVTX
-            require(not open_to_all, _refused(real, f"lies in {parent}, which everybody can write"))
+            require(not open_to_all, _refused(real, f"lies in {parent}, which all users can write to"))
     return folder
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.levels import same_level
 
-FAR_M = 1e4  # between levels: as far as whoever is never drawn to the ego
+FAR_M = 1e4  # between levels: as far as an agent that is never drawn to the ego
 _TIE_M = 1e-4  # corners that are closer by less are equally close
 _CORNERS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # front left, front right, rear right, rear left
 

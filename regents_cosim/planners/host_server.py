@@ -52,7 +52,7 @@ from regents_cosim.planners.talk import Talk
 from regents_cosim.planners.waypoints import follow
 
 _TOLERANCE = 1e-6  # rounding beyond a limit
-_MOST_DESCRIPTORS = 1024  # that are looked at for a place that nobody guesses
+_MOST_DESCRIPTORS = 1024  # that are looked at for a place that cannot be guessed
 
 
 def serve(connection: int, stacks: int) -> None:

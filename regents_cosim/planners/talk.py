@@ -34,7 +34,7 @@ class Talk:
         self._writable.register(connection, select.POLLOUT)
 
     def send(self, content: bytes, deadline: float | None = None) -> None:
-        """Raises TimeoutError, and OSError where nobody listens any more."""
+        """Raises TimeoutError, and OSError where the other end is closed."""
         rest = memoryview(_HEADER.pack(_MARK, len(content)) + content)
         while rest:
             try:
@@ -74,7 +74,7 @@ class Talk:
             _wait(self._readable.poll, deadline)
             try:
                 piece = self._connection.recv(min(size - len(found), _PIECE_BYTES))
-            except BlockingIOError:  # somebody else with the same socket was faster
+            except BlockingIOError:  # another holder of the same socket was faster
                 continue
             if not piece:
                 raise EOFError

@@ -30,7 +30,7 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
     The case must have been recorded on the map of `env`. `who` background adds everybody but the
     ego. Vehicles of the environment's own that are in the way of one who enters are taken off the
     road. As for the replay environment, `reset` takes the options `case` and `suite`; without a
-    case or a suite nobody is added. `gymnasium.make(env.spec)` makes the same once more.
+    case or a suite no vehicle is added. `gymnasium.make(env.spec)` makes the same once more.
     """
 
     def __init__(

@@ -61,7 +61,7 @@ class Group:
     kind: str
     why: str  # whose fault, by which rule
     crashes: int
-    in_time: int | None  # of them avoidable in time; None where nobody has judged them
+    in_time: int | None  # of them avoidable in time; None where they have not been judged
     broken: bool
     first: str  # the case to open first
     cases: tuple[str, ...]

@@ -34,7 +34,7 @@ class Recording:
     speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] where the source's own agrees with its positions
     egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
     persons: frozenset[str] = frozenset()  # who were there as well, and are left out
-    z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: everybody at height 0
+    z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
 
 
 class Names:

@@ -89,7 +89,7 @@ class AimBev(JaxPlanner):
         return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.recollection), memory, changed)
 
     def on_level(self, memory: Memory, sight: Sight, ego: Motion) -> Array:
-        """Who is there, on the ego's level: who is on a bridge hides nobody under it, and is not seen from there."""
+        """Which agents are there on the ego's level: one on a bridge hides none below, and is not seen from there."""
         if memory.heights is None:
             return sight.valid
         return sight.valid & same_level(sight.boxes.z, memory.heights.of_ego(ego.x, ego.y))
