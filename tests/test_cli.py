@@ -281,7 +281,7 @@ def mismatched(case):
 
 def from_the_future(case):
     header = json.loads((case / "scenario.json").read_text())
-    (case / "scenario.json").write_text(json.dumps(header | {"schema": 2}))
+    (case / "scenario.json").write_text(json.dumps(header | {"schema": 3}))
 
 
 def truncated(case):
@@ -293,7 +293,7 @@ def truncated(case):
     [
         (with_nan, "x is not finite at agent 0, step 0"),
         (mismatched, "shape"),
-        (from_the_future, "schema 2, this version reads up to 1"),
+        (from_the_future, "schema 3, this version reads up to 2"),
         (truncated, "damaged or truncated"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),

@@ -38,6 +38,7 @@ MOST_BYTES = 500_000_000  # that memory may grow by with one input
 _LIMIT_BYTES = 3_000_000_000  # that the child gets at most
 LONGEST_MESSAGE = 500
 _LARGEST = 1 << 19  # bytes of a mutated file
+_MUTATIONS_FROM = 32  # no reader has as many seeds and hostile files
 _MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 
 
@@ -228,9 +229,10 @@ def input_of(reader: Reader, seed: int, number: int) -> bytes:
     """The input of that number: the seeds, then hostile files, then mutations."""
     if number < len(reader.seeds):
         return reader.wrap(reader.seeds[number])
-    hostile = _hostile(reader.name, reader.hostile)
-    if number < len(reader.seeds) + len(hostile):
-        return hostile[number - len(reader.seeds)]
+    if number < _MUTATIONS_FROM:
+        hostile = _hostile(reader.name, reader.hostile)
+        if number < len(reader.seeds) + len(hostile):
+            return hostile[number - len(reader.seeds)]
     rng = random.Random(f"{seed} {reader.name} {number}")
     return reader.wrap(mutated(reader.seeds, rng))
 
@@ -402,7 +404,7 @@ def tasks_of(count: int, seed: int, names: Sequence[str] = (), hostile: bool = T
     found = []
     for one in readers().values():
         if not names or one.name in names:
-            first = 0 if hostile else len(one.seeds) + len(one.hostile())
+            first = 0 if hostile else _MUTATIONS_FROM
             found.append(_Task(one.name, first, max(count // one.cost, 2), seed))
     return found
 
