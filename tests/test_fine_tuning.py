@@ -264,7 +264,7 @@ def fine_tune(folders, suite, out, *more):
     [
         ("short", (), "2 different horizons (4 s in steps of 0.1 s, 8 s in steps of 0.1 s), expected one"),
         ("nothing", (), "nothing"),
-        ("hard", ("--evading", "1.5"), "a share 1.5 of lessons, expected one between 0 and 1"),
+        ("hard", ("--evading", "1.0"), "a share 1.0 of lessons, expected one between 0 and 1"),
         ("hard", ("--resume", "no.safetensors"), "no.safetensors"),
     ],
 )

@@ -61,7 +61,7 @@ def test_what_cannot_be_shrunk(tmp_path):
 
     assert "is not a folder" in refused("shrink", SUITE / "nowhere", "-o", tmp_path)
     assert "expected a name that ends in .gif" in refused("shrink", case, "-o", tmp_path, "--record", "pair.jpg")
-    assert "--lead -1" in refused("shrink", case, "-o", tmp_path, "--lead", "-1")
+    assert "--lead. Must be >= 0.0" in refused("shrink", case, "-o", tmp_path, "--lead", "-1")
     assert "--record shows one" in refused("shrink", SUITE, "-o", tmp_path, "--record", "pair.png")
 
 

@@ -443,7 +443,7 @@ def train_aim_bev(
     output: Annotated[Path, Parameter(["--output", "-o"])],
     epochs: Count | None = None,
     lessons: Count | None = None,
-    drives: Count | None = None,
+    drives: CountOrZero | None = None,
     frozen: CountOrZero | None = None,
     learning_rate: Annotated[float | None, Parameter(validator=Number(gt=0.0, lte=10.0))] = None,
     teacher: Literal["log", "idm"] | None = None,

@@ -286,7 +286,9 @@ def _ego(
 def _without_goal(root: ET.Element) -> list[str]:
     """What is said of planning problems that lead nowhere: the ego is then drawn from the traffic."""
     names = [one.get("id", "") for one in root.findall("planningProblem")]
-    return [f"planning problem {names[0]} has no goal and is left out; the ego is drawn from the traffic"] * bool(names)
+    if not names:
+        return []
+    return [f"planning problem {names[0]} has no goal and is left out; the ego is drawn from the traffic"]
 
 
 def _goal_place(goal: ET.Element, lanes: tuple[LoggedLane, ...]) -> tuple[float, float] | None:
