@@ -9,6 +9,7 @@ the folder that it writes to, where a rename may be half done. SIGKILL and SIGTE
 
 import argparse
 import json
+import math
 import random
 import re
 import shutil
@@ -241,7 +242,7 @@ JOBS = (
         "suite", _export_whole),
     Job("shrink", lambda at: [REGENTS, "shrink", _first(at / "attacked"), "-o", at / "suite"], "suite", _suite_whole),
     Job("train aim-bev",
-        lambda at: [REGENTS, "train", "aim-bev", at / "cases", "--epochs", 2, "--lessons", 128, "--drives", 1,
+        lambda at: [REGENTS, "train", "aim-bev", at / "cases", "--epochs", 2, "--lessons", 128, "--drives", 0,
                     "-o", at / "suite" / "weights.safetensors"],
         "suite", _weights_whole),
     Job("pytest --regents-update",
@@ -387,20 +388,28 @@ def run(
     jobs: Sequence[Job] = JOBS,
     workers: int = 1,
     keep: Path | None = None,
+    at_most_s: float = math.inf,
 ) -> list[Tally]:
-    """`count` kills of `jobs`, the shorter ones more often; how long each takes undisturbed is measured first."""
+    """`count` kills of `jobs`, the shorter ones more often; how long each takes undisturbed is measured first.
+
+    None begins later than `at_most_s` after the first.
+    """
     lasts = {job.name: _undisturbed(job, template, work) for job in jobs}
     tallies = {job.name: Tally(job.name) for job in jobs}
     dice = random.Random(seed)
     chosen = [*jobs, *dice.choices(jobs, [lasts[job.name] ** -0.5 for job in jobs], k=count)][:count]
     deals = [(job, random.Random(dice.getrandbits(64))) for job in chosen]
 
-    def one(deal: tuple[Job, random.Random]) -> Outcome:
+    until = time.monotonic() + at_most_s
+
+    def one(deal: tuple[Job, random.Random]) -> Outcome | None:
         job, dice = deal
-        return kill_once(job, template, lasts[job.name], dice, work, keep)
+        return kill_once(job, template, lasts[job.name], dice, work, keep) if time.monotonic() < until else None
 
     with ThreadPoolExecutor(workers) as pool:
         for (job, _), outcome in zip(deals, pool.map(one, deals), strict=True):
+            if outcome is None:
+                break
             tallies[job.name].add(outcome)
             for problem in outcome.problems:
                 print(f"{job.name}: {problem}", file=sys.stderr)
@@ -429,6 +438,7 @@ def main() -> None:
     options = argparse.ArgumentParser()
     options.add_argument("--count", type=int, default=1000)
     options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--minutes", type=float, default=math.inf, help="begin no kill later than this")
     options.add_argument("--workers", type=int, default=2)
     options.add_argument("--job", action="append", help="only this one; may be given more than once")
     options.add_argument("--keep", type=Path, help="folder for what is left of kills that went wrong")
@@ -438,7 +448,9 @@ def main() -> None:
         given.keep.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as work:
         template = prepare(Path(work) / "template")
-        tallies = run(given.count, given.seed, template, Path(work), jobs, given.workers, given.keep)
+        tallies = run(
+            given.count, given.seed, template, Path(work), jobs, given.workers, given.keep, 60 * given.minutes
+        )
     for tally in tallies:
         print(json.dumps(asdict(tally)))
     sys.exit(1 if any(tally.failures for tally in tallies) else 0)
