@@ -63,6 +63,7 @@ def test_a_standing_ego_is_not():
     assert not clean((40, 0, 0.1), (20, 3.2, 6), drift=-8.0)
 
 
+@pytest.mark.slow
 def test_what_the_search_accepts_is_what_the_exact_boxes_call_clean():
     from regents_cosim.evaluation.clean import cleanness
 

@@ -168,6 +168,7 @@ def test_weights_of_something_else_are_refused(tmp_path):
         with_weights(tmp_path / "broken.safetensors")
 
 
+@pytest.mark.slow
 def test_it_drives_without_torch():
     from regents_cosim.evaluation.driving import drive_each
 
@@ -196,6 +197,7 @@ def drives(planner, memory, world, background):
     return np.stack([motion.x, motion.y, motion.yaw, motion.speed]), last
 
 
+@pytest.mark.slow
 def test_what_it_remembers_changes_nothing():
     made, planner = platoon(), aim_bev()
     world = to_world(made)
@@ -263,6 +265,7 @@ def cases(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_training_goes_on_where_it_stopped(cases, tmp_path):
     pytest.importorskip("torch", reason="torch is an extra")
     from regents_cosim.planners.aim_bev.train import TrainConfig, checkpoint_path, train

@@ -74,6 +74,7 @@ def test_attacking_and_evaluating_load_what_they_use():
     assert fresh(f"import sys, {modules}; print({unused} & set(sys.modules))") == "set()"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", regents_cosim.__all__)
 def test_public_names_exist_whatever_was_imported_before(name):
     imports = f"import regents_cosim.attacks.costs; from regents_cosim import KING, {name} as found"

@@ -57,6 +57,7 @@ def test_the_cost_history_has_a_value_per_iteration_and_goes_down():
     assert history.cost_history["ego"][-1] < history.cost_history["ego"][0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", [KING, REGENTS])
 @pytest.mark.parametrize("planner", ["log_replay", "constant_velocity", "idm"])
 def test_every_preset_attacks_every_planner(config, planner):
@@ -164,6 +165,7 @@ def test_where_one_adversary_is_enough_it_is_the_first_of_all(engine):
     assert len(every[0]) > 1
 
 
+@pytest.mark.slow
 def test_where_one_adversary_is_enough_none_is_tried_after_it():
     tried = []
 
@@ -200,6 +202,7 @@ def test_a_blind_follower_counts_as_not_attributed_and_a_reacting_one_brakes():
     assert reactive.collision is None or reactive.collision.attributed
 
 
+@pytest.mark.slow
 def test_a_trust_region_keeps_actions_near_the_log():
     recorded = platoon()
     bound = replace(REGENTS, learning_rate=0.02, max_deviation=0.01, iterations=60)
@@ -213,6 +216,7 @@ def test_a_trust_region_keeps_actions_near_the_log():
     assert max(accel, curvature) > 0.01
 
 
+@pytest.mark.slow
 def test_lateral_acceleration_is_bounded():
     recorded = scene((0, 0, 10), (60, 6.4, 10), (90, 3.2, 10))
     wild = replace(REGENTS, learning_rate=0.02, iterations=4)
@@ -223,6 +227,7 @@ def test_lateral_acceleration_is_bounded():
         assert (lateral.max() < 0.5 * 1.25) == bounded
 
 
+@pytest.mark.slow
 def test_an_extra_cost_is_heard():
     def hurry(world, motion, controls):
         return -1000.0 * motion.speed[1:].mean()
@@ -233,6 +238,7 @@ def test_an_extra_cost_is_heard():
     assert plain.tracks.speed[1, -1] < 10 < hurried.tracks.speed[1, -1]
 
 
+@pytest.mark.slow
 def test_the_gradient_may_pass_through_the_planner():
     config = replace(REGENTS, gradient="through-planner")
     assert attack_one(platoon(seed=1), config, "idm").attack.outcome == "collision"

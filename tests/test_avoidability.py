@@ -220,6 +220,7 @@ def judged():
     return [case for case in found if case.evasion is not None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["sumo", "highway", "mirror"])
 def test_simulators_replay_an_evasion_without_a_collision(judged, where):
     assert len(judged) >= 3

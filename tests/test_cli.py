@@ -62,6 +62,7 @@ def test_record_writes_the_cases_that_its_table_lists(recorded):
         assert case.provenance.seed == 1
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_cases(recorded, tmp_path):
     again = tmp_path / "again"
     regents("record", "-c", GRID, "--count", 3, "--seed", 1, "-o", again)
@@ -86,6 +87,7 @@ def test_every_attacked_case_has_its_picture(attacked):
             assert picture.size == (1200, 800)
 
 
+@pytest.mark.slow
 def test_a_suite_replays_elsewhere(attacked, tmp_path):
     moved = shutil.copytree(attacked[0], tmp_path / "moved")
     done = regents("replay", moved, "--json", cwd=tmp_path)
@@ -93,6 +95,7 @@ def test_a_suite_replays_elsewhere(attacked, tmp_path):
     assert all(row["verified"] and row["position_error_mm"] < 1e-3 for row in json.loads(done.stdout))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["sumo", "mirror"])
 def test_the_planner_crashes_again_in_closed_loop(attacked, where):
     folder, row = crash(attacked)
@@ -102,6 +105,7 @@ def test_the_planner_crashes_again_in_closed_loop(attacked, where):
     assert again["found"] == f"{row['adversary']} at step {row['collision_step']}"
 
 
+@pytest.mark.slow
 def test_another_planner_may_get_away(attacked):
     folder, _ = crash(attacked)
     done = regents("replay", folder, "--in", "mirror", "--planner", "constant_velocity", "--json")
@@ -110,6 +114,7 @@ def test_another_planner_may_get_away(attacked):
     assert row["verified"] == (row["expected"] == row["found"])
 
 
+@pytest.mark.slow
 def test_an_avoidable_crash_can_be_watched_not_happening(attacked, recorded, tmp_path):
     folder, rows = attacked
     assert all((row["avoidable"] is None) == (row["outcome"] != "collision") == (row["clean"] is None) for row in rows)
@@ -126,6 +131,7 @@ def test_an_avoidable_crash_can_be_watched_not_happening(attacked, recorded, tmp
     assert "has no evasion" in done.stderr
 
 
+@pytest.mark.slow
 def test_recording_a_film(attacked, tmp_path):
     folder, row = crash(attacked)
     assert regents("replay", folder, "--in", "mirror", "--record", tmp_path / "out.gif").returncode == 0
@@ -133,6 +139,7 @@ def test_recording_a_film(attacked, tmp_path):
         assert film.n_frames >= min(row["collision_step"] + 10, 80)
 
 
+@pytest.mark.slow
 def test_attack_straight_from_traffic(tmp_path):
     words = (
         "attack",
@@ -156,6 +163,7 @@ def test_attack_straight_from_traffic(tmp_path):
     assert "king-published against log_replay" in done.stdout
 
 
+@pytest.mark.slow
 def test_our_own_method_was_never_published(tmp_path):
     done = regents("attack", "-c", GRID, "-o", tmp_path / "suite", "--method", "focused", "--as-published")
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
@@ -169,6 +177,7 @@ def test_what_follows_two_dashes_goes_to_sumo(tmp_path):
     assert "no vehicle was on the road" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_compilation_cache(recorded, tmp_path):
     words = ("evaluate", recorded[0] / recorded[1][0]["case"], "--planner", "constant_velocity")
     regents(*words, "--no-compile-cache", REGENTS_CACHE=str(tmp_path / "kept"))
@@ -239,6 +248,7 @@ BAD_TRAFFIC = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "said"), BAD_TRAFFIC, ids=lambda value: str(value)[:40])
 def test_bad_traffic(broken, tmp_path, words, said):
     done = regents("record", *words, "-o", tmp_path / "out", cwd=broken)
@@ -288,6 +298,7 @@ def truncated(case):
     (case / "tracks.npz").write_bytes((case / "tracks.npz").read_bytes()[:300])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
@@ -318,6 +329,7 @@ def test_missing_system_libraries_are_named(tmp_path):
     assert "apt-get install libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_whole_cases_only(tmp_path):
     suite = tmp_path / "suite"
     running = subprocess.Popen([str(REGENTS), "attack", "-c", str(GRID), "--count", "16", "-o", str(suite), "--quiet"])
@@ -334,6 +346,7 @@ def test_a_killed_run_leaves_whole_cases_only(tmp_path):
 # --- logged traffic -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_logs_are_recorded_inspected_and_attacked(tmp_path):
     log = log_files.write_gpudrive(tmp_path)
     done = regents("record", "--log", log, "--horizon", 4, "-o", tmp_path / "cases", "--json")

@@ -93,12 +93,14 @@ def test_4_a_planner_that_fails(case, failing, where):
     assert "KeyError: 'boom'" in done.stderr
 
 
+@pytest.mark.slow
 def test_4_comes_before_1(case, failing):
     done = regents("replay", case, "--planner", failing, "--json")
     assert done.returncode == 4
     assert json.loads(done.stdout)[0]["verified"] is False
 
 
+@pytest.mark.slow
 def test_1_for_a_planner_that_fails_against_a_baseline(case, failing, tmp_path):
     shutil.copytree(QUICKSTART, tmp_path / "suite")
     words = ("evaluate", tmp_path / "suite" / case.name, "--planner", failing)

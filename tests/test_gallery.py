@@ -21,6 +21,8 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.reports.chart import Line, draw_chart
 from regents_cosim.suite import load_cases
 
+pytestmark = pytest.mark.slow  # the figures take a minute
+
 REGENTS_COMMAND = str(Path(sys.executable).parent / "regents")
 
 

@@ -177,6 +177,7 @@ def test_a_gradient_through_the_planner_wants_it_in_every_iteration():
         replace(REGENTS, gradient="through-planner", replan_every=5)
 
 
+@pytest.mark.slow
 def test_the_command_line(tmp_path):
     for made in (replace(BUSY, id="good"), replace(BUSY, id="bad")):
         save_case(made, tmp_path / "cases")

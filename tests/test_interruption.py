@@ -112,6 +112,7 @@ def test_it_is_heard_while_jax_is_imported(tmp_path, after_s):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_slow_planner_does_not_hold_it_up(tmp_path, monkeypatch):
     (tmp_path / "slow.py").write_text(
         "import time\nfrom regents_cosim import Control\nclass Slow:\n"

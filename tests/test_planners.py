@@ -72,6 +72,7 @@ def test_constant_velocity():
     assert motion.x[-1] - motion.x[0] == pytest.approx(7 * 8, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_planner_from_a_file(mine):
     attacked = next(attack([scene((0, 0, 10), (20, 0, 8), (30, 3.2, 9))], REGENTS, f"{mine}:Cautious"))
     assert attacked.attack.planner.endswith("Cautious")

@@ -197,6 +197,7 @@ def test_late_agents_never_join_their_log_and_ended_ones_drive_on():
 # --- end to end ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "planner"),
     [("regents-published", "log_replay"), ("regents-published", "idm"), ("king-published", "log_replay")],

@@ -212,6 +212,7 @@ def test_last_failed_first_failure_and_junit(project):
     assert "squeezes_in" in done.stdout.str()
 
 
+@pytest.mark.slow
 def test_workers_of_xdist_hand_over_what_they_saw(project):
     done = session(project, "--regents-update", "-n", "2", isolated=True)
     done.assert_outcomes(passed=3)

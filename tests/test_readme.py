@@ -46,6 +46,7 @@ def test_a_planner_of_your_own(tmp_path):
     assert "against my_planner.py:Cautious" in said
 
 
+@pytest.mark.slow
 def test_in_python(tmp_path):
     (example,) = (block for block in blocks("python") if "for attacked in attack" in block)
     (tmp_path / "example.py").write_text(example)
@@ -54,6 +55,7 @@ def test_in_python(tmp_path):
     assert said.count("True") == said.count("collision")
 
 
+@pytest.mark.slow
 def test_on_your_own_traffic(tmp_path):
     """The commands as they stand there, `your.sumocfg` being the grid."""
     net = ROOT / "sumo_nets" / "grid"
@@ -69,6 +71,7 @@ def test_on_your_own_traffic(tmp_path):
     assert (tmp_path / "crash.gif").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_with_highway_env(tmp_path):
     """The commands, on one window, and the environments that they make cases for."""
     (block,) = (block for block in blocks("bash") if "--from highway:merge-v1" in block)

@@ -434,6 +434,7 @@ def test_a_crash_of_sumo_is_a_failed_verification_of_that_case_only(monkeypatch)
     assert (found[2].found, found[2].replayed, found[2].position_error_m) == (None, None, None)
 
 
+@pytest.mark.slow
 def test_replays_run_on_a_cluster_also_in_threads_of_one_process():
     distributed = pytest.importorskip("distributed")
     made = [t_bone(speed) for speed in (8.0, 9.0, 10.0, 11.0)]

@@ -360,6 +360,7 @@ def test_a_place_where_nothing_can_be_written(tmp_path):
     assert (tmp_path / "file").read_bytes() == b""
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path):
     case = QUICKSTART / CRASHES[0].id
     done = regents("report", case, "-o", tmp_path / "report.html", "--planner", "constant_velocity", "--json")

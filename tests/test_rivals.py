@@ -21,6 +21,7 @@ from regents_cosim.shipped import shipped
 HOST = Path(__file__).with_name("host_planners.py")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", [RANDOM, CMA_ES], ids=lambda config: config.method)
 def test_a_blind_search_finds_collisions_and_finds_them_again(config):
     few = replace(config, iterations=60, nearest=1)
@@ -72,6 +73,7 @@ def test_a_blind_search_is_for_planners_in_jax():
         replace(RANDOM, search="joint")
 
 
+@pytest.mark.slow
 def test_aggressive_drivers_drive_around_the_planner():
     (folder, *_) = sorted((shipped("scenarios") / "quickstart").glob("crossing-*"))
     window = load_case(folder).before_attack()

@@ -31,6 +31,7 @@ def shrunk(tmp_path_factory):
     return folder, json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_the_table_shows_the_case_before_and_after(shrunk):
     folder, (before, after) = shrunk
     case = load_case(folder / after["case"])
@@ -43,6 +44,7 @@ def test_the_table_shows_the_case_before_and_after(shrunk):
         assert picture.width > 900
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [(), ("--ego", "planner", "--in", "mirror")])
 def test_the_shrunk_crash_happens_in_sumo_and_to_the_planner(shrunk, words):
     done = regents("replay", shrunk[0] / shrunk[1][1]["case"], *words, "--json")

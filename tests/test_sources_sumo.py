@@ -166,6 +166,7 @@ def test_what_is_given_goes_before_the_configuration():
     assert [path.name for path in options.routes] == ["merge.rou.xml"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("city", ["bologna_acosta/run", "resco_cologne1/cologne1", "resco_cologne3/cologne3"])
 def test_real_cities_work_unchanged(city):
     path = DATA / f"{city}.sumocfg"

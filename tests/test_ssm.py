@@ -243,6 +243,7 @@ def within_five_percent(ratios):
     return np.mean([abs(ratio - 1.0) <= 0.05 for ratio in ratios.values()])
 
 
+@pytest.mark.slow
 def test_followers_have_sumos_time_to_collision(following):
     sumo, mine = following
     ratios = agreement(sumo["TTC"], mine["TTC"], FOLLOWING)
@@ -277,6 +278,7 @@ def test_ways_that_cross_have_sumos_prediction_of_a_crash(straight_across, measu
     assert set(below(mine, measure)) <= set(sumo[measure])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("measure", "least"), [("TTC", 15), ("DRAC", 20), ("PET", 20)])
 def test_in_sumos_areas_all_measures_of_turning_vehicles_are_sumos(turning, measure, least):
     sumo, _, mine, _ = turning

@@ -98,6 +98,7 @@ def test_another_packages_entry_point_does_not_replace_ours(monkeypatch):
     assert find_attribute("idm") is ours
 
 
+@pytest.mark.slow
 def test_planners_that_the_user_names_drive_foreign_cases(hostile):
     case = load_case(next(hostile.glob("*/scenario.json")).parent)
     places = [place for place in PLACES if place.planner_drives]

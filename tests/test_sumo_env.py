@@ -93,6 +93,7 @@ class Weaver:
 """
 
 
+@pytest.mark.slow
 def test_the_same_controls_lead_where_a_planner_s_do(tmp_path):
     case = load_case(next(QUICKSTART.glob("grid-00218*")))
     path = tmp_path / "weaver.py"

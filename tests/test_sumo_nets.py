@@ -77,6 +77,7 @@ def test_folder_is_small(name):
     assert sum(file.stat().st_size for file in (NETS / name).iterdir()) < 250_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("options", [(), ("--lanechange.duration", "3")], ids=["plain", "gradual-lane-changes"])
 def test_traffic_is_lively_after_a_minute(name, options):

@@ -241,6 +241,7 @@ def test_the_transfer_report_names_every_case_in_every_place():
     assert live[0].position_error_mm < 1e-3
 
 
+@pytest.mark.slow
 def test_places_that_cannot_have_the_cases_are_left_out():
     made = yields()
     no_net = dataclasses.replace(made, road=dataclasses.replace(made.road, sumo_net=None))
@@ -254,6 +255,7 @@ def regents(*words):
     return done
 
 
+@pytest.mark.slow
 def test_the_command_replays_among_live_traffic():
     case = next(QUICKSTART.glob("grid-00064*"))
     done = regents("replay", case, "--in", "sumo", "--background", "reactive", "--json")

@@ -68,6 +68,7 @@ def test_many_at_once_as_one_by_one(attribute):
     assert len({answer.accel for answer in together}) == 3
 
 
+@pytest.mark.slow
 def test_inside_the_compiled_loop_it_drives_as_outside():
     made, name = platoon(20), f"torch:{FILE}:Careful"
     world = to_world(made)
@@ -105,6 +106,7 @@ def test_what_is_not_translated_drives_outside(attribute, said):
     assert isinstance(find_planner(f"torch:{FILE}:{attribute}"), HostPlanner)
 
 
+@pytest.mark.slow
 def test_attacked():
     slow = scene((0, 0, 5), (20, 3.2, 8), (30, 3.2, 9), name="slow")
     for case in attack([BUSY, slow], QUICK, f"torch:{FILE}:Careful"):

@@ -31,6 +31,7 @@ def attacked(request):
     return next(attack([platoon(seed=1)], config, PLANNERS[0], against=PLANNERS[1:]))
 
 
+@pytest.mark.slow
 def test_one_adversary_makes_all_of_them_crash(attacked):
     record = attacked.attack
     assert (record.outcome, record.planner) == ("collision", PLANNERS[0])
@@ -86,6 +87,7 @@ def test_the_gradient_is_that_of_finite_differences(x64, how):
     check_grads(total, (jnp.asarray(0.3),), order=1, modes=["rev"], eps=1e-4, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_who_collides_in_the_log_is_said_before_any_search():
     """The one that keeps its speed runs into the queue, the log brakes before it."""
     made = scene((0, 0, 10), (60, 0, 0), (90, 3.2, 10))

@@ -55,6 +55,7 @@ print(replay(case).verified)
     assert run(installed, code).split() == ["True"]
 
 
+@pytest.mark.slow
 def test_what_comes_with_it_is_named_and_never_written_to(installed):
     code = """
 from regents_cosim.cli import run
