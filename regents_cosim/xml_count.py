@@ -1,7 +1,7 @@
 """How much XML a small file may hold.
 
-gzip packs XML a thousand to one. Real networks pack six to ten to one and need nine packed bytes or more for an
-element; route files pack up to 33 to one, logs of vehicles that stand still into little more than two bytes for each.
+gzip packs XML a thousand to one. Real networks pack six to thirteen to one and need eight packed bytes or more for an
+element; route files pack up to 33 to one and need two.
 So what a file may hold grows with its size: a small one cannot fill the memory.
 """
 

@@ -26,7 +26,7 @@ def padded(root=b"routes"):
 
 BOMBS = {
     "text": (gzip.compress(padded()), "holds more than 1[67].* MiB"),
-    "elements": (gzip.compress(wide()), "more than 2.... elements in so small a file"),
+    "elements": (gzip.compress(wide()), "more than [23].... elements in so small a file"),
     "depth": (b"<routes>" + b"<a>" * 300, "nested more than 100 deep"),
     "type": (b'<!DOCTYPE routes [<!ENTITY a "a">]><routes/>', "document type"),
     "damage": (b"<routes>", "broken or truncated XML"),
@@ -124,7 +124,17 @@ def agents(source: SumoInput) -> list[str]:
     return sorted(agent.id for agent in scenario.agents)
 
 
-def test_the_cities_at_hand_are_read():
+def test_the_cities_at_hand_are_read_also_packed(tmp_path):
     folder = Path(os.environ.get("REGENTS_DATA", "nowhere")) / "sumo"
-    for path in folder.glob("*/*.rou.xml"):
-        require_bounded((path,), ())
+    for number, path in enumerate(folder.glob("*/*.rou.xml")):
+        packed = tmp_path / f"{number}.rou.xml.gz"
+        packed.write_bytes(gzip.compress(path.read_bytes()))
+        require_bounded((path, packed), ())
+
+
+def test_a_day_of_traffic_packs_tighter_than_any_network(tmp_path):
+    """A vehicle in 2.5 bytes, as in route files of real cities; SUMO takes 3 KB for each that waits."""
+    cars = b"".join(b'<vehicle id="%d" depart="%d" type="t" route="r"/>' % (k, k // 100) for k in range(300_000))
+    (tmp_path / "a.rou.xml.gz").write_bytes(gzip.compress(b"<routes>" + cars + b"</routes>"))
+    assert (tmp_path / "a.rou.xml.gz").stat().st_size < 900_000
+    require_bounded((tmp_path / "a.rou.xml.gz",), ())

@@ -69,6 +69,7 @@ def walk(path: Path, what: str, error: type[RegentsError], visit: Callable[[str,
 
         def begin(name: str, attributes: dict[str, str]) -> None:
             count.open()
+            count.forget()
             visit(name, attributes)
 
         parser = expat.ParserCreate()

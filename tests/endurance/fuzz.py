@@ -299,7 +299,8 @@ def _work(tasks: list[_Task], pipe: Connection, at: "multiprocessing.sharedctype
 def _bound_memory() -> None:
     if sys.platform == "linux":
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (used + _LIMIT_BYTES, used + _LIMIT_BYTES))
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        resource.setrlimit(resource.RLIMIT_AS, (used + _LIMIT_BYTES, hard))
 
 
 def _run(reader: Reader, task: _Task, number: int, folder: Path, at: Sequence[float]) -> Tally:

@@ -80,10 +80,19 @@ def _limit(size: int) -> None:
     seconds = _SECONDS + size // _BYTES_PER_S
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(10 * seconds)  # of the clock: the machine may be busy with something else
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    _at_most(resource.RLIMIT_CPU, seconds)
     if sys.platform == "linux":
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (used + _MEMORY, used + _MEMORY))
+        _at_most(resource.RLIMIT_AS, used + _MEMORY)
+
+
+def _at_most(what: int, value: int) -> None:
+    """A limit of this process, which may not be higher than one that it was started under."""
+    import resource
+
+    hard = resource.getrlimit(what)[1]
+    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
+    resource.setrlimit(what, (value, value))
 
 
 def _numbers(frame: "pl.DataFrame", name: str) -> Float[np.ndarray, " row"]:
