@@ -17,7 +17,7 @@ from scenes import platoon, scene
 from regents_cosim import user_code
 from regents_cosim.bounded import gunzip_bounded
 from regents_cosim.cli import run
-from regents_cosim.errors import InputError, LogError, PlannerError, RegentsError
+from regents_cosim.errors import InputError, LogError, PlannerError, RegentsError, SumoError
 from regents_cosim.evaluation.driving import drive_each
 from regents_cosim.evaluation.report import report_of
 from regents_cosim.evaluation.suites import check_suite, write_suite
@@ -29,8 +29,10 @@ from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.planners.find import find_attribute, make_planner
 from regents_cosim.reports.html import html_page
 from regents_cosim.scenario import AttackRecord
-from regents_cosim.shipped import shipped
+from regents_cosim.shipped import network_config, shipped
 from regents_cosim.sources.logs.unpickle import unpickle
+from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.xml_input import read_tree
 from regents_cosim.suite import SuiteWriter, load_cases
@@ -287,6 +289,14 @@ def test_xml_with_a_document_type_is_refused(tmp_path):
     (tmp_path / "a.xml").write_text('<!DOCTYPE a [<!ENTITY x "xxxxxxxxxx">]><a>&x;</a>')
     with pytest.raises(LogError, match="document type"):
         read_tree(tmp_path / "a.xml", "a log", LogError)
+
+
+def test_files_for_sumo_are_bounded_first(tmp_path):
+    (tmp_path / "a.xml").write_bytes(gzip.compress(b"<routes>" + b" " * (1 << 25) + b"</routes>"))
+    (tmp_path / "b.xml").write_text('<additional><include href="a.xml"/></additional>')
+    for files in ({"routes": (tmp_path / "a.xml",)}, {"additional": (tmp_path / "b.xml",)}):
+        with pytest.raises(SumoError, match=r"a\.xml holds more than"):
+            record_sumo(SumoInput(net=network_config("merge").parent / "merge.net.xml", **files))
 
 
 def test_pickles_of_logs_are_not_run(tmp_path, monkeypatch):
