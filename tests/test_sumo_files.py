@@ -2,6 +2,7 @@
 
 import gzip
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput, read_input
 from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
+from regents_cosim.sources.xml_input import read_tree
 
 NET = network_config("merge").parent / "merge.net.xml"
 
@@ -83,6 +85,16 @@ def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path):
     refused("is not a file", routes=(tmp_path / "b.xml",))
     (tmp_path / "b.sumocfg").write_text('<configuration><load-state value="pipe"/></configuration>')
     refused("is not a file", config=tmp_path / "b.sumocfg")
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_tag_of_megabytes_is_read_in_time(tmp_path, packed):
+    content = b"<additional " + b" ".join(b'a%d=""' % k for k in range(300_000)) + b"/>"
+    (tmp_path / "a.xml").write_bytes(gzip.compress(content) if packed else content)
+    began = time.process_time()
+    require_bounded((tmp_path / "a.xml",), ())
+    read_tree(tmp_path / "a.xml", "an additional file", SumoError)
+    assert time.process_time() - began < 3.0
 
 
 def test_a_value_that_cannot_be_a_name_is_left_as_it_is(tmp_path):

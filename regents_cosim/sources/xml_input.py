@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import cast
 from xml.parsers import expat
 
 from regents_cosim.bounded import open_bounded
@@ -15,7 +16,7 @@ from regents_cosim.errors import RegentsError, require_file
 from regents_cosim.xml_count import Count, most_unpacked
 
 _LARGEST = 1 << 30  # bytes of unpacked text
-_PIECE_BYTES = 1 << 16
+_FIRST_PIECE_BYTES, _PIECE_BYTES = 1 << 12, 1 << 20
 
 
 def unpacked_limit(path: Path) -> int:
@@ -37,7 +38,7 @@ def children(path: Path, what: str, error: type[RegentsError]) -> Iterator[tuple
     root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
         count = Count(path.stat().st_size)
-        for event, element in ET.iterparse(stream, events=("start", "end")):
+        for event, element in _events(stream):
             root = element if root is None else root
             if event == "start":
                 count.open()
@@ -52,7 +53,7 @@ def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
     root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
         count = Count(path.stat().st_size)
-        for event, element in ET.iterparse(stream, events=("start", "end")):
+        for event, element in _events(stream):
             root = element if root is None else root
             if event == "start":
                 count.open()
@@ -75,7 +76,7 @@ def walk(path: Path, what: str, error: type[RegentsError], visit: Callable[[str,
         parser = expat.ParserCreate()
         parser.StartElementHandler = begin
         parser.EndElementHandler = lambda _: count.close()
-        while piece := stream.read(_PIECE_BYTES):
+        for piece in _pieces(stream):
             parser.Parse(piece)
         parser.Parse(b"", True)
 
@@ -95,6 +96,23 @@ def explained_xml(path: Path, what: str, error: type[RegentsError]) -> Iterator[
         raise error(f"{path}: cannot be read ({found.strerror or found}); expected {what}") from found
 
 
+def _events(stream: io.BufferedReader) -> Iterator[tuple[str, ET.Element]]:
+    """`start` and `end` of each element."""
+    parser = ET.XMLPullParser(("start", "end"))
+    for piece in _pieces(stream):
+        parser.feed(piece)
+        yield from cast(Iterator[tuple[str, ET.Element]], parser.read_events())
+    parser.close()
+
+
+def _pieces(stream: io.BufferedReader) -> Iterator[bytes]:
+    """A file in larger and larger pieces: with each, expat looks again through a tag that has not ended."""
+    size = _FIRST_PIECE_BYTES
+    while piece := stream.read(size):
+        yield piece
+        size = min(2 * size, _PIECE_BYTES)
+
+
 def _refuse_document_type(path: Path) -> None:
     """A document type, and with it all entities, can only come before the first element."""
     begun: list[str] = []
@@ -106,8 +124,10 @@ def _refuse_document_type(path: Path) -> None:
     parser.StartDoctypeDeclHandler = refuse
     parser.StartElementHandler = lambda name, _: begun.append(name)
     with open_bounded(path, unpacked_limit(path)) as stream:
-        while not begun and (piece := stream.read(1 << 12)):
+        for piece in _pieces(stream):
             parser.Parse(piece)
+            if begun:
+                return
 
 
 def _is_plain(path: Path) -> bool:

@@ -39,6 +39,7 @@ from regents_cosim.sources.logs.protobuf import columns, grouped
 from regents_cosim.sources.logs.tfrecord import records
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.sumo_config import SumoInput, read_input, write_config
+from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import read_types
 from regents_cosim.sources.windows import Origin, Windows
@@ -136,6 +137,7 @@ def _sumo() -> list[Reader]:
             hostile=partial(_xml_bombs, "routes"),
         ),
         Reader("sumocfg", "a.sumocfg", (_CONFIG,), _configuration, deep, hostile=partial(_xml_bombs, "configuration")),
+        Reader("sumo_routes", "a.rou.xml", (_ROUTES,), _configuration, deep, hostile=partial(_xml_bombs, "routes")),
         Reader(
             "sumo_additional",
             "a.add.xml",
@@ -153,6 +155,7 @@ def _sumo() -> list[Reader]:
 
 def _configuration(path: Path) -> object:
     options = read_input(SumoInput(path.parent / "a.sumocfg"))
+    require_bounded((*options.routes, *options.additional), options.others.values())
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         return write_config(options, Path(folder), {}, {})
 
