@@ -2,6 +2,7 @@
 
 import io
 import math
+import warnings
 import zipfile
 from collections.abc import Collection
 from pathlib import Path
@@ -51,7 +52,9 @@ def _array(data: bytes, name: str) -> np.ndarray:
     file = io.BytesIO(data)
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, by_column, kind = read_header(file)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SyntaxWarning)  # the header is read as Python, which warns of `1or 2`
+        shape, by_column, kind = read_header(file)
     size = math.prod(shape) * kind.itemsize
     require(kind.kind in _KINDS, f"{name} holds {kind}, expected numbers", InputError)
     require(

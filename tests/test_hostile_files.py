@@ -149,6 +149,14 @@ def test_arrays_that_are_none_are_refused(case, data, words):
     assert_refused(case, words)
 
 
+def test_a_header_that_python_would_warn_of_is_one_line(case):
+    (case / "tracks.npz").write_bytes(npz(("x.npy", npy("{'descr': 1or 2, 'shape': (0x1for x in y)}"))))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        assert_refused(case, "damaged or truncated")
+    assert not said
+
+
 @pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "original.npz"])
 def test_a_named_pipe_is_refused_and_not_waited_for(case, name):
     (case / name).unlink()
