@@ -38,7 +38,7 @@ class Terminal:
 
     def say(self, text: str) -> None:
         """One line on stderr."""
-        _log.info("%s", text)
+        _note(text)
         if not (self.quiet or self.verbose):
             _stderr().print(plain(text), soft_wrap=True)
 
@@ -82,7 +82,7 @@ class Terminal:
             return
         self._print(title, rows, essential)
         if note:
-            _log.info("%s", note)
+            _note(note)
             _stdout().print(Text("\n").join(map(plain, note.split("\n"))), soft_wrap=not sys.stdout.isatty())
 
     def _fits(self, grids: Sequence[object]) -> bool:
@@ -90,7 +90,7 @@ class Terminal:
         return bool(grids) and not self.wide and sys.stdout.isatty()
 
     def _print(self, title: str, rows: Sequence[dict[str, Any]], essential: Sequence[str]) -> None:
-        _log.info("%s", title)
+        _note(title)
         console = _stdout()
         fitted = self._fits(rows)
         if title:
@@ -125,12 +125,17 @@ class Terminal:
 @contextmanager
 def _timed(stage: str) -> Iterator[None]:
     """Tell the log when a stage begins and ends."""
-    _log.info("%s: begins", stage)
+    _note(f"{stage}: begins")
     begin = perf_counter()
     try:
         yield
     finally:
-        _log.info("%s: %s after %.2f s", stage, "stopped" if sys.exc_info()[0] else "done", perf_counter() - begin)
+        _note(f"{stage}: {'stopped' if sys.exc_info()[0] else 'done'} after {perf_counter() - begin:.2f} s")
+
+
+def _note(text: str) -> None:
+    """Tell the log, in characters that every handler of a user's own can write."""
+    _log.info("%s", printable(text, None))
 
 
 def _stderr() -> Console:

@@ -29,7 +29,8 @@ SHOWN = {"\x1b[2Jgone": r"\x1b[2Jgone", "bell\x07": r"bell\x07", "\ud800": r"\ud
 
 
 @pytest.mark.parametrize("text", HOSTILE)
-def test_no_text_is_markup_an_emoji_or_a_command(text, capsys):
+def test_no_text_is_markup_an_emoji_or_a_command(text, capsys, caplog):
+    caplog.set_level("INFO")  # a log that cannot be encoded ended the tests of a whole worker
     terminal = Terminal()
     terminal.show(text, [{text: text, "list": [text, text]}], text)
     terminal.say(text)
@@ -40,6 +41,8 @@ def test_no_text_is_markup_an_emoji_or_a_command(text, capsys):
     said = capsys.readouterr()
     shown = SHOWN.get(text, text)
     assert said.out.count(shown) == 7
+    assert caplog.messages[0] == shown
+    "".join(caplog.messages).encode()
     assert said.err == f"{shown}\n"
     assert "\x1b" not in said.out
 
