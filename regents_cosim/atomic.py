@@ -31,7 +31,7 @@ def new_folder(target: Path, ours: Callable[[Path, Path], bool] = lambda folder,
     restore(target)
     clear_leftovers(target.parent, target.name)
     with made_whole():
-        folder, lock = temporary(target, _make_folder)
+        folder, lock = temporary(target, make_folder)
         old = folder
         try:
             yield folder
@@ -115,8 +115,9 @@ def temporary(target: Path, make: Callable[[Path], int | None]) -> tuple[Path, i
     raise RegentsError(f"cannot write to {target}: others remove what we begin (choose another folder with -o)")
 
 
-def _make_folder(path: Path) -> int | None:
-    path.mkdir()  # with the rights that the user's umask leaves
+def make_folder(path: Path, mode: int = 0o777) -> int | None:
+    """Make a folder with what the user's umask leaves of `mode`, and take its lock; None where it was removed."""
+    path.mkdir(mode)
     try:
         return take(path, os.O_RDONLY)
     except FileNotFoundError:  # cleared before it was locked

@@ -4,11 +4,10 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
-from regents_cosim.atomic import clear_leftovers, remove, temporary
-from regents_cosim.locks import take
+from regents_cosim.atomic import clear_leftovers, make_folder, remove, temporary
 
 
 @contextmanager
@@ -17,7 +16,7 @@ def scratch_folder() -> Iterator[Path]:
 
     Where the process is killed before, the next process that asks for one removes it.
     """
-    folder, lock = temporary(_place(), _make_private_folder)
+    folder, lock = temporary(_place(), partial(make_folder, mode=0o700))
     try:
         yield folder
     finally:
@@ -32,11 +31,3 @@ def _place() -> Path:
     place = Path(tempfile.gettempdir(), f"regents-{user}")
     clear_leftovers(place.parent, place.name)
     return place
-
-
-def _make_private_folder(path: Path) -> int | None:
-    path.mkdir(mode=0o700)
-    try:
-        return take(path, os.O_RDONLY)
-    except FileNotFoundError:  # cleared before it was locked
-        return None
