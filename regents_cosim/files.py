@@ -208,7 +208,7 @@ def content_hash(scenario: Scenario) -> str:
         digest.update(msgspec.json.encode(getattr(content, name), order="deterministic"))
     digest.update(_attack_content(scenario.attack))
     if scenario.judgement is not None:
-        digest.update(msgspec.json.encode(scenario.judgement, order="deterministic"))
+        digest.update(_judgement_content(scenario.judgement))
     for tracks in filter(None, (scenario.tracks, scenario.original, scenario.evasion)):
         for name, value in _arrays(tracks).items():
             digest.update(name.encode() + (b"-" if value is None else value.tobytes()))
@@ -299,6 +299,15 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
         for name in ("planner_error", "spoilt"):
             if not values.get(name):
                 values.pop(name, None)
+    return msgspec.json.encode(values)
+
+
+def _judgement_content(judgement: Judgement) -> bytes:
+    """What is hashed of a judgement: what older cases do not say, only where it is known."""
+    values = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
+    for name in ("law", "drivers", "unavoidable"):
+        if values.get(name) in (None, []):
+            values.pop(name, None)
     return msgspec.json.encode(values)
 
 

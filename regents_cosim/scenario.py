@@ -251,18 +251,86 @@ class Fault:
     reason: str  # in words, with the numbers that decided
 
 
+OffenceName = Literal[
+    "oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding",
+    "gives_no_way", "unsafe_cut_in", "leaves_lane", "tailgating",
+]  # fmt: skip
+# A road user with one of these breaks the law. The others of the list are reported only.
+UNLAWFUL: frozenset[OffenceName] = frozenset(
+    {"oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding"}
+)
+
+
+@dataclass(frozen=True)
+class Offence:
+    """What one road user did against the law up to the crash, and had not done to the same degree in its log."""
+
+    name: OffenceName
+    time_s: float  # when it began
+    lasting_s: float
+    amount: float  # the worst of it
+    unit: str  # of the amount, in words: "share of its body", "m", "m/s"
+
+
+@dataclass(frozen=True)
+class Law:
+    """The offences of the adversary and of the ego, as far as the data tells."""
+
+    adversary: tuple[Offence, ...]
+    ego: tuple[Offence, ...]
+    unknown: tuple[OffenceName, ...] = ()  # what cannot be told here: without lanes, limits, lights or priorities
+
+    @property
+    def lawful(self) -> bool | None:
+        """Whether the adversary broke no law; None where a map without directions cannot tell."""
+        if any(offence.name in UNLAWFUL for offence in self.adversary):
+            return False
+        return None if "oncoming_lanes" in self.unknown else True
+
+
+ReferenceDriver = Literal["careful", "fuzzy", "rss"]
+
+
+@dataclass(frozen=True)
+class ReferenceDrive:
+    """What a reference driver does in the ego's place, among the tracks of the attacked case."""
+
+    driver: ReferenceDriver
+    avoids: bool
+    perceives_s: float | None = None  # when the danger can be seen; None: never
+    acts_s: float | None = None  # when its reaction begins
+    shift_m: float = 0.0  # it swerves by so much while it brakes, positive to the left
+
+
 @dataclass(frozen=True)
 class Judgement:
-    """What a crash says about the planner."""
+    """What a crash says about the planner. Fields that older versions did not know are None or empty in their cases."""
 
     flaws: tuple[str, ...]  # what spoils it as a test: "unattributed", "off_road", "hits_others", ...; clean has none
     avoidability: Avoidability | None = None
     fault: Fault | None = None
+    law: Law | None = None
+    drivers: tuple[ReferenceDrive, ...] = ()
+    unavoidable: bool | None = None  # proven: no drive avoids it once the danger can be known
 
     @property
     def clean(self) -> bool:
         """Nothing spoils it."""
         return not self.flaws
+
+    @property
+    def preventable_by(self) -> tuple[ReferenceDriver, ...]:
+        """The reference drivers that avoid the crash."""
+        return tuple(drive.driver for drive in self.drivers if drive.avoids)
+
+    @property
+    def telling(self) -> bool | None:
+        """Clean, by a lawful adversary, and a careful driver avoids it; None where that is not known."""
+        if not self.clean:
+            return False
+        if self.law is None or not any(drive.driver == "careful" for drive in self.drivers):
+            return None
+        return self.law.lawful and "careful" in self.preventable_by
 
     @property
     def actionable(self) -> bool:

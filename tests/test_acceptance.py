@@ -65,7 +65,7 @@ def test_a_standing_ego_is_not():
 
 @pytest.mark.slow
 def test_what_the_search_accepts_is_what_the_exact_boxes_call_clean():
-    from regents_cosim.evaluation.clean import cleanness
+    from regents_cosim.verdicts.clean import cleanness
 
     found = list(attack([platoon(seed=1)], replace(REGENTS_FOCUSED, nearest=3), "log_replay"))
     crashes = [flaws for case in found if (flaws := cleanness(case))]

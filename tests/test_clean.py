@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scenes import crash, scene
 
-from regents_cosim.evaluation.clean import cleanness
 from regents_cosim.evaluation.statistics import mcnemar, wilson
 from regents_cosim.scenario import AttackRecord, Overlap
+from regents_cosim.verdicts.clean import cleanness
 
 
 def crashed(*cars, attributed=True, drift=0.0, **changes):

@@ -21,7 +21,6 @@ from regents_cosim.errors import PlannerError, RegentsError, ScenarioError
 from regents_cosim.evaluation.before_after import before_after, hold_back
 from regents_cosim.evaluation.driving import Drive
 from regents_cosim.evaluation.failed_drives import BRAKING, failed_drives, teachable
-from regents_cosim.evaluation.judgement import judge
 from regents_cosim.evaluation.mixture import SHARES, Mixture, best, mixture
 from regents_cosim.planners.aim_bev.curriculum import EVADING, KINDS, evading_steps, plan
 from regents_cosim.planners.aim_bev.interpolate import interpolate
@@ -31,6 +30,7 @@ from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, s
 from regents_cosim.planners.systems import find_planner
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.suite import SuiteWriter
+from regents_cosim.verdicts.judgement import judge
 
 REGENTS = Path(sys.executable).parent / "regents"
 STOPS_AT = 30  # step at which the car ahead stands still

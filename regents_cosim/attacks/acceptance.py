@@ -1,6 +1,6 @@
 """Whether a collision that the search has made tells something about the planner.
 
-The same questions as `regents_cosim.evaluation.clean` asks of a finished case, by exact boxes, here on the device
+The same questions as `regents_cosim.verdicts.clean` asks of a finished case, by exact boxes, here on the device
 for every collision that a descent comes across: one that is spoilt does not end it.
 """
 

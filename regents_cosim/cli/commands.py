@@ -182,10 +182,10 @@ def attack(
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.attacks.attack import attack_each as run_attack_each
-    from regents_cosim.evaluation.judgement import judge_each
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import ATTACKED, attack_row, summary
     from regents_cosim.suite import SuiteWriter, load_cases
+    from regents_cosim.verdicts.judgement import judge_each
 
     terminal = open_terminal(talk)
     if (cases is None) == (not names_traffic(traffic)):

@@ -58,8 +58,8 @@ def write_table(table: "Table1", folder: Path) -> None:
 def _judged(
     method: str, planner: str, rollouts: int, found: "list[Results]", seconds: float, terminal: "Terminal"
 ) -> "Run":
-    from regents_cosim.evaluation.judgement import judge_each
     from regents_cosim.evaluation.scores import Run
+    from regents_cosim.verdicts.judgement import judge_each
 
     cases = [case for results in found for case in results]
     judged = iter(list(terminal.each(judge_each(cases), "judging", len(cases))))

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.evaluation.in_time import avoidable_in_time
-from regents_cosim.evaluation.judgement import judge
 from regents_cosim.reports.verdict import Verdict
 from regents_cosim.scenario import AttackRecord, Judgement, Scenario, Tracks
+from regents_cosim.verdicts.in_time import avoidable_in_time
+from regents_cosim.verdicts.judgement import judge
 
 
 def verdict_of(case: Scenario, judgement: Judgement | None) -> Verdict | None:

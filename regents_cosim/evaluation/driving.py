@@ -13,7 +13,6 @@ from jaxtyping import Bool
 from regents_cosim.boxes import Boxes
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.evaluation.clean import corners_off_road
 from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
@@ -23,6 +22,7 @@ from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import CollisionKind, Scenario, Tracks
+from regents_cosim.verdicts.clean import corners_off_road
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.evaluation.judgement import judge
-from regents_cosim.evaluation.manoeuvres import BANK, Bank
 from regents_cosim.mirror.observe import VIEW_M
 from regents_cosim.scenario import AttackRecord, Scenario, Tracks
+from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.manoeuvres import BANK, Bank
 
 # What a planner that sees one instant can learn: to brake once there is something to brake for, firmly rather than
 # as early as only who knows the future would. The gentlest of these begins as late as such braking allows, and at

@@ -17,7 +17,7 @@ def failure_reason(results: Sequence[Scenario]) -> Reason | None:
 
     - no_candidate: the rules of the method leave nobody who may attack.
     - out_of_reach: no candidate could meet the ego within its limits (`may_reach`).
-    - spoilt_only: the search came across collisions, each spoilt by a flaw (`evaluation.clean`).
+    - spoilt_only: the search came across collisions, each spoilt by a flaw (`verdicts.clean`).
     - unavoidable_only: what it found is clean, and nothing the ego could do avoids it.
     - stuck: somebody could reach the ego, but the search did not find out how.
     """

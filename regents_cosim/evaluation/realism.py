@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float
 from scipy.stats import wasserstein_distance
 
 from regents_cosim.boxes import Boxes
-from regents_cosim.evaluation.clean import cleanness, corners_off_road
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks, boxes_of
+from regents_cosim.verdicts.clean import cleanness, corners_off_road
 
 Samples = Float[np.ndarray, " _"]
 

@@ -13,7 +13,6 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.driven_crash import verdict_of, verdict_of_drive
 from regents_cosim.evaluation.driving import Drive, DrivingRow, drive_and_keep, driving_row
-from regents_cosim.evaluation.judgement import judge
 from regents_cosim.evaluation.realism import PERCENTILES, Limits, motion, pooled, quantity
 from regents_cosim.evaluation.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
@@ -24,6 +23,7 @@ from regents_cosim.reports.html import Report, Score, html_page, json_twin
 from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, Run, network
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.suite import load_cases
+from regents_cosim.verdicts.judgement import judge
 
 _MOTIONS = {
     "accel": ("Acceleration", "m/s²"),

@@ -9,11 +9,11 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.evaluation.deviation import deviation
 from regents_cosim.evaluation.driving import driving_row, score
 from regents_cosim.evaluation.failures import count_reasons
-from regents_cosim.evaluation.in_time import avoidable_in_time
 from regents_cosim.evaluation.realism import realism
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.in_time import avoidable_in_time
 
 Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
 Interval = tuple[float, float]

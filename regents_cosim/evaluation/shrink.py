@@ -20,13 +20,13 @@ import numpy as np
 
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.evaluation.clean import cleanness
 from regents_cosim.evaluation.deviation import deviation
 from regents_cosim.evaluation.pieces import cut, without
 from regents_cosim.evaluation.way_back import WayBack, changed_agents, with_rows
 from regents_cosim.names import file_name
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.verdicts.clean import cleanness
 
 LEAD_S = 2.0  # of the window before the crash, at least: the planner must have had something to decide
 _TAIL_S = 0.5  # and after it

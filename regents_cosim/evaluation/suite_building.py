@@ -12,12 +12,12 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.cards import Card, card
 from regents_cosim.evaluation.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.driving import drive_each
-from regents_cosim.evaluation.judgement import judge_each
 from regents_cosim.files import content_hash
 from regents_cosim.frames import wrap
 from regents_cosim.scenario import AttackRecord, Scenario
 from regents_cosim.shipped import network
 from regents_cosim.sources.record import record
+from regents_cosim.verdicts.judgement import judge_each
 
 _SEEN_AHEAD_M = 40.0  # centre to centre
 _IN_LANE_M = 1.6  # to either side: half a lane

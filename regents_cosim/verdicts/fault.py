@@ -16,12 +16,12 @@ import numpy as np
 import shapely
 
 from regents_cosim.boxes import Boxes, corners, same_level
-from regents_cosim.evaluation.clean import OFF_ROAD_M
 from regents_cosim.frames import wrap
 from regents_cosim.levels import beyond_road, height_on
 from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Lane
 from regents_cosim.scenario import Collision, Fault, Scenario
+from regents_cosim.verdicts.clean import OFF_ROAD_M
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
 

@@ -5,11 +5,11 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-from regents_cosim.evaluation.avoidability import avoidability
-from regents_cosim.evaluation.clean import Cleanness, cleanness
-from regents_cosim.evaluation.fault import fault
-from regents_cosim.evaluation.manoeuvres import BANK, Bank
 from regents_cosim.scenario import Judgement, Scenario
+from regents_cosim.verdicts.avoidability import avoidability
+from regents_cosim.verdicts.clean import Cleanness, cleanness
+from regents_cosim.verdicts.fault import fault
+from regents_cosim.verdicts.manoeuvres import BANK, Bank
 
 
 def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:

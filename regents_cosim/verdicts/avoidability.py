@@ -20,10 +20,10 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.boxes import Boxes, corners, overlap
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.errors import ScenarioError
-from regents_cosim.evaluation.clean import OFF_ROAD_M
-from regents_cosim.evaluation.manoeuvres import BANK, Bank, Fan, fans
 from regents_cosim.levels import BAND_M, band, drivable_at, has_levels
 from regents_cosim.scenario import Avoidability, Collision, Scenario, Tracks
+from regents_cosim.verdicts.clean import OFF_ROAD_M
+from regents_cosim.verdicts.manoeuvres import BANK, Bank, Fan, fans
 
 _MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
 _BEYOND_S = 2.0
