@@ -7,9 +7,9 @@ from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.frames import wrap
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Collision, CollisionKind, Overlap, Tracks, boxes_of
 
-_ACROSS_RAD = np.deg2rad(45.0)  # headings that differ by less run the same way
 _HEAD_ON_RAD = np.deg2rad(135.0)  # by more: against each other
 
 
@@ -71,7 +71,7 @@ def collision_kind(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: 
     turn = abs(float(wrap(tracks.yaw[agent, step] - tracks.yaw[0, step])))
     if turn > _HEAD_ON_RAD:
         return "head_on"
-    if turn > _ACROSS_RAD:
+    if turn > ALONG_RAD:
         return "t_bone"
     before = max(step - 1, 0)
     dx = tracks.x[agent, before] - tracks.x[0, before]

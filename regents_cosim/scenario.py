@@ -251,6 +251,12 @@ class Fault:
     reason: str  # in words, with the numbers that decided
 
 
+Flaw = Literal[
+    "unattributed", "off_road", "hits_others", "bystanders_collide", "rear_ends_ego", "from_behind", "ego_stands",
+    "too_hard",
+]  # fmt: skip
+"""What spoils a crash as a test (`verdicts.clean`)."""
+
 OffenceName = Literal[
     "oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding",
     "gives_no_way", "unsafe_cut_in", "leaves_lane", "tailgating",
@@ -306,7 +312,7 @@ class ReferenceDrive:
 class Judgement:
     """What a crash says about the planner. Fields that older versions did not know are None or empty in their cases."""
 
-    flaws: tuple[str, ...]  # what spoils it as a test: "unattributed", "off_road", "hits_others", ...; clean has none
+    flaws: tuple[Flaw, ...]  # what spoils it as a test; clean has none
     avoidability: Avoidability | None = None
     fault: Fault | None = None
     law: Law | None = None

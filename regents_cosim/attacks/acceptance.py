@@ -8,15 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attacks.costs import STANDING_M_S, take
+from regents_cosim.attacks.costs import take
 from regents_cosim.attacks.movers import Movers
+from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.mirror.separation import Box, corners, first_row, overlaps, pick
 from regents_cosim.mirror.world import World
 
 # The blurred map (`road_field`) on a straight edge of the road. Stricter than the verdict on the host, which lets
 # corners be 0.3 m off: beyond a narrow median the blurred map is lower.
 _OFF_ROAD = 0.5
-_ALONG_RAD = np.pi / 4  # headings that differ by less run the same way
 
 
 def is_clean(
@@ -59,7 +59,7 @@ def _touches_others(world: World, boxes: Box, box: Box, agent: Int[Array, ""]) -
 def _runs_into_back(ego: Box, adversary: Box, step: Int[Array, ""]) -> Bool[Array, ""]:
     """The rear-end collision of `collisions.collision_kind`, the adversary being behind."""
     before = jnp.maximum(step - 1, 0)
-    same_way = _at(ego.cos * adversary.cos + ego.sin * adversary.sin, step) > np.cos(_ALONG_RAD)
+    same_way = _at(ego.cos * adversary.cos + ego.sin * adversary.sin, step) > np.cos(ALONG_RAD)
     dx, dy = _at(adversary.x - ego.x, before), _at(adversary.y - ego.y, before)
     cos, sin = _at(ego.cos, before), _at(ego.sin, before)
     ahead, left = dx * cos + dy * sin, dy * cos - dx * sin

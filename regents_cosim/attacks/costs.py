@@ -14,12 +14,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, AttackConfig
+from regents_cosim.limits import STANDING_M_S
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.separation import Box, corners, distance, first_row, pick
 from regents_cosim.mirror.world import World
 
-STANDING_M_S = 0.5  # an ego that is slower stands
 _NEVER_M = 1e4  # the distance of an agent that is never drawn to the ego
 
 

@@ -14,13 +14,13 @@ from jaxtyping import Float
 
 from regents_cosim.boxes import same_level
 from regents_cosim.frames import wrap
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Tracks
 
 _BEYOND_M = 50.0  # SUMO's device looks as far
 _BEYOND_A_TURN_M = 5.0
 _TURNING_RAD = np.deg2rad(5.0)  # within its last 5 m
 _DROVE_M = 1.0  # whoever drove less stood
-_ALONG_RAD = np.deg2rad(45.0)  # whoever is on a way and off its direction by less goes ahead or behind on it
 _ACROSS_RAD = np.deg2rad(15.0)  # ways that meet at less neither cross nor join: a change of lanes, or head-on
 _AS_ONE_RAD = np.deg2rad(2.0)  # ways whose directions differ by less, one on the other, have joined
 _STANDING_M = 1e-6  # a step that is no way
@@ -103,7 +103,7 @@ def followings(ego: Way, other: Way) -> Iterator[Following]:
     for owner, guest in ((ego, other), (other, ego)):
         s, away = owner.place(guest.points)
         turn = np.cos(guest.yaw - owner.direction(s))
-        aligned = ((turn > np.cos(_ALONG_RAD)) | (turn < -np.cos(_ACROSS_RAD))) & (away < beside) & (s > 0.0)
+        aligned = ((turn > np.cos(ALONG_RAD)) | (turn < -np.cos(_ACROSS_RAD))) & (away < beside) & (s > 0.0)
         aligned &= same_level(owner.height(s), guest.z)
         ahead = np.where(aligned & owner.there & guest.there, s - owner.s, np.nan)
         approach = owner.speed - guest.speed * turn
@@ -166,7 +166,7 @@ def joining(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
     own = np.arange(0.0, ego.line.length, max(_SPACING_M, ego.line.length / _MOST_POINTS))
     others, away = other.place(ego.at(own))
     turn = np.abs(wrap(ego.direction(own) - other.direction(others)))
-    beside = (away < touching) & (turn < _ALONG_RAD) & same_level(ego.height(own), other.height(others))
+    beside = (away < touching) & (turn < ALONG_RAD) & same_level(ego.height(own), other.height(others))
     begins = np.flatnonzero(beside & ~np.append(True, beside[:-1]) & (turn > _ACROSS_RAD))
     for first in begins:
         last = first + np.argmin(np.append(beside[first:], False))

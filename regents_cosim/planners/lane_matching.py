@@ -13,10 +13,10 @@ from jaxtyping import Float
 from regents_cosim.boxes import same_level
 from regents_cosim.frames import wrap
 from regents_cosim.levels import height_on
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.roadmap import Lane, RoadMap
 
 _REACH_M = 3.0
-_SAME_WAY_RAD = np.deg2rad(45.0)
 _CHANGE_COST_M = 2.0  # a lane change costs as much as being this far off the centre line once
 _JUMP_COST_M = 30.0  # between lanes that do not connect
 _NOWHERE_COST_M = 2.0 * _REACH_M  # no lane at all
@@ -61,7 +61,7 @@ def lanes_near(
     turn = np.abs(wrap(np.arctan2(along[:, 1], along[:, 0]) - heading[index]))
     away = shapely.distance(line, where[index])
     found: list[list[tuple[Lane, float]]] = [[] for _ in points]
-    for i in np.flatnonzero(turn < _SAME_WAY_RAD):
+    for i in np.flatnonzero(turn < ALONG_RAD):
         if not road.raised or same_level(height_on(road.lanes[lane[i]], points[index[i]]), z[index[i]]):
             found[index[i]].append((road.lanes[lane[i]], float(away[i])))
     return found

@@ -21,8 +21,8 @@ from regents_cosim.boxes import Boxes, corners, overlap
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.errors import ScenarioError
 from regents_cosim.levels import BAND_M, band, drivable_at, has_levels
+from regents_cosim.limits import OFF_ROAD_M
 from regents_cosim.scenario import Avoidability, Collision, Scenario, Tracks
-from regents_cosim.verdicts.clean import OFF_ROAD_M
 from regents_cosim.verdicts.manoeuvres import BANK, Bank, Fan, fans
 
 _MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree

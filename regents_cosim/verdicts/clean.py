@@ -7,11 +7,9 @@ from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners, overlap
 from regents_cosim.levels import beyond_road
+from regents_cosim.limits import OFF_ROAD_M, STANDING_M_S
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
-
-OFF_ROAD_M = 0.3  # logged traffic cuts corners by as much
-_STANDING_M_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ def cleanness(attacked: Scenario) -> Cleanness | None:
         off_road=_leaves_road(attacked, agent, hit.step),
         hits_others=_touches_others(attacked, agent, hit.step),
         rear_ends_ego=hit.kind == "rear_end_by_adversary",
-        ego_stands=bool(attacked.tracks.speed[0, hit.step] < _STANDING_M_S),
+        ego_stands=bool(attacked.tracks.speed[0, hit.step] < STANDING_M_S),
     )
 
 

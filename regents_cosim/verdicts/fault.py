@@ -18,10 +18,10 @@ import shapely
 from regents_cosim.boxes import Boxes, corners, same_level
 from regents_cosim.frames import wrap
 from regents_cosim.levels import beyond_road, height_on
+from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M, STANDING_M_S
 from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Lane
 from regents_cosim.scenario import Collision, Fault, Scenario
-from regents_cosim.verdicts.clean import OFF_ROAD_M
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
 
@@ -51,9 +51,7 @@ def safe_distance(follower: float, leader: float, limits: SafeDistance = SafeDis
 
 _EGO = 0
 _MERGED_S = 2.0  # whoever came into the lane no longer ago has cut in
-_STANDING_M_S = 0.5
 _STOOD_S = 1.0
-_ALONG_RAD = np.deg2rad(45.0)
 _AGAINST_RAD = np.deg2rad(135.0)
 
 
@@ -157,7 +155,7 @@ class Crash:
         """Heading [rad] of the nearest lane that runs the agent's way, or its own where there is none."""
         at, lanes = self._lanes_at(agent, step)
         yaw = float(self.scenario.tracks.yaw[agent, step])
-        along = [lane for lane in lanes if abs(float(wrap(_heading(lane, at) - yaw))) < _ALONG_RAD]
+        along = [lane for lane in lanes if abs(float(wrap(_heading(lane, at) - yaw))) < ALONG_RAD]
         return _heading(min(along, key=lambda lane: shapely.LineString(lane.centre).distance(at)), at) if along else yaw
 
     def _lanes_at(self, agent: int, step: int) -> tuple[shapely.Point, list[Lane]]:
@@ -232,7 +230,7 @@ def _wrong_way(crash: Crash) -> Verdict | None:
         {
             a: f"{np.rad2deg(turn):.0f} degrees off the direction of its lane at {crash.speed(a, crash.before):.1f} m/s"
             for a, turn in against.items()
-            if turn is not None and crash.speed(a, crash.before) > _STANDING_M_S
+            if turn is not None and crash.speed(a, crash.before) > STANDING_M_S
         },
     )
 
@@ -269,7 +267,7 @@ def _cut_in(crash: Crash) -> Verdict | None:
 
 def _side_swipe(crash: Crash) -> Verdict | None:
     """Two side by side: whoever moved sideways more."""
-    if crash.turn(crash.before) > _ALONG_RAD or crash.hit.kind != "side_swipe":
+    if crash.turn(crash.before) > ALONG_RAD or crash.hit.kind != "side_swipe":
         return None
     moved = {agent: crash.drifted(agent) for agent in (_EGO, crash.other)}
     seconds = (crash.before - crash.lately) * crash.scenario.dt
@@ -294,7 +292,7 @@ def _rear_end(crash: Crash) -> Verdict | None:
     gap, _ = crash.gaps(follower, leader, since)
     v, w = crash.speed(follower, since), crash.speed(leader, since)
     ran = f"{crash.name(follower)} ran into {crash.name(leader)} at {crash.speed(follower, crash.before):.1f} m/s, "
-    if crash.speed(leader, since) < _STANDING_M_S:
+    if crash.speed(leader, since) < STANDING_M_S:
         ran += f"which stood {max(gap, 0.0):.1f} m ahead of it"
     else:
         ran += f"which drove {crash.speed(leader, crash.before):.1f} m/s;"
@@ -305,7 +303,7 @@ def _rear_end(crash: Crash) -> Verdict | None:
 
 def _followed(crash: Crash) -> tuple[int, int] | None:
     """(follower, leader) just before a collision of two that drove the same way, one behind the other."""
-    if crash.turn(crash.before) > _ALONG_RAD:
+    if crash.turn(crash.before) > ALONG_RAD:
         return None
     for follower, leader in ((_EGO, crash.other), (crash.other, _EGO)):
         along, across = crash.gaps(follower, leader, crash.before)
@@ -318,7 +316,7 @@ def _standing(crash: Crash) -> Verdict | None:
     """One of them had stood for a while, wherever the other one came from."""
     first = max(crash.before - round(_STOOD_S / crash.scenario.dt), 0)
     speeds = crash.scenario.tracks.speed[[_EGO, crash.other], first : crash.before + 1]
-    stood = [bool(np.all(own < _STANDING_M_S)) for own in speeds]
+    stood = [bool(np.all(own < STANDING_M_S)) for own in speeds]
     if all(stood) or not any(stood):
         return None
     mover, target = (crash.other, _EGO) if stood[0] else (_EGO, crash.other)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-from regents_cosim.scenario import Judgement, Scenario
+from regents_cosim.scenario import Flaw, Judgement, Scenario
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.clean import Cleanness, cleanness
 from regents_cosim.verdicts.fault import fault
@@ -30,8 +30,8 @@ def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:
         yield from pool.map(judge, attacked)
 
 
-def _words(flaws: Cleanness) -> tuple[str, ...]:
-    spoils = {
+def _words(flaws: Cleanness) -> tuple[Flaw, ...]:
+    spoils: dict[Flaw, bool] = {
         "unattributed": not flaws.attributed,
         "off_road": flaws.off_road,
         "hits_others": flaws.hits_others,

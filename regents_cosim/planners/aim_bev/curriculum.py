@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.errors import ScenarioError
 from regents_cosim.frames import wrap
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
@@ -194,7 +195,7 @@ def _follows(x: np.ndarray, y: np.ndarray, yaw: np.ndarray, valid: np.ndarray) -
     for other in range(len(x)):
         dx, dy = x[other] - x, y[other] - y
         ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
-        same = np.abs(wrap(yaw[other] - yaw)) < np.pi / 4
+        same = np.abs(wrap(yaw[other] - yaw)) < ALONG_RAD
         found |= valid[other] & same & (ahead > 1.0) & (ahead < _LEADER_M) & (np.abs(left) < _BESIDE_M)
     return found
 

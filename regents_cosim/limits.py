@@ -1,0 +1,24 @@
+"""Numbers that stages which cannot ask each other have to agree on: each stands here, once.
+
+What is strictly clean is asked of a finished case on the host (`verdicts.clean`) and of every collision that a search
+comes across on the device (`attacks.acceptance`).
+"""
+
+import numpy as np
+
+STANDING_M_S = 0.5  # what is slower stands
+ALONG_RAD = float(np.deg2rad(45.0))  # headings that differ by less run the same way
+
+OFF_ROAD_M = 0.3  # a corner may be so far off the road: logged traffic cuts corners by as much
+SWEPT_OFF_ROAD_M2 = 0.05  # and a body may sweep as much beyond that
+SUB_STEPS = 5  # between two steps agents go in a straight line, looked at so often
+
+MOVED_M = 1e-3  # off its log by more: the attack changed how it moves
+REAR_FACE = 0.15  # share of the ego's length, from its rear end: who meets it there drives into its back
+REAR_PART = 0.30  # the same for those who come from behind
+FROM_BEHIND_S = 1.0  # before the contact they were still behind the ego
+
+GRAVITY_M_S2 = 9.81
+MOST_ACCEL_M_S2 = 0.8 * GRAVITY_M_S2  # braking and steering together: what tyres hold on dry asphalt
+ABOVE_LOG_M_S2 = 0.05 * GRAVITY_M_S2  # or so much more than the same road user's log
+ACCEL_WINDOW_S = 0.3  # over which accelerations are taken: shorter peaks are noise of the tracks
