@@ -201,7 +201,7 @@ def _require_own(folder: Path) -> None:
 
 
 def content_hash(scenario: Scenario) -> str:
-    """SHA-256 of everything that a replay depends on: all but the provenance and the time that planners took."""
+    """SHA-256 of everything that a replay depends on: all but the provenance, and what the search took."""
     digest = hashlib.sha256()
     content = _header(scenario, map_files(scenario.road), "")
     for name in ("id", "dt", "target", "agents", "map", "signals", "overlaps"):
@@ -292,10 +292,11 @@ def _avoidable(judgement: Judgement | None) -> bool:
 
 
 def _attack_content(attack: AttackRecord | None) -> bytes:
-    """What is hashed of an attack: not how long planners took; what older cases do not say, only where it holds."""
+    """What is hashed of an attack: not what it took; what older cases do not say, only where it holds."""
     values = msgspec.json.decode(msgspec.json.encode(attack, order="deterministic"))
     if values is not None:
         values.pop("act_time", None)  # a record that was read lacks what its file does not say
+        values.pop("rollouts", None)
         for name in ("planner_error", "spoilt"):
             if not values.get(name):
                 values.pop(name, None)

@@ -217,6 +217,7 @@ class AttackRecord:
     spoilt: bool = False  # it ended without a collision that it accepts, but came across others
     planner_error: str = ""  # how the planner failed, with its own traceback
     act_time: ActTime | None = None
+    rollouts: int = 0  # of the traffic, made by all searches on its window together; 0: not counted
 
 
 @dataclass(frozen=True)

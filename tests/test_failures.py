@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 from scenes import scene
 
-from regents_cosim.evaluation.failures import count_reasons, failure_reason, may_reach
-from regents_cosim.scenario import AttackRecord, Avoidability, Judgement, Manoeuvre, Tracks
+from regents_cosim.evaluation.failures import count_reasons, failing_offences, failure_reason, may_reach
+from regents_cosim.scenario import (
+    AttackRecord,
+    Avoidability,
+    Judgement,
+    Law,
+    Manoeuvre,
+    Offence,
+    ReferenceDrive,
+    Tracks,
+)
 
 
 def attacked(*cars, outcome="no_collision", judgement=None, **record):
@@ -18,8 +27,15 @@ def attacked(*cars, outcome="no_collision", judgement=None, **record):
 
 
 NEAR = ((0, 0, 10), (30, 3.2, 10))
-ACTIONABLE = Judgement((), Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4)))
-UNAVOIDABLE = Judgement((), Avoidability(False, 500, 0, None, None))
+AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4))
+NEVER = Avoidability(False, 500, 0, None, None)
+LAWFUL = Law((), ())
+UNLAWFUL = Law((Offence("red_light", 1.0, 0.1, 3.0, "m"), Offence("tailgating", 1.0, 0.1, 3.0, "m")), ())
+AVOIDS, CRASHES = ((ReferenceDrive("careful", avoids),) for avoids in (True, False))
+TELLING = Judgement((), AVOIDABLE, law=LAWFUL, drivers=AVOIDS)
+UNAVOIDABLE = Judgement((), NEVER, law=LAWFUL, drivers=CRASHES)
+CARELESS = Judgement((), AVOIDABLE, law=LAWFUL, drivers=CRASHES)
+BREAKS_THE_LAW = Judgement((), AVOIDABLE, law=UNLAWFUL, drivers=AVOIDS)
 
 
 @pytest.mark.parametrize(
@@ -30,13 +46,26 @@ UNAVOIDABLE = Judgement((), Avoidability(False, 500, 0, None, None))
         ([attacked(*NEAR, spoilt=True)], "spoilt_only"),
         ([attacked(*NEAR, outcome="collision", judgement=Judgement(("off_road",)))], "spoilt_only"),
         ([attacked(*NEAR, outcome="collision", judgement=UNAVOIDABLE)], "unavoidable_only"),
-        ([attacked(*NEAR, outcome="collision", judgement=j) for j in (UNAVOIDABLE, ACTIONABLE)], None),
+        ([attacked(*NEAR, outcome="collision", judgement=BREAKS_THE_LAW)], "unlawful_only"),
+        ([attacked(*NEAR, outcome="collision", judgement=Judgement((), AVOIDABLE))], "not_known"),
+        ([attacked(*NEAR, outcome="collision", judgement=CARELESS)], "careful_driver_crashes_too"),
+        (
+            [attacked(*NEAR, outcome="collision", judgement=j) for j in (BREAKS_THE_LAW, CARELESS)],
+            "careful_driver_crashes_too",
+        ),
+        ([attacked(*NEAR, outcome="collision", judgement=j) for j in (UNAVOIDABLE, TELLING)], None),
         ([attacked((0, 0, 30), (-250, 0, 0))], "out_of_reach"),
     ],
 )
 def test_the_reason(results, reason):
     assert failure_reason(results) == reason
     assert sum(count_reasons([results]).values()) == (reason is not None)
+
+
+def test_what_law_was_broken_where_that_is_all_that_is_wrong():
+    unlawful, careless = (attacked(*NEAR, outcome="collision", judgement=j) for j in (BREAKS_THE_LAW, CARELESS))
+    assert failing_offences([unlawful]) == {"red_light"}
+    assert failing_offences([unlawful, careless]) == set()
 
 
 def test_reach_grows_with_time_and_acceleration():

@@ -39,6 +39,7 @@ cards = st.lists(
         clean=st.sampled_from([True, True, False, None]),
         avoidable=st.sampled_from([True, True, False, None]),
         planner=st.sampled_from(["idm", "log_replay"]),
+        telling=st.sampled_from([False, None]),
     ),
     max_size=40,
 ).map(lambda found: [replace(one, case=f"case{i:03d}") for i, one in enumerate(found)])
@@ -76,6 +77,15 @@ def test_kinds_and_networks_are_balanced():
     assert Counter(one.kind for one in chosen) == {"t_bone": 6, "head_on": 6, "side_swipe": 3}
     assert Counter(one.network for one in chosen if one.kind == "t_bone") == {"grid": 3, "merge": 3}
     assert choose_adversarial(many, 15, 0, seed=1) != chosen
+
+
+def test_telling_crashes_are_chosen_before_all_others():
+    many = [card(i, kind=KINDS[i % 5], window=f"w{i}", telling=(False, None)[i % 2]) for i in range(20)]
+    telling = [card(20 + i, kind="t_bone", window=f"t{i}", telling=True) for i in range(4)]
+    chosen = choose_adversarial([*many, *telling], 8, 0, seed=0)
+    assert len(chosen) == 8
+    assert all(one in chosen for one in telling)
+    assert len({one.kind for one in chosen if not one.telling}) == 4  # kinds that there are none of yet
 
 
 def test_half_of_the_ordinary_cases_follow_somebody():

@@ -11,15 +11,35 @@ import pytest
 from PIL import Image
 from scenes import scene
 
-from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
+from regents_cosim.attacks.presets import KING, RANDOM, REGENTS, REGENTS_FOCUSED
+from regents_cosim.cli.runs import columns
 from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.scores import Run, rollouts_at_most, scores
-from regents_cosim.evaluation.table1 import as_json, compare, markdown, table1
+from regents_cosim.evaluation.table1 import as_json, compare, markdown, require_places, table1
 from regents_cosim.reports.bars import Share, draw_bars
-from regents_cosim.scenario import AttackRecord, Avoidability, Collision, Fault, Judgement, Manoeuvre, Tracks
+from regents_cosim.scenario import (
+    AttackRecord,
+    Avoidability,
+    Collision,
+    Fault,
+    Judgement,
+    Law,
+    Manoeuvre,
+    Offence,
+    ReferenceDrive,
+    Tracks,
+)
 
 AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4))
 UNAVOIDABLE = Avoidability(False, 500, 0, None, None)
+
+
+LAWFUL = Law((), ())
+UNLAWFUL = Law(
+    (Offence("oncoming_lanes", 2.0, 1.0, 0.4, "share of its body"),), (Offence("speeding", 1.0, 1.0, 3.0, "m/s"),)
+)
+AVOIDS = (ReferenceDrive("careful", True, 1.0, 2.2), ReferenceDrive("rss", False))
 
 
 def missed(name, outcome="no_collision"):
@@ -29,7 +49,7 @@ def missed(name, outcome="no_collision"):
     )
 
 
-def crashed(name, flaws=(), avoidability=AVOIDABLE):
+def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=()):
     """A cut-in that ends in a contact."""
     made = scene((0, 0, 10), (8, 3.2, 9), name=name)
     y = np.array(made.tracks.y)
@@ -38,7 +58,7 @@ def crashed(name, flaws=(), avoidability=AVOIDABLE):
     agent, step = first_contact(made.agents, tracks)
     hit = Collision("car01", step, 0.1 * step, collision_kind(made.agents, tracks, agent, step), 4.0, attributed=True)
     agents = (made.agents[0], replace(made.agents[1], role="adversary"))
-    judgement = Judgement(tuple(flaws), avoidability, Fault("adversary", "cut_in", "too close"))
+    judgement = Judgement(tuple(flaws), avoidability, Fault("adversary", "cut_in", "too close"), law, drivers)
     evasion = Tracks(*(getattr(tracks, f)[:1] for f in ("x", "y", "yaw", "speed", "valid")))
     return replace(
         made,
@@ -67,14 +87,16 @@ def test_windows_and_crashes_are_counted_apart():
     assert (found.windows, found.colliding_before, found.n) == (5, 1, 4)
     assert (found.successes, found.clean, found.actionable) == (3, 2, 1)
     assert (found.success_percent, found.clean_percent, found.actionable_percent) == (75.0, 50.0, 25.0)
-    assert (found.crashes, found.off_road_percent, found.avoidable_percent) == (4, 50.0, 75.0)
+    assert (found.crashes, found.flaws, found.avoidable_percent) == (4, {"off_road": 2}, 75.0)
     # The drift is 0.5 m after 3.2 s: with 0.75 s to react, the last evasion at 2 s comes too early.
     assert found.avoidable_in_time_percent == 0.0
     late = replace(AVOIDABLE, last_onset_step=40)
     assert scores(Run("king", "idm", 500, [[crashed("b", avoidability=late)]])).avoidable_in_time_percent == 100.0
     assert sum(found.kinds.values()) == 4
     assert found.at_fault == {"adversary": 4}
-    assert found.failures["unavoidable_only"] == found.failures["spoilt_only"] == found.failures["stuck"] == 1
+    assert {reason: n for reason, n in found.failures.items() if n} == {
+        "not_known": 1, "unavoidable_only": 1, "spoilt_only": 1, "stuck": 1,
+    }  # fmt: skip
     assert found.deviation_m > 0.0
     assert found.impact_m_s == 4.0
     assert found.evade_before_s == pytest.approx(0.1 * (WINDOWS[1][0].attack.collision.step - 20))
@@ -91,15 +113,90 @@ def test_only_windows_that_both_methods_could_attack_are_compared():
 def test_the_table_has_a_column_for_each_method():
     table = table1([KINGS, OTHERS, replace_planner(KINGS, "aim-bev")])
     text = markdown(table)
-    assert "| **actionable success** | 1 of 4: 25 % (5 to 70) | 3 of 4: 75 % (30 to 95) |" in text
-    assert "| king : focused | 1 : 1, p = 1 | " in text
+    assert "| actionable success | 1 of 4: 25 % (5 to 70) | 3 of 4: 75 % (30 to 95) |" in text
+    assert "| king : focused | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
     assert text.count("###") == 2
-    assert len(table.comparisons) == 3
-    assert json.loads(json.dumps(as_json(table)))["schema"] == 1
+    assert len(table.comparisons) == 4
+    assert json.loads(json.dumps(as_json(table)))["schema"] == 2
 
 
 def replace_planner(run, planner):
     return Run(run.method, planner, run.rollouts, run.windows)
+
+
+def test_telling_is_the_headline_and_what_is_not_known_is_said():
+    windows = [
+        [crashed("b", law=LAWFUL, drivers=AVOIDS)],
+        [crashed("c", law=UNLAWFUL, drivers=AVOIDS)],
+        [crashed("d")],
+        [crashed("e", ["off_road"], law=LAWFUL, drivers=AVOIDS), crashed("e2", law=Law((), (), ("oncoming_lanes",)))],
+    ]
+    run = Run("king", "idm", 500, windows)
+    found = scores(run)
+    assert (found.telling, found.telling_unknown, found.clean) == (1, 2, 4)
+    assert (found.lawful, found.lawful_unknown, found.offences) == (2, 2, {"oncoming_lanes": 1})
+    assert (found.driven_by, found.avoided_by) == ({"careful": 3, "rss": 3}, {"careful": 3})
+    assert found.failing_offences == {"oncoming_lanes": 1}
+    text = markdown(table1([run]))
+    assert text.splitlines()[4].startswith("| **telling success** | **1 of 4: 25 % (5 to 70); not known 2** |")
+    assert "1 unlawful only (1 oncoming lanes), 2 not known" in text
+    assert "| oncoming lanes | 33.3 %; not known 2 |" in text  # of 5 crashes; one not judged, one without directions
+    assert "| the ego: speeding | 25.0 %; not known 1 |" in text
+    assert "| adversary lawful | 66.7 %; not known 2 |" in text
+
+
+def test_no_p_value_compares_two_protocols():
+    mine, theirs = (replace(run, protocol=kind.protocol) for run, kind in ((KINGS, KING), (OTHERS, REGENTS_FOCUSED)))
+    assert compare(mine, theirs, "telling").p is None
+    text = markdown(table1([mine, theirs]))
+    assert "| king : focused | - | - | - | - |" in text
+    assert "different protocols" in text
+    same = replace(KINGS, protocol=KING.by_protocol_of(REGENTS_FOCUSED).protocol)
+    assert compare(same, theirs, "success").p == 1.0
+    assert "different protocols" not in markdown(table1([same, theirs]))
+
+
+def test_a_protocol_is_how_one_searches_and_not_for_what():
+    assert KING.protocol == REGENTS.protocol == replace(KING, nearest=9).protocol
+    assert REGENTS_FOCUSED.protocol not in (KING.protocol, RANDOM.protocol)
+    assert RANDOM.by_protocol_of(REGENTS_FOCUSED).protocol == REGENTS_FOCUSED.protocol
+    cost = replace(REGENTS_FOCUSED, softmin_m=0.0, pull_from_behind=True, pull_standing=True, exclude_rear=False)
+    assert cost.protocol == REGENTS_FOCUSED.protocol
+    kept = KING.by_protocol_of(REGENTS_FOCUSED)
+    assert (kept.method, kept.softmin_m, kept.exclude_rear, kept.accept) == ("king", 0.0, False, "clean")
+
+
+def test_places_that_had_a_say_are_shown_apart():
+    def from_(place, results):
+        return [replace(case, provenance=replace(case.provenance, file=place)) for case in results]
+
+    good, bad = crashed("a", law=LAWFUL, drivers=AVOIDS), missed("b")
+    windows = [from_("grid.sumocfg", [good]), from_("grid.sumocfg", [bad]), from_("city_1.json", [good])]
+    others = [from_("grid.sumocfg", [bad]), from_("grid.sumocfg", [bad]), from_("city_1.json", [bad])]
+    table = table1([Run("king", "idm", 1, windows), Run("focused", "idm", 1, others)], ("grid",))
+    counted = {(one.method, one.source): (one.telling, one.n) for one in table.by_say}
+    assert counted["king", "had a say"] == (1, 2)
+    assert counted["king", "had no say"] == (1, 1)
+    pairs = {(one.places, one.count): one.only_first for one in table.comparisons}
+    assert (pairs["all", "telling"], pairs["had a say", "telling"], pairs["had no say", "telling"]) == (2, 1, 1)
+    assert "Windows of places that had no say in which" in markdown(table)
+    cases = [case for results in windows for case in results]
+    require_places(cases, ("grid", "city_*"))
+    with pytest.raises(RegentsError, match="--tuned-on merge: no window is from there"):
+        require_places(cases, ("merge",))
+
+
+def test_columns_of_equal_protocol():
+    given = {"adversaries": "one", "attempts": 3}
+    found = {column.name: column.config for column in columns((), (), (), True, given)}
+    assert list(found)[:2] == ["king", "regents"]
+    assert len(found) == 7
+    equal = [config for name, config in found.items() if name not in ("king", "regents")]
+    assert len({config.protocol for config in equal}) == 1
+    assert dict(found["focused"].protocol)["attempts"] == 3
+    assert found["king"].search == "joint"
+    with pytest.raises(RegentsError, match="--equal-protocol"):
+        columns((), ("joint",), (), True, {})
 
 
 def test_a_run_without_crashes_has_no_means():
@@ -141,9 +238,8 @@ def test_our_preset_makes_more_actionable_crashes_than_those_of_the_papers(tmp_p
     assert found["focused"]["n"] > 100
     assert found["focused"]["clean_percent"] >= 65.0
     assert found["focused"]["actionable_percent"] >= 55.0
-    assert found["focused"]["off_road_percent"] < 2.0
-    assert found["focused"]["hits_others_percent"] < 2.0
+    assert not {"off_road", "hits_others"} & set(found["focused"]["flaws"])
     against = [c for c in table["comparisons"] if (c["second"], c["count"]) == ("focused", "actionable")]
     assert {c["first"] for c in against} == {"king", "regents"}
-    assert all(c["only_second"] > c["only_first"] and c["p"] < 0.05 for c in against)
+    assert all(c["only_second"] > c["only_first"] and c["p"] is None for c in against)  # protocols differ
     assert all(row["verified_in_sumo"] == row["crashes"] for row in found.values())

@@ -286,7 +286,12 @@ class _Attack:
         failures = [failure for _, one in made if (failure := _failure(self.planner_name, scenario.id, one))]
         cases = [self.failed(scenario, failures[0])] if failures else self.distinct(scenario, made, len(jobs) == 1)
         time = _act_time([second for _, one in made for second in one.seconds])
-        return [replace(case, attack=replace(case.attack, act_time=time)) for case in cases if case.attack]
+        made_of_them = sum(one.earlier + int(one.found.iterations) for _, one in made if isinstance(one.found, Found))
+        return [
+            replace(case, attack=replace(case.attack, act_time=time, rollouts=made_of_them))
+            for case in cases
+            if case.attack
+        ]
 
     def distinct(self, scenario: Scenario, made: list[tuple[Job, Ended]], joint: bool) -> list[Scenario]:
         """A case for every adversary, the accepted before the others; or one without a collision."""

@@ -1,7 +1,8 @@
 """Searches that know the cost and not its gradient: random search and CMA-ES, to compare the descent with.
 
 Same cost, same candidates, same acceptance, and as many roll-outs as the descent may make updates. A change of the
-actions has ten numbers: accelerations and curvatures at five times, linear in between, added to the logged ones.
+actions has ten numbers: accelerations and curvatures at five times, linear in between, added to those that a descent
+would begin with: the logged ones, in later attempts those of another timing. Patience ends a search as it does there.
 
 Source: Hansen 2016, "The CMA Evolution Strategy: A Tutorial" (package `cmaes`).
 """
@@ -17,7 +18,7 @@ import numpy as np
 from cmaes import CMA
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attacks.descent import ExtraCost, Found, Search
+from regents_cosim.attacks.descent import PROGRESS, ExtraCost, Found, Search
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import set_up
@@ -87,9 +88,12 @@ def _search(
     compiled, most = config.compiled(), config.iterations
     history = np.zeros((compiled.iterations, 3), np.float32)
     best, least, tried = np.zeros(2 * _KNOTS), np.inf, 0
-    # The log itself comes first: whoever collides in it is not attacked.
+    nearest, nearest_at = np.inf, 0  # the ego's cost when it last came down, and the roll-out of that
+    # The start itself comes first: whoever collides in the log is not attacked.
     _, _, accepted = _try(job, planner, compiled, extra_cost, jnp.zeros((_BATCH, 2 * _KNOTS)))
     while not accepted.any() and tried < most and bool(job.movers.candidate.any()):
+        if config.patience and tried - nearest_at > config.patience:
+            break
         changes = sampler.ask()[: most - tried]
         padded = np.pad(changes, ((0, _BATCH - len(changes)), (0, 0)))
         totals, terms, accepted = (
@@ -102,6 +106,8 @@ def _search(
         made = chosen + 1 if accepted.any() else len(changes)
         history[tried : tried + made] = terms[:made]
         tried += made
+        if terms[:made, 0].min() < (1.0 - PROGRESS) * nearest:
+            nearest, nearest_at = float(terms[:made, 0].min()), tried
         if len(changes) == _BATCH:
             sampler.tell(changes, totals)
     return _end(
@@ -145,14 +151,14 @@ def _end(
 def _state(
     job: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None, change: Array
 ) -> tuple[Any, Search]:
-    """The descent at the logged actions plus `change`."""
-    logged = set_up(job.world, planner, job.memory, config, job.movers, None, extra_cost).logged()
-    steps = logged.accel.shape[1]
+    """The descent at the actions that the search begins with plus `change`."""
+    first = set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost).first()
+    steps = first.accel.shape[1]
     knots, times = jnp.linspace(0.0, steps - 1.0, _KNOTS), jnp.arange(steps)
     accel, curvature = (
         jnp.clip(own + unit * jnp.interp(times, knots, part), -1.0, 1.0)
         for own, unit, part in zip(
-            (logged.accel, logged.curvature), _UNIT, (change[:_KNOTS], change[_KNOTS:]), strict=True
+            (first.accel, first.curvature), _UNIT, (change[:_KNOTS], change[_KNOTS:]), strict=True
         )
     )
     descent = set_up(job.world, planner, job.memory, config, job.movers, Controls(accel, curvature), extra_cost)

@@ -61,7 +61,7 @@ ExtraCost = Callable[[World, Motion, Controls], Float[Array, ""]]
 
 # A hit in float32 must be one for the exact judge on the host as well.
 _HIT_DEPTH_M = 1e-3
-_PROGRESS = 0.02  # share of the ego's cost by which it has to come down for the search to go on
+PROGRESS = 0.02  # share of the ego's cost by which it has to come down for the search to go on
 _UNCHANGED = 1e-6  # [1] actions that differ by less from the logged ones are rounding
 
 
@@ -100,7 +100,7 @@ class Search(eqx.Module):
     finite: Bool[Array, ""]
     iterations: Int[Array, ""]
     history: Float[Array, "iteration term"]
-    least: Float[Array, ""]  # of the ego's cost, when it last came down by `_PROGRESS`
+    least: Float[Array, ""]  # of the ego's cost, when it last came down by `PROGRESS`
     least_at: Int[Array, ""]  # the iteration of that
 
 
@@ -191,7 +191,7 @@ class Descent(eqx.Module):
         )
         actions = within_bounds(moved, self.logged(), self.movers.rows(search.seen.motion.speed), self.config)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
-        comes_down = costs.ego < (1.0 - _PROGRESS) * search.least
+        comes_down = costs.ego < (1.0 - PROGRESS) * search.least
         updated = replace(
             search,
             actions=actions,

@@ -114,11 +114,29 @@ class AttackConfig:
         return replace(self, method="", iterations=room, **chosen_before)
 
     @property
+    def protocol(self) -> tuple[tuple[str, object], ...]:
+        """By which rules it searches, whatever it searches for: methods compare only where these are the same.
+
+        The cost (soft minimum, who pulls), the rules of a method that choose its candidates, and the optimiser are no
+        part of it.
+        """
+        alone = () if self.search == "per-candidate" else _ALONE
+        return tuple((name, getattr(self, name)) for name in PROTOCOL if name not in alone)
+
+    def by_protocol_of(self, other: "AttackConfig") -> "AttackConfig":
+        """The method as it is, by the rules of another one."""
+        return replace(self, **{name: getattr(other, name) for name in PROTOCOL})
+
+    @property
     def label(self) -> str:
         """The method, and whether it runs as published: what tables and ids say."""
         return f"{self.method}-published" if self.as_published else self.method
 
 
+PROTOCOL = (
+    "search", "nearest", "attempts", "adversaries", "accept", "background", "iterations", "patience", "replan_every",
+)  # fmt: skip
+_ALONE = ("nearest", "attempts", "adversaries")  # of a search for each candidate
 _ROOM = 500  # iterations that programs keep the costs of
 _CHOSEN_BEFORE = (
     "replan_every", "attempts", "nearest", "adversaries", "dynamics",
@@ -147,6 +165,8 @@ REGENTS_FOCUSED = replace(
     attempts=2,
     patience=100,
 )
+
+OURS = REGENTS_FOCUSED  # by whose protocol methods are compared
 
 # The same cost without its gradient, with as many roll-outs for each candidate.
 RANDOM = replace(REGENTS_FOCUSED, method="random", optimiser="random", iterations=1000, attempts=1, patience=0)

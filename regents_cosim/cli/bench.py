@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from regents_cosim.cli.options import Cases, Count, CountOrZero, Search, Seed, Switch, Talk
-from regents_cosim.cli.runs import aggressive_run, attack_run, write_table
+from regents_cosim.cli.runs import aggressive_run, attack_run, columns, write_table
 from regents_cosim.cli.shared import (
     logged_traffic,
     network_traffic,
@@ -56,7 +56,9 @@ def table1(
     nets: tuple[str, ...] = (),
     logs: tuple[Path, ...] = (),
     planners: tuple[str, ...] = ("idm",),
-    methods: tuple[Method, ...] = ("king", "regents", "focused"),
+    methods: tuple[Method, ...] = (),
+    equal_protocol: bool = False,
+    tuned_on: tuple[str, ...] = (),
     as_published: bool = False,
     searches: tuple[Literal["joint", "per-candidate"], ...] = (),
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
@@ -84,7 +86,15 @@ def table1(
     planners
         systems under test; log_replay is the open loop, in which the ego replays its track
     methods
-        king and regents of the papers, focused; random, cma-es and sumo-aggressive to compare with
+        king and regents of the papers, focused (the three by default); random, cma-es and sumo-aggressive to
+        compare with
+    equal_protocol
+        let king, regents, focused, random and cma-es search by the rules of focused (per candidate, the same number of
+        candidates, attempts and roll-outs, the same crashes accepted, the same reactions), beside king and regents as
+        in their papers: what is left between them is due to the methods
+    tuned_on
+        places (names of networks or files; * stands for any letters) that had a say in a method: the others, which
+        had none, are shown apart
     as_published
         do as the public ReGentS code where it departs from its paper (king and regents only)
     searches
@@ -106,33 +116,32 @@ def table1(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.evaluation.table1 import as_json, markdown, sections
+    from regents_cosim.evaluation.table1 import as_json, markdown, require_places, sections
     from regents_cosim.evaluation.table1 import table1 as make_table
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
+    given = {
+        "as_published": as_published,
+        "nearest": nearest,
+        "adversaries": adversaries,
+        "attempts": attempts,
+        "patience": patience,
+        "replan_every": replan_every,
+    }
+    wanted = columns(methods, searches, backgrounds, equal_protocol, given)
     terminal = open_terminal(talk)
     if compile_cache:
         keep_compiled_programs()
     traffic = logged_traffic(logs, count, seed, terminal) if logs else network_traffic(nets, count, seed, terminal)
     windows = [scenario for found in traffic.values() for scenario in found]
+    require_places(windows, tuned_on)
     runs, found = [], make_table([])
-    for planner, method, search, background in product(planners, methods, searches or (None,), backgrounds or (None,)):
-        if method == "sumo-aggressive":
+    for planner, column in product(planners, wanted):
+        if column.config is None:
             runs.append(aggressive_run(windows, planner, runs, terminal))
         else:
-            options = Search(
-                method,
-                search=search,
-                background=background,
-                as_published=as_published,
-                nearest=nearest,
-                adversaries=adversaries,
-                attempts=attempts,
-                patience=patience,
-                replan_every=replan_every,
-            )
-            runs.append(attack_run(windows, planner, options.config(), terminal))
-        found = make_table(runs)
+            runs.append(attack_run(windows, planner, column, terminal))
+        found = make_table(runs, tuned_on)
         if output is not None:  # after every run: a table that is interrupted keeps its columns
             write_table(found, output)
     grids = [(part.title.lstrip("# "), part.rows()) for part in sections(found)]

@@ -1,30 +1,97 @@
 """Methods run on windows for the tables: attacked, judged, verified in SUMO, timed."""
 
 import json
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from regents_cosim.cli.options import Search
 from regents_cosim.cli.shared import verify_in_sumo
+from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from regents_cosim.attacks.presets import AttackConfig
-    from regents_cosim.evaluation.scores import MethodScores, Results, Run
+    from regents_cosim.evaluation.scores import MethodScores, Protocol, Results, Run
     from regents_cosim.evaluation.table1 import Table1
     from regents_cosim.scenario import Scenario
     from regents_cosim.terminal import Terminal
 
+_OF_PAPERS = ("king", "regents")
+_PRESETS = (*_OF_PAPERS, "focused")
+_ALL = (*_PRESETS, "random", "cma-es")
 
-def attack_run(windows: "list[Scenario]", planner: str, config: "AttackConfig", terminal: "Terminal") -> "Run":
+
+@dataclass(frozen=True)
+class Column:
+    """What a column of the table is about."""
+
+    name: str
+    config: "AttackConfig | None"  # None: SUMO's own drivers, who search nothing
+
+
+def columns(
+    methods: "Sequence[str]",
+    searches: "Sequence[str]",
+    backgrounds: "Sequence[str]",
+    equal_protocol: bool,
+    given: "Mapping[str, Any]",
+) -> list[Column]:
+    """The columns of a table, for one planner; `given` takes the place of the presets' settings.
+
+    With an equal protocol all search by the rules of ours, and those of the papers as there besides.
+    """
+    if equal_protocol and (searches or backgrounds):
+        raise RegentsError("--equal-protocol says how all methods search: leave out --searches and --backgrounds")
+    chosen = methods or (_ALL if equal_protocol else _PRESETS)
+    if equal_protocol:
+        return [*_as_published(chosen, given), *_by_our_protocol(chosen, given)]
+    found = []
+    for method, search, background in product(chosen, searches or (None,), backgrounds or (None,)):
+        config = _config(method, {**given, "search": search, "background": background})
+        found.append(Column(_name(config) if config else method, config))
+    return found
+
+
+def _as_published(methods: "Sequence[str]", given: "Mapping[str, Any]") -> list[Column]:
+    configs = (_config(method, given) for method in methods if method in _OF_PAPERS)
+    return [Column(_name(config), config) for config in configs if config]
+
+
+def _by_our_protocol(methods: "Sequence[str]", given: "Mapping[str, Any]") -> list[Column]:
+    from regents_cosim.attacks.presets import OURS
+
+    ours = _config(OURS.method, given)
+    assert ours is not None
+    found = []
+    for method in methods:
+        config = _config(method, given)
+        name = method if config is None or method == ours.method else f"{config.label}, protocol of {ours.method}"
+        found.append(Column(name, config and config.by_protocol_of(ours)))
+    return found
+
+
+def _config(method: str, given: "Mapping[str, Any]") -> "AttackConfig | None":
+    from regents_cosim.evaluation.aggressive import METHOD
+
+    return None if method == METHOD else Search(method, **given).config()  # pyright: ignore[reportArgumentType]
+
+
+def attack_run(windows: "list[Scenario]", planner: str, column: Column, terminal: "Terminal") -> "Run":
     """An attack on all `windows`."""
     from regents_cosim.attacks.attack import attack_each
     from regents_cosim.evaluation.scores import rollouts_at_most
 
+    config = column.config
+    assert config is not None
     begin = perf_counter()
-    name = f"{config.label} against {planner}"
-    found: list[Results] = list(terminal.each(attack_each(windows, config, planner), name, len(windows)))
+    attacks = attack_each(windows, config, planner)
+    found: list[Results] = list(terminal.each(attacks, f"{column.name} against {planner}", len(windows)))
     seconds = perf_counter() - begin
-    return _judged(_name(config), planner, rollouts_at_most(config), found, seconds, terminal)
+    return _judged(column.name, planner, rollouts_at_most(config), found, seconds, terminal, config.protocol)
 
 
 def aggressive_run(windows: "list[Scenario]", planner: str, others: "list[Run]", terminal: "Terminal") -> "Run":
@@ -52,11 +119,17 @@ def write_table(table: "Table1", folder: Path) -> None:
         several = len({row.planner for row in table.scores}) > 1
         groups = {_label(row, several): _shares(row) for row in table.scores}
         bars = {label: [Share(*share) for share in shares] for label, shares in groups.items()}
-        draw_bars("Windows that end in a crash", ("success", "clean", "actionable"), bars, folder / "table1.png")
+        draw_bars("Windows that end in a crash", ("success", "actionable", "telling"), bars, folder / "table1.png")
 
 
 def _judged(
-    method: str, planner: str, rollouts: int, found: "list[Results]", seconds: float, terminal: "Terminal"
+    method: str,
+    planner: str,
+    rollouts: int,
+    found: "list[Results]",
+    seconds: float,
+    terminal: "Terminal",
+    protocol: "Protocol" = (),
 ) -> "Run":
     from regents_cosim.evaluation.scores import Run
     from regents_cosim.verdicts.judgement import judge_each
@@ -65,7 +138,7 @@ def _judged(
     judged = iter(list(terminal.each(judge_each(cases), "judging", len(cases))))
     windows = [[next(judged) for _ in results] for results in found]
     replays = verify_in_sumo([case for results in windows for case in results], "local", terminal)
-    return Run(method, planner, rollouts, windows, list(replays.values()), seconds)
+    return Run(method, planner, rollouts, windows, list(replays.values()), seconds, protocol)
 
 
 def _name(config: "AttackConfig") -> str:
@@ -84,6 +157,6 @@ def _label(row: "MethodScores", several: bool) -> str:
 def _shares(row: "MethodScores") -> list[tuple[float, float, float]]:
     return [
         (row.success_percent, *row.success_interval),
-        (row.clean_percent, *row.clean_interval),
         (row.actionable_percent, *row.actionable_interval),
+        (row.telling_percent, *row.telling_interval),
     ]

@@ -44,7 +44,8 @@ def build(
     windows
         of traffic, on each network and environment
     adversarial
-        clean crashes that the planner could have avoided, balanced over kinds of collision and networks
+        clean crashes that the planner could have avoided, balanced over kinds of collision and networks; the telling
+        ones (by a lawful adversary, and a careful driver avoids them) before all others
     unavoidable
         crashes that nobody could have avoided, marked so
     ordinary

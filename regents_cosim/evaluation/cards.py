@@ -22,6 +22,7 @@ class Card:
     adversary: str | None  # whom the attacked planner hits
     window: str  # the recorded case behind it
     hash: str
+    telling: bool | None = None  # clean, the adversary lawful, and a careful driver avoids it; None: not known
 
     @property
     def adversary_in_words(self) -> str:
@@ -48,6 +49,7 @@ def card(case: Header | Scenario, digest: str) -> Card:
         case=case.id,
         network=case.provenance.file.removeprefix("highway:").partition(".")[0],
         kind="ordinary" if attack is None else hit.kind if hit else "no_collision",
+        telling=judgement.telling if judgement else None,
         clean=judgement.clean if judgement else None,
         avoidable=avoidability.avoidable if avoidability else None,
         planner=attack.planner if attack else None,

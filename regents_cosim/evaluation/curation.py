@@ -15,12 +15,13 @@ _PER_WINDOW = 2  # attacks on one window share all their traffic but the adversa
 def choose_adversarial(cards: Sequence[Card], count: int, unavoidable: int, seed: int) -> list[Card]:
     """`count` clean crashes that the planner could have avoided, and `unavoidable` ones that it could not.
 
-    Balanced over kinds of collision, within a kind over networks. A window gives at most two cases,
-    and those differ in their adversary or their kind. Sorted by name; fewer where there are not enough.
+    Of the former the telling ones come first, others only where there are too few. Balanced over kinds of collision,
+    within a kind over networks. A window gives at most two cases, and those differ in their adversary or their kind.
+    Sorted by name; fewer where there are not enough.
     """
     clean = [card for card in cards if card.clean]
-    could = _balanced([c for c in clean if c.avoidable], count, seed, _kind)
-    could_not = _balanced([c for c in clean if c.avoidable is False], unavoidable, seed, _kind)
+    could = _balanced([c for c in clean if c.avoidable or c.telling], count, seed, _kind)
+    could_not = _balanced([c for c in clean if c.avoidable is False and not c.telling], unavoidable, seed, _kind)
     return sorted([*could, *could_not], key=_name)
 
 
@@ -33,7 +34,7 @@ def choose_ordinary(cards: Sequence[Card], followers: Collection[str], count: in
 
 
 def _balanced(cards: Sequence[Card], count: int, seed: int, kind: Callable[[Card], object]) -> list[Card]:
-    """The next is always of the rarest kind so far, then of its rarest network, planner and window."""
+    """The next is telling while there are such, of the rarest kind so far, then of its rarest network and so on."""
     left = {card.case: card for card in cards}
     chosen: list[Card] = []
     had: Counter[object] = Counter()
@@ -45,7 +46,7 @@ def _balanced(cards: Sequence[Card], count: int, seed: int, kind: Callable[[Card
 
     def rarity(card: Card) -> tuple[int | str, ...]:
         lot = hashlib.sha256(f"{seed} {card.case}".encode()).hexdigest()  # no favour for early windows
-        return *(had[trait] for trait in traits(card)), lot
+        return int(card.telling is not True), *(had[trait] for trait in traits(card)), lot
 
     while left and len(chosen) < count:
         card = left.pop(min(left.values(), key=rarity).case)

@@ -45,6 +45,7 @@ class Drive:
     min_pet_s: float | None = None
     max_drac_m_s2: float | None = None
     min_gap_m: float | None = None
+    telling: bool = False  # the crash of the case as it was attacked is telling: a careful driver passes it
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ class DrivingRow:
 
     source: str
     n: int
+    telling_cases: int  # whose crash, as it was attacked, is telling: a careful driver passes them
+    telling_collisions: int  # of these, those in which the planner collides
     route_completion_percent: float
     completion_interval_percent: tuple[float, float]
     collisions: int
@@ -133,6 +136,8 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
     return DrivingRow(
         source=source,
         n=len(drives),
+        telling_cases=sum(drive.telling for drive in drives),
+        telling_collisions=sum(drive.telling and drive.hits is not None for drive in drives),
         route_completion_percent=_percent(fmean(completions)),
         completion_interval_percent=_interval(mean_interval(completions)),
         collisions=collisions,
@@ -153,7 +158,10 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
 
 def nowhere(scenario: Scenario, error: str, trace: str = "") -> Drive:
     """A drive that could not be made."""
-    return Drive(scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0, error=error, trace=trace)
+    return Drive(
+        scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0,
+        error=error, trace=trace, telling=_tells(scenario),
+    )  # fmt: skip
 
 
 def score(scenario: Scenario, tracks: Tracks) -> Drive:
@@ -176,7 +184,12 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
         off_road=off_road,
         **asdict(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None)),
         kind=collision_kind(scenario.agents, tracks, *contact) if contact else None,
+        telling=_tells(scenario),
     )
+
+
+def _tells(scenario: Scenario) -> bool:
+    return scenario.judgement is not None and scenario.judgement.telling is True
 
 
 def _off_road(scenario: Scenario, tracks: Tracks) -> Bool[np.ndarray, " time"]:

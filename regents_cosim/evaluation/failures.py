@@ -7,33 +7,66 @@ from typing import Literal, get_args
 import numpy as np
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import UNLAWFUL, Judgement, Scenario
 
-Reason = Literal["no_candidate", "out_of_reach", "spoilt_only", "unavoidable_only", "stuck"]
+Reason = Literal[
+    "no_candidate", "out_of_reach", "stuck", "spoilt_only", "unlawful_only", "not_known", "unavoidable_only",
+    "careful_driver_crashes_too",
+]  # fmt: skip
+_NEARER: tuple[Reason, ...] = (
+    "spoilt_only",
+    "unlawful_only",
+    "not_known",
+    "unavoidable_only",
+    "careful_driver_crashes_too",
+)
 
 
 def failure_reason(results: Sequence[Scenario]) -> Reason | None:
-    """Why none of the results of one window is actionable; None where one is. They are judged already.
+    """Why none of the results of one window is telling; None where one is. They are judged already.
+
+    Of several crashes the one that comes nearest to telling decides.
 
     - no_candidate: the rules of the method leave nobody who may attack.
     - out_of_reach: no candidate could meet the ego within its limits (`may_reach`).
+    - stuck: one of them could reach the ego, but the search did not find out how.
     - spoilt_only: the search came across collisions, each spoilt by a flaw (`verdicts.clean`).
-    - unavoidable_only: what it found is clean, and nothing the ego could do avoids it.
-    - stuck: somebody could reach the ego, but the search did not find out how.
+    - unlawful_only: what it found is clean, but the adversary broke the law (`failing_offences` says how).
+    - not_known: it is clean, but whether the law was kept, or what a careful driver does, is not known.
+    - unavoidable_only: it is clean and lawful, and nothing the ego could do is known to avoid it.
+    - careful_driver_crashes_too: something would have avoided it, but a careful driver does not.
     """
-    if any(case.judgement and case.judgement.actionable for case in results):
+    crashes = [case.judgement for case in results if case.judgement]
+    if any(judgement.telling for judgement in crashes):
         return None
     records = [case.attack for case in results if case.attack]
     if any(record.outcome == "no_candidate" for record in records):
         return "no_candidate"
-    crashes = [case for case in results if case.judgement]
-    if any(case.judgement.clean for case in crashes if case.judgement):
-        return "unavoidable_only"
-    if crashes or any(record.spoilt for record in records):
+    if crashes:
+        return max(map(_shortcoming, crashes), key=_NEARER.index)
+    if any(record.spoilt for record in records):
         return "spoilt_only"
-    if not may_reach(results[0]):
-        return "out_of_reach"
-    return "stuck"
+    return "stuck" if may_reach(results[0]) else "out_of_reach"
+
+
+def failing_offences(results: Sequence[Scenario]) -> set[str]:
+    """How the adversary broke the law in the crash that comes nearest to telling, where that is all that is wrong."""
+    if failure_reason(results) != "unlawful_only":
+        return set()
+    laws = [c.judgement.law for c in results if c.judgement and c.judgement.clean and c.judgement.law]
+    broken = [{offence.name for offence in law.adversary} & UNLAWFUL for law in laws]
+    return min(filter(None, broken), key=len)
+
+
+def _shortcoming(judgement: Judgement) -> Reason:
+    """What keeps a crash from telling."""
+    if not judgement.clean:
+        return "spoilt_only"
+    if judgement.law is not None and judgement.law.lawful is False:
+        return "unlawful_only"
+    if judgement.unavoidable or (judgement.avoidability and not judgement.avoidability.avoidable):
+        return "unavoidable_only"
+    return "not_known" if judgement.telling is None else "careful_driver_crashes_too"
 
 
 def count_reasons(windows: Sequence[Sequence[Scenario]]) -> dict[Reason, int]:

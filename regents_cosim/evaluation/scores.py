@@ -1,22 +1,25 @@
 """How a method fares on windows of traffic: the papers' counts, and those that say whether a crash means something."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean, median
+from typing import get_args
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.evaluation.deviation import deviation
 from regents_cosim.evaluation.driving import driving_row, score
-from regents_cosim.evaluation.failures import count_reasons
+from regents_cosim.evaluation.failures import count_reasons, failing_offences
 from regents_cosim.evaluation.realism import realism
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.replays.verify import Replay
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import OffenceName, Scenario
 from regents_cosim.verdicts.in_time import avoidable_in_time
 
 Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
 Interval = tuple[float, float]
+Protocol = tuple[tuple[str, object], ...]  # settings that it is, by name (`AttackConfig.protocol`)
+Counted = Callable[[Scenario], Iterable[str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +32,7 @@ class Run:
     windows: Sequence[Results]
     replays: Sequence[Replay] = ()  # of the crashes in SUMO
     seconds: float = 0.0  # of the search, all cores
+    protocol: Protocol = ()  # by which it searched; of runs without a search empty
 
     def judged_windows(self) -> list[Results]:
         """The windows in which the planner does not collide before the attack."""
@@ -41,11 +45,17 @@ class MethodScores:
 
     method: str
     planner: str
-    source: str  # file that the traffic came from, or all
+    source: str  # file that the traffic came from, or which of them together
+    protocol: str  # by which it searched, in words
     rollouts: int  # for a window, at most
+    mean_rollouts: float | None  # for a window, made; None where the search did not count them
     windows: int
     colliding_before: int
     n: int  # windows without a collision before the attack
+    telling: int  # windows with a crash that is clean, by a lawful adversary, and that a careful driver avoids
+    telling_percent: float
+    telling_interval: Interval
+    telling_unknown: int  # windows with none, but with a crash of which it is not known: maps without directions, say
     successes: int  # with one after it, as the papers count
     success_percent: float
     success_interval: Interval
@@ -62,13 +72,17 @@ class MethodScores:
     crashes: int
     kinds: dict[str, int]
     impact_m_s: float | None  # mean relative speed at the contact
-    unattributed_percent: float  # the ego met an agent that the attack had not changed
-    rear_end_percent: float  # somebody ran into the back of the ego
-    standing_percent: float  # the ego stood
-    off_road_percent: float  # the adversary left the road before
-    hits_others_percent: float  # the adversary touched somebody else before
+    flaws: dict[str, int]  # crashes that each of them spoils
     avoidable_percent: float
     avoidable_in_time_percent: float  # also 0.75 s after the adversary was first 0.5 m off its log
+    proven_unavoidable_percent: float
+    avoided_by: dict[str, int]  # crashes that each reference driver avoids ...
+    driven_by: dict[str, int]  # ... of those that it drove
+    lawful: int  # crashes whose adversary broke no law
+    lawful_unknown: int
+    offences: dict[str, int]  # crashes whose adversary did that ...
+    ego_offences: dict[str, int]  # ... and whose ego did ...
+    offences_told: dict[str, int]  # ... of those in which it can be told
     evade_before_s: float | None  # median time from the last evasion that avoids it to the contact
     at_fault: dict[str, int]
     min_ttc_p5_s: float | None
@@ -77,29 +91,38 @@ class MethodScores:
     realism_distance: dict[str, float]  # Wasserstein, adversaries against all background traffic of the windows
     verified_in_sumo: int  # the same contact at the same step in SUMO's positions
     in_sumos_list: int
-    failures: dict[str, int]  # why windows have no actionable crash
+    failures: dict[str, int]  # why windows have no telling crash
+    failing_offences: dict[str, int]  # of the adversaries where that is why
     seconds: float
 
 
-def scores(run: Run, source: str = "all") -> MethodScores:
-    """Scores of a run, or of its windows from `source` alone."""
-    windows = [results for results in run.windows if source in ("all", results[0].provenance.file)]
+def scores(run: Run, source: str = "all", files: Collection[str] | None = None) -> MethodScores:
+    """Scores of a run, or of its windows from `files` alone, which together are called `source`."""
+    windows = [results for results in run.windows if files is None or results[0].provenance.file in files]
     kept = {case.id for results in windows for case in results}
     replays = [replay for replay in run.replays if replay.case in kept]
     judged = [results for results in windows if not collided_before(results)]
     crashes = [case for results in judged for case in results if case.judgement]
     n, drives = len(judged), [score(results[0], results[0].tracks) for results in windows]
     driven = driving_row(source, drives)
-    successes, clean, actionable = (count_windows(judged, which) for which in (is_crash, is_clean, is_actionable))
+    telling, successes, clean, actionable = (
+        count_windows(judged, which) for which in (is_telling, is_crash, is_clean, is_actionable)
+    )
     natural = realism(crashes)
     return MethodScores(
         method=run.method,
         planner=run.planner,
         source=source,
+        protocol=in_words(run.protocol),
         rollouts=run.rollouts,
+        mean_rollouts=_mean_rollouts(judged),
         windows=len(windows),
         colliding_before=len(windows) - n,
         n=n,
+        telling=telling,
+        telling_percent=percent(telling, n),
+        telling_interval=percent_interval(telling, n),
+        telling_unknown=sum(_unknown(results) for results in judged),
         successes=successes,
         success_percent=percent(successes, n),
         success_interval=percent_interval(successes, n),
@@ -116,15 +139,19 @@ def scores(run: Run, source: str = "all") -> MethodScores:
         crashes=len(crashes),
         kinds=dict(Counter(case.attack.collision.kind for case in crashes if case.attack and case.attack.collision)),
         impact_m_s=_mean([c.attack.collision.relative_speed for c in crashes if c.attack and c.attack.collision]),
-        unattributed_percent=_flawed(crashes, "unattributed"),
-        rear_end_percent=_flawed(crashes, "rear_ends_ego"),
-        standing_percent=_flawed(crashes, "ego_stands"),
-        off_road_percent=_flawed(crashes, "off_road"),
-        hits_others_percent=_flawed(crashes, "hits_others"),
+        flaws=_count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),
         avoidable_percent=percent(sum(_avoidable(case) for case in crashes), len(crashes)),
         avoidable_in_time_percent=percent(
             sum(avoidable_in_time(case, case.judgement) for case in crashes), len(crashes)
         ),
+        proven_unavoidable_percent=percent(sum(_proven_unavoidable(case) for case in crashes), len(crashes)),
+        avoided_by=_count(crashes, lambda case: case.judgement.preventable_by if case.judgement else ()),
+        driven_by=_count(crashes, lambda case: (d.driver for d in case.judgement.drivers) if case.judgement else ()),
+        lawful=sum(_lawful(case) is True for case in crashes),
+        lawful_unknown=sum(_lawful(case) is None for case in crashes),
+        offences=_count(crashes, adversary_offences),
+        ego_offences=_count(crashes, ego_offences),
+        offences_told=_count(crashes, told_offences),
         evade_before_s=_median([s for case in crashes if (s := _evade_before_s(case)) is not None]),
         at_fault=dict(Counter(c.judgement.fault.at_fault for c in crashes if c.judgement and c.judgement.fault)),
         min_ttc_p5_s=driven.min_ttc_p5_s,
@@ -134,6 +161,7 @@ def scores(run: Run, source: str = "all") -> MethodScores:
         verified_in_sumo=sum(replay.verified for replay in replays),
         in_sumos_list=sum(replay.reports_same_pair for replay in replays),
         failures={str(reason): number for reason, number in count_reasons(judged).items()},
+        failing_offences=dict(Counter(name for results in judged for name in failing_offences(results))),
         seconds=round(run.seconds, 1),
     )
 
@@ -146,6 +174,11 @@ def collided_before(results: Results) -> bool:
 def collides_before(case: Scenario) -> bool:
     """Whether a result says so."""
     return case.attack is not None and case.attack.outcome == "already_colliding"
+
+
+def is_telling(case: Scenario) -> bool:
+    """Whether the crash is known to tell something about the planner."""
+    return case.judgement is not None and case.judgement.telling is True
 
 
 def is_crash(case: Scenario) -> bool:
@@ -174,8 +207,51 @@ def rollouts_at_most(config: AttackConfig) -> int:
     return searches * config.iterations
 
 
-def _flawed(crashes: Sequence[Scenario], flaw: str) -> float:
-    return percent(sum(flaw in case.judgement.flaws for case in crashes if case.judgement), len(crashes))
+def in_words(protocol: Protocol) -> str:
+    """A protocol, as tables print it."""
+    return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in protocol) or "-"
+
+
+def adversary_offences(case: Scenario) -> set[str]:
+    """What the adversary of a crash did against the law."""
+    law = case.judgement.law if case.judgement else None
+    return {offence.name for offence in law.adversary} if law else set()
+
+
+def ego_offences(case: Scenario) -> set[str]:
+    """What the ego did."""
+    law = case.judgement.law if case.judgement else None
+    return {offence.name for offence in law.ego} if law else set()
+
+
+def told_offences(case: Scenario) -> set[str]:
+    """The offences that the data of a crash can tell of."""
+    law = case.judgement.law if case.judgement else None
+    return set(get_args(OffenceName)) - set(law.unknown) if law else set()
+
+
+def _unknown(results: Results) -> bool:
+    """Whether a window has no crash that is known to tell, and one of which it is not known."""
+    said = [case.judgement.telling for case in results if case.judgement]
+    return True not in said and None in said
+
+
+def _mean_rollouts(windows: Sequence[Results]) -> float | None:
+    made = [results[0].attack.rollouts for results in windows if results[0].attack]
+    return round(fmean(made), 1) if any(made) else None
+
+
+def _count(crashes: Sequence[Scenario], what: Counted) -> dict[str, int]:
+    """How many crashes have each of the words that `what` gives, sorted."""
+    return dict(sorted(Counter(word for case in crashes for word in what(case)).items()))
+
+
+def _lawful(case: Scenario) -> bool | None:
+    return case.judgement.law.lawful if case.judgement and case.judgement.law else None
+
+
+def _proven_unavoidable(case: Scenario) -> bool:
+    return bool(case.judgement and case.judgement.unavoidable)
 
 
 def _avoidable(case: Scenario) -> bool:

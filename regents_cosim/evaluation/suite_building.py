@@ -54,7 +54,9 @@ def build(recipe: Recipe, tell: Callable[[str], None] = lambda line: None) -> li
     names = sorted(one.case for one in (*adversarial, *recorded))
     if not names:
         raise RegentsError("no case is left for the suite: ask for more --windows, or other traffic")
-    tell(f"chosen: {len(adversarial)} of {len(crashes)} crashes, {len(recorded)} of {len(ordinary)} ordinary cases")
+    telling = sum(one.telling is True for one in adversarial)
+    found = f"{len(adversarial)} of {len(crashes)} crashes ({telling} telling)"
+    tell(f"chosen: {found}, {len(recorded)} of {len(ordinary)} ordinary cases")
     return [_lean(by_name[name]) for name in names]
 
 

@@ -6,22 +6,34 @@ survives n; KING 90 and ReGentS 73 crashes of n = 149 (Yin et al. 2024, Table 1)
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import PurePath
+from typing import get_args
 
+from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.scores import (
     MethodScores,
+    Results,
     Run,
     collided_before,
     is_actionable,
     is_clean,
     is_crash,
+    is_telling,
     scores,
 )
-from regents_cosim.evaluation.statistics import mcnemar
-from regents_cosim.scenario import Scenario
+from regents_cosim.evaluation.statistics import mcnemar, percent
+from regents_cosim.scenario import UNLAWFUL, OffenceName, Scenario
 
-_COUNTS: dict[str, Callable[[Scenario], bool]] = {"success": is_crash, "clean": is_clean, "actionable": is_actionable}
+_COUNTS: dict[str, Callable[[Scenario], bool]] = {
+    "telling": is_telling,
+    "success": is_crash,
+    "clean": is_clean,
+    "actionable": is_actionable,
+}
+ALL, HAD_A_SAY, HAD_NO_SAY = "all", "had a say", "had no say"
 
 
 @dataclass(frozen=True)
@@ -29,12 +41,13 @@ class Comparison:
     """Two methods on the same windows: which of them succeed in one and not in the other, and McNemar's p."""
 
     planner: str
+    places: str  # all, or those that had a say or none
     first: str
     second: str
-    count: str  # success, clean or actionable
+    count: str  # telling, success, clean or actionable
     only_first: int
     only_second: int
-    p: float
+    p: float | None  # None: they searched by different protocols, and a p-value would compare these
 
 
 @dataclass(frozen=True)
@@ -42,41 +55,75 @@ class Table1:
     """All there is to say about some runs."""
 
     scores: tuple[MethodScores, ...]
+    by_say: tuple[MethodScores, ...]  # of the places that had a say in the method, and of those that had none
     by_source: tuple[MethodScores, ...]
     comparisons: tuple[Comparison, ...]
 
 
-def table1(runs: Sequence[Run]) -> Table1:
-    """Scores of every run, of all windows and source by source, and every pair of methods compared."""
-    sources = sorted({results[0].provenance.file for run in runs for results in run.windows})
+def table1(runs: Sequence[Run], tuned_on: Sequence[str] = ()) -> Table1:
+    """Scores of every run, of all windows and source by source, and every pair of methods compared.
+
+    `tuned_on` names the places that had a say: those on which the methods were tried out while they were made.
+    """
+    sources = sorted({_file(results) for run in runs for results in run.windows})
+    groups = _by_say(sources, tuned_on)
     return Table1(
         scores=tuple(scores(run) for run in runs),
-        by_source=tuple(scores(run, source) for run in runs for source in sources),
+        by_say=tuple(scores(run, say, files) for run in runs for say, files in groups.items()),
+        by_source=tuple(scores(run, source, {source}) for run in runs for source in sources),
         comparisons=tuple(
-            compare(first, second, count)
+            compare(first, second, count, places, files)
             for first, second in itertools.combinations(runs, 2)
             if first.planner == second.planner
+            for places, files in ({ALL: None} | groups).items()
             for count in _COUNTS
         ),
     )
 
 
-def compare(first: Run, second: Run, count: str) -> Comparison:
+def require_places(windows: Sequence[Scenario], tuned_on: Sequence[str]) -> None:
+    """Raise RegentsError where one of the names of `tuned_on` is of no place that the windows are from."""
+    files = sorted({window.provenance.file for window in windows})
+    for name in tuned_on:
+        if not any(_is_called(file, name) for file in files):
+            shown = ", ".join(files[:8]) + (", ..." if len(files) > 8 else "")
+            raise RegentsError(f"--tuned-on {name}: no window is from there (expected some of {shown})")
+
+
+def _by_say(sources: Sequence[str], tuned_on: Sequence[str]) -> dict[str, set[str]]:
+    """The files of the places that had a say, and of the others; nothing where none is named."""
+    if not tuned_on:
+        return {}
+    had = {file for file in sources if any(_is_called(file, name) for name in tuned_on)}
+    return {HAD_A_SAY: had, HAD_NO_SAY: set(sources) - had}
+
+
+def _is_called(file: str, name: str) -> bool:
+    """Whether a place goes by a name: its file, with or without its ending, * and ? standing for letters."""
+    return any(fnmatchcase(one, name) for one in (file, PurePath(file).stem, file.partition(".")[0]))
+
+
+def _file(results: Results) -> str:
+    return results[0].provenance.file
+
+
+def compare(first: Run, second: Run, count: str, places: str = ALL, files: Collection[str] | None = None) -> Comparison:
     """Two runs on the same windows, over those in which the planner does not collide before the attack."""
     pairs = [
         tuple(any(map(_COUNTS[count], results)) for results in both)
         for both in zip(first.windows, second.windows, strict=True)
-        if not any(map(collided_before, both))
+        if not any(map(collided_before, both)) and (files is None or _file(both[0]) in files)
     ]
     mine, theirs = [a for a, _ in pairs], [b for _, b in pairs]
     return Comparison(
         planner=first.planner,
+        places=places,
         first=first.method,
         second=second.method,
         count=count,
         only_first=sum(a and not b for a, b in pairs),
         only_second=sum(b and not a for a, b in pairs),
-        p=mcnemar(mine, theirs),
+        p=mcnemar(mine, theirs) if first.protocol == second.protocol else None,
     )
 
 
@@ -98,19 +145,16 @@ def sections(table: Table1) -> list[Section]:
     found = []
     for planner in dict.fromkeys(one.planner for one in table.scores):
         columns = [one for one in table.scores if one.planner == planner]
-        pairs = [one for one in table.comparisons if one.planner == planner]
         methods = [one.method for one in columns]
         found += [
             Section(f"### {planner}", ("", *methods), _rows(columns)),
+            Section("Crashes by what the road users did against the law:", ("", *methods), _offences(columns)),
+            *_said(table, planner, methods),
+            *_comparisons(table, planner),
             Section(
-                "Windows in which just one of two methods succeeds, and McNemar's p:",
-                ("", "success", "clean", "actionable"),
-                _compared(pairs),
-            ),
-            Section(
-                "By source, windows with a crash / clean / actionable:",
+                "By source, windows with a telling crash / a crash / clean / actionable:",
                 ("", "n", *methods),
-                _per_source(table, planner, columns),
+                _grouped([one for one in table.by_source if one.planner == planner], methods, _counts),
             ),
         ]
     return found
@@ -124,7 +168,7 @@ def markdown(table: Table1) -> str:
 
 def as_json(table: Table1) -> dict[str, object]:
     """The same as plain values, with a schema number."""
-    return {"schema": 1, **dataclasses.asdict(table)}
+    return {"schema": 2, **dataclasses.asdict(table)}
 
 
 def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -133,22 +177,22 @@ def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
     rows: dict[str, Callable[[MethodScores], str]] = {
+        "**telling success**": lambda c: f"**{_telling(c)}**",
         "route completion": lambda c: f"{c.route_completion_percent} %",
         "infraction score": lambda c: f"{c.infraction_score:.2f}",
         "driving score": lambda c: f"{c.driving_score_percent} %",
         "collision rate": lambda c: f"{c.collision_rate_percent} %",
         "collide before the attack": lambda c: f"{c.colliding_before} of {c.windows}",
-        "**success**": lambda c: _share(c.successes, c.n, c.success_percent, c.success_interval),
-        "**clean success**": lambda c: _share(c.clean, c.n, c.clean_percent, c.clean_interval),
-        "**actionable success**": lambda c: _share(c.actionable, c.n, c.actionable_percent, c.actionable_interval),
+        "success": lambda c: _share(c.successes, c.n, c.success_percent, c.success_interval),
+        "clean success": lambda c: _share(c.clean, c.n, c.clean_percent, c.clean_interval),
+        "actionable success": lambda c: _share(c.actionable, c.n, c.actionable_percent, c.actionable_interval),
         "crashes found": lambda c: f"{c.crashes}",
-        "not attributed": lambda c: f"{c.unattributed_percent} %",
-        "ego rear-ended": lambda c: f"{c.rear_end_percent} %",
-        "ego stands": lambda c: f"{c.standing_percent} %",
-        "adversary off the road": lambda c: f"{c.off_road_percent} %",
-        "adversary hits others": lambda c: f"{c.hits_others_percent} %",
+        **{_FLAWS.get(flaw, flaw.replace("_", " ")): _flawed(flaw) for flaw in _flaws(columns)},
+        "adversary lawful": _lawful,
+        "avoided by a reference driver": _avoided,
         "avoidable": lambda c: f"{c.avoidable_percent} %",
         "avoidable in time": lambda c: f"{c.avoidable_in_time_percent} %",
+        "proven unavoidable": lambda c: f"{c.proven_unavoidable_percent} %",
         "last evasion before contact": lambda c: _unit(c.evade_before_s, "s"),
         "kinds": lambda c: ", ".join(f"{n} {kind.replace('_', ' ')}" for kind, n in sorted(c.kinds.items())) or "-",
         "impact": lambda c: _unit(c.impact_m_s, "m/s"),
@@ -156,34 +200,127 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "deviation": lambda c: _unit(c.deviation_m, "m"),
         "distance to traffic": lambda c: ", ".join(f"{q} {d:g}" for q, d in c.realism_distance.items()) or "-",
         "in SUMO the same": lambda c: f"{c.verified_in_sumo}",
-        "windows without an actionable crash": lambda c: _reasons(c),
-        "rollouts at most": lambda c: f"{c.rollouts}",
+        "windows without a telling crash": _reasons,
+        "protocol": lambda c: c.protocol,
+        "roll-outs of a window, mean (at most)": lambda c: f"{_unit(c.mean_rollouts, '')}".strip() + f" ({c.rollouts})",
         "time": lambda c: f"{c.seconds:.0f} s",
     }
     return [[name, *(show(column) for column in columns)] for name, show in rows.items()]
 
 
+def _said(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:
+    """Places that had a say in the methods, beside those that had none."""
+    groups = [one for one in table.by_say if one.planner == planner]
+    title = "Windows with a telling crash, where places had a say in the method (they were tuned on) and where not:"
+    return [Section(title, ("", "n", *methods), _grouped(groups, methods, _telling))] if groups else []
+
+
+def _comparisons(table: Table1, planner: str) -> list[Section]:
+    """Pairs on all windows; where places had a say and where not, only those that can be compared."""
+    found = []
+    for places in dict.fromkeys(one.places for one in table.comparisons):
+        pairs = [one for one in table.comparisons if (one.planner, one.places) == (planner, places)]
+        shown = [one for one in pairs if places == ALL or one.p is not None]
+        where = "" if places == ALL else f" of places that {places}"
+        why = _APART if any(one.p is None for one in shown) else ""
+        title = f"Windows{where} in which just one of two methods succeeds, and McNemar's p{why}:"
+        found += [Section(title, ("", *_COUNTS), _compared(shown))] if shown else []
+    return found
+
+
+_APART = " (-: the two searched by different protocols, so that a p-value would not compare the methods)"
+
+
 def _compared(pairs: Sequence[Comparison]) -> list[list[str]]:
     found: dict[str, dict[str, str]] = {}
     for pair in pairs:
-        cell = f"{pair.only_first} : {pair.only_second}, p = {pair.p:.2g}"
+        cell = "-" if pair.p is None else f"{pair.only_first} : {pair.only_second}, p = {pair.p:.2g}"
         found.setdefault(f"{pair.first} : {pair.second}", {})[pair.count] = cell
     return [[name, *(cells[count] for count in _COUNTS)] for name, cells in found.items()]
 
 
-def _per_source(table: Table1, planner: str, columns: Sequence[MethodScores]) -> list[list[str]]:
+def _grouped(
+    groups: Sequence[MethodScores], methods: Sequence[str], show: Callable[[MethodScores], str]
+) -> list[list[str]]:
+    """A row for each group of windows."""
     rows = []
-    of_planner = [found for found in table.by_source if found.planner == planner]
-    for source in dict.fromkeys(found.source for found in of_planner):
-        cells = {c.method: c for c in of_planner if c.source == source}
-        counts = ((cells[c.method].successes, cells[c.method].clean, cells[c.method].actionable) for c in columns)
-        shown = [" / ".join(map(str, three)) for three in counts]
-        rows.append([source, str(max(c.n for c in cells.values())), *shown])
+    for name in dict.fromkeys(one.source for one in groups):
+        cells = {one.method: one for one in groups if one.source == name}
+        rows.append([name, str(max(one.n for one in cells.values())), *(show(cells[method]) for method in methods)])
     return rows
 
 
+def _counts(c: MethodScores) -> str:
+    return " / ".join(map(str, (c.telling, c.successes, c.clean, c.actionable))) + _not_known(c.telling_unknown)
+
+
+def _telling(c: MethodScores) -> str:
+    return _share(c.telling, c.n, c.telling_percent, c.telling_interval) + _not_known(c.telling_unknown)
+
+
+def _offences(columns: Sequence[MethodScores]) -> list[list[str]]:
+    """A row for each offence of an adversary, those that break the law first; then those of the ego."""
+    order = sorted(get_args(OffenceName), key=lambda name: name not in UNLAWFUL)
+    rows = [["crashes", *(str(c.crashes) for c in columns)]]
+    for name in order:
+        words = name.replace("_", " ") + ("" if name in UNLAWFUL else " (reported only)")
+        rows.append([words, *(_told(c.offences, name, c) for c in columns)])
+    rows.append(["none that breaks the law", *map(_lawful, columns)])
+    done = [name for name in order if any(c.ego_offences.get(name) for c in columns)]
+    return rows + [
+        [f"the ego: {name.replace('_', ' ')}", *(_told(c.ego_offences, name, c) for c in columns)] for name in done
+    ]
+
+
+def _told(offences: dict[str, int], name: str, c: MethodScores) -> str:
+    """The share of the crashes in which an offence can be told; of the others how many there are."""
+    told = c.offences_told.get(name, 0)
+    return (_part(offences.get(name, 0), told) if told else "-") + _not_known(c.crashes - told)
+
+
+def _lawful(c: MethodScores) -> str:
+    known = c.crashes - c.lawful_unknown
+    return (_part(c.lawful, known) if known else "-") + _not_known(c.lawful_unknown)
+
+
+_FLAWS = {
+    "unattributed": "not attributed",
+    "rear_ends_ego": "ego rear-ended",
+    "ego_stands": "ego stands",
+    "off_road": "adversary off the road",
+    "hits_others": "adversary hits others",
+}
+
+
+def _flaws(columns: Sequence[MethodScores]) -> list[str]:
+    """Those of every table, and what else spoils a crash of these."""
+    return list(dict.fromkeys([*_FLAWS, *(flaw for column in columns for flaw in column.flaws)]))
+
+
+def _flawed(flaw: str) -> Callable[[MethodScores], str]:
+    return lambda column: _part(column.flaws.get(flaw, 0), column.crashes)
+
+
+def _avoided(c: MethodScores) -> str:
+    """By which of them, of the crashes that it drove in."""
+    return ", ".join(f"{name} {c.avoided_by.get(name, 0)} of {n}" for name, n in c.driven_by.items()) or "not known"
+
+
 def _reasons(found: MethodScores) -> str:
-    return ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in found.failures.items() if n) or "-"
+    def words(reason: str, n: int) -> str:
+        offences = ", ".join(f"{m} {name.replace('_', ' ')}" for name, m in found.failing_offences.items())
+        how = f" ({offences})" if reason == "unlawful_only" and offences else ""
+        return f"{n} {reason.replace('_', ' ')}{how}"
+
+    return ", ".join(words(reason, n) for reason, n in found.failures.items() if n) or "-"
+
+
+def _part(some: int, n: int) -> str:
+    return f"{percent(some, n)} %"
+
+
+def _not_known(n: int) -> str:
+    return f"; not known {n}" if n else ""
 
 
 def _share(part: int, n: int, percent: float, bounds: tuple[float, float]) -> str:

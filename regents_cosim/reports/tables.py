@@ -14,11 +14,14 @@ from regents_cosim.sources.logs.inspection import Inspection
 # The columns of each table that a narrow terminal shows before all others.
 RECORDED = ("case", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
-ATTACKED = ("case", "outcome", "clean", "avoidable", "SUMO_verified")
+ATTACKED = ("case", "outcome", "telling", "clean", "avoidable", "SUMO_verified")
 REPLAYED = ("case", "verified", "found")
-DRIVEN = ("source", "n", "route_completion_percent", "collisions", "collision_rate_percent", "driving_score_percent")
+DRIVEN = (
+    "source", "n", "telling_collisions", "route_completion_percent", "collisions", "collision_rate_percent",
+    "driving_score_percent",
+)  # fmt: skip
 COMPARED = ("case", "verdict", "now")
-LISTED = ("case", "kind", "clean", "avoidable")
+LISTED = ("case", "kind", "telling", "clean", "avoidable")
 CHECKED = ("case", "problem")
 TRANSFERRED = ("place", "cases", "crashes", "same_crash", "same_crash_percent", "interval_percent")
 IN_HIGHWAY = ("environment", "method", "ego", "n", "successes", "success_percent", "track_same", "actions_same")
@@ -87,18 +90,29 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
         "kind": hit.kind if hit else None,
         "impact_m_s": round(hit.relative_speed, 2) if hit else None,
         "attributed": hit.attributed if hit else None,
+        "telling": judged.telling if judged else None,
         "clean": judged.clean if judged else None,
         "avoidable": judged.avoidability.avoidable if judged and judged.avoidability else None,
+        "lawful": judged.law.lawful if judged and judged.law else None,
+        "offences": ", ".join(offence.name for offence in judged.law.adversary) if judged and judged.law else None,
+        "preventable_by": ", ".join(judged.preventable_by) if judged and judged.drivers else None,
         "SUMO_verified": replay.verified if replay else None,
     }
 
 
 def summary(attacked: Sequence[Scenario], replays: Mapping[str, Replay]) -> str:
-    """How many crash, how many of these tell something about the planner, and how many SUMO confirms."""
+    """How many crash, how many of these tell something about the planner, and how many SUMO confirms.
+
+    Of how many it is not known whether they tell is said as well.
+    """
     crashes = sum(s.attack is not None and s.attack.outcome == "collision" for s in attacked)
     judged = [s.judgement for s in attacked if s.judgement]
     said = f"{crashes} of {len(attacked)} crash"
-    said += f", {sum(judgement.actionable for judgement in judged)} clean and avoidable" if judged else ""
+    if judged:
+        telling = [judgement.telling for judgement in judged]
+        unknown = f" (not known of {telling.count(None)})" if None in telling else ""
+        said += f", {telling.count(True)} telling{unknown}"
+        said += f", {sum(judgement.actionable for judgement in judged)} clean and avoidable"
     return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
 
 
