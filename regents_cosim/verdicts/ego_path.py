@@ -1,0 +1,63 @@
+"""Where the ego's own way leads, as places over the distance driven, beyond the end of its drive too."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.own_way import own_way
+
+_SPACING_M = 0.5
+_FURTHER_M = 500.0  # straight on beyond the end of the route: no drive goes on for longer
+
+
+@dataclass(frozen=True, eq=False)
+class EgoPath:
+    """Places over the distance along the way that the ego drove, and how it goes on."""
+
+    driven: Float[np.ndarray, " time"]  # [m] of the ego's own drive by each step
+    distance: Float[np.ndarray, " point"]  # [m] increasing, of the places below
+    x: Float[np.ndarray, " point"]  # [m]
+    y: Float[np.ndarray, " point"]  # [m]
+    yaw: Float[np.ndarray, " point"]  # [rad] continuous
+
+    def at(self, distance: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """X, y [m] and yaw [rad] at distances [m]; before the first place there is none but that."""
+        x, y, yaw = (np.interp(distance, self.distance, values) for values in (self.x, self.y, self.yaw))
+        return x, y, yaw
+
+    @cached_property
+    def _dense(self) -> tuple[np.ndarray, KDTree]:
+        along = np.arange(0.0, self.distance[-1] - _FURTHER_M, _SPACING_M)
+        return along, KDTree(np.stack(self.at(along)[:2], axis=-1))
+
+    def project(
+        self, x: Float[np.ndarray, "*axes"], y: Float[np.ndarray, "*axes"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """How far along the path and to the left of it places are [m], and the path's yaw [rad] there."""
+        along, tree = self._dense
+        nearest = along[tree.query(np.stack([x, y], axis=-1))[1]]
+        path_x, path_y, yaw = self.at(nearest)
+        dx, dy, cos, sin = x - path_x, y - path_y, np.cos(yaw), np.sin(yaw)
+        return nearest + dx * cos + dy * sin, dy * cos - dx * sin, yaw
+
+
+def ego_path(scenario: Scenario) -> EgoPath:
+    """The ego's own track, then its route (`own_way`), then straight on."""
+    way, own = own_way(scenario), scenario.tracks
+    steps = own.steps
+    distance, heading = way.distance[steps - 1 :], way.heading[steps - 1 :]
+    distance, heading = np.append(distance, distance[-1] + _FURTHER_M), np.append(heading, heading[-1])
+    dense = np.append(np.arange(distance[0], distance[-2], _SPACING_M), distance[-2:])
+    yaw = np.interp(dense, distance, heading)
+    moved, mid = np.diff(dense), 0.5 * (yaw[:-1] + yaw[1:])
+    return EgoPath(
+        driven=way.driven,
+        distance=np.concatenate([way.driven, dense[1:]]),
+        x=np.concatenate([own.x[0], own.x[0, -1] + np.cumsum(moved * np.cos(mid))]),
+        y=np.concatenate([own.y[0], own.y[0, -1] + np.cumsum(moved * np.sin(mid))]),
+        yaw=np.concatenate([np.unwrap(own.yaw[0]), yaw[1:]]),
+    )

@@ -1,0 +1,57 @@
+"""Whom a drive of the ego meets among everybody else's fixed tracks, up to a little beyond the horizon."""
+
+import numpy as np
+from jaxtyping import Bool
+
+from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.collisions import apart_at_entry
+from regents_cosim.frames import wrap
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.emergency_braking import Drive
+
+BEYOND_S = 2.0
+_SAME_WAY_RAD = np.deg2rad(45.0)
+
+
+def beyond_steps(scenario: Scenario) -> int:
+    """Instants that a drive is judged by: those of the tracks, and for the adversary 2 s more."""
+    return scenario.tracks.steps + round(BEYOND_S / scenario.dt)
+
+
+class OthersAround:
+    """Everybody but the ego; the adversary goes straight on beyond the horizon, the others are gone then."""
+
+    def __init__(self, scenario: Scenario, adversary: int) -> None:
+        tracks, ahead = scenario.tracks, scenario.dt * np.arange(1, round(BEYOND_S / scenario.dt) + 1)
+        speed, yaw = tracks.speed[:, -1:], tracks.yaw[:, -1:]
+        self._x = np.hstack([tracks.x, tracks.x[:, -1:] + speed * np.cos(yaw) * ahead])
+        self._y = np.hstack([tracks.y, tracks.y[:, -1:] + speed * np.sin(yaw) * ahead])
+        self._yaw = np.hstack([tracks.yaw, yaw + 0.0 * ahead])
+        self._z = np.hstack([tracks.z, tracks.z[:, -1:] + 0.0 * ahead])
+        is_adversary = np.arange(len(tracks.x)) == adversary
+        self._valid = np.hstack([tracks.valid, np.outer(is_adversary & tracks.valid[:, -1], np.ones(len(ahead), bool))])
+        self._valid &= apart_at_entry(scenario.agents, tracks)[:, None]
+        self._size = np.array([(agent.length, agent.width) for agent in scenario.agents])
+        self._adversary, self._heights = adversary, scenario.heights
+
+    def meets(self, drive: Drive) -> Bool[np.ndarray, " agent"]:
+        """Whom the drive overlaps, those left out that run into its rear: a log does not brake for what is new in it.
+
+        The adversary counts however it meets the ego.
+        """
+        dx, dy = self._x - drive.x, self._y - drive.y
+        diagonal = np.hypot(*self._size.T)
+        near = self._valid & (dx**2 + dy**2 <= (0.5 * (diagonal + diagonal[0]))[:, None] ** 2)
+        agent, step = np.nonzero(near)
+        z = self._heights.of(0, drive.x[step], drive.y[step])
+        (long, wide), at = self._size.T, (agent, step)
+        ego = Boxes(drive.x[step], drive.y[step], drive.yaw[step], long[0], wide[0], z)
+        other = Boxes(self._x[at], self._y[at], self._yaw[at], long[agent], wide[agent], self._z[at])
+        touches = np.flatnonzero(overlap(ego, other))
+        met, first = np.unique(agent[touches], return_index=True)  # in order of the steps
+        at, step = (met, step[touches[first]]), step[touches[first]]
+        ahead = dx[at] * np.cos(drive.yaw[step]) + dy[at] * np.sin(drive.yaw[step])
+        from_behind = (np.abs(wrap(self._yaw[at] - drive.yaw[step])) < _SAME_WAY_RAD) & (ahead < 0.0)
+        found = np.zeros(len(self._x), bool)
+        found[met[(met == self._adversary) | ~from_behind]] = True
+        return found

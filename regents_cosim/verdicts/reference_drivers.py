@@ -1,0 +1,93 @@
+"""Whether a reference driver in the ego's place would have avoided the crash.
+
+Each drives the ego's own drive, among everybody else's fixed tracks, until it has perceived the danger and reacted to
+it; then it brakes along the ego's own path. It *avoids* the crash where it overlaps neither the adversary,
+up to 2 s beyond the horizon (it goes straight on), nor a third party. None of them is the truth: a verdict
+names the driver that it rests on.
+
+The danger is the one that the ego crashes with. An alarm over another road user that comes to nothing would shift the
+ego in time and so out of a crash that hangs on it, for no merit of the driver's: none is counted here.
+
+**careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of
+the original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a risk once it is
+perceived, 0.75 s until the brakes act, then 0.774 g with 0.6 s to full braking. What it perceives:
+`verdicts.foresight`. Where braking alone does not do, it may swerve by half a car or a car as well.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool
+
+from regents_cosim.boxes import Boxes, corners
+from regents_cosim.levels import beyond_road
+from regents_cosim.scenario import Collision, ReferenceDrive, Scenario, Tracks
+from regents_cosim.verdicts.clean import OFF_ROAD_M
+from regents_cosim.verdicts.ego_path import ego_path
+from regents_cosim.verdicts.emergency_braking import Brakes, Drive, braked_speed, driven
+from regents_cosim.verdicts.foresight import risks
+from regents_cosim.verdicts.manoeuvres import GRAVITY
+from regents_cosim.verdicts.others_around import OthersAround, beyond_steps
+
+RISK_EVALUATION_S = 0.4
+DELAY_S = 0.75
+CAREFUL_BRAKES = Brakes(most=0.774 * GRAVITY, jerk=12.65)
+SWERVES_M = (0.0, 0.9, -0.9, 1.8, -1.8)
+SWERVE_M_S2 = 4.0
+
+
+def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
+    """What the reference drivers do about the crash of an attacked scenario; nothing where there is none."""
+    hit = attacked.attack.collision if attacked.attack else None
+    return () if hit is None else (_careful(attacked, hit)[0],)
+
+
+def reference_track(attacked: Scenario) -> Tracks:
+    """The careful driver's drive [1, time], up to the horizon; the ego's own where there is no crash."""
+    hit = attacked.attack.collision if attacked.attack else None
+    drive, steps = _own_drive(attacked) if hit is None else _careful(attacked, hit)[1], attacked.tracks.steps
+    x, y, yaw, speed = (values[None, :steps] for values in (drive.x, drive.y, drive.yaw, drive.speed))
+    return Tracks(x, y, yaw, speed, np.ones(x.shape, bool), z=attacked.heights.of(0, x, y))
+
+
+def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, Drive]:
+    """What it does, and its drive: the first that avoids the crash, braking alone before any swerve."""
+    path = ego_path(attacked)
+    adversary = next(index for index, agent in enumerate(attacked.agents) if agent.id == hit.agent)
+    around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
+    perceived = perceives(risks(attacked, path, adversary, hit.step + 1), dt)
+    if perceived is None:
+        return ReferenceDrive("careful", avoids=False), _own_drive(attacked)
+    acts = perceived + round((RISK_EVALUATION_S + DELAY_S) / dt)
+    seen = ReferenceDrive("careful", avoids=False, perceives_s=round(perceived * dt, 9), acts_s=round(acts * dt, 9))
+    if acts >= hit.step:
+        return replace(seen, acts_s=None), _own_drive(attacked)
+    speed = braked_speed(attacked.tracks.speed[0], acts, CAREFUL_BRAKES, dt, steps)
+    drives = {shift: driven(attacked, path, speed, acts, shift, SWERVE_M_S2) for shift in SWERVES_M}
+    for shift, drive in drives.items():
+        if not around.meets(drive).any() and (shift == 0.0 or _keeps_to_road(attacked, drive, acts)):
+            return replace(seen, avoids=True, shift_m=shift), drive
+    return seen, drives[0.0]
+
+
+def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
+    """The first step from which on there is a risk for as long as it takes to evaluate it."""
+    lasting = round(RISK_EVALUATION_S / dt) + 1
+    if len(risk) < lasting:
+        return None
+    holds = np.lib.stride_tricks.sliding_window_view(risk, lasting).all(axis=1)
+    return int(np.argmax(holds)) if holds.any() else None
+
+
+def _own_drive(attacked: Scenario) -> Drive:
+    own = attacked.tracks
+    return Drive(own.x[0], own.y[0], own.yaw[0], own.speed[0])
+
+
+def _keeps_to_road(attacked: Scenario, drive: Drive, onset: int) -> bool:
+    """Whether no corner leaves the road after the onset that was on it then."""
+    ego, steps = attacked.ego, np.arange(onset, attacked.tracks.steps)
+    x, y, yaw = drive.x[steps], drive.y[steps], drive.yaw[steps]
+    z = np.asarray(attacked.heights.of(0, x, y))
+    off = beyond_road(attacked.road, corners(Boxes(x, y, yaw, ego.length, ego.width)), z[:, None]) > OFF_ROAD_M
+    return not off[:, ~off[0]].any()
