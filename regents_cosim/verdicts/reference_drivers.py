@@ -21,8 +21,8 @@ from jaxtyping import Bool
 
 from regents_cosim.boxes import Boxes, corners
 from regents_cosim.levels import beyond_road
+from regents_cosim.limits import OFF_ROAD_M
 from regents_cosim.scenario import Collision, ReferenceDrive, Scenario, Tracks
-from regents_cosim.verdicts.clean import OFF_ROAD_M
 from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.emergency_braking import Brakes, Drive, braked_speed, driven
 from regents_cosim.verdicts.foresight import risks
