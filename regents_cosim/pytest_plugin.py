@@ -353,7 +353,8 @@ class CaseItem(pytest.Item):
         super().__init__(**rest)
         self.run, self.suite, self.folder = run, suite, suite / self.name
         self.verdict: Verdict | None = None
-        self.adversary = ""
+        self.adversary, self.advice = "", ""
+        self.properties: list[tuple[str, str]] = []
         self._mark()
 
     def _mark(self) -> None:
@@ -364,7 +365,7 @@ class CaseItem(pytest.Item):
             card = card_of(self.folder)
         except CaseError:
             return  # said when it runs
-        self.adversary = card.adversary_in_words
+        self.adversary, self.properties = card.adversary_in_words, card.properties
         self.add_marker(
             pytest.mark.regents(suite=self.suite.name, kind=card.kind, network=card.network, planner=card.planner)
         )
@@ -375,7 +376,11 @@ class CaseItem(pytest.Item):
         self.verdict = self.run.judge(self.suite, self.name)
         now = self.verdict.now
         self.user_properties += [("verdict", self.verdict.status), ("outcome", now.outcome), *now.metrics.items()]
+        self.user_properties += self.properties
         if not self.run.accepts(self.verdict):
+            if now.outcome == "collision":
+                self.advice = self.run.drives.advice(self.folder)
+                self.user_properties += [("advice", self.advice)] if self.advice else []
             raise _RegressionError(self.verdict)
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
@@ -385,7 +390,8 @@ class CaseItem(pytest.Item):
 
         if isinstance(excinfo.value, _RegressionError):
             folder = _relative(self.folder, self.config.invocation_params.dir)
-            return explain(excinfo.value.verdict, folder, self.run.planner, self.run.where, self.adversary)
+            of, (planner, where) = excinfo.value.verdict, (self.run.planner, self.run.where)
+            return explain(of, folder, planner, where, self.adversary, self.advice)
         if isinstance(excinfo.value, RegentsError):
             return f"{self.name}: {excinfo.value}"
         return super().repr_failure(excinfo, style)

@@ -23,6 +23,18 @@ class Card:
     window: str  # the recorded case behind it
     hash: str
     telling: bool | None = None  # clean, the adversary lawful, and a careful driver avoids it; None: not known
+    offences: tuple[str, ...] | None = None  # of the adversary; None: not judged
+    preventable_by: tuple[str, ...] | None = None  # reference drivers that avoid it; None: not judged
+
+    @property
+    def properties(self) -> list[tuple[str, str]]:
+        """What the crash of the case says, for the properties of JUnit; nothing where there is none."""
+        if self.clean is None:
+            return []
+        said = {None: "not known", True: "yes", False: "no"}
+        listed = {"offences": self.offences, "preventable_by": self.preventable_by}
+        words = [(name, "not known" if of is None else ", ".join(of) or "none") for name, of in listed.items()]
+        return [("telling", said[self.telling]), *words]
 
     @property
     def adversary_in_words(self) -> str:
@@ -45,6 +57,7 @@ def card(case: Header | Scenario, digest: str) -> Card:
     attack, judgement = case.attack, case.judgement
     hit = attack.collision if attack and attack.outcome == "collision" else None
     avoidability = judgement.avoidability if judgement else None
+    law = judgement.law if judgement else None
     return Card(
         case=case.id,
         network=case.provenance.file.removeprefix("highway:").partition(".")[0],
@@ -57,6 +70,8 @@ def card(case: Header | Scenario, digest: str) -> Card:
         adversary=hit.agent if hit else None,
         window=attack.case if attack else case.id,
         hash=digest,
+        offences=tuple(offence.name for offence in law.adversary) if law else None,
+        preventable_by=judgement.preventable_by if judgement and judgement.drivers else None,
     )
 
 

@@ -7,28 +7,40 @@ from regents_cosim.reports.verdict import Verdict
 from regents_cosim.scenario import AttackRecord, Judgement, Scenario, Tracks
 from regents_cosim.verdicts.in_time import avoidable_in_time
 from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.words import advice
 
 
 def verdict_of(case: Scenario, judgement: Judgement | None) -> Verdict | None:
     """What a judgement of the crash in `case` says, None where it has not been judged."""
     if judgement is None:
         return None
-    found, fault = judgement.avoidability, judgement.fault
+    found, fault, law = judgement.avoidability, judgement.fault, judgement.law
     return Verdict(
         at_fault=fault.at_fault if fault else None,
         rule=fault.rule if fault else None,
         avoidable=found.avoidable if found else None,
         in_time=avoidable_in_time(case, judgement) if found else None,
         clean=judgement.clean,
+        telling=judgement.telling,
+        advice=advice(judgement),
+        offences=tuple(offence.name for offence in law.adversary) if law else None,
+        ego_offences=tuple(offence.name for offence in law.ego) if law else None,
+        preventable_by=judgement.preventable_by if judgement.drivers else None,
     )
 
 
 def verdict_of_drive(case: Scenario, driver: str, tracks: Tracks) -> Verdict | None:
     """That of the crash which `driver` has in `case` by `tracks`; None where it has none."""
+    driven = judged_drive(case, driver, tracks)
+    return verdict_of(driven, driven.judgement) if driven else None
+
+
+def judged_drive(case: Scenario, driver: str, tracks: Tracks) -> Scenario | None:
+    """The case as `driver` drives it by `tracks`, and the judgement of its crash; None where it has none."""
     contact = first_contact(case.agents, tracks)
     if contact is None:
         return None
     hit = collision_at(case.agents, tracks, contact, case.dt, case.agents[contact[0]].role == "adversary")
     attack = AttackRecord(case.id, "drive", driver, "collision", 0, hit)
-    driven = replace(case, tracks=tracks, attack=attack, judgement=None, evasion=None)
-    return verdict_of(driven, judge(driven).judgement)
+    log = case.tracks if case.original is None else case.original
+    return judge(replace(case, tracks=tracks, attack=attack, original=log, judgement=None, evasion=None))

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.baseline import Driven
-from regents_cosim.evaluation.driving import Drive, drive_case, drive_each
+from regents_cosim.evaluation.driven_crash import judged_drive
+from regents_cosim.evaluation.driving import Drive, drive_and_keep, drive_case, drive_each
 from regents_cosim.evaluation.margin import with_margin
 from regents_cosim.files import load_case, load_header
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
@@ -20,6 +21,7 @@ from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, drivers_of
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.words import advice
 from regents_cosim.workers import local_processes
 
 _DIGITS = 4  # kept of a metric: a drive is the same to more than that on another machine
@@ -79,6 +81,18 @@ class DrivesAhead:
     def of(self, folder: Path) -> Driven:
         """What the planner did in the case of that folder. Raises CaseError for one that cannot be read."""
         return self._result(folder)[1]
+
+    def advice(self, folder: Path) -> str:
+        """What the planner should have done in its crash in that case; empty where that is not known.
+
+        It drives the case once more, in the mirror alone: tracks of crashes that are accepted are not kept.
+        """
+        if self.where != "mirror":
+            return ""
+        scenario = load_case(folder)
+        _, tracks = drive_and_keep(scenario, self._wheel)
+        driven = judged_drive(scenario, self.planner, tracks) if tracks else None
+        return (driven and driven.judgement and advice(driven.judgement)) or ""
 
     def drive(self, case: Path | Scenario) -> Drive:
         """The drive through a case, with its scores."""

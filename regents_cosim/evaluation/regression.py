@@ -96,8 +96,8 @@ def reproduce(case: Path, planner: str, where: str) -> str:
     return shlex.join(words)
 
 
-def explain(verdict: Verdict, case: Path, planner: str, where: str, adversary: str = "") -> str:
-    """All that a person needs who sees it fail."""
+def explain(verdict: Verdict, case: Path, planner: str, where: str, adversary: str = "", advice: str = "") -> str:
+    """All that a person needs who sees it fail; `advice` is what a reference driver does in the planner's place."""
     reasons = "; ".join(verdict.reasons)
     lines = [
         f"{'regression' if verdict.status == 'regression' else _SAID[verdict.status]}: {reasons}",
@@ -106,6 +106,7 @@ def explain(verdict: Verdict, case: Path, planner: str, where: str, adversary: s
         *([f"  adversary  {adversary}"] if adversary else []),
         f"  baseline   {describe(verdict.before)}",
         f"  now        {describe(verdict.now)}",
+        *([f"  instead    {advice}"] if advice else []),
         f"  see it     {reproduce(case, planner, where)}",
     ]
     return "\n".join([*lines, *(["", verdict.now.trace] if verdict.now.trace else [])])

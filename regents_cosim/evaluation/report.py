@@ -4,6 +4,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -88,7 +89,7 @@ def report_of(
         cases = tuple(PageCase(case, found, motion_sheet(case)) for case, found in zip(scenarios, runs, strict=True))
     attacked = sorted({scenario.attack.planner for scenario in scenarios if scenario.attack})
     drivers: tuple[str, ...] = tuple(driven) if driven else (" and ".join(attacked) or "log",)
-    scores = _driving_scores(driven) if driven else _attack_scores(drivers[0], cases)
+    scores = _driving_scores(driven, cases) if driven else _attack_scores(drivers[0], cases)
     return Report(
         title=_title(drivers, bool(driven), bool(attacked)),
         subtitle=_subtitle(scenarios),
@@ -188,10 +189,11 @@ def _subtitle(scenarios: Sequence[Scenario]) -> str:
 # --- scores -----------------------------------------------------------------------------------
 
 
-def _driving_scores(driven: Mapping[str, Sequence[Driven]]) -> list[Score]:
-    """As `regents evaluate` has them."""
+def _driving_scores(driven: Mapping[str, Sequence[Driven]], cases: Sequence[PageCase]) -> list[Score]:
+    """The telling crashes of each, then as `regents evaluate` has them."""
     rows = {name: driving_row("all", [drive for drive, _ in drives]) for name, drives in driven.items()}
-    return [score for name, row in rows.items() for score in _scores_of(name, row)]
+    telling = [score for run, name in enumerate(driven) for score in _telling(name, cases, run)]
+    return [*telling, *(score for name, row in rows.items() for score in _scores_of(name, row))]
 
 
 def _scores_of(name: str, row: DrivingRow) -> list[Score]:
@@ -220,7 +222,7 @@ def _scores_of(name: str, row: DrivingRow) -> list[Score]:
 
 def _attack_scores(planner: str, cases: Sequence[PageCase]) -> list[Score]:
     crashes = [case for case in cases if case.endings[0] is not None]
-    scores = [_share("Crashes", planner, len(crashes), len(cases), "case")]
+    scores = [*_telling(planner, cases, 0), _share("Crashes", planner, len(crashes), len(cases), "case")]
     judged = [case.scenario.judgement for case in crashes if case.scenario.judgement]
     if judged:
         scores.append(_share("Clean crashes", planner, sum(j.clean for j in judged), len(cases), "case"))
@@ -234,6 +236,17 @@ def _attack_scores(planner: str, cases: Sequence[PageCase]) -> list[Score]:
         spread = f"median; {min(impacts):.1f} to {max(impacts):.1f} m/s"
         scores.append(Score("Impact speed", planner, f"{median(impacts):.1f} m/s", spread))
     return scores
+
+
+def _telling(planner: str, cases: Sequence[PageCase], run: int) -> list[Score]:
+    """The headline: crashes that are clean, by a lawful adversary, and that a careful driver avoids."""
+    verdicts = [verdict for case in cases if (verdict := case.runs[run].verdict)]
+    if not verdicts:
+        return []
+    said = [verdict.telling for verdict in verdicts]
+    score = _share("Telling crashes", planner, said.count(True), len(cases), "case")
+    unknown = f", not known of {said.count(None)}" if None in said else ""
+    return [replace(score, detail=score.detail + unknown)]
 
 
 def _share(label: str, planner: str, some: int, n: int, of: str) -> Score:

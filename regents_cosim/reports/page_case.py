@@ -16,8 +16,9 @@ from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.scene import contact_point
-from regents_cosim.reports.verdict import FAULTS, Crash, Verdict
+from regents_cosim.reports.verdict import FAULTS, NOT_JUDGED, Crash, Verdict
 from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.verdicts.words import drive_words, offences_words, telling_words
 
 Change = Literal["broken", "fixed", "unchanged"]
 _MOST_COSTS = 240  # iterations drawn
@@ -97,12 +98,12 @@ class PageCase:
 
     @property
     def badness(self) -> tuple[Any, ...]:
-        """Sorts what to fix first: what broke, failures, the planner's fault, avoidable in time, hard impacts."""
+        """Sorts what to fix first: what broke, failures, what tells, whose fault, avoidable in time, impacts."""
         order = {"broken": 0, None: 1, "unchanged": 1, "fixed": 2}
         failed = any(run.error for run in self.runs)
         impact = max((hit.relative_speed for hit in self.endings if hit), default=-1.0)
         calls = [run.closest.ttc_s for run in self.runs if run.closest and run.closest.ttc_s is not None]
-        urgency = self.verdict.urgency if self.verdict else (1, 1, 1)
+        urgency = self.verdict.urgency if self.verdict else NOT_JUDGED
         return order[self.change], not failed, impact < 0.0, urgency, -impact, min(calls, default=inf)
 
     @property
@@ -132,6 +133,11 @@ class PageCase:
             "fault": FAULTS[verdict.at_fault] if verdict and verdict.at_fault else None,
             "rule": verdict.rule if verdict else None,
             "clean": verdict.clean if verdict else None,
+            "telling": verdict.telling if verdict else None,
+            "advice": [run.verdict.advice if run.verdict else None for run in self.runs],
+            "offences": verdict.offences if verdict else None,
+            "ego_offences": verdict.ego_offences if verdict else None,
+            "preventable_by": verdict.preventable_by if verdict else None,
             "map": map_index,
             "steps": case.tracks.steps,
             "dt": case.dt,
@@ -236,7 +242,15 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
     if judgement is None:
         return []
     flaws = "; ".join(_FLAWS.get(flaw, flaw.replace("_", " ")) for flaw in judgement.flaws)
-    said = [("As a test", flaws or "clean: nothing spoils it")]
+    said = [("Telling", telling_words(judgement)), ("As a test", flaws or "clean: nothing spoils it")]
+    if (law := judgement.law) is not None:
+        said += [
+            ("Adversary against the law", offences_words(law.adversary)),
+            ("Ego against the law", offences_words(law.ego)),
+        ]
+        said += [("Cannot be told", ", ".join(name.replace("_", " ") for name in law.unknown))] if law.unknown else []
+    if judgement.drivers:
+        said.append(("Reference drivers", "; ".join(map(drive_words, judgement.drivers))))
     if (found := judgement.avoidability) is not None:
         ways = f"{found.evading} of {found.tried} manoeuvres within tyre friction evade it"
         said.append(("Avoidable", f"yes: {ways}" if found.avoidable else f"no: {ways}"))

@@ -8,6 +8,8 @@ Blamed = Literal["ego", "adversary", "both", "nobody"]
 FAULTS: dict[Blamed, str] = {"ego": "planner", "both": "both", "nobody": "unclear", "adversary": "adversary"}
 _BLAME: dict[Blamed | None, int] = {"ego": 0, "both": 0, "nobody": 1, None: 1, "adversary": 2}
 
+NOT_JUDGED = (1, 1, 1, 1)  # the urgency of a crash without a verdict
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -18,11 +20,16 @@ class Verdict:
     avoidable: bool | None
     in_time: bool | None  # avoidable after the adversary had left its log and a driver had reacted
     clean: bool
+    telling: bool | None = None
+    advice: str | None = None  # what a reference driver does instead
+    offences: tuple[str, ...] | None = None  # of the adversary
+    ego_offences: tuple[str, ...] | None = None
+    preventable_by: tuple[str, ...] | None = None  # reference drivers that avoid it
 
     @property
-    def urgency(self) -> tuple[int, int, int]:
-        """Sorts what to fix first."""
-        return _BLAME[self.at_fault], int(not self.in_time), int(not self.clean)
+    def urgency(self) -> tuple[int, int, int, int]:
+        """Sorts what to fix first: what tells something about the planner before the rest."""
+        return int(not self.telling), _BLAME[self.at_fault], int(not self.in_time), int(not self.clean)
 
     @property
     def in_words(self) -> str | None:
@@ -43,9 +50,9 @@ class Crash:
     failed: bool  # the planner itself gave no answer
 
     @property
-    def sort(self) -> tuple[bool, bool, tuple[int, int, int]]:
+    def sort(self) -> tuple[bool, bool, tuple[int, int, int, int]]:
         """What got worse first, then planners that fail, then by their verdict."""
-        return not self.broken, not self.failed, self.verdict.urgency if self.verdict else (1, 1, 1)
+        return not self.broken, not self.failed, self.verdict.urgency if self.verdict else NOT_JUDGED
 
     @property
     def group(self) -> tuple[bool, str, str | None, str | None]:
@@ -61,7 +68,8 @@ class Group:
     kind: str
     why: str  # whose fault, by which rule
     crashes: int
-    in_time: int | None  # of them avoidable in time; None where they have not been judged
+    telling: int | None  # of them telling; None where they have not been judged
+    in_time: int | None  # of them avoidable in time; likewise
     broken: bool
     first: str  # the case to open first
     cases: tuple[str, ...]
@@ -73,7 +81,8 @@ def groups(crashes: Sequence[Crash]) -> list[Group]:
     for crash in crashes:
         found.setdefault(crash.group, []).append(crash)
     ordered = sorted(
-        found.values(), key=lambda alike: (*_first(alike).sort[:2], _blame(alike), -_in_time(alike), -len(alike))
+        found.values(),
+        key=lambda alike: (*_first(alike).sort[:2], -_telling(alike), _blame(alike), -_in_time(alike), -len(alike)),
     )
     return [_group(alike) for alike in ordered]
 
@@ -85,6 +94,7 @@ def _group(alike: Sequence[Crash]) -> Group:
         kind=first.kind,
         why=_why(first),
         crashes=len(alike),
+        telling=_telling(alike) if judged else None,
         in_time=_in_time(alike) if judged else None,
         broken=first.broken,
         first=first.case,
@@ -97,7 +107,11 @@ def _first(alike: Sequence[Crash]) -> Crash:
 
 
 def _blame(alike: Sequence[Crash]) -> int:
-    return alike[0].verdict.urgency[0] if alike[0].verdict else 1
+    return _BLAME[alike[0].verdict.at_fault] if alike[0].verdict else 1
+
+
+def _telling(alike: Sequence[Crash]) -> int:
+    return sum(bool(crash.verdict and crash.verdict.telling) for crash in alike)
 
 
 def _in_time(alike: Sequence[Crash]) -> int:

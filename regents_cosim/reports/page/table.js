@@ -28,6 +28,7 @@ class CaseTable {
 
   chooseColumns() {
     const judged = this.rows.some((row) => row.evasion !== null);
+    const told = this.rows.some((row) => row.telling !== null);
     const blamed = this.rows.some((row) => row.fault !== null);
     const planners = new Set(this.rows.map((row) => row.attacked)).size > 1;
     const compared = this.drivers.length > 1;
@@ -40,6 +41,7 @@ class CaseTable {
       { name: "At", unit: " s", style: "number", value: (row) => least(row.endings.map((hit) => hit && hit.step * row.dt)), digits: 1 },
       { name: "Impact", unit: " m/s", style: "number", value: (row) => greatest(row.endings.map((hit) => hit && hit.impact)), digits: 1 },
       !compared && { name: "Least TTC", unit: " s", style: "number spare", value: (row) => (row.endings[0] ? null : (row.closest[0]?.ttc_s ?? null)), digits: 1 },
+      told && { name: "Telling", labelled: true, value: (row) => tellingOf(row), cell: (row) => [element("span", { className: row.telling ? "yes" : "", textContent: tellingOf(row) })] },
       blamed && { name: "At fault", labelled: true, value: (row) => row.fault, cell: (row) => [element("span", { className: FAULT_LOOK[row.fault] ?? "", textContent: row.fault })] },
       judged && { name: "Avoidable", labelled: true, value: (row) => row.evasion, cell: (row) => [element("span", { className: row.in_time ? "yes" : "", textContent: row.evasion })] },
     ].filter(Boolean);
@@ -144,6 +146,7 @@ const FILTERS = {
   network: { title: "Any network", of: (row) => [row.network] },
   kind: { title: "Any collision", of: (row, drivers) => [...new Set(drivers.map((_, k) => endingOf(row, k)))] },
   fault: { title: "Any fault", of: (row) => [row.fault ? FAULT_WORDS[row.fault] : "not judged"] },
+  telling: { title: "Telling or not", of: (row) => [tellingOf(row) === null ? "no crash" : row.telling === null ? "not known whether telling" : row.telling ? "telling" : "not telling"] },
   avoidable: { title: "Avoidable or not", of: (row) => (row.avoidable === null ? ["not judged"] : row.avoidable ? ["avoidable", `avoidable ${row.evasion}`] : ["unavoidable"]) },
   planner: { title: "Any planner", of: (row, drivers) => (drivers.length > 1 ? drivers.filter((_, k) => row.endings[k]).map((name) => `${name} crashes`) : [row.attacked || "none"]) },
 };
@@ -153,6 +156,12 @@ const FAULT_LOOK = { planner: "blamed", both: "blamed" };
 // Numbers begin with the greatest, but for a time to collision, which is worse the less it is.
 function falls(column) {
   return (column.style ?? "").includes("number") && column.name !== "Least TTC";
+}
+
+// Whether the crash tells something about the planner; null where there is none.
+function tellingOf(row) {
+  if (!row.endings.some(Boolean) || row.clean === null) return null;
+  return row.telling === null ? "not known" : row.telling ? "yes" : "no";
 }
 
 function endingOf(row, k) {
