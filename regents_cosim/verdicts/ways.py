@@ -1,0 +1,315 @@
+"""Where an agent may lawfully drive from where it begins: the lanes that lead on from its own, and lines along them.
+
+The lanes are those that hold it when it is first seen and run its way, those that it drove along in its log, what they
+continue into (every turn that begins there) and the neighbours that one may change to; as far ahead as it could come
+at 1.2 times the limit, or came in its log. Where no lane holds it, because the map has none or it stands beside the
+road, all answers are None: unknown.
+
+Source of the tolerance inside junctions: 1.6 m, half a lane of 3.2 m (SUMO's default width).
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+from shapely.ops import substring
+
+from regents_cosim.frames import wrap
+from regents_cosim.levels import drivable_at
+from regents_cosim.planners.lane_matching import match_lanes
+from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.lane_pieces import lane_pieces, neighbours
+
+OFF_WAY_M = 1.6  # the centre may be so far from the middle of its way through a junction
+OVER_LIMIT = 1.2  # times the limit: what is no speeding
+MOST_WAYS = 12
+
+_BEHIND_M = 20.0  # of where it begins; a lorry is 16 m long
+_ALONG_RAD = np.deg2rad(45.0)
+_LOG_SPACING_M = 2.0  # of the points by which the log is matched
+_LONGEST_M = 500.0
+_MOST_LANES = 200  # that a way may lead over
+_MOST_TRIED = 400  # unfinished ways
+_JOIN_M = 6.0  # over which a way leads from the agent to the middle of its lane
+_CHANGE_S = 4.0  # that a change of lanes takes: 3 to 6 s (Toledo and Zohar 2007)
+_LEAST_CHANGE_M = 15.0
+_SEAM_M = 0.2  # closed between strips
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """One way on: lanes that continue each other, and the line from the agent along their middle."""
+
+    lanes: tuple[Lane, ...]
+    points: Float[np.ndarray, "point 2"]  # [m] the first is the agent's place
+    logged: bool  # the way that its log takes
+    changes: int  # of lanes, to a neighbour
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Where an agent is first seen, and how far it may come."""
+
+    step: int
+    place: tuple[float, float]  # [m]
+    z: float  # [m]
+    yaw: float  # [rad]
+    speed: float  # [m/s]
+    lanes: dict[str, float]  # that hold it and run its way, with the metres from their begin
+    logged: tuple[Lane, ...]  # of its log, in order
+    reach_m: float
+
+
+# --- the lanes ---------------------------------------------------------------------------------------
+
+
+def lawful_lanes(scenario: Scenario, agent: int) -> tuple[Lane, ...] | None:
+    """The lanes that an agent may use within the horizon; None where no lane holds it."""
+    start = _start(scenario, agent)
+    return None if start is None else tuple(scenario.road.lane[name] for name in _reached(scenario.road, start))
+
+
+def _start(scenario: Scenario, agent: int) -> _Start | None:
+    tracks = scenario.tracks if scenario.original is None else scenario.original
+    there = np.flatnonzero(tracks.valid[agent])
+    if not len(there) or not scenario.road.lanes:
+        return None
+    step = int(there[0])
+    x, y, z, yaw, speed = (float(v[agent, step]) for v in (tracks.x, tracks.y, tracks.z, tracks.yaw, tracks.speed))
+    logged, travelled = _logged_lanes(scenario, agent)
+    lanes = _lanes_of(scenario.road, (x, y), z, yaw)
+    if logged and logged[0].id not in lanes:
+        lanes = {logged[0].id: shapely.LineString(logged[0].centre).project(shapely.Point(x, y)), **lanes}
+    if not lanes:
+        return None
+    limit = max(scenario.road.lane[name].speed_limit for name in lanes)
+    seconds = (tracks.steps - 1 - step) * scenario.dt
+    could = OVER_LIMIT * limit * seconds if np.isfinite(limit) else _LONGEST_M
+    reach_m = min(max(could, 1.2 * travelled + 20.0), _LONGEST_M)
+    return _Start(step, (x, y), z, yaw, speed, lanes, logged, reach_m)
+
+
+def _lanes_of(road: RoadMap, place: tuple[float, float], z: float, yaw: float) -> dict[str, float]:
+    at = lane_pieces(road).under(np.array([place]), z)
+    along = np.abs(wrap(at.heading - yaw)) < _ALONG_RAD
+    pairs = zip(at.lane[along].tolist(), at.along[along].tolist(), strict=True)
+    return {road.lanes[lane].id: along for lane, along in pairs}
+
+
+def _logged_lanes(scenario: Scenario, agent: int) -> tuple[tuple[Lane, ...], float]:
+    """The lanes along which an agent drove in its log, each once in a row, and the distance [m]."""
+    tracks = scenario.tracks if scenario.original is None else scenario.original
+    there = tracks.valid[agent]
+    x, y, z, yaw = (values[agent, there] for values in (tracks.x, tracks.y, tracks.z, tracks.yaw))
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    chosen = np.flatnonzero(np.diff(np.floor(driven / _LOG_SPACING_M), prepend=-1.0) > 0)
+    if len(chosen) < 2:  # it stands: its heading alone tells which way its lane runs
+        xy = np.array([[x[0], y[0]], [x[0] + 0.5 * np.cos(yaw[0]), y[0] + 0.5 * np.sin(yaw[0])]])
+        matched = match_lanes(scenario.road, xy, np.full(2, z[0]))
+    else:
+        matched = match_lanes(scenario.road, np.stack([x[chosen], y[chosen]], axis=-1), z[chosen])
+    lanes = [lane for lane in matched if lane is not None]
+    return tuple(lane for lane, before in zip(lanes, [None, *lanes], strict=False) if lane is not before), driven[-1]
+
+
+def _reached(road: RoadMap, start: _Start) -> dict[str, tuple[float, float]]:
+    """The lanes that may be used, with the part of each [m from its begin]; breadth first, with neighbours."""
+    beside = neighbours(road)
+    parts = dict[str, tuple[float, float]]()
+    waiting = [(name, along, start.reach_m) for name, along in start.lanes.items()]
+    waiting += [(lane.id, 0.0, start.reach_m) for lane in start.logged if lane.id not in start.lanes]
+    left = defaultdict[str, float](lambda: -1.0)
+    while waiting and len(parts) < _MOST_LANES:
+        name, along, reach = waiting.pop(0)
+        if reach <= left[name]:
+            continue
+        left[name] = reach
+        lane = road.lane[name]
+        since, until = parts.get(name, (np.inf, -np.inf))
+        parts[name] = min(since, along - _BEHIND_M), max(until, min(along + reach, lane.length))
+        waiting += [(other, _abreast(lane, road.lane[other], along), reach) for other in beside[name]]
+        onward = reach - (lane.length - along)
+        if onward > 0.0:
+            waiting += [(link.target, 0.0, onward) for link in road.exits[name]]
+    return _with_what_is_behind(road, parts, set(start.lanes))
+
+
+def _abreast(lane: Lane, other: Lane, along: float) -> float:
+    """How far [m] from the begin of `other` the place of `lane` is that is `along` it."""
+    return float(shapely.LineString(other.centre).project(shapely.LineString(lane.centre).interpolate(along)))
+
+
+def _with_what_is_behind(
+    road: RoadMap, parts: dict[str, tuple[float, float]], first: set[str]
+) -> dict[str, tuple[float, float]]:
+    """The lanes that lead to the first ones too, where those begin less than 20 m behind the agent."""
+    found = dict(parts)
+    for name in first & parts.keys():
+        for link in _entries(road)[name] if parts[name][0] < 0.0 else ():
+            since = road.lane[link].length + parts[name][0]
+            kept = found.get(link, (np.inf, -np.inf))
+            found[link] = min(kept[0], since), max(kept[1], road.lane[link].length)
+    return found
+
+
+@lru_cache(maxsize=64)
+def _entries(road: RoadMap) -> dict[str, tuple[str, ...]]:
+    found: dict[str, list[str]] = {lane.id: [] for lane in road.lanes}
+    for link in road.connections:
+        found[link.target].append(link.source)
+    return {target: tuple(sources) for target, sources in found.items()}
+
+
+# --- the area ----------------------------------------------------------------------------------------
+
+
+def lawful_area(scenario: Scenario, agent: int) -> BaseGeometry | None:
+    """Where the body of an agent may be [m]; None where that is not known.
+
+    Lanes in their width; ways through a junction so wide that its centre may be 1.6 m off; and what its body swept in
+    its log. Not where only lanes run that it may not use, and that run the other way, nor off the road.
+    """
+    start = _start(scenario, agent)
+    if start is None:
+        return None
+    parts = _reached(scenario.road, start)
+    body = 0.5 * scenario.agents[agent].width
+    wide, own = [], []
+    for name, (since, until) in parts.items():
+        lane = scenario.road.lane[name]
+        line = substring(shapely.LineString(lane.centre), max(since, 0.0), until)
+        if line.length > 0.0:
+            half = 0.5 * lane.width
+            own.append(line.buffer(half, cap_style="flat", quad_segs=2))
+            inside = lane.junction and half < OFF_WAY_M + body
+            wide.append(line.buffer(OFF_WAY_M + body, cap_style="flat", quad_segs=2) if inside else own[-1])
+    lawful = shapely.union_all(own)
+    oncoming = shapely.union_all(_strips(_other_way(scenario.road, parts, lawful)))
+    area = shapely.union_all([shapely.difference(shapely.union_all(wide), oncoming), lawful, _swept(scenario, agent)])
+    area = area.buffer(_SEAM_M, join_style="mitre").buffer(-_SEAM_M, join_style="mitre")
+    road = shapely.clip_by_rect(drivable_at(scenario.road, start.z), *area.bounds)
+    return shapely.intersection(area, road)
+
+
+def _swept(scenario: Scenario, agent: int) -> BaseGeometry:
+    """What the body of an agent swept in its log, about."""
+    tracks = scenario.tracks if scenario.original is None else scenario.original
+    there = tracks.valid[agent]
+    points = np.column_stack([tracks.x[agent, there], tracks.y[agent, there]])
+    if len(points) < 2:
+        return shapely.Point()
+    line = shapely.simplify(shapely.LineString(points), _SEAM_M)
+    return line.buffer(0.5 * scenario.agents[agent].width, cap_style="square", quad_segs=2)
+
+
+def _other_way(road: RoadMap, parts: dict[str, tuple[float, float]], lawful: BaseGeometry) -> list[Lane]:
+    """Lanes outside junctions near the lawful ones that are none of them, and run against those beside them."""
+    near = road.centre_lines.query(lawful, predicate="dwithin", distance=OFF_WAY_M + 2.0)
+    others = [road.lanes[i] for i in near.tolist() if road.lanes[i].id not in parts and not road.lanes[i].junction]
+    own = [road.lane[name] for name in parts]
+    return [lane for lane in others if _against(lane, own)]
+
+
+def _against(lane: Lane, own: list[Lane]) -> bool:
+    """Whether a lane runs against the nearest of `own` where the two come closest."""
+    lines = [shapely.LineString(one.centre) for one in own]
+    line = shapely.LineString(lane.centre)
+    nearest = int(np.argmin(shapely.distance(lines, line)))
+    place = shapely.Point(shapely.shortest_line(line, lines[nearest]).coords[0])
+    ahead = [_direction(one, place) for one in (line, lines[nearest])]
+    return float(ahead[0] @ ahead[1]) < 0.0
+
+
+def _direction(line: shapely.LineString, place: shapely.Point) -> Float[np.ndarray, " 2"]:
+    at = min(max(line.project(place), 0.5), max(line.length - 0.5, 0.0))
+    a, b = (np.array(line.interpolate(max(at + d, 0.0)).coords[0]) for d in (-0.5, 0.5))
+    return b - a
+
+
+def _strips(lanes: list[Lane]) -> list[BaseGeometry]:
+    return [shapely.LineString(lane.centre).buffer(0.5 * lane.width, cap_style="flat", quad_segs=2) for lane in lanes]
+
+
+# --- the ways ----------------------------------------------------------------------------------------
+
+
+def ways_ahead(scenario: Scenario, agent: int, reach_m: float | None = None, most: int = MOST_WAYS) -> tuple[Way, ...]:
+    """The ways that an agent may take from where it is first seen, `reach_m` long or as far as it could come.
+
+    One for each turn that it might take, and for each change to a neighbour within the first seconds. First the one
+    that its log takes, then those that differ from that least; at most `most`. Empty where no lane holds the agent.
+    """
+    start = _start(scenario, agent)
+    if start is None:
+        return ()
+    reach_m = start.reach_m if reach_m is None else reach_m
+    tried = sorted(_sequences(scenario.road, start, reach_m), key=lambda one: one[0])
+    return tuple(_way(scenario.road, start, lanes, reach_m, choices == 0) for (choices, _), lanes in tried[:most])
+
+
+_Rank = tuple[int, float]  # choices other than the log's or the straightest, and where the first of them is made [m]
+
+
+def _sequences(road: RoadMap, start: _Start, reach_m: float) -> list[tuple[_Rank, tuple[str, ...]]]:
+    """Lanes one after another from the agent on, with how far they are from the logged ones."""
+    follows = {a.id: b.id for a, b in pairwise(start.logged)}
+    first = start.logged[0].id if start.logged else next(iter(start.lanes))
+    begun = start.lanes.items()
+    waiting: list[tuple[_Rank, tuple[str, ...], float]] = [
+        ((0 if name == first else 1, 0.0), (name,), reach_m + along) for name, along in begun
+    ]
+    done = list[tuple[_Rank, tuple[str, ...]]]()
+    while waiting and len(done) + len(waiting) < _MOST_TRIED:
+        (choices, where), lanes, left = waiting.pop(0)
+        here = road.lane[lanes[-1]]
+        travelled = reach_m - left
+        changed = len(lanes) > 1 and lanes[-1] in neighbours(road)[lanes[-2]]
+        if not changed and (len(lanes) == 1 or follows.get(here.id) in neighbours(road)[here.id]):
+            for other in neighbours(road)[here.id]:
+                rank = (choices, where) if follows.get(here.id) == other else (choices + 1, where or travelled)
+                waiting.append((rank, (*lanes, other), left))
+        onward = [link.target for link in road.exits[here.id] if link.target not in lanes]
+        if left <= here.length or not onward:
+            done.append(((choices, where), lanes))
+            continue
+        wanted = follows.get(here.id) if follows.get(here.id) in onward else _straightest(road, here, onward)
+        for other in onward:
+            rank = (choices, where) if other == wanted else (choices + 1, where or travelled)
+            waiting.append((rank, (*lanes, other), left - here.length))
+    return done
+
+
+def _straightest(road: RoadMap, lane: Lane, onward: list[str]) -> str:
+    out = _end_heading(lane)
+    return min(onward, key=lambda name: abs(wrap(_end_heading(road.lane[name]) - out)))
+
+
+def _end_heading(lane: Lane) -> float:
+    (x0, y0), (x1, y1) = lane.centre[-2:]
+    return float(np.arctan2(y1 - y0, x1 - x0))
+
+
+def _way(road: RoadMap, start: _Start, names: tuple[str, ...], reach_m: float, logged: bool) -> Way:
+    lanes = tuple(road.lane[name] for name in names)
+    points = [np.array([start.place])]
+    since, changes, left = start.lanes[names[0]] + _JOIN_M, 0, reach_m - _JOIN_M
+    for lane, after in zip(lanes, [*lanes[1:], None], strict=True):
+        line = shapely.LineString(lane.centre)
+        if after is not None and after.id in neighbours(road)[lane.id]:
+            points.append(shapely.get_coordinates(line.interpolate(since)))
+            since = _abreast(lane, after, since) + max(_CHANGE_S * start.speed, _LEAST_CHANGE_M)
+            changes += 1
+            continue
+        piece = substring(line, min(since, line.length), min(since + left, line.length))
+        points.append(shapely.get_coordinates(piece))
+        left -= max(line.length - since, 0.0)
+        since = max(since - line.length, 0.0)
+    path = np.concatenate(points)
+    apart = np.hypot(*np.diff(path, axis=0, prepend=path[:1] - 1.0).T) > 1e-3
+    return Way(lanes, path[apart], logged, changes)
