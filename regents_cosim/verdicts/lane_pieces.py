@@ -114,13 +114,24 @@ def lane_pieces(road: RoadMap) -> LanePieces:
     )
 
 
+@functools.lru_cache(maxsize=64)
+def lane_lines(road: RoadMap) -> dict[str, shapely.LineString]:
+    """The centre line of every lane, with as few points as it needs."""
+    return {lane.id: _smooth(lane) for lane in road.lanes}
+
+
+def _smooth(lane: Lane) -> shapely.LineString:
+    line = shapely.LineString(lane.centre)
+    fewer = shapely.simplify(line, _SMOOTH_M, preserve_topology=False)
+    return line if fewer.is_empty else fewer
+
+
 def _line(lane: Lane) -> Float[np.ndarray, "point 3"]:
     """Points of a centre line with heights, none of them twice in a row."""
     points = np.column_stack([lane.centre, lane.height])
     if not lane.height.any():
-        line = shapely.simplify(shapely.LineString(lane.centre), _SMOOTH_M, preserve_topology=False)
-        flat = shapely.get_coordinates(line)
-        points = np.column_stack([flat, np.zeros(len(flat))]) if len(flat) else points
+        flat = shapely.get_coordinates(_smooth(lane))
+        points = np.column_stack([flat, np.zeros(len(flat))])
     moved = np.hypot(*np.diff(points[:, :2], axis=0, prepend=points[:1, :2] - 1.0).T)
     return points[moved > _LEAST_M]
 

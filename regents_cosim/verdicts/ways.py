@@ -24,7 +24,7 @@ from regents_cosim.levels import drivable_at
 from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.lane_pieces import lane_pieces, neighbours
+from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces, neighbours
 
 OFF_WAY_M = 1.6  # the centre may be so far from the middle of its way through a junction
 OVER_LIMIT = 1.2  # times the limit: what is no speeding
@@ -85,7 +85,7 @@ def _start(scenario: Scenario, agent: int) -> _Start | None:
     logged, travelled = _logged_lanes(scenario, agent)
     lanes = _lanes_of(scenario.road, (x, y), z, yaw)
     if logged and logged[0].id not in lanes:
-        lanes = {logged[0].id: shapely.LineString(logged[0].centre).project(shapely.Point(x, y)), **lanes}
+        lanes = {logged[0].id: lane_lines(scenario.road)[logged[0].id].project(shapely.Point(x, y)), **lanes}
     if not lanes:
         return None
     limit = max(scenario.road.lane[name].speed_limit for name in lanes)
@@ -133,16 +133,17 @@ def _reached(road: RoadMap, start: _Start) -> dict[str, tuple[float, float]]:
         lane = road.lane[name]
         since, until = parts.get(name, (np.inf, -np.inf))
         parts[name] = min(since, along - _BEHIND_M), max(until, min(along + reach, lane.length))
-        waiting += [(other, _abreast(lane, road.lane[other], along), reach) for other in beside[name]]
+        waiting += [(other, _abreast(road, name, other, along), reach) for other in beside[name]]
         onward = reach - (lane.length - along)
         if onward > 0.0:
-            waiting += [(link.target, 0.0, onward) for link in road.exits[name]]
+            waiting += [(target, 0.0, onward) for target in onward_lanes(road)[name]]
     return _with_what_is_behind(road, parts, set(start.lanes))
 
 
-def _abreast(lane: Lane, other: Lane, along: float) -> float:
-    """How far [m] from the begin of `other` the place of `lane` is that is `along` it."""
-    return float(shapely.LineString(other.centre).project(shapely.LineString(lane.centre).interpolate(along)))
+def _abreast(road: RoadMap, name: str, other: str, along: float) -> float:
+    """How far [m] from the begin of lane `other` the place of a lane is that is `along` it."""
+    lines = lane_lines(road)
+    return float(lines[other].project(lines[name].interpolate(along)))
 
 
 def _with_what_is_behind(
@@ -159,10 +160,24 @@ def _with_what_is_behind(
 
 
 @lru_cache(maxsize=64)
+def onward_lanes(road: RoadMap) -> dict[str, tuple[str, ...]]:
+    """For every lane those that continue it; a map that joins lanes by place may join two that lie on each other."""
+    return {
+        name: tuple(link.target for link in links if _continues(road.lane[name], road.lane[link.target]))
+        for name, links in road.exits.items()
+    }
+
+
+def _continues(lane: Lane, onward: Lane) -> bool:
+    return float((lane.centre[-1] - lane.centre[-2]) @ (onward.centre[1] - onward.centre[0])) >= 0.0
+
+
+@lru_cache(maxsize=64)
 def _entries(road: RoadMap) -> dict[str, tuple[str, ...]]:
     found: dict[str, list[str]] = {lane.id: [] for lane in road.lanes}
-    for link in road.connections:
-        found[link.target].append(link.source)
+    for source, targets in onward_lanes(road).items():
+        for target in targets:
+            found[target].append(source)
     return {target: tuple(sources) for target, sources in found.items()}
 
 
@@ -183,14 +198,14 @@ def lawful_area(scenario: Scenario, agent: int) -> BaseGeometry | None:
     wide, own = [], []
     for name, (since, until) in parts.items():
         lane = scenario.road.lane[name]
-        line = substring(shapely.LineString(lane.centre), max(since, 0.0), until)
+        line = substring(lane_lines(scenario.road)[name], max(since, 0.0), until)
         if line.length > 0.0:
             half = 0.5 * lane.width
             own.append(line.buffer(half, cap_style="flat", quad_segs=2))
             inside = lane.junction and half < OFF_WAY_M + body
             wide.append(line.buffer(OFF_WAY_M + body, cap_style="flat", quad_segs=2) if inside else own[-1])
     lawful = shapely.union_all(own)
-    oncoming = shapely.union_all(_strips(_other_way(scenario.road, parts, lawful)))
+    oncoming = shapely.union_all(_oncoming_strips(scenario.road, parts, lawful))
     area = shapely.union_all([shapely.difference(shapely.union_all(wide), oncoming), lawful, _swept(scenario, agent)])
     area = area.buffer(_SEAM_M, join_style="mitre").buffer(-_SEAM_M, join_style="mitre")
     road = shapely.clip_by_rect(drivable_at(scenario.road, start.z), *area.bounds)
@@ -208,18 +223,21 @@ def _swept(scenario: Scenario, agent: int) -> BaseGeometry:
     return line.buffer(0.5 * scenario.agents[agent].width, cap_style="square", quad_segs=2)
 
 
-def _other_way(road: RoadMap, parts: dict[str, tuple[float, float]], lawful: BaseGeometry) -> list[Lane]:
+def _oncoming_strips(road: RoadMap, parts: dict[str, tuple[float, float]], lawful: BaseGeometry) -> list[BaseGeometry]:
     """Lanes outside junctions near the lawful ones that are none of them, and run against those beside them."""
     near = road.centre_lines.query(lawful, predicate="dwithin", distance=OFF_WAY_M + 2.0)
     others = [road.lanes[i] for i in near.tolist() if road.lanes[i].id not in parts and not road.lanes[i].junction]
-    own = [road.lane[name] for name in parts]
-    return [lane for lane in others if _against(lane, own)]
+    lines = lane_lines(road)
+    own = [lines[name] for name in parts]
+    return [
+        lines[lane.id].buffer(0.5 * lane.width, cap_style="flat", quad_segs=2)
+        for lane in others
+        if _against(lines[lane.id], own)
+    ]
 
 
-def _against(lane: Lane, own: list[Lane]) -> bool:
-    """Whether a lane runs against the nearest of `own` where the two come closest."""
-    lines = [shapely.LineString(one.centre) for one in own]
-    line = shapely.LineString(lane.centre)
+def _against(line: shapely.LineString, lines: list[shapely.LineString]) -> bool:
+    """Whether a line runs against the nearest of `lines` where the two come closest."""
     nearest = int(np.argmin(shapely.distance(lines, line)))
     place = shapely.Point(shapely.shortest_line(line, lines[nearest]).coords[0])
     ahead = [_direction(one, place) for one in (line, lines[nearest])]
@@ -230,10 +248,6 @@ def _direction(line: shapely.LineString, place: shapely.Point) -> Float[np.ndarr
     at = min(max(line.project(place), 0.5), max(line.length - 0.5, 0.0))
     a, b = (np.array(line.interpolate(max(at + d, 0.0)).coords[0]) for d in (-0.5, 0.5))
     return b - a
-
-
-def _strips(lanes: list[Lane]) -> list[BaseGeometry]:
-    return [shapely.LineString(lane.centre).buffer(0.5 * lane.width, cap_style="flat", quad_segs=2) for lane in lanes]
 
 
 # --- the ways ----------------------------------------------------------------------------------------
@@ -274,7 +288,7 @@ def _sequences(road: RoadMap, start: _Start, reach_m: float) -> list[tuple[_Rank
             for other in neighbours(road)[here.id]:
                 rank = (choices, where) if follows.get(here.id) == other else (choices + 1, where or travelled)
                 waiting.append((rank, (*lanes, other), left))
-        onward = [link.target for link in road.exits[here.id] if link.target not in lanes]
+        onward = [target for target in onward_lanes(road)[here.id] if target not in lanes]
         if left <= here.length or not onward:
             done.append(((choices, where), lanes))
             continue
@@ -300,10 +314,10 @@ def _way(road: RoadMap, start: _Start, names: tuple[str, ...], reach_m: float, l
     points = [np.array([start.place])]
     since, changes, left = start.lanes[names[0]] + _JOIN_M, 0, reach_m - _JOIN_M
     for lane, after in zip(lanes, [*lanes[1:], None], strict=True):
-        line = shapely.LineString(lane.centre)
+        line = lane_lines(road)[lane.id]
         if after is not None and after.id in neighbours(road)[lane.id]:
             points.append(shapely.get_coordinates(line.interpolate(since)))
-            since = _abreast(lane, after, since) + max(_CHANGE_S * start.speed, _LEAST_CHANGE_M)
+            since = _abreast(road, lane.id, after.id, since) + max(_CHANGE_S * start.speed, _LEAST_CHANGE_M)
             changes += 1
             continue
         piece = substring(line, min(since, line.length), min(since + left, line.length))

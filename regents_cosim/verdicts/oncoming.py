@@ -1,0 +1,63 @@
+"""Which places belong to oncoming traffic alone: lanes are there, and all of them run the other way.
+
+Where lanes of both directions lie on each other (a narrow road drawn as one, turns that cross in a junction) no place
+is oncoming: no centre line is known there.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.boxes import Boxes, Values
+from regents_cosim.frames import wrap
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.verdicts.lane_pieces import lane_pieces
+
+OTHER_WAY_RAD = np.deg2rad(90.0)
+_ALONG, _ACROSS = 12, 6  # samples of a body: each stands for 1.4 % of it
+
+
+def oncoming(
+    road: RoadMap, points: Float[np.ndarray, "*axes 2"], heading: Values, z: Values = 0.0
+) -> Bool[np.ndarray, "*axes"]:
+    """Whether only lanes run at points [m] that lead against a heading [rad] there, by more than 90 degrees."""
+    shape = points.shape[:-1]
+    heading, z = (np.broadcast_to(values, shape).ravel() for values in (heading, z))
+    at = lane_pieces(road).under(points.reshape(-1, 2), z)
+    against = np.abs(wrap(at.heading - heading[at.point])) > OTHER_WAY_RAD
+    lanes = np.bincount(at.point, minlength=len(heading))
+    return ((lanes > 0) & (np.bincount(at.point, against, minlength=len(heading)) == lanes)).reshape(shape)
+
+
+def oncoming_share(road: RoadMap, boxes: Boxes) -> Float[np.ndarray, "*axes"]:
+    """The share (0 to 1) of each body that is on oncoming lanes alone, by 72 places of it."""
+    values = np.broadcast_arrays(*boxes)
+    x, y, yaw, length, width, z = (np.ravel(one).astype(float) for one in values)
+    share = np.zeros(x.size)
+    near = np.flatnonzero(_near_other_way(road, Boxes(x, y, yaw, length, width, z)))
+    if len(near):
+        places = _places(*(one[near] for one in (x, y, yaw, length, width)))
+        share[near] = oncoming(road, places, yaw[near, None], z[near, None]).mean(axis=1)
+    return share.reshape(np.shape(values[0]))
+
+
+def _near_other_way(road: RoadMap, box: Boxes) -> Bool[np.ndarray, " box"]:
+    """Which bodies may touch a lane that runs the other way, by five places along the middle of each."""
+    x, y, yaw, length, z = (np.asarray(values)[:, None] for values in (box.x, box.y, box.yaw, box.length, box.z))
+    along = np.linspace(-0.5, 0.5, 5) * length
+    middle = np.stack([x + along * np.cos(yaw), y + along * np.sin(yaw)], axis=-1)
+    reach = 0.5 * float(np.max(box.width, initial=0.0))
+    at = lane_pieces(road).under(middle.reshape(-1, 2), np.repeat(z, 5), reach)
+    against = np.abs(wrap(at.heading - yaw[at.point // 5, 0])) > OTHER_WAY_RAD
+    found = np.zeros(len(yaw), bool)
+    found[at.point[against] // 5] = True
+    return found
+
+
+def _places(
+    x: np.ndarray, y: np.ndarray, yaw: np.ndarray, length: np.ndarray, width: np.ndarray
+) -> Float[np.ndarray, "box place 2"]:
+    """The middles of cells that divide each body evenly."""
+    along, across = np.meshgrid(*((np.arange(n) + 0.5) / n - 0.5 for n in (_ALONG, _ACROSS)))
+    ahead, left = along.ravel() * length[:, None], across.ravel() * width[:, None]
+    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    return np.stack([x[:, None] + ahead * cos - left * sin, y[:, None] + ahead * sin + left * cos], axis=-1)
