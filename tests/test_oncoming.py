@@ -71,4 +71,4 @@ def test_the_share_is_that_of_the_areas(x, y, yaw):
         strips[bool((lane.centre[-1] - lane.centre[0]) @ ahead < 0)].append(strip)
     area = shapely.Polygon(corners(body(y, yaw, x)))
     only = shapely.union_all(strips[True]).difference(shapely.union_all(strips[False]))
-    assert found == pytest.approx(area.intersection(only).area / area.area, abs=0.06)
+    assert found == pytest.approx(area.intersection(only).area / area.area, abs=0.09)  # a sixth of the width is one row
