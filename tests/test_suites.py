@@ -18,7 +18,7 @@ from regents_cosim.evaluation.cards import Card, card_of
 from regents_cosim.evaluation.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.suite_building import Recipe, build, follows
 from regents_cosim.evaluation.suites import write_suite
-from regents_cosim.files import content_hash, load_suite
+from regents_cosim.files import content_hash, load_case, load_suite
 from regents_cosim.suite import SuiteWriter
 
 KINDS = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on")
@@ -226,3 +226,36 @@ def test_merge(tmp_path, capsys):
     assert "case follows is in" in err
     assert not (tmp_path / "clash").exists()
     assert regents(capsys, "merge", one, "-o", tmp_path / "alone")[0] == 2
+
+
+def test_judging_again_keeps_what_was_accepted(tmp_path, capsys):
+    """A suite of an older version: its crashes are not judged, one has a picture, and a baseline was accepted."""
+    folder = regression_cases.write(tmp_path / "suite")
+    hashes = {entry.case: entry.hash for entry in load_suite(folder).cases}
+    accepted = {case: Driven(digest, "no_collision") for case, digest in hashes.items()}
+    save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", accepted, accepted))
+    (folder / "pushes" / "still.png").write_bytes(b"old")
+    (folder / "notes.txt").write_text("mine")
+
+    code, out, _ = regents(capsys, "judge", folder, "-o", tmp_path / "judged", "--json")
+    rows = {row["case"]: row for row in json.loads(out)}
+    assert (code, sorted(rows)) == (0, ["pushes", "squeezes_in"])
+    assert rows["pushes"]["before"] is None
+    assert {entry.case: entry.hash for entry in load_suite(folder).cases} == hashes, "the suite itself stays"
+
+    assert regents(capsys, "judge", folder)[0] == 0
+    for suite in (folder, tmp_path / "judged"):
+        now = {entry.case: entry.hash for entry in load_suite(suite).cases}
+        assert {case for case in now if now[case] != hashes[case]} == {"pushes", "squeezes_in"}
+        assert {
+            case: one.hash for case, one in load_baseline(suite / "baseline.json").of("idm", "mirror").items()
+        } == now
+        assert load_case(suite / "pushes").judgement == load_case(folder / "pushes").judgement
+        assert (suite / "pushes" / "still.png").read_bytes()[:4] == b"\x89PNG"
+        assert regents(capsys, "check", suite)[0] == 0
+    assert (folder / "notes.txt").read_text() == "mine"
+    again = {entry.case: entry.hash for entry in load_suite(folder).cases}
+    assert regents(capsys, "judge", folder)[0] == 0
+    assert {entry.case: entry.hash for entry in load_suite(folder).cases} == again, "the same verdicts, the same bytes"
+    code, _, err = regents(capsys, "judge", tmp_path)
+    assert (code, "is no suite" in err) == (2, True)

@@ -76,10 +76,8 @@ def test_a_failure_says_it_on_a_line_of_its_own():
 
 
 def test_the_properties_of_a_case():
-    card = Card(
-        "c", "grid", "t_bone", True, True, "idm", "king", "car1", "w", "h", True, ("tailgating",), ("careful", "rss")
-    )
+    card = Card("c", "grid", "t_bone", True, True, "idm", "king", "car1", "w", "h", True, "tailgating", "careful, rss")
     assert card.properties == [("telling", "yes"), ("offences", "tailgating"), ("preventable_by", "careful, rss")]
-    unknown = replace(card, telling=None, offences=None, preventable_by=())
+    unknown = replace(card, telling=None, offences=None, preventable_by="")
     assert unknown.properties == [("telling", "not known"), ("offences", "not known"), ("preventable_by", "none")]
     assert replace(card, clean=None).properties == []

@@ -147,6 +147,41 @@ def check(suite: Cases, *, replay: bool = False, talk: Talk = Talk()) -> int:
 
 
 @suites.command
+def judge(
+    suite: Cases, *, output: Annotated[Path | None, Parameter(["--output", "-o"])] = None, talk: Talk = Talk()
+) -> int:
+    """Judge the crashes of a suite by the verdicts of today: which of them tell something about the planner.
+
+    A case keeps the judgement that it was made with; older ones know of no law and no reference drivers. What was
+    accepted in the suite's baseline stays accepted.
+
+    Parameters
+    ----------
+    suite
+        a folder of cases
+    output
+        folder for the cases as they are judged now; by default the suite itself
+    """
+    from regents_cosim.evaluation.suites import judge_into
+    from regents_cosim.reports.picture import draw_still
+    from regents_cosim.reports.tables import JUDGED, judged_row, summary
+    from regents_cosim.shipped import require_own
+
+    terminal = open_terminal(talk)
+    folder = output or suite
+    require_own(folder, "--output")
+    drawn = {still.parent.name for still in suite.glob("*/still.png")}
+    judged = judge_into(folder, suite, lambda done, of: terminal.each(done, "judging", of))
+    for _, case in terminal.each([pair for pair in judged if pair[1].id in drawn], "drawing", len(drawn)):
+        draw_still(case, folder / case.id / "still.png")
+    crashes = [pair for pair in judged if pair[1].judgement]
+    rows = [judged_row(before, after) for before, after in crashes]
+    note = summary([after for _, after in judged], {})
+    terminal.show(f"{len(rows)} crashes judged, of {len(judged)} cases in {folder}", rows, note, JUDGED)
+    return 0
+
+
+@suites.command
 def merge(
     *folders: Cases,
     output: Annotated[Path, Parameter(["--output", "-o"])],

@@ -89,6 +89,19 @@ class Baseline:
         simulators = {**self.planners.get(planner, {}), where: entries}
         return replace(self, planners={**self.planners, planner: simulators}, versions=versions())
 
+    def rehashed(self, hashes: Mapping[str, tuple[str, str]]) -> "Baseline":
+        """With the new hash in place of the old one, by case, where it was accepted of the case as it was."""
+
+        def entry(case: str, driven: Driven) -> Driven:
+            old, new = hashes.get(case, ("", ""))
+            return replace(driven, hash=new) if driven.hash == old else driven
+
+        planners = {
+            planner: {where: {c: entry(c, one) for c, one in entries.items()} for where, entries in simulators.items()}
+            for planner, simulators in self.planners.items()
+        }
+        return replace(self, planners=planners)
+
 
 @dataclass(frozen=True)
 class _Schema:

@@ -23,8 +23,8 @@ class Card:
     window: str  # the recorded case behind it
     hash: str
     telling: bool | None = None  # clean, the adversary lawful, and a careful driver avoids it; None: not known
-    offences: tuple[str, ...] | None = None  # of the adversary; None: not judged
-    preventable_by: tuple[str, ...] | None = None  # reference drivers that avoid it; None: not judged
+    offences: str | None = None  # of the adversary, with commas between them; None: not judged
+    preventable_by: str | None = None  # reference drivers that avoid it, likewise
 
     @property
     def properties(self) -> list[tuple[str, str]]:
@@ -33,7 +33,7 @@ class Card:
             return []
         said = {None: "not known", True: "yes", False: "no"}
         listed = {"offences": self.offences, "preventable_by": self.preventable_by}
-        words = [(name, "not known" if of is None else ", ".join(of) or "none") for name, of in listed.items()]
+        words = [(name, "not known" if of is None else of or "none") for name, of in listed.items()]
         return [("telling", said[self.telling]), *words]
 
     @property
@@ -70,8 +70,8 @@ def card(case: Header | Scenario, digest: str) -> Card:
         adversary=hit.agent if hit else None,
         window=attack.case if attack else case.id,
         hash=digest,
-        offences=tuple(offence.name for offence in law.adversary) if law else None,
-        preventable_by=judgement.preventable_by if judgement and judgement.drivers else None,
+        offences=", ".join(offence.name for offence in law.adversary) if law else None,
+        preventable_by=", ".join(judgement.preventable_by) if judgement and judgement.drivers else None,
     )
 
 

@@ -1,6 +1,6 @@
 """Suites as a whole: written at once, checked, merged."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +14,7 @@ from regents_cosim.provenance import command, versions
 from regents_cosim.scenario import Scenario
 from regents_cosim.suite_code import code_for_pytest
 from regents_cosim.swap import restore
+from regents_cosim.verdicts.judgement import judge_each
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,27 @@ def merge_into(folder: Path, suites: Sequence[Path], seed: int) -> int:
         cases, baseline = merge(suites)
         _replace(folder, cases, seed, baseline)
     return len(cases)
+
+
+Watch = Callable[[Iterator[Scenario], int], Iterator[Scenario]]  # passes on what is done, of so many
+
+
+def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) -> list[tuple[Scenario, Scenario]]:
+    """Let `folder`, which may be `suite` itself, hold its cases as they are judged today; each before and after.
+
+    Cases without a crash stay as they are. What was accepted of a case stays accepted: nobody drives otherwise for a
+    judgement. Raises RegentsError as `write_suite` does.
+    """
+    require_place(folder)
+    with explain_write(folder), _alone_in(folder):
+        listed = load_suite(suite)
+        before = [load_case(suite / entry.case) for entry in listed.cases]
+        after = list(watch(judge_each(before), len(before)))
+        new = {one.id: content_hash(one) for one in after}
+        old = {entry.case: entry.hash for entry in listed.cases}
+        baseline = load_baseline(suite / FILE).rehashed({name: (old[name], new[name]) for name in new})
+        _replace(folder, after, listed.seed, baseline)
+    return list(zip(before, after, strict=True))
 
 
 def require_place(folder: Path) -> None:

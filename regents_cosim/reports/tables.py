@@ -23,6 +23,7 @@ DRIVEN = (
 COMPARED = ("case", "verdict", "now")
 LISTED = ("case", "kind", "telling", "clean", "avoidable")
 CHECKED = ("case", "problem")
+JUDGED = ("case", "telling", "before", "clean", "offences", "preventable_by")
 TRANSFERRED = ("place", "cases", "crashes", "same_crash", "same_crash_percent", "interval_percent")
 IN_HIGHWAY = ("environment", "method", "ego", "n", "successes", "success_percent", "track_same", "actions_same")
 CROSSED = ("adversaries_of", "planner", "n", "crashes", "crash_percent", "interval_percent")
@@ -98,6 +99,14 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
         "preventable_by": ", ".join(judged.preventable_by) if judged and judged.drivers else None,
         "SUMO_verified": replay.verified if replay else None,
     }
+
+
+def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
+    """A crash that was judged again; `before`: whether it was telling by its older judgement."""
+    row = attack_row(after, None)
+    shown = ("case", "kind", "telling", "clean", "avoidable", "lawful", "offences", "preventable_by")
+    was = before.judgement.telling if before.judgement else None
+    return {**{name: row[name] for name in shown}, "before": was}
 
 
 def summary(attacked: Sequence[Scenario], replays: Mapping[str, Replay]) -> str:
