@@ -125,10 +125,10 @@ def test_both_drift_into_each_other():
 
 @pytest.mark.parametrize(("edge", "rule"), [(-1.1, "off_road"), (-1.3, "rear_end")])
 def test_an_adversary_off_the_road(edge, rule):
-    # its right side is at -1.5 m: 0.4 m beyond the edge, or 0.2 m
+    # its right side comes to -1.5 m: 0.4 m beyond the edge, or 0.2 m
     road = replace(straight_road(), drivable=shapely.box(-200.0, edge, 600.0, 8.0))
-    found = blamed(scene((0, 0, 10), (45, -0.6, 1), road=road))
-    assert found == (("adversary" if rule == "off_road" else "ego"), rule)
+    made = moving(scene((0, 0, 10), (45, 0, 1), road=road), 1, y=lane_change(1.0, 0.0, -0.6))
+    assert blamed(made) == (("adversary" if rule == "off_road" else "ego"), rule)
 
 
 def test_against_the_direction_of_the_lane():

@@ -33,7 +33,7 @@ def test_a_place_is_oncoming_where_all_lanes_run_the_other_way():
 
 @pytest.mark.parametrize(("y", "share"), [(0.0, 0.0), (0.6, 0.0), (1.5, 0.5), (0.9, 1 / 6), (3.0, 1.0), (6.0, 0.0)])
 def test_the_share_of_a_body(y, share):
-    assert float(oncoming_share(two_way(), body(y))) == pytest.approx(share, abs=0.02)
+    assert float(oncoming_share(two_way(), body(y))) == pytest.approx(share, abs=0.05)
 
 
 def test_lanes_drawn_on_each_other_are_never_oncoming():
@@ -71,4 +71,4 @@ def test_the_share_is_that_of_the_areas(x, y, yaw):
         strips[bool((lane.centre[-1] - lane.centre[0]) @ ahead < 0)].append(strip)
     area = shapely.Polygon(corners(body(y, yaw, x)))
     only = shapely.union_all(strips[True]).difference(shapely.union_all(strips[False]))
-    assert found == pytest.approx(area.intersection(only).area / area.area, abs=0.09)  # a sixth of the width is one row
+    assert found == pytest.approx(area.intersection(only).area / area.area, abs=0.06)  # a tenth of the width is one row

@@ -2,11 +2,11 @@
 
 The safe distance and the duty of whoever cuts in follow RSS, Responsibility-Sensitive Safety (Shalev-Shwartz, Shammah
 and Shashua 2017, "On a formal model of safe and scalable self-driving cars"); the rest follows the Vienna Conventions
-of 1968 on Road Traffic and on Road Signs and Signals. No rule decides what the data does not tell, such as
-who had priority at a crossing without lights.
+of 1968 on Road Traffic and on Road Signs and Signals. What the two did against the law is measured by `offences`,
+whatever their logs did. No rule decides what the data does not tell, such as who had priority at a crossing of a map
+that names none.
 """
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,13 +15,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 import shapely
 
-from regents_cosim.boxes import Boxes, corners, same_level
+from regents_cosim.boxes import same_level
 from regents_cosim.frames import wrap
-from regents_cosim.levels import beyond_road, height_on
-from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M, STANDING_M_S
-from regents_cosim.planners.lane_matching import match_lanes
+from regents_cosim.levels import height_on
+from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.roadmap import Lane
-from regents_cosim.scenario import Collision, Fault, Scenario
+from regents_cosim.scenario import Collision, Fault, OffenceName, Scenario
+from regents_cosim.verdicts.drive import Act, gaps
+from regents_cosim.verdicts.offences import acts
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
 
@@ -53,6 +54,10 @@ _EGO = 0
 _MERGED_S = 2.0  # whoever came into the lane no longer ago has cut in
 _STOOD_S = 1.0
 _AGAINST_RAD = np.deg2rad(135.0)
+_LATE_S = 1.0  # an offence that ended longer before the crash did not lead to it
+_TURN_S = 3.0
+_TURNED_RAD = np.deg2rad(25.0)
+_STRAIGHT_RAD = np.deg2rad(12.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +92,27 @@ class Crash:
 
     def gaps(self, follower: int, leader: int, step: int) -> tuple[float, float]:
         """Bumper to bumper [m] along the follower's heading, and side to side [m]; negative where they overlap."""
-        tracks, agents = self.scenario.tracks, self.scenario.agents
-        dx, dy = (float(v[leader, step] - v[follower, step]) for v in (tracks.x, tracks.y))
-        yaw = float(tracks.yaw[follower, step])
-        ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
-        turn = float(wrap(tracks.yaw[leader, step] - yaw))
-        cos, sin = abs(np.cos(turn)), abs(np.sin(turn))
-        one, two = agents[follower], agents[leader]
-        along = 0.5 * (one.length + two.length * cos + two.width * sin)
-        across = 0.5 * (one.width + two.length * sin + two.width * cos)
-        return ahead - along, abs(left) - across
+        return gaps(self.scenario, follower, leader, step)
+
+    def acts(self, name: OffenceName) -> dict[int, Act]:
+        """Who of the two did something against the law, and what."""
+        return acts(self.scenario, name, self.hit.step, (_EGO, self.other))
+
+    def late_acts(self, name: OffenceName) -> dict[int, Act]:
+        """The same, where it went on to within a second of the crash and who did it was not standing then."""
+        since = self.hit.step - _LATE_S / self.scenario.dt
+        return {
+            agent: act
+            for agent, act in self.acts(name).items()
+            if act.step + act.steps - 1 >= since and self.speed(agent, self.before) > STANDING_M_S
+        }
+
+    def turned(self, agent: int) -> float:
+        """By how much its heading changed over the last seconds [rad], positive to the left."""
+        first = max(self.before - round(_TURN_S / self.scenario.dt), 0)
+        steps = np.arange(first, self.before + 1)[self.scenario.tracks.valid[agent, first : self.before + 1]]
+        yaw = np.unwrap(self.scenario.tracks.yaw[agent, steps])
+        return float(yaw[-1] - yaw[0])
 
     @cached_property
     def lately(self) -> int:
@@ -118,39 +134,6 @@ class Crash:
         )
         return abs(float(np.sum(dy * np.cos(road) - dx * np.sin(road))))
 
-    def off_road(self, agent: int) -> float:
-        """How far [m] its furthest corner is off the road at the crash."""
-        at = [np.broadcast_to(v, self.scenario.tracks.x.shape)[agent, self.hit.step] for v in self.scenario.boxes]
-        box = Boxes(*at)
-        return float(beyond_road(self.scenario.road, corners(box), box.z).max())
-
-    def lanes(self, agent: int) -> list[Lane | None]:
-        """The lane under its front at every valid step up to the crash."""
-        steps = np.flatnonzero(self.scenario.tracks.valid[agent, : self.hit.step + 1])
-        return match_lanes(self.scenario.road, self._front(agent), self.scenario.tracks.z[agent, steps])
-
-    def wrong_way(self, agent: int) -> float | None:
-        """By how much [rad] it drives against the only lanes there, at the crash; None where it does not."""
-        at, lanes = self._lanes_at(agent, self.hit.step)
-        lanes = [lane for lane in lanes if shapely.LineString(lane.centre).distance(at) < 0.5 * lane.width]
-        yaw = self.scenario.tracks.yaw[agent, self.hit.step]
-        turns = [abs(float(wrap(_heading(lane, at) - yaw))) for lane in lanes]
-        return min(turns) if turns and min(turns) > _AGAINST_RAD else None
-
-    def red_light(self, agent: int) -> tuple[str, float] | None:
-        """The signal that it passed on red, and when [s]; None where it did not."""
-        matched = self.lanes(agent)
-        steps = np.flatnonzero(self.scenario.tracks.valid[agent, : self.hit.step + 1])
-        lights = {light.id: light for light in self.scenario.signals}
-        for (before, after), step in zip(itertools.pairwise(matched), steps[1:], strict=True):
-            if before is None or after is None or before is after:
-                continue
-            for link in self.scenario.road.exits[before.id]:
-                light = lights.get(link.signal) if link.signal and link.target == after.id else None
-                if light is not None and light.letters(int(step))[link.link] in "ru":
-                    return light.id, float(step * self.scenario.dt)
-        return None
-
     def _road_heading(self, agent: int, step: int) -> float:
         """Heading [rad] of the nearest lane that runs the agent's way, or its own where there is none."""
         at, lanes = self._lanes_at(agent, step)
@@ -165,14 +148,6 @@ class Crash:
         at = shapely.Point(x, y)
         near = [road.lanes[i] for i in road.centre_lines.query(at, predicate="dwithin", distance=_LANE_REACH_M)]
         return at, [lane for lane in near if same_level(height_on(lane, np.array([x, y])), z)]
-
-    def _front(self, agent: int) -> np.ndarray:
-        tracks = self.scenario.tracks
-        steps = np.flatnonzero(tracks.valid[agent, : self.hit.step + 1])
-        half, yaw = 0.5 * self.scenario.agents[agent].length, tracks.yaw[agent, steps]
-        return np.stack(
-            [tracks.x[agent, steps] + half * np.cos(yaw), tracks.y[agent, steps] + half * np.sin(yaw)], axis=-1
-        )
 
 
 _LANE_REACH_M = 5.0
@@ -206,33 +181,61 @@ class Rule:
 
 
 def _red_light(crash: Crash) -> Verdict | None:
-    passed = {agent: crash.red_light(agent) for agent in (_EGO, crash.other)}
-    said = [
-        f"{crash.name(agent)} passed signal {found[0]} on red at {found[1]:.1f} s"
-        for agent, found in passed.items()
-        if found
-    ]
-    if not said:
-        return None
-    blamed: Blamed = "both" if len(said) == 2 else "ego" if passed[_EGO] else "adversary"
-    return Verdict(blamed, " and ".join(said))
+    dt = crash.scenario.dt
+    passed = crash.acts("red_light")
+    return _by_each(crash, {agent: f"passed a red light at {act.step * dt:.1f} s" for agent, act in passed.items()})
 
 
 def _off_road(crash: Crash) -> Verdict | None:
-    off = {agent: crash.off_road(agent) for agent in (_EGO, crash.other)}
-    return _by_each(crash, {a: f"{m:.1f} m off the road" for a, m in off.items() if m > OFF_ROAD_M})
+    off = crash.late_acts("off_road")
+    return _by_each(crash, {agent: f"was {act.amount:.1f} m off the road" for agent, act in off.items()})
 
 
 def _wrong_way(crash: Crash) -> Verdict | None:
-    against = {agent: crash.wrong_way(agent) for agent in (_EGO, crash.other)}
+    """Its body where only oncoming traffic may be, by more than 17 %, or by 5 % where the two met head-on."""
+    over, against = crash.late_acts("oncoming_lanes"), crash.late_acts("against_direction")
+    said = {agent: f"was against its direction for {act.amount:.1f} m" for agent, act in against.items()}
+    said |= {a: f"had {100 * act.amount:.0f} % of its body in oncoming lanes" for a, act in over.items()}
+    return _by_each(crash, said)
+
+
+def _gives_way(crash: Crash) -> Verdict | None:
+    failed = crash.acts("gives_no_way")
+    dt = crash.scenario.dt
     return _by_each(
-        crash,
-        {
-            a: f"{np.rad2deg(turn):.0f} degrees off the direction of its lane at {crash.speed(a, crash.before):.1f} m/s"
-            for a, turn in against.items()
-            if turn is not None and crash.speed(a, crash.before) > STANDING_M_S
-        },
+        crash, {a: f"had to give way and entered the junction at {act.step * dt:.1f} s" for a, act in failed.items()}
     )
+
+
+def _leaves_way(crash: Crash) -> Verdict | None:
+    off = crash.late_acts("leaves_way")
+    return _by_each(crash, {a: f"was {act.amount:.1f} m off its way through the junction" for a, act in off.items()})
+
+
+def _turns_across(crash: Crash) -> Verdict | None:
+    """One of two that came towards each other turned across the way of the other, which went straight on."""
+    turned = {agent: crash.turned(agent) for agent in (_EGO, crash.other)}
+    yaw = crash.scenario.tracks.yaw[:, crash.before]
+    came = abs(float(wrap(yaw[_EGO] - turned[_EGO] - yaw[crash.other] + turned[crash.other])))
+    across = [agent for agent, turn in turned.items() if abs(turn) > _TURNED_RAD]
+    straight = [agent for agent, turn in turned.items() if abs(turn) < _STRAIGHT_RAD]
+    if came < _AGAINST_RAD or len(across) != 1 or len(straight) != 1:
+        return None
+    return _by_each(
+        crash, {across[0]: f"turned {np.rad2deg(abs(turned[across[0]])):.0f} degrees across the other's way"}
+    )
+
+
+def _leaves_lane(crash: Crash) -> Verdict | None:
+    over = crash.late_acts("leaves_lane")
+    said = {agent: f"was {act.amount:.1f} m over the edge of its lane" for agent, act in over.items()}
+    return _by_each(crash, said) if len(said) == 1 else None
+
+
+def _speeding(crash: Crash) -> Verdict | None:
+    fast = crash.late_acts("speeding")
+    said = {agent: f"was {act.amount:.1f} m/s over the limit" for agent, act in fast.items()}
+    return _by_each(crash, said) if len(said) == 1 else None
 
 
 def _by_each(crash: Crash, found: dict[int, str]) -> Verdict | None:
@@ -240,7 +243,7 @@ def _by_each(crash: Crash, found: dict[int, str]) -> Verdict | None:
     if not found:
         return None
     blamed: Blamed = "both" if len(found) == 2 else "ego" if _EGO in found else "adversary"
-    return Verdict(blamed, " and ".join(f"{crash.name(agent)} was {what}" for agent, what in found.items()))
+    return Verdict(blamed, " and ".join(f"{crash.name(agent)} {what}" for agent, what in found.items()))
 
 
 def _cut_in(crash: Crash) -> Verdict | None:
@@ -339,11 +342,16 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule("off_road", "Road Traffic, art. 10: position on the carriageway", _off_road),
     Rule("wrong_way", "Road Traffic, art. 10: on the side of its direction of traffic", _wrong_way),
+    Rule("gives_way", "Road Traffic, art. 18: give way at intersections; the network's own right of way", _gives_way),
+    Rule("leaves_way", "Road Traffic, art. 16: keep to one's way while turning", _leaves_way),
     Rule("cut_in", "Road Traffic, art. 11 and 14; RSS: do not cut in recklessly", _cut_in),
     Rule("side_swipe", "Road Traffic, art. 14: changing lanes must endanger nobody", _side_swipe),
     Rule("rear_end", "Road Traffic, art. 13(5): keep a sufficient distance; RSS", _rear_end),
     Rule("standing", "Road Traffic, art. 13(1): be able to stop before any foreseeable obstruction", _standing),
-    Rule("unclear", "Road Traffic, art. 18 needs signs and priorities, which no case holds", _unclear),
+    Rule("turns_across", "Road Traffic, art. 16(1)(b): who turns across lets oncoming traffic pass", _turns_across),
+    Rule("leaves_lane", "Road Traffic, art. 14: leave one's lane only where that endangers no other", _leaves_lane),
+    Rule("speeding", "Road Traffic, art. 13(1) and (2): keep to the limit", _speeding),
+    Rule("unclear", "Road Traffic, art. 18 needs signs and priorities, which this map does not hold", _unclear),
 )
 
 

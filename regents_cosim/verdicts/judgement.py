@@ -10,6 +10,7 @@ from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.clean import Cleanness, cleanness
 from regents_cosim.verdicts.fault import fault
 from regents_cosim.verdicts.manoeuvres import BANK, Bank
+from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.reference_drivers import reference_drives
 
 
@@ -22,7 +23,9 @@ def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
     if flaws is None:
         return attacked
     avoidable, evasion = avoidability(attacked, bank)
-    judgement = Judgement(_words(flaws), avoidable, fault(attacked), drivers=reference_drives(attacked))
+    judgement = Judgement(
+        _words(flaws), avoidable, fault(attacked), law_of(attacked), drivers=reference_drives(attacked)
+    )
     return replace(attacked, judgement=judgement, evasion=evasion)
 
 

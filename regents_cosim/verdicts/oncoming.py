@@ -13,7 +13,7 @@ from regents_cosim.roadmap import RoadMap
 from regents_cosim.verdicts.lane_pieces import lane_pieces
 
 OTHER_WAY_RAD = np.deg2rad(90.0)
-_ALONG, _ACROSS = 12, 6  # samples of a body: each stands for 1.4 % of it
+_ALONG, _ACROSS = 8, 10  # samples of a body: each stands for 1.25 % of it
 
 
 def oncoming(
@@ -29,7 +29,7 @@ def oncoming(
 
 
 def oncoming_share(road: RoadMap, boxes: Boxes) -> Float[np.ndarray, "*axes"]:
-    """The share (0 to 1) of each body that is on oncoming lanes alone, by 72 places of it."""
+    """The share (0 to 1) of each body that is on oncoming lanes alone, by 80 places of it."""
     values = np.broadcast_arrays(*boxes)
     x, y, yaw, length, width, z = (np.ravel(one).astype(float) for one in values)
     share = np.zeros(x.size)

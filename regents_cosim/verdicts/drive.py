@@ -1,0 +1,141 @@
+"""What one road user did, up to an instant: its steps, where they were in the lanes, and what lay in between two."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from regents_cosim.boxes import Boxes
+from regents_cosim.frames import wrap
+from regents_cosim.limits import ALONG_RAD
+from regents_cosim.planners.lane_matching import match_lanes
+from regents_cosim.roadmap import Lane
+from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.lane_pieces import Under, lane_pieces
+
+_MATCH_SPACING_M = 0.5  # of the points by which lanes are found: a standing vehicle adds none
+
+
+class Act(NamedTuple):
+    """What a measure of a drive found."""
+
+    step: int  # when it began
+    steps: int
+    amount: float
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """One agent along `tracks`, at the steps at which it is there up to the last."""
+
+    scenario: Scenario
+    agent: int
+    tracks: Tracks
+    last: int  # step
+
+    @cached_property
+    def steps(self) -> Int[np.ndarray, " time"]:
+        """At which it is there."""
+        return np.flatnonzero(self.tracks.valid[self.agent, : self.last + 1])
+
+    @cached_property
+    def box(self) -> Boxes:
+        """Its body at each step."""
+        size, own = self.scenario.agents[self.agent], (self.agent, self.steps)
+        tracks = self.tracks
+        return Boxes(tracks.x[own], tracks.y[own], tracks.yaw[own], size.length, size.width, tracks.z[own])
+
+    @cached_property
+    def centre(self) -> Float[np.ndarray, "time 2"]:
+        """[m]."""
+        return np.stack([self.box.x, self.box.y], axis=-1)
+
+    @cached_property
+    def front(self) -> Float[np.ndarray, "time 2"]:
+        """The middle of its front [m]."""
+        yaw, half = np.asarray(self.box.yaw), 0.5 * self.scenario.agents[self.agent].length
+        return self.centre + half * np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+
+    @cached_property
+    def yaw(self) -> Float[np.ndarray, " time"]:
+        """[rad]."""
+        return self.tracks.yaw[self.agent, self.steps]
+
+    @cached_property
+    def speed(self) -> Float[np.ndarray, " time"]:
+        """[m/s]."""
+        return self.tracks.speed[self.agent, self.steps]
+
+    @cached_property
+    def moved_m(self) -> Float[np.ndarray, " time"]:
+        """Since the step before."""
+        return np.concatenate([[0.0], np.hypot(*np.diff(self.centre, axis=0).T)])
+
+    @cached_property
+    def front_lanes(self) -> list[Lane | None]:
+        """The lane under its front at every step, those of standing steps as before them."""
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.front, axis=0).T))])
+        chosen = np.flatnonzero(np.diff(np.floor(way / _MATCH_SPACING_M), prepend=-1.0) > 0)
+        if len(chosen) < 2:
+            return [None] * len(way)
+        z = np.asarray(self.box.z)[chosen]
+        matched = match_lanes(self.scenario.road, self.front[chosen], z)
+        return [matched[i] for i in np.searchsorted(chosen, np.arange(len(way)), side="right") - 1]
+
+    @cached_property
+    def entered(self) -> list[tuple[int, Lane, Lane]]:
+        """(step, lane before, lane after) wherever its front passed from one lane into another."""
+        moves = enumerate(pairwise(self.front_lanes), start=1)
+        return [
+            (int(self.steps[i]), before, after)
+            for i, (before, after) in moves
+            if before is not None and after is not None and before is not after
+        ]
+
+    @cached_property
+    def under(self) -> Under:
+        """The lanes that hold its centre."""
+        return lane_pieces(self.scenario.road).under(self.centre, np.asarray(self.box.z))
+
+    @cached_property
+    def own(self) -> Under:
+        """Of those the ones that run its way."""
+        return self.under.take(np.abs(wrap(self.under.heading - self.yaw[self.under.point])) < ALONG_RAD)
+
+
+def driven(attacked: Scenario, agent: int, last: int) -> Drive:
+    """What an agent did in an attacked case, up to step `last`."""
+    return Drive(attacked, agent, attacked.tracks, last)
+
+
+def logged(attacked: Scenario, agent: int) -> Drive:
+    """What it did in its log, to the end."""
+    tracks = attacked.tracks if attacked.original is None else attacked.original
+    return Drive(attacked, agent, tracks, tracks.steps - 1)
+
+
+def gaps(attacked: Scenario, follower: int, leader: int, step: int) -> tuple[float, float]:
+    """Bumper to bumper [m] along the follower's heading, and side to side [m]; negative where they overlap."""
+    tracks, agents = attacked.tracks, attacked.agents
+    dx, dy = (float(v[leader, step] - v[follower, step]) for v in (tracks.x, tracks.y))
+    yaw = float(tracks.yaw[follower, step])
+    ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
+    turn = float(wrap(tracks.yaw[leader, step] - yaw))
+    cos, sin = abs(np.cos(turn)), abs(np.sin(turn))
+    one, two = agents[follower], agents[leader]
+    along = 0.5 * (one.length + two.length * cos + two.width * sin)
+    across = 0.5 * (one.width + two.length * sin + two.width * cos)
+    return ahead - along, abs(left) - across
+
+
+def longest(holds: Bool[np.ndarray, " time"]) -> tuple[int, int]:
+    """Begin and end (excluded) of the longest run in which something holds; (0, 0) where it never does."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(int)))
+    begin, end = edges[::2], edges[1::2]
+    if not len(begin):
+        return 0, 0
+    which = int(np.argmax(end - begin))
+    return int(begin[which]), int(end[which])

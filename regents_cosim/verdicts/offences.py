@@ -1,0 +1,282 @@
+"""The law: what the adversary and the ego did against it up to the crash, each by one small measure.
+
+Sources: Vienna Convention on Road Traffic (1968), art. 10 (side of the road), 11 and 14 (lanes), 13 (speed and
+distance), 18 (giving way); Convention on Road Signs and Signals, art. 23 (lights). The numbers are those of
+`limits` or stand beside their measures. What a road user did in its log to the same degree is no offence.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+
+from regents_cosim.boxes import corners
+from regents_cosim.frames import wrap
+from regents_cosim.levels import beyond_road
+from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M
+from regents_cosim.scenario import Law, Offence, OffenceName, Scenario
+from regents_cosim.verdicts.drive import Act, Drive, driven, gaps, logged, longest
+from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
+from regents_cosim.verdicts.oncoming import oncoming, oncoming_share
+from regents_cosim.verdicts.priority import gives_no_way
+from regents_cosim.verdicts.right_of_way import priorities
+from regents_cosim.verdicts.ways import OFF_WAY_M, OVER_LIMIT, lawful_lanes
+
+_BODY_SHARE = 0.17  # of a body on oncoming lanes: 0.3 m of a car 1.8 m wide
+_STEPS = 2
+_HEAD_ON_RAD = np.deg2rad(135.0)
+_HEAD_ON_SHARE = 0.05
+_NONE_SHARE = 0.015  # one of the samples of a body
+_OFF_WAY_S = 0.25
+_NEAR_JUNCTION_M = 3.0  # beside its lanes one is still inside
+_ASSUMED_LIMIT_M_S = 13.9  # of logs that name none
+_OVER_EDGE_M = 0.3  # UN R157, 5.2.5.2: an intrusion into a lane is 0.3 m beyond its marking
+_OVER_EDGE_S = 1.0
+_CUT_IN_BRAKE_M_S2 = 6.0  # UN R157, 5.2.5.2: TTC below v_rel / (2 * 6 m/s^2) + 0.35 s is no room to react
+_CUT_IN_S = 0.35
+_CUT_IN_AGO_S = 2.0
+_FOLLOW_S = 0.9  # German StVO, Bussgeldkatalog 12.6: half of half the speedometer's reading in metres
+_FOLLOWS_S = 3.0
+_FOLLOW_M_S = 5.0
+_SAME = 1e-6
+
+
+Measure = Callable[[Drive, Drive | None], Act | None]  # of a drive, and of whom it met; None: nothing
+
+
+def law_of(attacked: Scenario) -> Law | None:
+    """The offences of adversary and ego up to the step of contact, as far as the map tells; None without a crash."""
+    hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
+    if hit is None:
+        return None
+    other = next(i for i, agent in enumerate(attacked.agents) if agent.id == hit.agent)
+    one, two = (driven(attacked, agent, hit.step) for agent in (other, 0))
+    unknown = _unknown(attacked)
+    return Law(_offences(one, two, unknown), _offences(two, one, unknown), unknown)
+
+
+def _offences(drive: Drive, partner: Drive, unknown: tuple[OffenceName, ...]) -> tuple[Offence, ...]:
+    log, found = logged(drive.scenario, drive.agent), list[Offence]()
+    dt = drive.scenario.dt
+    for name, (measure, unit) in MEASURES.items():
+        act = None if name in unknown else measure(drive, partner)
+        if act is None:
+            continue
+        before = measure(log, None)
+        if before is None or act.amount > before.amount + _SAME:
+            found.append(Offence(name, round(act.step * dt, 9), round(act.steps * dt, 9), round(act.amount, 3), unit))
+    return tuple(found)
+
+
+def acts(attacked: Scenario, name: OffenceName, step: int, agents: tuple[int, int]) -> dict[int, Act]:
+    """What each of two that met at `step` did of one kind, whatever their logs did; empty where it is not known."""
+    if name in _unknown(attacked):
+        return {}
+    one, two = (driven(attacked, agent, step) for agent in agents)
+    measure, _ = MEASURES[name]
+    found = {agent: measure(*drives) for agent, drives in zip(agents, ((one, two), (two, one)), strict=True)}
+    return {agent: act for agent, act in found.items() if act is not None}
+
+
+def _unknown(attacked: Scenario) -> tuple[OffenceName, ...]:
+    """What the map and the signals do not tell."""
+    road = attacked.road
+    without_lanes: list[OffenceName] = ["oncoming_lanes", "against_direction", "leaves_lane"]
+    names = list[OffenceName]() if road.lanes else without_lanes
+    signals = {signal.id for signal in attacked.signals}
+    if any(link.signal and link.signal not in signals for link in road.connections) or not road.lanes:
+        names.append("red_light")
+    if not any(lane.junction for lane in road.lanes):
+        names.append("leaves_way")
+    assumed = road.sumo_net is None and all(lane.speed_limit == _ASSUMED_LIMIT_M_S for lane in road.lanes)
+    if assumed or not any(np.isfinite(lane.speed_limit) for lane in road.lanes):
+        names.append("speeding")
+    if priorities(road) is None:
+        names.append("gives_no_way")
+    return tuple(names)
+
+
+# --- the side of the road ----------------------------------------------------------------------------
+
+
+def _oncoming_lanes(drive: Drive, partner: Drive | None) -> Act | None:
+    """Its body on lanes that run only the other way: more than 17 % at 2 steps or more, or 5 % in a head-on crash."""
+    share = oncoming_share(drive.scenario.road, drive.box)
+    act = _lasting(drive, share > _BODY_SHARE, share, _STEPS)
+    if act is not None or partner is None or share[-1] <= _HEAD_ON_SHARE:
+        return act
+    if _turn(drive, partner) <= _HEAD_ON_RAD or oncoming_share(drive.scenario.road, partner.box)[-1] > _NONE_SHARE:
+        return None
+    begin = len(share) - int(np.argmin(np.append(share[::-1] > _HEAD_ON_SHARE, False)))
+    return Act(int(drive.steps[begin]), len(share) - begin, float(share[begin:].max()))
+
+
+def _turn(drive: Drive, partner: Drive) -> float:
+    """By how much the headings of the two differ at the crash [rad]."""
+    return abs(float(wrap(drive.yaw[-1] - partner.yaw[-1])))
+
+
+def _against_direction(drive: Drive, partner: Drive | None) -> Act | None:
+    """Its centre on such lanes at 2 steps or more, while it moves; the amount is the way that it drove so."""
+    against = oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z))
+    begin, end = longest(against)
+    moved = float(drive.moved_m[begin + 1 : end].sum())
+    return Act(int(drive.steps[begin]), end - begin, moved) if end - begin >= _STEPS and moved > _SAME else None
+
+
+def _lasting(drive: Drive, holds: Bool[np.ndarray, " time"], amount: np.ndarray, steps: int) -> Act | None:
+    """The worst of what holds, where it does so for `steps` on end."""
+    begin, end = longest(holds)
+    if not end or end - begin < steps:
+        return None
+    return Act(int(drive.steps[begin]), end - begin, float(amount[begin:end].max()))
+
+
+def _off_road(drive: Drive, partner: Drive | None) -> Act | None:
+    """A corner that has been on the road is more than 0.3 m off it."""
+    beyond = beyond_road(drive.scenario.road, corners(drive.box), np.asarray(drive.box.z)[:, None])
+    was_on = np.logical_or.accumulate(beyond <= OFF_ROAD_M, axis=0)
+    worst = np.where(was_on, beyond, 0.0).max(axis=1)
+    return _lasting(drive, worst > OFF_ROAD_M, worst, 1)
+
+
+def _leaves_way(drive: Drive, partner: Drive | None) -> Act | None:
+    """Inside a junction its centre is more than 1.6 m from all ways that begin at its approach, for over 0.25 s."""
+    lanes = lawful_lanes(drive.scenario, drive.agent)
+    if lanes is None:
+        return None
+    inside = _inside_junction(drive)
+    if not inside.any():
+        return None
+    lines = lane_lines(drive.scenario.road)
+    own = shapely.MultiLineString([lines[lane.id] for lane in lanes])
+    off = np.where(inside, shapely.distance(own, shapely.points(drive.centre)), 0.0)
+    return _lasting(drive, off > OFF_WAY_M, off, int(_OFF_WAY_S / drive.scenario.dt) + 1)
+
+
+def _inside_junction(drive: Drive) -> Bool[np.ndarray, " time"]:
+    """Where ways through a junction hold its centre, or nearly, and no other lane does."""
+    road = drive.scenario.road
+    junction = np.array([lane.junction for lane in road.lanes])
+    at = lane_pieces(road).under(drive.centre, np.asarray(drive.box.z), np.where(junction, _NEAR_JUNCTION_M, 0.0))
+    ways = np.bincount(at.point, junction[at.lane], minlength=len(drive.centre))
+    return (ways > 0) & (np.bincount(at.point, minlength=len(drive.centre)) == ways)
+
+
+# --- lights, speed, lanes ----------------------------------------------------------------------------
+
+
+def _red_light(drive: Drive, partner: Drive | None) -> Act | None:
+    """Its front passes the stop line of its movement on red; the amount is for how long it had been red."""
+    lights = {light.id: light for light in drive.scenario.signals}
+    for step, before, after in drive.entered:
+        for link in drive.scenario.road.exits[before.id]:
+            light = lights.get(link.signal) if link.signal and link.target == after.id else None
+            if light is not None and light.letters(step)[link.link] in "ru":
+                since = step
+                while since > 0 and light.letters(since - 1)[link.link] in "ru":
+                    since -= 1
+                return Act(step, 1, (step - since + 1) * drive.scenario.dt)
+    return None
+
+
+def _speeding(drive: Drive, partner: Drive | None) -> Act | None:
+    """Faster than 1.2 times the limit; the amount is what it is over the limit by."""
+    over = drive.speed - _limits(drive)
+    holds = drive.speed > OVER_LIMIT * _limits(drive)
+    return _lasting(drive, holds, over, 1)
+
+
+def _limits(drive: Drive) -> Float[np.ndarray, " time"]:
+    """The limit at each step [m/s]: inside junctions, whose lanes have no signs, the higher of before and behind."""
+    road, count = drive.scenario.road, len(drive.centre)
+    limit = np.array([-np.inf if lane.junction else lane.speed_limit for lane in road.lanes])
+    found = np.full(count, -np.inf)
+    np.maximum.at(found, drive.own.point, limit[drive.own.lane])
+    known = np.flatnonzero(found > 0.0)
+    if not len(known):
+        return np.full(count, np.inf)
+    behind = known[np.clip(np.searchsorted(known, np.arange(count), side="right") - 1, 0, None)]
+    ahead = known[np.clip(np.searchsorted(known, np.arange(count)), None, len(known) - 1)]
+    return np.maximum(found[behind], found[ahead])
+
+
+def _leaves_lane(drive: Drive, partner: Drive | None) -> Act | None:
+    """Over the edge of its lane by more than 0.3 m for a second or more, and then not in the lane beside."""
+    own, count = drive.own, len(drive.centre)
+    width = np.array([lane.width for lane in drive.scenario.road.lanes])
+    junction = np.array([lane.junction for lane in drive.scenario.road.lanes])
+    over = np.full(count, np.inf)
+    edge = np.abs(own.left) + 0.5 * drive.scenario.agents[drive.agent].width - 0.5 * width[own.lane]
+    np.minimum.at(over, own.point, np.where(junction[own.lane], 0.0, edge))
+    over[~np.isfinite(over)] = 0.0
+    begin, end = longest(over > _OVER_EDGE_M)
+    if (end - begin) * drive.scenario.dt < _OVER_EDGE_S:
+        return None
+    first, last = (set(own.lane[own.point == at].tolist()) for at in (begin, end - 1))
+    return Act(int(drive.steps[begin]), end - begin, float(over[begin:end].max())) if first & last else None
+
+
+# --- towards the other -------------------------------------------------------------------------------
+
+
+def _unsafe_cut_in(drive: Drive, partner: Drive | None) -> Act | None:
+    """It comes into the lane of the other, nearer ahead of it than UN R157 takes for avoidable; seconds too few."""
+    if partner is None or _turn(drive, partner) > ALONG_RAD:
+        return None
+    attacked, (leader, follower), last = drive.scenario, (drive.agent, partner.agent), drive.last
+    both = attacked.tracks.valid[[leader, follower]].all(axis=0)
+    first = max(last - round(_CUT_IN_AGO_S / attacked.dt), int(np.argmax(both)))
+    between = [gaps(attacked, follower, leader, step) for step in range(first, last)]
+    came = [i for i, (_, across) in enumerate(between) if across > 0.0]
+    since = came[-1] + 1 if came else len(between)
+    if since >= len(between) or not _moved_into(drive, partner, first, first + since):
+        return None
+    along, step = float(between[since][0]), first + since
+    closing = float(attacked.tracks.speed[follower, step] - attacked.tracks.speed[leader, step])
+    if along <= 0.0 or closing <= 0.0:
+        return None
+    short = closing / (2.0 * _CUT_IN_BRAKE_M_S2) + _CUT_IN_S - along / closing
+    return Act(step, 1, short) if short > 0.0 else None
+
+
+def _moved_into(drive: Drive, partner: Drive, first: int, step: int) -> bool:
+    """Whether it moved across the other's heading by more than the other did across its own way."""
+    tracks = drive.tracks
+    yaw = float(tracks.yaw[partner.agent, first])
+    moved = []
+    for agent in (drive.agent, partner.agent):
+        dx, dy = (float(v[agent, step] - v[agent, first]) for v in (tracks.x, tracks.y))
+        moved.append(abs(dy * np.cos(yaw) - dx * np.sin(yaw)))
+    return moved[0] > moved[1]
+
+
+def _tailgating(drive: Drive, partner: Drive | None) -> Act | None:
+    """Less than 0.9 s behind the other in its lane, for 3 s or more; the amount is the least time gap."""
+    if partner is None:
+        return None
+    attacked = drive.scenario
+    steps = [int(step) for step in drive.steps if attacked.tracks.valid[partner.agent, step]]
+    between = [gaps(attacked, drive.agent, partner.agent, step) for step in steps]
+    speed = attacked.tracks.speed[drive.agent, steps]
+    along, across = np.array(between).T
+    near = (across < 0.0) & (along > 0.0) & (along < _FOLLOW_S * speed) & (speed > _FOLLOW_M_S)
+    begin, end = longest(near)
+    if (end - begin) * attacked.dt < _FOLLOWS_S:
+        return None
+    return Act(steps[begin], end - begin, _FOLLOW_S - float((along / np.maximum(speed, _SAME))[begin:end].min()))
+
+
+MEASURES: dict[OffenceName, tuple[Measure, str]] = {
+    "oncoming_lanes": (_oncoming_lanes, "share of its body"),
+    "against_direction": (_against_direction, "m"),
+    "red_light": (_red_light, "s of red"),
+    "leaves_way": (_leaves_way, "m from its way"),
+    "off_road": (_off_road, "m"),
+    "speeding": (_speeding, "m/s over the limit"),
+    "gives_no_way": (gives_no_way, "s ahead of the other"),
+    "unsafe_cut_in": (_unsafe_cut_in, "s too few"),
+    "leaves_lane": (_leaves_lane, "m over the edge"),
+    "tailgating": (_tailgating, "s too near"),
+}

@@ -1,0 +1,45 @@
+"""Failure to give way: two in one junction, of whom one had to let the other pass by the network's own right of way."""
+
+from typing import NamedTuple
+
+from regents_cosim.roadmap import Lane
+from regents_cosim.verdicts.drive import Act, Drive
+from regents_cosim.verdicts.right_of_way import priorities
+
+_LATELY_S = 6.0  # who came into the junction longer ago was not to wait any more
+_FREE, _STOP = "G", "ru"  # letters: goes first; may not go at all
+
+
+class _Movement(NamedTuple):
+    step: int  # at which its front passed the stop line
+    approach: Lane
+    lane: Lane  # inside the junction
+
+
+def gives_no_way(drive: Drive, partner: Drive | None) -> Act | None:
+    """It went into the junction though it had to give way; the amount is how long before the crash."""
+    table = priorities(drive.scenario.road)
+    if table is None or partner is None:
+        return None
+    mine, theirs = _movement(drive), _movement(partner)
+    if mine is None or theirs is None or not table.must_yield(mine.lane.id, theirs.lane.id):
+        return None
+    if _letter(drive, mine) in _FREE or _letter(partner, theirs) in _STOP:
+        return None
+    return Act(mine.step, drive.last - mine.step + 1, (drive.last - mine.step + 1) * drive.scenario.dt)
+
+
+def _movement(drive: Drive) -> _Movement | None:
+    """The way through a junction that it took last, if that was a few seconds ago at most."""
+    entries = [_Movement(*one) for one in drive.entered if one[2].junction and not one[1].junction]
+    since = drive.last - _LATELY_S / drive.scenario.dt
+    return entries[-1] if entries and entries[-1].step >= since else None
+
+
+def _letter(drive: Drive, movement: _Movement) -> str:
+    """What the light of a movement showed when it began; - where it has none."""
+    lights = {light.id: light for light in drive.scenario.signals}
+    for link in drive.scenario.road.exits[movement.approach.id]:
+        if link.target == movement.lane.id and link.signal in lights:
+            return lights[link.signal].letters(movement.step)[link.link]
+    return "-"

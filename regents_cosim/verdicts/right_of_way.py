@@ -1,0 +1,102 @@
+"""Who has to give way to whom in a junction, by the network itself: the `request` rows of SUMO's junctions.
+
+Source: SUMO's network format, https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html (Requests): for each link of a
+junction, in the order of its `intLanes`, the bits of `response` say to which links it has to give way, the first link
+rightmost.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from xml.parsers import expat
+
+from regents_cosim.bounded import gunzip_bounded
+from regents_cosim.errors import InputError
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.xml_count import Count, most_unpacked
+
+_LARGEST = 1 << 30  # bytes of an unpacked network
+_FIRST_COME = frozenset({"allway_stop"})  # who came first goes first: no row tells
+
+
+@dataclass(frozen=True)
+class Link:
+    """One movement through a junction."""
+
+    junction: str
+    index: int
+
+
+@dataclass(frozen=True)
+class Priorities:
+    """The links of all junctions by lane, and whom each gives way to."""
+
+    links: dict[str, Link]  # by the lanes inside junctions that are part of them
+    gives_way: dict[Link, frozenset[int]]  # to the links of these indices
+
+    def must_yield(self, lane: str, other: str) -> bool:
+        """Whether who drives along one lane inside a junction gives way to those on another one."""
+        one, two = self.links.get(lane), self.links.get(other)
+        if one is None or two is None or one.junction != two.junction:
+            return False
+        return two.index in self.gives_way.get(one, frozenset())
+
+
+@lru_cache(maxsize=16)
+def priorities(road: RoadMap) -> Priorities | None:
+    """The right of way of a map that came from SUMO; None for others, and for a network that cannot be read."""
+    if road.sumo_net is None:
+        return None
+    try:
+        content = gunzip_bounded(road.sumo_net, most_unpacked(len(road.sumo_net), _LARGEST))
+        return _Reader(len(road.sumo_net)).read(content)
+    except (InputError, expat.ExpatError, ValueError, LookupError):
+        return None
+
+
+class _Reader:
+    """Reads junctions and connections, and forgets the rest."""
+
+    def __init__(self, packed_bytes: int) -> None:
+        self._count = Count(packed_bytes)
+        self._junction: str | None = None
+        self._links: dict[str, Link] = {}
+        self._gives_way: dict[Link, frozenset[int]] = {}
+        self._before: dict[str, str] = {}  # the lane that comes after another inside a junction, and that one
+
+    def read(self, content: bytes) -> Priorities:
+        """Raises ValueError or ExpatError where the network is damaged."""
+        parser = expat.ParserCreate()
+        parser.StartElementHandler = self._begin
+        parser.EndElementHandler = self._end
+        parser.Parse(content, True)
+        self._name_first_parts()
+        return Priorities(self._links, self._gives_way)
+
+    def _begin(self, name: str, attributes: dict[str, str]) -> None:
+        self._count.open()
+        self._count.forget()
+        if name == "junction":
+            told = attributes.get("type") not in _FIRST_COME | {"internal"}
+            self._junction = attributes["id"] if told else None
+            if told:
+                lanes = attributes.get("intLanes", "").split()
+                self._links |= {lane: Link(attributes["id"], index) for index, lane in enumerate(lanes)}
+        elif name == "request" and self._junction is not None:
+            bits = attributes["response"][::-1]
+            yields = frozenset(index for index, bit in enumerate(bits) if bit == "1")
+            self._gives_way[Link(self._junction, int(attributes["index"]))] = yields
+        elif name == "connection" and attributes.get("from", "").startswith(":") and "via" in attributes:
+            self._before[attributes["via"]] = f"{attributes['from']}_{attributes['fromLane']}"
+
+    def _end(self, name: str) -> None:
+        self._count.close()
+        if name == "junction":
+            self._junction = None
+
+    def _name_first_parts(self) -> None:
+        """A way through a junction may have several lanes; `intLanes` has the last of them."""
+        for lane, link in list(self._links.items()):
+            before = self._before.get(lane)
+            while before is not None and before not in self._links:
+                self._links[before] = link
+                before = self._before.get(before)
