@@ -35,6 +35,7 @@ class Drive:
     agent: int
     tracks: Tracks
     last: int  # step
+    since: int = 0  # step before which an act does not count
 
     @cached_property
     def steps(self) -> Int[np.ndarray, " time"]:
@@ -105,10 +106,27 @@ class Drive:
         """Of those the ones that run its way."""
         return self.under.take(np.abs(wrap(self.under.heading - self.yaw[self.under.point])) < ALONG_RAD)
 
+    @cached_property
+    def off_middle(self) -> Float[np.ndarray, " time"]:
+        """How far [m] its centre is from the middle of the nearest lane that runs its way; infinite without one."""
+        off = np.full(len(self.centre), np.inf)
+        np.minimum.at(off, self.own.point, np.abs(self.own.left))
+        return off
 
-def driven(attacked: Scenario, agent: int, last: int) -> Drive:
+    def longest(self, holds: Bool[np.ndarray, " time"]) -> tuple[int, int]:
+        """Begin and end (excluded) of the longest run in which something holds; (0, 0) where it never does."""
+        counts = holds & (self.steps >= self.since)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], counts, [False]]).astype(int)))
+        begin, end = edges[::2], edges[1::2]
+        if not len(begin):
+            return 0, 0
+        which = int(np.argmax(end - begin))
+        return int(begin[which]), int(end[which])
+
+
+def driven(attacked: Scenario, agent: int, last: int, since: int = 0) -> Drive:
     """What an agent did in an attacked case, up to step `last`."""
-    return Drive(attacked, agent, attacked.tracks, last)
+    return Drive(attacked, agent, attacked.tracks, last, since)
 
 
 def logged(attacked: Scenario, agent: int) -> Drive:
@@ -129,13 +147,3 @@ def gaps(attacked: Scenario, follower: int, leader: int, step: int) -> tuple[flo
     along = 0.5 * (one.length + two.length * cos + two.width * sin)
     across = 0.5 * (one.width + two.length * sin + two.width * cos)
     return ahead - along, abs(left) - across
-
-
-def longest(holds: Bool[np.ndarray, " time"]) -> tuple[int, int]:
-    """Begin and end (excluded) of the longest run in which something holds; (0, 0) where it never does."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(int)))
-    begin, end = edges[::2], edges[1::2]
-    if not len(begin):
-        return 0, 0
-    which = int(np.argmax(end - begin))
-    return int(begin[which]), int(end[which])

@@ -21,7 +21,7 @@ from regents_cosim.levels import height_on
 from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.roadmap import Lane
 from regents_cosim.scenario import Collision, Fault, OffenceName, Scenario
-from regents_cosim.verdicts.drive import Act, gaps
+from regents_cosim.verdicts.drive import Act, driven, gaps
 from regents_cosim.verdicts.offences import acts
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
@@ -94,18 +94,20 @@ class Crash:
         """Bumper to bumper [m] along the follower's heading, and side to side [m]; negative where they overlap."""
         return gaps(self.scenario, follower, leader, step)
 
-    def acts(self, name: OffenceName) -> dict[int, Act]:
-        """Who of the two did something against the law, and what."""
-        return acts(self.scenario, name, self.hit.step, (_EGO, self.other))
+    def acts(self, name: OffenceName, within_s: float = np.inf) -> dict[int, Act]:
+        """Who of the two did something against the law in the last seconds, and what."""
+        since = max(self.hit.step - within_s / self.scenario.dt, 0)
+        return acts(self.scenario, name, self.hit.step, (_EGO, self.other), int(since))
 
     def late_acts(self, name: OffenceName) -> dict[int, Act]:
-        """The same, where it went on to within a second of the crash and who did it was not standing then."""
-        since = self.hit.step - _LATE_S / self.scenario.dt
-        return {
-            agent: act
-            for agent, act in self.acts(name).items()
-            if act.step + act.steps - 1 >= since and self.speed(agent, self.before) > STANDING_M_S
-        }
+        """The same within the last second, of those that moved then."""
+        late = slice(max(self.before - round(_LATE_S / self.scenario.dt), 0), self.before + 1)
+        speed = self.scenario.tracks.speed[:, late]
+        return {a: act for a, act in self.acts(name, _LATE_S).items() if speed[a].max() > STANDING_M_S}
+
+    def off_middle(self, agent: int) -> float:
+        """How far [m] its centre is from the middle of the nearest lane that runs its way; infinite without one."""
+        return float(np.abs(driven(self.scenario, agent, self.hit.step).off_middle[-1]))
 
     def turned(self, agent: int) -> float:
         """By how much its heading changed over the last seconds [rad], positive to the left."""
@@ -226,6 +228,15 @@ def _turns_across(crash: Crash) -> Verdict | None:
     )
 
 
+def _beside_its_way(crash: Crash) -> Verdict | None:
+    """Two met head-on, and one of them alone was not in the middle of its lane."""
+    if crash.turn(crash.before) < _AGAINST_RAD:
+        return None
+    off = {agent: crash.off_middle(agent) for agent in (_EGO, crash.other)}
+    said = {a: f"was {m:.1f} m off the middle of its lane" for a, m in off.items() if _SIDEWAYS_M < m < np.inf}
+    return _by_each(crash, said) if len(said) == 1 else None
+
+
 def _leaves_lane(crash: Crash) -> Verdict | None:
     over = crash.late_acts("leaves_lane")
     said = {agent: f"was {act.amount:.1f} m over the edge of its lane" for agent, act in over.items()}
@@ -269,8 +280,8 @@ def _cut_in(crash: Crash) -> Verdict | None:
 
 
 def _side_swipe(crash: Crash) -> Verdict | None:
-    """Two side by side: whoever moved sideways more."""
-    if crash.turn(crash.before) > ALONG_RAD or crash.hit.kind != "side_swipe":
+    """Two that lately drove the same way, side by side: whoever moved sideways more."""
+    if crash.turn(crash.lately) > ALONG_RAD or crash.hit.kind not in ("side_swipe", "t_bone"):
         return None
     moved = {agent: crash.drifted(agent) for agent in (_EGO, crash.other)}
     seconds = (crash.before - crash.lately) * crash.scenario.dt
@@ -349,6 +360,7 @@ RULES: tuple[Rule, ...] = (
     Rule("rear_end", "Road Traffic, art. 13(5): keep a sufficient distance; RSS", _rear_end),
     Rule("standing", "Road Traffic, art. 13(1): be able to stop before any foreseeable obstruction", _standing),
     Rule("turns_across", "Road Traffic, art. 16(1)(b): who turns across lets oncoming traffic pass", _turns_across),
+    Rule("beside_its_way", "Road Traffic, art. 10: keep to one's side when meeting others", _beside_its_way),
     Rule("leaves_lane", "Road Traffic, art. 14: leave one's lane only where that endangers no other", _leaves_lane),
     Rule("speeding", "Road Traffic, art. 13(1) and (2): keep to the limit", _speeding),
     Rule("unclear", "Road Traffic, art. 18 needs signs and priorities, which this map does not hold", _unclear),

@@ -16,7 +16,7 @@ from regents_cosim.frames import wrap
 from regents_cosim.levels import beyond_road
 from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M
 from regents_cosim.scenario import Law, Offence, OffenceName, Scenario
-from regents_cosim.verdicts.drive import Act, Drive, driven, gaps, logged, longest
+from regents_cosim.verdicts.drive import Act, Drive, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.oncoming import oncoming, oncoming_share
 from regents_cosim.verdicts.priority import gives_no_way
@@ -69,11 +69,14 @@ def _offences(drive: Drive, partner: Drive, unknown: tuple[OffenceName, ...]) ->
     return tuple(found)
 
 
-def acts(attacked: Scenario, name: OffenceName, step: int, agents: tuple[int, int]) -> dict[int, Act]:
-    """What each of two that met at `step` did of one kind, whatever their logs did; empty where it is not known."""
+def acts(attacked: Scenario, name: OffenceName, step: int, agents: tuple[int, int], since: int = 0) -> dict[int, Act]:
+    """What each of two that met at `step` did of one kind, whatever their logs did, and not before the step `since`.
+
+    Empty where that is not known.
+    """
     if name in _unknown(attacked):
         return {}
-    one, two = (driven(attacked, agent, step) for agent in agents)
+    one, two = (driven(attacked, agent, step, since) for agent in agents)
     measure, _ = MEASURES[name]
     found = {agent: measure(*drives) for agent, drives in zip(agents, ((one, two), (two, one)), strict=True)}
     return {agent: act for agent, act in found.items() if act is not None}
@@ -120,14 +123,14 @@ def _turn(drive: Drive, partner: Drive) -> float:
 def _against_direction(drive: Drive, partner: Drive | None) -> Act | None:
     """Its centre on such lanes at 2 steps or more, while it moves; the amount is the way that it drove so."""
     against = oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z))
-    begin, end = longest(against)
+    begin, end = drive.longest(against)
     moved = float(drive.moved_m[begin + 1 : end].sum())
     return Act(int(drive.steps[begin]), end - begin, moved) if end - begin >= _STEPS and moved > _SAME else None
 
 
 def _lasting(drive: Drive, holds: Bool[np.ndarray, " time"], amount: np.ndarray, steps: int) -> Act | None:
     """The worst of what holds, where it does so for `steps` on end."""
-    begin, end = longest(holds)
+    begin, end = drive.longest(holds)
     if not end or end - begin < steps:
         return None
     return Act(int(drive.steps[begin]), end - begin, float(amount[begin:end].max()))
@@ -211,7 +214,7 @@ def _leaves_lane(drive: Drive, partner: Drive | None) -> Act | None:
     edge = np.abs(own.left) + 0.5 * drive.scenario.agents[drive.agent].width - 0.5 * width[own.lane]
     np.minimum.at(over, own.point, np.where(junction[own.lane], 0.0, edge))
     over[~np.isfinite(over)] = 0.0
-    begin, end = longest(over > _OVER_EDGE_M)
+    begin, end = drive.longest(over > _OVER_EDGE_M)
     if (end - begin) * drive.scenario.dt < _OVER_EDGE_S:
         return None
     first, last = (set(own.lane[own.point == at].tolist()) for at in (begin, end - 1))
@@ -257,15 +260,19 @@ def _tailgating(drive: Drive, partner: Drive | None) -> Act | None:
     if partner is None:
         return None
     attacked = drive.scenario
-    steps = [int(step) for step in drive.steps if attacked.tracks.valid[partner.agent, step]]
-    between = [gaps(attacked, drive.agent, partner.agent, step) for step in steps]
-    speed = attacked.tracks.speed[drive.agent, steps]
-    along, across = np.array(between).T
+    both = attacked.tracks.valid[partner.agent, drive.steps]
+    along, across = np.full((2, len(drive.steps)), np.inf)
+    along[both], across[both] = np.array(
+        [gaps(attacked, drive.agent, partner.agent, int(s)) for s in drive.steps[both]]
+    ).T
+    speed = drive.speed
     near = (across < 0.0) & (along > 0.0) & (along < _FOLLOW_S * speed) & (speed > _FOLLOW_M_S)
-    begin, end = longest(near)
+    begin, end = drive.longest(near)
     if (end - begin) * attacked.dt < _FOLLOWS_S:
         return None
-    return Act(steps[begin], end - begin, _FOLLOW_S - float((along / np.maximum(speed, _SAME))[begin:end].min()))
+    return Act(
+        int(drive.steps[begin]), end - begin, _FOLLOW_S - float((along / np.maximum(speed, _SAME))[begin:end].min())
+    )
 
 
 MEASURES: dict[OffenceName, tuple[Measure, str]] = {

@@ -30,10 +30,20 @@ def gives_no_way(drive: Drive, partner: Drive | None) -> Act | None:
 
 
 def _movement(drive: Drive) -> _Movement | None:
-    """The way through a junction that it took last, if that was a few seconds ago at most."""
+    """The way through a junction that it took last, if it is still on it or was a few seconds ago."""
+    first, last = drive.front_lanes[0], drive.front_lanes[-1]
     entries = [_Movement(*one) for one in drive.entered if one[2].junction and not one[1].junction]
-    since = drive.last - _LATELY_S / drive.scenario.dt
-    return entries[-1] if entries and entries[-1].step >= since else None
+    if not entries:
+        return _begun_inside(drive, first) if first is not None and first.junction else None
+    still = last is not None and last.junction
+    return entries[-1] if still or entries[-1].step >= drive.last - _LATELY_S / drive.scenario.dt else None
+
+
+def _begun_inside(drive: Drive, lane: Lane) -> _Movement | None:
+    """The movement of who is inside a junction when first seen."""
+    road = drive.scenario.road
+    before = next((link.source for link in road.connections if link.target == lane.id), None)
+    return None if before is None else _Movement(int(drive.steps[0]), road.lane[before], lane)
 
 
 def _letter(drive: Drive, movement: _Movement) -> str:
