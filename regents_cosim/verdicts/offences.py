@@ -252,7 +252,7 @@ def _moved_into(drive: Drive, partner: Drive, first: int, step: int) -> bool:
     for agent in (drive.agent, partner.agent):
         dx, dy = (float(v[agent, step] - v[agent, first]) for v in (tracks.x, tracks.y))
         moved.append(abs(dy * np.cos(yaw) - dx * np.sin(yaw)))
-    return moved[0] > moved[1]
+    return bool(moved[0] > moved[1])
 
 
 def _tailgating(drive: Drive, partner: Drive | None) -> Act | None:
