@@ -20,25 +20,12 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.frames import wrap
 from regents_cosim.mirror.bicycle import CURVATURE_LIMIT
+from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT, Foresight
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ego_path import EgoPath
 from regents_cosim.verdicts.lane_keeping import from_lane_centre
 
-WANDERING_M = 0.375
 _LEAST_TRAVEL_M = 0.05  # below, a turn is noise
-_ALONG_RAD = np.deg2rad(30.0)
-_AGAINST_RAD = np.deg2rad(150.0)
-
-
-@dataclass(frozen=True)
-class Foresight:
-    """How far a driver looks ahead."""
-
-    ahead_s: float = 4.0
-    lead_s: float = 2.0  # where the other one keeps to the ego's own lane
-    slack_s: float = 0.5  # the ego may be so much earlier or later than expected
-    spacing_s: float = 0.25
-    over_s: float = 0.3  # of the past, by which turn rate and braking are told
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +40,14 @@ class _Pairs:
 
 
 def risks(
-    scenario: Scenario, path: EgoPath, agent: int, steps: int, foresight: Foresight = Foresight()
+    scenario: Scenario, path: EgoPath, agent: int, steps: int, foresight: Foresight = FORESIGHT
 ) -> Bool[np.ndarray, " step"]:
     """Whether `agent` is seen as a risk at each of the first `steps` steps, were the ego to go on as it does then."""
     return all_risks(scenario, path, [agent], steps, foresight)[agent]
 
 
 def all_risks(
-    scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int, foresight: Foresight = Foresight()
+    scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int, foresight: Foresight = FORESIGHT
 ) -> Bool[np.ndarray, "agent step"]:
     """The same of several agents; nothing is said of others."""
     found = np.zeros((len(scenario.agents), steps), bool)
@@ -93,7 +80,7 @@ def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int, foresight: 
     tracks = scenario.tracks
     x, y, speed, valid = (values[:, :steps] for values in (tracks.x, tracks.y, tracks.speed, tracks.valid))
     size = np.array([np.hypot(agent.length, agent.width) for agent in scenario.agents])[:, None]
-    reach = (speed + speed[:1]) * (foresight.ahead_s + foresight.slack_s) + 0.5 * (size + size[:1])
+    reach = (speed + speed[:1]) * foresight.ego_times_s[-1] + 0.5 * (size + size[:1])
     near = valid & ((x - x[:1]) ** 2 + (y - y[:1]) ** 2 <= reach**2)
     near &= np.isin(np.arange(len(near)), agents)[:, None]
     agent, step = np.nonzero(near)
@@ -107,10 +94,9 @@ def _meeting(
 
     The ego's instants run ahead of the other's and behind them by the slack.
     """
-    slack = round(foresight.slack_s / foresight.spacing_s)
-    time = foresight.spacing_s * np.arange(round(foresight.ahead_s / foresight.spacing_s) + 1)
+    slack, time = foresight.slack, foresight.times_s
     other = _going_on(scenario, pairs, time, brakes_on, foresight)
-    ego = _ego_going_on(scenario, path, foresight.spacing_s * np.arange(len(time) + slack), foresight)
+    ego = _ego_going_on(scenario, path, foresight.ego_times_s, foresight)
     size = np.array([(agent.length, agent.width) for agent in scenario.agents])
     reach = 0.5 * (np.hypot(*size[pairs.agent].T) + np.hypot(*size[0]))[:, None]
     first, turn = np.full(len(pairs.step), np.inf), np.zeros(len(pairs.step))
@@ -217,8 +203,8 @@ def _suspected(
     foresight: Foresight,
 ) -> Bool[np.ndarray, " pair"]:
     """Of whom the meeting is expected, among those that would go on to meet the ego."""
-    same_way = meets_turn < _ALONG_RAD
-    crosses = ~same_way & (meets_turn <= _AGAINST_RAD)
+    same_way = meets_turn < FORESIGHT.along_rad
+    crosses = ~same_way & (meets_turn <= FORESIGHT.against_rad)
     wanders = _wanders(scenario, pairs, ~crosses)
     leads = place.in_way & same_way & ~wanders
     suspected = np.where(leads, meets_s <= foresight.lead_s, crosses | place.in_way | wanders)
@@ -230,7 +216,7 @@ def _wanders(scenario: Scenario, pairs: _Pairs, asked: Bool[np.ndarray, " pair"]
     tracks, at = scenario.tracks, (pairs.agent[asked], pairs.step[asked])
     away = from_lane_centre(scenario.road, *(values[at] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z)))
     found = np.zeros(len(pairs.step), bool)
-    found[asked] = away > WANDERING_M
+    found[asked] = away > CAREFUL.wandering_m
     return found
 
 
@@ -242,4 +228,4 @@ def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> _Place:
     breadth = 0.5 * (np.abs(np.sin(turn)) * length + np.abs(np.cos(turn)) * width)
     ahead = along > path.driven[pairs.step]
     in_way = ahead & (np.abs(across) - breadth < 0.5 * scenario.ego.width)
-    return _Place(ahead, in_way, in_way & (np.cos(turn) > np.cos(_ALONG_RAD)))
+    return _Place(ahead, in_way, in_way & (np.cos(turn) > np.cos(FORESIGHT.along_rad)))

@@ -22,18 +22,14 @@ from jaxtyping import Bool
 from regents_cosim.boxes import Boxes, corners
 from regents_cosim.levels import beyond_road
 from regents_cosim.limits import OFF_ROAD_M
+from regents_cosim.planners.reference.parameters import CAREFUL
 from regents_cosim.scenario import Collision, ReferenceDrive, Scenario, Tracks
 from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.emergency_braking import Brakes, Drive, braked_speed, driven
 from regents_cosim.verdicts.foresight import risks
-from regents_cosim.verdicts.manoeuvres import GRAVITY
 from regents_cosim.verdicts.others_around import OthersAround, beyond_steps
 
-RISK_EVALUATION_S = 0.4
-DELAY_S = 0.75
-CAREFUL_BRAKES = Brakes(most=0.774 * GRAVITY, jerk=12.65)
-SWERVES_M = (0.0, 0.9, -0.9, 1.8, -1.8)
-SWERVE_M_S2 = 4.0
+CAREFUL_BRAKES = Brakes(most=CAREFUL.most_braking_m_s2, jerk=CAREFUL.jerk_m_s3)
 
 
 def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
@@ -58,12 +54,12 @@ def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, Drive]
     perceived = perceives(risks(attacked, path, adversary, hit.step + 1), dt)
     if perceived is None:
         return ReferenceDrive("careful", avoids=False), _own_drive(attacked)
-    acts = perceived + round((RISK_EVALUATION_S + DELAY_S) / dt)
+    acts = perceived + round((CAREFUL.evaluation_s + CAREFUL.delay_s) / dt)
     seen = ReferenceDrive("careful", avoids=False, perceives_s=round(perceived * dt, 9), acts_s=round(acts * dt, 9))
     if acts >= hit.step:
         return replace(seen, acts_s=None), _own_drive(attacked)
     speed = braked_speed(attacked.tracks.speed[0], acts, CAREFUL_BRAKES, dt, steps)
-    drives = {shift: driven(attacked, path, speed, acts, shift, SWERVE_M_S2) for shift in SWERVES_M}
+    drives = {shift: driven(attacked, path, speed, acts, shift, CAREFUL.swerve_m_s2) for shift in CAREFUL.swerves_m}
     for shift, drive in drives.items():
         if not around.meets(drive).any() and (shift == 0.0 or _keeps_to_road(attacked, drive, acts)):
             return replace(seen, avoids=True, shift_m=shift), drive
@@ -72,7 +68,7 @@ def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, Drive]
 
 def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
     """The first step from which on there is a risk for as long as it takes to evaluate it."""
-    lasting = round(RISK_EVALUATION_S / dt) + 1
+    lasting = round(CAREFUL.evaluation_s / dt) + 1
     if len(risk) < lasting:
         return None
     holds = np.lib.stride_tricks.sliding_window_view(risk, lasting).all(axis=1)

@@ -1,0 +1,239 @@
+"""Whether a careful driver would have avoided a collision that the search has made.
+
+The same question as `regents_cosim.verdicts.reference_drivers` asks of a finished case, here on the device for a hit.
+In float32, the ego's path goes straight on at its end, and the road is the blurred map: stricter than the host, whose
+verdict counts.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.mirror.bicycle import CURVATURE_LIMIT, Motion
+from regents_cosim.mirror.lane_centres import LaneCentres
+from regents_cosim.mirror.separation import Box, corners, overlaps
+from regents_cosim.mirror.world import World
+from regents_cosim.planners.reference.foresight import Course, curvature_of, further, is_risk
+from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
+
+_EGO_TIMES_S = FORESIGHT.ego_times_s.astype(np.float32)
+_BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
+_OFF_ROAD = 0.5  # of the blurred map, as in `acceptance`
+_SAME_WAY = np.float32(np.cos(np.deg2rad(45.0)))
+_ALONG = np.float32(np.cos(FORESIGHT.along_rad))
+
+
+class _Path(eqx.Module):
+    """The ego's own drive as places over the distance driven, straight on at its end."""
+
+    driven: Float[Array, " time"]  # [m]
+    x: Float[Array, " time"]
+    y: Float[Array, " time"]
+    yaw: Float[Array, " time"]
+    z: Float[Array, " time"] | None
+
+    def at(self, distance: Float[Array, "*axes"]) -> tuple[Array, Array, Array, Array | None]:
+        """X, y, yaw and height at distances [m]."""
+        index = jnp.clip((distance[..., None] >= self.driven).sum(axis=-1) - 1, 0, self.driven.shape[0] - 2)
+        begin, end = self.driven[index], self.driven[index + 1]
+        part = jnp.clip((distance - begin) / jnp.maximum(end - begin, 1e-6), 0.0, 1.0)
+        x, y, yaw = (v[index] + part * (v[index + 1] - v[index]) for v in (self.x, self.y, self.yaw))
+        z = None if self.z is None else self.z[index]
+        beyond = jnp.maximum(distance - self.driven[-1], 0.0)
+        return x + beyond * jnp.cos(yaw), y + beyond * jnp.sin(yaw), yaw, z
+
+
+def careful_avoids(
+    world: World,
+    motion: Motion,
+    boxes: Box,
+    lanes: LaneCentres,
+    adversary: Int[Array, ""],
+    step: Int[Array, ""],
+) -> Bool[Array, ""]:
+    """Whether the careful driver avoids the ego's collision with `adversary` at `step`, by braking or with a swerve.
+
+    `motion` and `boxes` [agent time] are everybody's, the ego in row 0.
+    """
+    own = jax.tree.map(lambda values: values[0], motion)
+    other = jax.tree.map(lambda values: _row(values, adversary), motion)
+    path = _path(world, own, boxes)
+    acts = _acts(world, path, own, other, boxes, lanes, adversary, step)
+    speed = _braked(own.speed, acts, world.dt)
+    moved = jnp.where(jnp.arange(len(speed)) > acts, 0.5 * (speed + jnp.roll(speed, 1)) * world.dt, 0.0)
+    distance = jnp.where(jnp.arange(len(speed)) <= acts, path.driven, path.driven[acts] + jnp.cumsum(moved))
+    beyond = distance[-1] + further(speed[-1], jnp.float32(CAREFUL.most_braking_m_s2), _BEYOND_S)
+    distance = jnp.concatenate([distance, beyond])
+    avoids = jax.vmap(
+        lambda shift: _avoids(world, boxes, path, other, adversary, distance, acts, own.speed[acts], shift)
+    )(jnp.asarray(CAREFUL.swerves_m, jnp.float32))
+    return (acts < step) & avoids.any()
+
+
+def _row(values: Array, agent: Int[Array, ""]) -> Any:
+    return jax.lax.dynamic_index_in_dim(values, agent, keepdims=False)
+
+
+def _path(world: World, own: Motion, boxes: Box) -> _Path:
+    moved = 0.5 * (own.speed[1:] + own.speed[:-1]) * world.dt
+    driven = jnp.concatenate([jnp.zeros(1, moved.dtype), jnp.cumsum(moved)])
+    return _Path(driven, own.x, own.y, own.yaw, None if boxes.z is None else boxes.z[0])
+
+
+def _acts(
+    world: World,
+    path: _Path,
+    own: Motion,
+    other: Motion,
+    boxes: Box,
+    lanes: LaneCentres,
+    adversary: Int[Array, ""],
+    step: Int[Array, ""],
+) -> Int[Array, ""]:
+    """The step at which it begins to brake, `step` if it never does before."""
+    now = jnp.arange(own.x.shape[0])
+    ego, course = _ego_going_on(world, path, own), _course(world, other, boxes, adversary)
+    risk = is_risk(
+        ego,
+        course,
+        *_place(world, path, own, other, course),
+        lanes.away(other.x, other.y, other.yaw) > CAREFUL.wandering_m,
+    )
+    risk &= _row(world.valid, adversary) & (now <= step)
+    lasts = now - jax.lax.cummax(jnp.where(risk, -1, now))
+    lasting = jnp.round(CAREFUL.evaluation_s / world.dt).astype(jnp.int32)
+    evaluated = risk & (lasts > lasting)
+    perceives = jnp.argmax(evaluated) - lasting
+    acts = perceives + jnp.round((CAREFUL.evaluation_s + CAREFUL.delay_s) / world.dt).astype(jnp.int32)
+    return jnp.where(evaluated.any(), jnp.minimum(acts, step), step)
+
+
+def _since(world: World, steps: int) -> tuple[Int[Array, " time"], Float[Array, " time"]]:
+    """For every step the one some tenths of a second before, and the time in between [s]."""
+    now = jnp.arange(steps)
+    since = jnp.maximum(now - jnp.maximum(jnp.round(FORESIGHT.over_s / world.dt).astype(jnp.int32), 1), 0)
+    return since, (now - since) * world.dt
+
+
+def _braking(speed: Float[Array, " time"], since: Int[Array, " time"], passed: Float[Array, " time"]) -> Array:
+    return jnp.maximum(speed[since] - speed, 0.0) / jnp.maximum(passed, 1e-3)
+
+
+def _ego_going_on(world: World, path: _Path, own: Motion) -> Box:
+    """The ego [time ahead] along its path."""
+    since, passed = _since(world, own.x.shape[0])
+    braking = _braking(own.speed, since, passed)
+    way = further(own.speed[:, None], braking[:, None], _EGO_TIMES_S)
+    x, y, yaw, z = path.at(path.driven[:, None] + way)
+    return Box(x, y, jnp.cos(yaw), jnp.sin(yaw), world.half_length[0], world.half_width[0], z)
+
+
+def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) -> Course:
+    valid = _row(world.valid, adversary)
+    since, passed = _since(world, other.x.shape[0])
+    known = valid[since]
+    turned = jnp.where(known, other.yaw - other.yaw[since], 0.0)
+    return Course(
+        other.x,
+        other.y,
+        other.yaw,
+        other.speed,
+        curvature_of(turned, other.speed, passed),
+        jnp.where(known, _braking(other.speed, since, passed), 0.0),
+        _row(world.half_length, adversary)[None],
+        _row(world.half_width, adversary)[None],
+        None if boxes.z is None else _row(boxes.z, adversary),
+    )
+
+
+def _place(
+    world: World, path: _Path, own: Motion, other: Motion, course: Course
+) -> tuple[Bool[Array, " time"], Bool[Array, " time"], Bool[Array, " time"]]:
+    """At every step: is the adversary ahead along the path, in the way, and does it lead there."""
+    dx, dy = other.x[:, None] - path.x, other.y[:, None] - path.y
+    nearest = jnp.argmin(dx**2 + dy**2, axis=-1)
+    dx, dy, yaw = other.x - path.x[nearest], other.y - path.y[nearest], path.yaw[nearest]
+    cos, sin = jnp.cos(yaw), jnp.sin(yaw)
+    turn_cos = jnp.cos(other.yaw - yaw)
+    breadth = jnp.abs(jnp.sin(other.yaw - yaw)) * course.half_length + jnp.abs(turn_cos) * course.half_width
+    ahead = path.driven[nearest] + dx * cos + dy * sin > path.driven
+    in_way = ahead & (jnp.abs(dy * cos - dx * sin) - breadth < world.half_width[0])
+    return ahead, in_way, in_way & (turn_cos > _ALONG)
+
+
+def _braked(own: Float[Array, " time"], acts: Int[Array, ""], dt: Float[Array, ""]) -> Float[Array, " time"]:
+    """Speeds [m/s]: the own up to `acts`, then braking, never less than by one's own."""
+    now = jnp.arange(own.shape[0])
+    lost = -jnp.diff(own, prepend=own[:1])
+    ramp = jnp.clip(CAREFUL.jerk_m_s3 * ((now - acts) * dt - 0.5 * dt), 0.0, CAREFUL.most_braking_m_s2) * dt
+    after = own[acts] - jnp.cumsum(jnp.where(now > acts, jnp.maximum(ramp, lost), 0.0))
+    return jnp.where(now <= acts, own, jnp.maximum(after, 0.0))
+
+
+def _avoids(
+    world: World,
+    boxes: Box,
+    path: _Path,
+    other: Motion,
+    adversary: Int[Array, ""],
+    distance: Float[Array, " later"],
+    acts: Int[Array, ""],
+    speed: Float[Array, ""],
+    shift: Float[Array, ""],
+) -> Bool[Array, ""]:
+    """Whether the drive over these distances meets nobody and keeps to the road, `shift` m aside from `acts` on."""
+    steps = other.x.shape[0]
+    x, y, yaw, z = path.at(distance)
+    aside, turn = _aside(jnp.maximum(distance - path.driven[acts], 0.0), speed, shift)
+    x, y, yaw = x - aside * jnp.sin(yaw), y + aside * jnp.cos(yaw), yaw + turn
+    half = world.half_length[0], world.half_width[0]
+    ego = Box(x[None], y[None], jnp.cos(yaw)[None], jnp.sin(yaw)[None], *half, None if z is None else z[None])
+    within = jax.tree.map(lambda values: values[:, :steps] if values.ndim else values, ego)
+    return (
+        ~_meets(world, within, boxes, adversary)
+        & ~_meets_beyond(world, ego, other, boxes, adversary, steps)
+        & (jnp.equal(shift, 0.0) | _keeps_to_road(world, within, acts))
+    )
+
+
+def _aside(distance: Array, speed: Array, shift: Array) -> tuple[Array, Array]:
+    """The lane change of sinusoidal lateral acceleration (`verdicts.manoeuvres`): metres aside and turn [rad]."""
+    sharpest = 2.0 * np.pi * jnp.abs(shift)
+    length = jnp.maximum(speed * jnp.sqrt(sharpest / CAREFUL.swerve_m_s2), jnp.sqrt(sharpest / (0.9 * CURVATURE_LIMIT)))
+    length = jnp.maximum(length, 1e-3)
+    done = jnp.minimum(distance / length, 1.0)
+    aside = shift * (done - jnp.sin(2.0 * np.pi * done) / (2.0 * np.pi))
+    return aside, jnp.arctan(shift / length * (1.0 - jnp.cos(2.0 * np.pi * done)))
+
+
+def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Bool[Array, ""]:
+    """Whether it overlaps anybody; others than the adversary that first touch it from behind do not count."""
+    touches = world.valid & world.apart[0][:, None] & overlaps(ego, boxes)
+    first = touches & jnp.equal(jnp.cumsum(touches, axis=1), 1)
+    same_way = ego.cos * boxes.cos + ego.sin * boxes.sin > _SAME_WAY
+    behind = (boxes.x - ego.x) * ego.cos + (boxes.y - ego.y) * ego.sin < 0.0
+    harmless = (first & same_way & behind).any(axis=1) & (jnp.arange(touches.shape[0]) != adversary)
+    return (touches.any(axis=1) & ~harmless).any()
+
+
+def _meets_beyond(
+    world: World, ego: Box, other: Motion, boxes: Box, adversary: Int[Array, ""], steps: int
+) -> Bool[Array, ""]:
+    """Whether it meets the adversary after the horizon, which goes straight on."""
+    later = jax.tree.map(lambda values: values[0, steps:] if values.ndim else values, ego)
+    cos, sin, way = jnp.cos(other.yaw[-1]), jnp.sin(other.yaw[-1]), other.speed[-1] * _BEYOND_S
+    half = _row(world.half_length, adversary), _row(world.half_width, adversary)
+    z = None if boxes.z is None else _row(boxes.z, adversary)[-1]
+    theirs = Box(other.x[-1] + way * cos, other.y[-1] + way * sin, cos, sin, *half, z)
+    return _row(world.valid, adversary)[-1] & overlaps(later, theirs).any()
+
+
+def _keeps_to_road(world: World, ego: Box, acts: Int[Array, ""]) -> Bool[Array, ""]:
+    """Whether no corner leaves the road after `acts` that was on it then."""
+    off = world.road(*corners(ego), ego.z)[:, 0] > _OFF_ROAD  # [corner time]
+    began_on = ~off[:, acts]
+    return ~(off & began_on[:, None] & (jnp.arange(off.shape[1]) >= acts)).any()

@@ -1,0 +1,64 @@
+"""The middle of lanes on the device, as points with a direction: who keeps to a lane that runs their way."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from regents_cosim.mirror.world import scene_origin
+from regents_cosim.scenario import Scenario
+
+_SPACING_M = 1.0
+_MARGIN_M = 10.0  # around the tracks of a scene
+_REACH_M = 2.0
+_SIZES = tuple(2**power for power in range(10, 18))  # points; few shapes, few compilations
+_FAR_M = 1e6
+_SAME_WAY = np.float32(np.cos(np.deg2rad(45.0)))
+
+
+class LaneCentres(eqx.Module):
+    """Points a metre apart along the centre lines around a scene; those that pad it are far away."""
+
+    x: Float[Array, " point"]  # [m]
+    y: Float[Array, " point"]  # [m]
+    cos: Float[Array, " point"]  # of the lane's direction
+    sin: Float[Array, " point"]
+
+    def away(
+        self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], yaw: Float[Array, "*axes"]
+    ) -> Float[Array, "*axes"]:
+        """Distance [m] to the nearest centre line of a lane within 45 degrees of `yaw`, far beyond 2 m."""
+        dx, dy = x[..., None] - self.x, y[..., None] - self.y
+        along, across = dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin
+        runs = jnp.cos(yaw)[..., None] * self.cos + jnp.sin(yaw)[..., None] * self.sin > _SAME_WAY
+        off = jnp.where(jnp.abs(along) <= 0.6 * _SPACING_M, jnp.abs(across), jnp.hypot(along, across))
+        return jnp.where(runs & (off <= _REACH_M), off, _FAR_M).min(axis=-1)
+
+
+def lane_centres(scenario: Scenario) -> LaneCentres:
+    """The centre lines of lanes near the scene's tracks, on all levels."""
+    origin, tracks = scene_origin(scenario), scenario.tracks
+    points, direction = _along_lanes(scenario)
+    placed = np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid]
+    low, high = placed.min(axis=0) - _MARGIN_M, placed.max(axis=0) + _MARGIN_M
+    near = ((points >= low) & (points <= high)).all(axis=1)
+    points, direction = points[near] - origin, direction[near]
+    size = next((size for size in _SIZES if size >= len(points)), len(points))
+    extra = size - len(points)
+    x, y = (np.pad(values, (0, extra), constant_values=_FAR_M) for values in points.T)
+    angle = np.pad(direction, (0, extra))
+    return LaneCentres(*(jnp.asarray(values, jnp.float32) for values in (x, y, np.cos(angle), np.sin(angle))))
+
+
+def _along_lanes(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Points [m] a metre apart and the direction [rad] of the lane at each."""
+    points, directions = [np.zeros((0, 2))], [np.zeros(0)]
+    for lane in scenario.road.lanes:
+        steps = np.diff(lane.centre, axis=0)
+        lengths = np.hypot(*steps.T)
+        along = np.concatenate([[0.0], np.cumsum(lengths)])
+        at = np.arange(0.5 * _SPACING_M, max(along[-1], _SPACING_M), _SPACING_M)
+        piece = np.clip(np.searchsorted(along, at, side="right") - 1, 0, len(steps) - 1)
+        points.append(np.stack([np.interp(at, along, values) for values in lane.centre.T], axis=-1))
+        directions.append(np.arctan2(steps[piece, 1], steps[piece, 0]))
+    return np.concatenate(points), np.concatenate(directions)

@@ -1,0 +1,100 @@
+"""What a careful driver sees coming, on the device: of several agents at one instant, or of one at many.
+
+The same rules as `regents_cosim.verdicts.foresight` on the host, which has their sources.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.mirror.bicycle import CURVATURE_LIMIT
+from regents_cosim.mirror.separation import Box, overlaps
+from regents_cosim.planners.reference.parameters import FORESIGHT
+
+_TIMES = len(FORESIGHT.times_s)
+_TIMES_S = FORESIGHT.times_s.astype(np.float32)
+_SLACK = FORESIGHT.slack
+_SHIFTED = np.arange(_TIMES)[:, None] + np.arange(-_SLACK, _SLACK + 1)  # the ego's instants for each of the others'
+_EGO_AT, _EVER = np.maximum(_SHIFTED, 0), _SHIFTED >= 0
+_ALONG = np.float32(np.cos(FORESIGHT.along_rad))
+_AGAINST = np.float32(np.cos(FORESIGHT.against_rad))
+_LEAST_TRAVEL_M = 0.05  # below, a turn is noise
+
+
+class Course(eqx.Module):
+    """How agents move now, and what they are expected to keep up."""
+
+    x: Float[Array, "*axes"]  # [m]
+    y: Float[Array, "*axes"]  # [m]
+    yaw: Float[Array, "*axes"]  # [rad]
+    speed: Float[Array, "*axes"]  # [m/s]
+    curvature: Float[Array, "*axes"]  # [1/m]
+    braking: Float[Array, "*axes"]  # [m/s^2] 0 for those that gain speed
+    half_length: Float[Array, "*#axes"]  # [m]
+    half_width: Float[Array, "*#axes"]  # [m]
+    z: Float[Array, "*axes"] | None = None  # [m]
+
+
+def curvature_of(turned: Array, speed: Array, passed_s: Array) -> Array:
+    """Curvature [1/m] of those who have turned so far [rad] in some time at a speed [m/s]."""
+    moved = speed * passed_s
+    curvature = jnp.where(moved > _LEAST_TRAVEL_M, turned / jnp.maximum(moved, _LEAST_TRAVEL_M), 0.0)
+    return jnp.clip(curvature, -CURVATURE_LIMIT, CURVATURE_LIMIT)
+
+
+def further(speed: Array, braking: Array, time: Array | np.ndarray) -> Array:
+    """How far one comes [m] in some time with a speed, braking until one stands."""
+    until = jnp.minimum(time, speed / jnp.maximum(braking, 1e-6))
+    return (speed - 0.5 * braking * until) * until
+
+
+def is_risk(
+    ego: Box,
+    course: Course,
+    ahead: Bool[Array, "*axes"],
+    in_way: Bool[Array, "*axes"],
+    leads: Bool[Array, "*axes"],
+    wanders: Bool[Array, "*axes"],
+) -> Bool[Array, "*axes"]:
+    """Who is expected to meet the ego, and is suspected of it. `ego` [*axes time] at `FORESIGHT.ego_times_s` from now.
+
+    `ahead`: their centres are, along the ego's path; `in_way`: they reach into what it will sweep; `leads`: and run
+    its way; `wanders`: they have left the middle of every lane that runs theirs.
+    """
+    hit, cos = _meetings(ego, _going_on(course, leads))
+    meets_s = jnp.where(hit.any(axis=-1), FORESIGHT.spacing_s * (jnp.argmax(hit, axis=-1) // (2 * _SLACK + 1)), jnp.inf)
+    first = hit & jnp.equal(jnp.cumsum(hit, axis=-1), 1)
+    turn = jnp.where(first, cos, 0.0).sum(axis=-1)  # cosine of that between the two when they would meet
+    same_way = turn > _ALONG
+    crosses = ~same_way & (turn >= _AGAINST)
+    keeps_ahead = in_way & same_way & ~wanders
+    suspected = jnp.where(keeps_ahead, meets_s <= FORESIGHT.lead_s, crosses | in_way | wanders)
+    return jnp.isfinite(meets_s) & suspected & (ahead | ~same_way)
+
+
+def _going_on(course: Course, leads: Bool[Array, "*axes"]) -> Box:
+    """Where agents are expected [*axes time]; who leads brakes on, too."""
+    way = further(course.speed[..., None], jnp.where(leads, course.braking, 0.0)[..., None], _TIMES_S)
+    half_turn = 0.5 * course.curvature[..., None] * way
+    chord = way * jnp.sinc(half_turn / np.pi)
+    yaw = course.yaw[..., None]
+    size = course.half_length[..., None], course.half_width[..., None]
+    return Box(
+        course.x[..., None] + chord * jnp.cos(yaw + half_turn),
+        course.y[..., None] + chord * jnp.sin(yaw + half_turn),
+        jnp.cos(yaw + 2.0 * half_turn),
+        jnp.sin(yaw + 2.0 * half_turn),
+        *size,
+        None if course.z is None else course.z[..., None],
+    )
+
+
+def _meetings(ego: Box, other: Box) -> tuple[Bool[Array, "*axes meeting"], Float[Array, "*axes meeting"]]:
+    """Whether they overlap, by time and slack, and the cosine of the turn between them."""
+    mine = jax.tree.map(lambda values: values[..., _EGO_AT] if values.ndim else values, ego)
+    theirs = jax.tree.map(lambda values: values[..., None], other)
+    hit = overlaps(mine, theirs) & _EVER
+    turn = mine.cos * theirs.cos + mine.sin * theirs.sin
+    return hit.reshape(*hit.shape[:-2], -1), turn.reshape(*turn.shape[:-2], -1)

@@ -1,0 +1,53 @@
+"""Numbers of the reference drivers, with their sources: the same for verdicts, for the search and for the planners."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from regents_cosim.limits import GRAVITY_M_S2
+
+
+@dataclass(frozen=True)
+class Careful:
+    """The competent and careful human driver of UN Regulation 157.
+
+    Source: UN R157, Annex 4, Appendix 3 (Annex 3 in the 01 series), performance models: a lane change is perceived
+    0.375 m from the middle of the lane; 0.4 s to evaluate the risk; 0.75 s until the deceleration begins; 0.774 g,
+    built up in 0.6 s (12.65 m/s^3); a cut-in is a danger below 2 s to collision. The rest is ours: what it looks at on
+    roads that are no motorway, and swerves of half a car and a car.
+    """
+
+    wandering_m: float = 0.375
+    evaluation_s: float = 0.4
+    delay_s: float = 0.75
+    most_braking_m_s2: float = 0.774 * GRAVITY_M_S2
+    jerk_m_s3: float = 12.65
+    swerves_m: tuple[float, ...] = (0.0, 0.9, -0.9, 1.8, -1.8)  # tried in this order; 0 is braking alone
+    swerve_m_s2: float = 4.0
+
+
+@dataclass(frozen=True)
+class Foresight:
+    """How far ahead of the present it looks."""
+
+    ahead_s: float = 4.0
+    lead_s: float = 2.0  # for who keeps to the ego's own lane
+    spacing_s: float = 0.25
+    slack: int = 2  # spacings by which the ego may be earlier or later than expected
+    over_s: float = 0.3  # of the past, by which turn and braking are told
+    along_rad: float = float(np.deg2rad(30.0))  # who differs by more crosses ...
+    against_rad: float = float(np.deg2rad(150.0))  # ... and by more than this comes the other way
+
+    @property
+    def times_s(self) -> np.ndarray:
+        """At which the others are looked at."""
+        return self.spacing_s * np.arange(round(self.ahead_s / self.spacing_s) + 1)
+
+    @property
+    def ego_times_s(self) -> np.ndarray:
+        """At which the ego is, later by up to the slack."""
+        return self.spacing_s * np.arange(len(self.times_s) + self.slack)
+
+
+CAREFUL = Careful()
+FORESIGHT = Foresight()
