@@ -164,7 +164,7 @@ def test_mutations_never_crash_a_reader(logs, name, seed, tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", WITH_POLARS)
-def test_damaged_parquet_and_feather(tmp_path, name):
+def test_damaged_parquet_and_feather(tmp_path, name, capfd):
     pytest.importorskip("polars")
     folder = log_files.write(name, tmp_path)
     file = next(folder.glob("*.parquet"), folder / "annotations.feather")
@@ -172,6 +172,7 @@ def test_damaged_parquet_and_feather(tmp_path, name):
     for damaged in (content[: len(content) // 2], content[:8] + b"\xff" * 300, content[:-300] + b"\xff" * 300):
         file.write_bytes(damaged)
         assert isinstance(use(folder), LogError)
+    assert capfd.readouterr().err == "", "polars' threads say that they panic"
 
 
 @pytest.mark.parametrize(("part", "number"), [("left_lane_boundary", 99_999_999.0), ("area_boundary", 1e300)])

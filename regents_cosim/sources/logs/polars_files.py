@@ -6,6 +6,7 @@ with and a limited time, and hands over plain arrays.
 """
 
 import importlib.util
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -51,6 +52,7 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
 
     content = unpacked(path)
     _limit(len(content))
+    _say_nothing()
     try:
         frame = (pl.read_parquet if content[:4] == b"PAR1" else pl.read_ipc)(content)
         missing = [name for name in (*numbers, *texts) if name not in frame.columns and name not in optional]
@@ -84,6 +86,13 @@ def _limit(size: int) -> None:
     if sys.platform == "linux":
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         _at_most(resource.RLIMIT_AS, used + _MEMORY)
+
+
+def _say_nothing() -> None:
+    """Drop what polars' threads write to stderr when they panic: the error says it in one line."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    os.close(nowhere)
 
 
 def _at_most(what: int, value: int) -> None:
