@@ -142,6 +142,14 @@ def test_the_limit_is_unknown_where_a_log_names_none():
     assert "speeding" in law_of(attacked(log)).unknown
 
 
+def test_a_log_without_lights_may_have_left_them_out():
+    log = scene((40, 0, 10), (0, 0, 30), road=two_way())
+    assert "red_light" in law_of(attacked(log)).unknown
+    lit = replace(log, signals=(Signal("light", ((0, "G"),)),))
+    assert "red_light" not in law_of(attacked(lit)).unknown
+    assert "red_light" not in law_of(on_the_crossing(straight("a", -108.0, -1.7, 0.0, 13.0))).unknown
+
+
 def test_off_the_road():
     log = scene((20, 0, 8), (0, 0, 10), road=two_way())
     made = changed(log, 1, y=lane_change(0.5, 0.0, -1.4), x=12 * TIME)

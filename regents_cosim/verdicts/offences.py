@@ -15,6 +15,7 @@ from regents_cosim.boxes import corners
 from regents_cosim.frames import wrap
 from regents_cosim.levels import beyond_road
 from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M
+from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Law, Offence, OffenceName, Scenario
 from regents_cosim.verdicts.drive import Act, Drive, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
@@ -87,17 +88,28 @@ def _unknown(attacked: Scenario) -> tuple[OffenceName, ...]:
     road = attacked.road
     without_lanes: list[OffenceName] = ["oncoming_lanes", "against_direction", "leaves_lane"]
     names = list[OffenceName]() if road.lanes else without_lanes
-    signals = {signal.id for signal in attacked.signals}
-    if any(link.signal and link.signal not in signals for link in road.connections) or not road.lanes:
+    if not _knows_lights(attacked):
         names.append("red_light")
     if not any(lane.junction for lane in road.lanes):
         names.append("leaves_way")
-    assumed = road.sumo_net is None and all(lane.speed_limit == _ASSUMED_LIMIT_M_S for lane in road.lanes)
-    if assumed or not any(np.isfinite(lane.speed_limit) for lane in road.lanes):
+    if not any(np.isfinite(_limit(road, lane)) for lane in road.lanes):
         names.append("speeding")
     if priorities(road) is None:
         names.append("gives_no_way")
     return tuple(names)
+
+
+def _knows_lights(attacked: Scenario) -> bool:
+    """Simulators have no other lights than those recorded; a log without any may have left them out."""
+    road, signals = attacked.road, {signal.id for signal in attacked.signals}
+    named = {link.signal for link in road.connections if link.signal}
+    simulated = road.sumo_net is not None or attacked.provenance.source == "highway"
+    return bool(road.lanes) and named <= signals and (simulated or bool(signals))
+
+
+def _limit(road: RoadMap, lane: Lane) -> float:
+    """The limit of a lane [m/s], infinite where the log named none."""
+    return np.inf if road.sumo_net is None and lane.speed_limit == _ASSUMED_LIMIT_M_S else lane.speed_limit
 
 
 # --- the side of the road ----------------------------------------------------------------------------
@@ -194,7 +206,7 @@ def _speeding(drive: Drive, partner: Drive | None) -> Act | None:
 def _limits(drive: Drive) -> Float[np.ndarray, " time"]:
     """The limit at each step [m/s]: inside junctions, whose lanes have no signs, the higher of before and behind."""
     road, count = drive.scenario.road, len(drive.centre)
-    limit = np.array([-np.inf if lane.junction else lane.speed_limit for lane in road.lanes])
+    limit = np.array([-np.inf if lane.junction else _limit(road, lane) for lane in road.lanes])
     found = np.full(count, -np.inf)
     np.maximum.at(found, drive.own.point, limit[drive.own.lane])
     known = np.flatnonzero(found > 0.0)
