@@ -189,6 +189,15 @@ def test_who_comes_from_the_minor_road_gives_way():
     assert "gives_no_way" not in names(law.adversary)
 
 
+def test_across_the_middle_inside_a_junction():
+    """Turns of others lie under it there, which it may not take."""
+    adversary = straight("a", 15.0, 1.7, np.pi, 10.0)
+    y = 1.7 - np.minimum(1.9, 3.8 * DT * np.arange(STEPS))
+    made = on_the_crossing(dataclasses.replace(adversary, y=y), straight("ego", -20.0, -1.7, 0.0, 10.0))
+    assert abs(made.tracks.x[1, made.attack.collision.step]) < 12.0
+    assert "oncoming_lanes" in names(law_of(made).adversary)
+
+
 def test_leaving_its_way_in_a_junction():
     ego = straight("ego", -10.0, -1.7, 0.0, 0.0)
     adversary = straight("a", 15.0, 1.7, np.pi, 12.0)
@@ -256,7 +265,6 @@ def test_the_rows_of_a_network_by_hand():
     assert priorities(two_way()) is None
 
 
-@pytest.mark.slow
 def test_a_network_built_for_left_hand_traffic(tmp_path):
     import sumo
 

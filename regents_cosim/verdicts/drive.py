@@ -15,6 +15,8 @@ from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Lane
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_pieces import Under, lane_pieces
+from regents_cosim.verdicts.oncoming import oncoming_share
+from regents_cosim.verdicts.ways import lawful_lanes
 
 _MATCH_SPACING_M = 0.5  # of the points by which lanes are found: a standing vehicle adds none
 
@@ -97,6 +99,17 @@ class Drive:
         ]
 
     @cached_property
+    def lawful(self) -> frozenset[str] | None:
+        """The lanes that it may use from where it was first seen."""
+        lanes = lawful_lanes(self.scenario, self.agent)
+        return None if lanes is None else frozenset(lane.id for lane in lanes)
+
+    @cached_property
+    def oncoming_share(self) -> Float[np.ndarray, " time"]:
+        """The share of its body on lanes that run only the other way."""
+        return oncoming_share(self.scenario.road, self.box, self.lawful)
+
+    @cached_property
     def under(self) -> Under:
         """The lanes that hold its centre."""
         return lane_pieces(self.scenario.road).under(self.centre, np.asarray(self.box.z))
@@ -105,13 +118,6 @@ class Drive:
     def own(self) -> Under:
         """Of those the ones that run its way."""
         return self.under.take(np.abs(wrap(self.under.heading - self.yaw[self.under.point])) < ALONG_RAD)
-
-    @cached_property
-    def off_middle(self) -> Float[np.ndarray, " time"]:
-        """How far [m] its centre is from the middle of the nearest lane that runs its way; infinite without one."""
-        off = np.full(len(self.centre), np.inf)
-        np.minimum.at(off, self.own.point, np.abs(self.own.left))
-        return off
 
     def longest(self, holds: Bool[np.ndarray, " time"]) -> tuple[int, int]:
         """Begin and end (excluded) of the longest run in which something holds; (0, 0) where it never does."""

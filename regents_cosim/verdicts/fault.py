@@ -21,7 +21,7 @@ from regents_cosim.levels import height_on
 from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.roadmap import Lane
 from regents_cosim.scenario import Collision, Fault, OffenceName, Scenario
-from regents_cosim.verdicts.drive import Act, driven, gaps
+from regents_cosim.verdicts.drive import Act, gaps
 from regents_cosim.verdicts.offences import acts
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
@@ -104,10 +104,6 @@ class Crash:
         late = slice(max(self.before - round(_LATE_S / self.scenario.dt), 0), self.before + 1)
         speed = self.scenario.tracks.speed[:, late]
         return {a: act for a, act in self.acts(name, _LATE_S).items() if speed[a].max() > STANDING_M_S}
-
-    def off_middle(self, agent: int) -> float:
-        """How far [m] its centre is from the middle of the nearest lane that runs its way; infinite without one."""
-        return float(np.abs(driven(self.scenario, agent, self.hit.step).off_middle[-1]))
 
     def turned(self, agent: int) -> float:
         """By how much its heading changed over the last seconds [rad], positive to the left."""
@@ -226,15 +222,6 @@ def _turns_across(crash: Crash) -> Verdict | None:
     return _by_each(
         crash, {across[0]: f"turned {np.rad2deg(abs(turned[across[0]])):.0f} degrees across the other's way"}
     )
-
-
-def _beside_its_way(crash: Crash) -> Verdict | None:
-    """Two met head-on, and one of them alone was not in the middle of its lane."""
-    if crash.turn(crash.before) < _AGAINST_RAD:
-        return None
-    off = {agent: crash.off_middle(agent) for agent in (_EGO, crash.other)}
-    said = {a: f"was {m:.1f} m off the middle of its lane" for a, m in off.items() if _SIDEWAYS_M < m < np.inf}
-    return _by_each(crash, said) if len(said) == 1 else None
 
 
 def _leaves_lane(crash: Crash) -> Verdict | None:
@@ -360,7 +347,6 @@ RULES: tuple[Rule, ...] = (
     Rule("rear_end", "Road Traffic, art. 13(5): keep a sufficient distance; RSS", _rear_end),
     Rule("standing", "Road Traffic, art. 13(1): be able to stop before any foreseeable obstruction", _standing),
     Rule("turns_across", "Road Traffic, art. 16(1)(b): who turns across lets oncoming traffic pass", _turns_across),
-    Rule("beside_its_way", "Road Traffic, art. 10: keep to one's side when meeting others", _beside_its_way),
     Rule("leaves_lane", "Road Traffic, art. 14: leave one's lane only where that endangers no other", _leaves_lane),
     Rule("speeding", "Road Traffic, art. 13(1) and (2): keep to the limit", _speeding),
     Rule("unclear", "Road Traffic, art. 18 needs signs and priorities, which this map does not hold", _unclear),

@@ -19,10 +19,10 @@ from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Law, Offence, OffenceName, Scenario
 from regents_cosim.verdicts.drive import Act, Drive, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
-from regents_cosim.verdicts.oncoming import oncoming, oncoming_share
+from regents_cosim.verdicts.oncoming import oncoming
 from regents_cosim.verdicts.priority import gives_no_way
 from regents_cosim.verdicts.right_of_way import priorities
-from regents_cosim.verdicts.ways import OFF_WAY_M, OVER_LIMIT, lawful_lanes
+from regents_cosim.verdicts.ways import OFF_WAY_M, OVER_LIMIT
 
 _BODY_SHARE = 0.17  # of a body on oncoming lanes: 0.3 m of a car 1.8 m wide
 _STEPS = 2
@@ -117,11 +117,11 @@ def _limit(road: RoadMap, lane: Lane) -> float:
 
 def _oncoming_lanes(drive: Drive, partner: Drive | None) -> Act | None:
     """Its body on lanes that run only the other way: more than 17 % at 2 steps or more, or 5 % in a head-on crash."""
-    share = oncoming_share(drive.scenario.road, drive.box)
+    share = drive.oncoming_share
     act = _lasting(drive, share > _BODY_SHARE, share, _STEPS)
     if act is not None or partner is None or share[-1] <= _HEAD_ON_SHARE:
         return act
-    if _turn(drive, partner) <= _HEAD_ON_RAD or oncoming_share(drive.scenario.road, partner.box)[-1] > _NONE_SHARE:
+    if _turn(drive, partner) <= _HEAD_ON_RAD or partner.oncoming_share[-1] > _NONE_SHARE:
         return None
     begin = len(share) - int(np.argmin(np.append(share[::-1] > _HEAD_ON_SHARE, False)))
     return Act(int(drive.steps[begin]), len(share) - begin, float(share[begin:].max()))
@@ -134,7 +134,7 @@ def _turn(drive: Drive, partner: Drive) -> float:
 
 def _against_direction(drive: Drive, partner: Drive | None) -> Act | None:
     """Its centre on such lanes at 2 steps or more, while it moves; the amount is the way that it drove so."""
-    against = oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z))
+    against = oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z), drive.lawful)
     begin, end = drive.longest(against)
     moved = float(drive.moved_m[begin + 1 : end].sum())
     return Act(int(drive.steps[begin]), end - begin, moved) if end - begin >= _STEPS and moved > _SAME else None
@@ -158,14 +158,13 @@ def _off_road(drive: Drive, partner: Drive | None) -> Act | None:
 
 def _leaves_way(drive: Drive, partner: Drive | None) -> Act | None:
     """Inside a junction its centre is more than 1.6 m from all ways that begin at its approach, for over 0.25 s."""
-    lanes = lawful_lanes(drive.scenario, drive.agent)
-    if lanes is None:
+    if drive.lawful is None:
         return None
     inside = _inside_junction(drive)
     if not inside.any():
         return None
     lines = lane_lines(drive.scenario.road)
-    own = shapely.MultiLineString([lines[lane.id] for lane in lanes])
+    own = shapely.MultiLineString([lines[name] for name in sorted(drive.lawful)])
     off = np.where(inside, shapely.distance(own, shapely.points(drive.centre)), 0.0)
     return _lasting(drive, off > OFF_WAY_M, off, int(_OFF_WAY_S / drive.scenario.dt) + 1)
 

@@ -1,7 +1,8 @@
 """Which places belong to oncoming traffic alone: lanes are there, and all of them run the other way.
 
-Where lanes of both directions lie on each other (a narrow road drawn as one, turns that cross in a junction) no place
-is oncoming: no centre line is known there.
+Where lanes of both directions lie on each other (a narrow road drawn as one) no place is oncoming: no centre line is
+known there. Inside a junction ways of many directions cross: there only the ways that a road user may take itself
+(`own`) count as running its way, and only those that lead against it by more than 120 degrees as oncoming.
 """
 
 import numpy as np
@@ -13,22 +14,32 @@ from regents_cosim.roadmap import RoadMap
 from regents_cosim.verdicts.lane_pieces import lane_pieces
 
 OTHER_WAY_RAD = np.deg2rad(90.0)
+_OTHER_WAY_INSIDE_RAD = np.deg2rad(120.0)
+Own = frozenset[str] | None
 _ALONG, _ACROSS = 8, 10  # samples of a body: each stands for 1.25 % of it
 
 
 def oncoming(
-    road: RoadMap, points: Float[np.ndarray, "*axes 2"], heading: Values, z: Values = 0.0
+    road: RoadMap, points: Float[np.ndarray, "*axes 2"], heading: Values, z: Values = 0.0, own: Own = None
 ) -> Bool[np.ndarray, "*axes"]:
-    """Whether only lanes run at points [m] that lead against a heading [rad] there, by more than 90 degrees."""
+    """Whether only lanes run at points [m] that lead against a heading [rad] there.
+
+    `own` has the lanes that the road user may take; None: not known, and all ways through junctions count.
+    """
     shape = points.shape[:-1]
     heading, z = (np.broadcast_to(values, shape).ravel() for values in (heading, z))
     at = lane_pieces(road).under(points.reshape(-1, 2), z)
-    against = np.abs(wrap(at.heading - heading[at.point])) > OTHER_WAY_RAD
-    lanes = np.bincount(at.point, minlength=len(heading))
-    return ((lanes > 0) & (np.bincount(at.point, against, minlength=len(heading)) == lanes)).reshape(shape)
+    turn = np.abs(wrap(at.heading - heading[at.point]))
+    inside = np.array([lane.junction and own is not None for lane in road.lanes], bool)[at.lane]
+    allowed = np.array([own is None or lane.id in own for lane in road.lanes], bool)[at.lane]
+    against = turn > np.where(inside, _OTHER_WAY_INSIDE_RAD, OTHER_WAY_RAD)
+    along = (turn <= OTHER_WAY_RAD) & (~inside | allowed)
+    count = len(heading)
+    found = (np.bincount(at.point, against, count) > 0) & (np.bincount(at.point, along, count) == 0)
+    return found.reshape(shape)
 
 
-def oncoming_share(road: RoadMap, boxes: Boxes) -> Float[np.ndarray, "*axes"]:
+def oncoming_share(road: RoadMap, boxes: Boxes, own: Own = None) -> Float[np.ndarray, "*axes"]:
     """The share (0 to 1) of each body that is on oncoming lanes alone, by 80 places of it."""
     values = np.broadcast_arrays(*boxes)
     x, y, yaw, length, width, z = (np.ravel(one).astype(float) for one in values)
@@ -36,7 +47,7 @@ def oncoming_share(road: RoadMap, boxes: Boxes) -> Float[np.ndarray, "*axes"]:
     near = np.flatnonzero(_near_other_way(road, Boxes(x, y, yaw, length, width, z)))
     if len(near):
         places = _places(*(one[near] for one in (x, y, yaw, length, width)))
-        share[near] = oncoming(road, places, yaw[near, None], z[near, None]).mean(axis=1)
+        share[near] = oncoming(road, places, yaw[near, None], z[near, None], own).mean(axis=1)
     return share.reshape(np.shape(values[0]))
 
 
