@@ -17,6 +17,8 @@ from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.dynamics import controls_between
 from regents_cosim.mirror.world import to_world
 from regents_cosim.replays.mirror import Wheel
+from regents_cosim.scenario import UNLAWFUL
+from regents_cosim.verdicts.judgement import judge
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +64,14 @@ def test_the_original_is_cut_alike_and_free_of_collisions(attacked, shrunk):
     assert np.array_equal(case.original.x, attacked.original.x[rows, begin : begin + case.tracks.steps])
     before = case.before_attack()
     assert first_contact(before.agents, before.tracks) is None
+
+
+def test_a_shrunk_crash_tells_no_less(attacked, shrunk):
+    before, after = judge(attacked).judgement, shrunk.case.judgement
+    assert set(after.flaws) <= {*before.flaws, "unattributed"}
+    assert set(after.preventable_by) >= set(before.preventable_by)
+    broken = [{o.name for o in judged.law.adversary} & UNLAWFUL if judged.law else set() for judged in (after, before)]
+    assert broken[0] <= broken[1]
 
 
 def test_a_shrunk_case_shrinks_no_further(shrunk, wheel, tmp_path):

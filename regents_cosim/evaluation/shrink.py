@@ -8,7 +8,8 @@ Four reductions, in turns until none of them gets any further:
 4. the window begins later and ends soon after the crash; the planner starts afresh there.
 
 A reduction stays where the planner, driving in closed loop, still meets the same adversary in the same way, by the
-exact boxes, and nothing spoils the crash that did not spoil it before. So a shrunk case shrinks no further.
+exact boxes, nothing spoils the crash that did not spoil it before, the adversary breaks no law that it kept, and every
+reference driver that avoided the crash still does: a telling crash stays telling. So a shrunk case shrinks no further.
 
 Source: delta debugging, Zeller and Hildebrandt 2002.
 """
@@ -25,8 +26,9 @@ from regents_cosim.evaluation.pieces import cut, without
 from regents_cosim.evaluation.way_back import WayBack, changed_agents, with_rows
 from regents_cosim.names import file_name
 from regents_cosim.replays.mirror import Wheel
-from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.scenario import UNLAWFUL, Collision, Scenario, Tracks
 from regents_cosim.verdicts.clean import cleanness
+from regents_cosim.verdicts.judgement import judge
 
 LEAD_S = 2.0  # of the window before the crash, at least: the planner must have had something to decide
 _TAIL_S = 0.5  # and after it
@@ -37,7 +39,7 @@ _LESS = 0.01  # ... and as a share of it
 
 @dataclass(frozen=True, eq=False)
 class Shrunk:
-    """A case before and after."""
+    """A case before and after, the latter judged."""
 
     attacked: Scenario
     case: Scenario
@@ -107,7 +109,7 @@ def shrink(attacked: Scenario, wheel: Wheel, lead_s: float = LEAD_S) -> Shrunk:
         before = case
         for reduce in reductions:
             case = reduce(case, trial)
-    return Shrunk(attacked, case, trial.drives)
+    return Shrunk(attacked, judge(case), trial.drives)
 
 
 class _Trial:
@@ -116,6 +118,7 @@ class _Trial:
     def __init__(self, wheel: Wheel, adversary: str) -> None:
         self._wheel, self._adversary = wheel, adversary
         self._kind, self._flaws = "", frozenset[str]()
+        self._said = _Said(frozenset(), frozenset())
         self.drives = 0
 
     def begin(self, attacked: Scenario) -> Scenario:
@@ -131,8 +134,8 @@ class _Trial:
         case = _named(attacked, self._wheel.planner)
         if found != own:
             case = self._as_driven(case, tracks)
-        self._kind, self._flaws = _collision(case).kind, _flaws(case)
-        return case
+        self._kind, self._flaws, self._said = _collision(case).kind, _flaws(case), _said(case)
+        return replace(case, judgement=None, evasion=None)
 
     def crash(self, smaller: Scenario) -> Scenario | None:
         """`smaller` as the planner drives it, where it crashes as before; None where it does not.
@@ -166,7 +169,18 @@ class _Trial:
         hit = driven.attack.collision if driven.attack else None
         if hit is None or (hit.agent, hit.kind) != (self._adversary, self._kind):
             return False
-        return _flaws(driven) <= self._flaws
+        return _flaws(driven) <= self._flaws and _said(driven).says_no_less_than(self._said)
+
+
+@dataclass(frozen=True)
+class _Said:
+    """What makes a clean crash telling."""
+
+    broken: frozenset[str]  # laws, by the adversary
+    avoided_by: frozenset[str]  # reference drivers
+
+    def says_no_less_than(self, other: "_Said") -> bool:
+        return self.broken <= other.broken and self.avoided_by >= other.avoided_by
 
 
 _Reduction = Callable[[Scenario, _Trial], Scenario]
@@ -286,3 +300,9 @@ def _flaws(case: Scenario) -> frozenset[str]:
     assert found is not None
     spoils = ("off_road", "hits_others", "rear_ends_ego", "ego_stands")
     return frozenset(name for name in spoils if getattr(found, name))
+
+
+def _said(case: Scenario) -> _Said:
+    judged = judge(case).judgement
+    broken = {offence.name for offence in judged.law.adversary} & UNLAWFUL if judged and judged.law else ()
+    return _Said(frozenset(broken), frozenset(judged.preventable_by if judged else ()))
