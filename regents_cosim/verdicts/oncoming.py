@@ -14,7 +14,7 @@ from regents_cosim.roadmap import RoadMap
 from regents_cosim.verdicts.lane_pieces import lane_pieces
 
 OTHER_WAY_RAD = np.deg2rad(90.0)
-_OTHER_WAY_INSIDE_RAD = np.deg2rad(120.0)
+OTHER_WAY_INSIDE_RAD = np.deg2rad(120.0)
 Own = frozenset[str] | None
 _ALONG, _ACROSS = 8, 10  # samples of a body: each stands for 1.25 % of it
 
@@ -32,7 +32,7 @@ def oncoming(
     turn = np.abs(wrap(at.heading - heading[at.point]))
     inside = np.array([lane.junction and own is not None for lane in road.lanes], bool)[at.lane]
     allowed = np.array([own is None or lane.id in own for lane in road.lanes], bool)[at.lane]
-    against = turn > np.where(inside, _OTHER_WAY_INSIDE_RAD, OTHER_WAY_RAD)
+    against = turn > np.where(inside, OTHER_WAY_INSIDE_RAD, OTHER_WAY_RAD)
     along = (turn <= OTHER_WAY_RAD) & (~inside | allowed)
     count = len(heading)
     found = (np.bincount(at.point, against, count) > 0) & (np.bincount(at.point, along, count) == 0)

@@ -25,6 +25,7 @@ from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces, neighbours
+from regents_cosim.verdicts.oncoming import OTHER_WAY_INSIDE_RAD, OTHER_WAY_RAD
 
 OFF_WAY_M = 1.6  # the centre may be so far from the middle of its way through a junction
 OVER_LIMIT = 1.2  # times the limit: what is no speeding
@@ -224,30 +225,30 @@ def _swept(scenario: Scenario, agent: int) -> BaseGeometry:
 
 
 def _oncoming_strips(road: RoadMap, parts: dict[str, tuple[float, float]], lawful: BaseGeometry) -> list[BaseGeometry]:
-    """Lanes outside junctions near the lawful ones that are none of them, and run against those beside them."""
+    """Lanes near the lawful ones that are none of them and run against those beside them, as `oncoming` has it."""
     near = road.centre_lines.query(lawful, predicate="dwithin", distance=OFF_WAY_M + 2.0)
-    others = [road.lanes[i] for i in near.tolist() if road.lanes[i].id not in parts and not road.lanes[i].junction]
+    others = [road.lanes[i] for i in near.tolist() if road.lanes[i].id not in parts]
     lines = lane_lines(road)
     own = [lines[name] for name in parts]
     return [
         lines[lane.id].buffer(0.5 * lane.width, cap_style="flat", quad_segs=2)
         for lane in others
-        if _against(lines[lane.id], own)
+        if _turn(lines[lane.id], own) > (OTHER_WAY_INSIDE_RAD if lane.junction else OTHER_WAY_RAD)
     ]
 
 
-def _against(line: shapely.LineString, lines: list[shapely.LineString]) -> bool:
-    """Whether a line runs against the nearest of `lines` where the two come closest."""
+def _turn(line: shapely.LineString, lines: list[shapely.LineString]) -> float:
+    """By how much a line turns off the nearest of `lines` where the two come closest [rad]."""
     nearest = int(np.argmin(shapely.distance(lines, line)))
     place = shapely.Point(shapely.shortest_line(line, lines[nearest]).coords[0])
-    ahead = [_direction(one, place) for one in (line, lines[nearest])]
-    return float(ahead[0] @ ahead[1]) < 0.0
+    return abs(float(wrap(_heading(line, place) - _heading(lines[nearest], place))))
 
 
-def _direction(line: shapely.LineString, place: shapely.Point) -> Float[np.ndarray, " 2"]:
+def _heading(line: shapely.LineString, place: shapely.Point) -> float:
+    """The direction of a line where it is nearest to a place [rad]."""
     at = min(max(line.project(place), 0.5), max(line.length - 0.5, 0.0))
-    a, b = (np.array(line.interpolate(max(at + d, 0.0)).coords[0]) for d in (-0.5, 0.5))
-    return b - a
+    (x0, y0), (x1, y1) = (line.interpolate(max(at + d, 0.0)).coords[0] for d in (-0.5, 0.5))
+    return float(np.arctan2(y1 - y0, x1 - x0))
 
 
 # --- the ways ----------------------------------------------------------------------------------------
