@@ -130,7 +130,9 @@ def test_an_attacked_case_is_not_attacked_again():
 
 
 def test_an_unknown_planner():
-    with pytest.raises(PlannerError, match="expected one of aim-bev, constant_velocity, idm, log_replay"):
+    with pytest.raises(
+        PlannerError, match="expected one of aim-bev, careful, constant_velocity, fuzzy, idm, log_replay"
+    ):
         attack_one(platoon(), planner="nobody")
 
 

@@ -86,7 +86,7 @@ def test_a_planner_from_a_module():
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("nobody", "constant_velocity, idm, log_replay"),
+        ("nobody", "careful, constant_velocity, fuzzy, idm, log_replay, rss"),
         ("no_such_module:Thing", "cannot be imported: ModuleNotFoundError"),
         ("regents_cosim.planners.idm:Nothing", "has no 'Nothing'"),
         ("nowhere.py:Thing", "cannot be imported: FileNotFoundError"),

@@ -17,9 +17,12 @@ from regents_cosim.user_code import import_named
 # Those that come with the package. Another package's entry point of the same name does not take their place.
 OURS: dict[str, str] = {
     "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
+    "careful": "regents_cosim.planners.reference.drivers:Careful",
     "constant_velocity": "regents_cosim.planners.constant_velocity:ConstantVelocity",
+    "fuzzy": "regents_cosim.planners.reference.drivers:FuzzyDriver",
     "idm": "regents_cosim.planners.idm:IDM",
     "log_replay": "regents_cosim.planners.log_replay:LogReplay",
+    "rss": "regents_cosim.planners.reference.drivers:RssDriver",
 }
 
 # Somebody else's kind of planner behind a prefix: `exec:./my_planner --fast`. What the factory gets is the rest.

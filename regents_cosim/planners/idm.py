@@ -164,6 +164,21 @@ class IDM(JaxPlanner):
         return np.minimum(speed, 60.0)
 
 
+def place_on_route(memory: Memory, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Distance along the route and to the left of it [m], and the route's direction [rad] there."""
+    along, across, index = _project(memory, x, y)
+    _, _, cos, sin = _point(memory, index)
+    return along, across, jnp.arctan2(sin, cos)
+
+
+def route_poses(memory: Memory, along: Array) -> tuple[Array, Array, Array, Array]:
+    """Places and directions of the route at distances [m]: x, y [m], cosine, sine; straight on beyond its end."""
+    index = jnp.clip(jnp.floor(along / SPACING_M).astype(jnp.int32), 0, _POINTS - 1)
+    x, y, cos, sin = _point(memory, index)
+    rest = along - index * SPACING_M
+    return x + rest * cos, y + rest * sin, cos, sin
+
+
 def _project(memory: Memory, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Distance along and across the route [m], left positive, and the nearest point's index.
 

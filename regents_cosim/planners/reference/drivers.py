@@ -1,0 +1,189 @@
+"""The reference drivers as planners: IDM on the route until the model sees a danger, then its emergency braking.
+
+They steer as IDM does, and brake alone: swerves belong to the verdict (`verdicts.reference_drivers`). The mirror lets
+no planner brake harder than `mirror.bicycle.ACCEL_LIMIT`, 6 m/s^2, less than the 0.774 g of the regulation's driver.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
+from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.mirror.separation import Box
+from regents_cosim.planners.idm import IDM, Memory, Sight, place_on_route, route_poses
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
+from regents_cosim.planners.reference.foresight import Course, curvature_of, further, is_risk
+from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
+from regents_cosim.planners.reference.safety_models import FUZZY, RSS, Beside, fuzzy_braking, rss_braking
+
+_ALONG = np.float32(np.cos(FORESIGHT.along_rad))
+_EGO_TIMES_S = FORESIGHT.ego_times_s.astype(np.float32)
+_CALM_S = 1.0  # without a danger, until the emergency is over
+
+
+class Seen(eqx.Module):
+    """The others, as IDM sees them and in full."""
+
+    idm: Sight
+    traffic: Traffic
+    along: Float[Array, "*time agent"]  # [m] of their centres on the route
+    across: Float[Array, "*time agent"]  # [m] to the left of it
+    turn: Float[Array, "*time agent"]  # [rad] from the route's direction to theirs
+    wanders: Bool[Array, "*time agent"]  # they have left the middle of every lane that runs their way
+
+
+class State(eqx.Module):
+    """What it remembers."""
+
+    idm: Memory
+    lanes: LaneCentres
+    dt: Float[Array, ""]  # [s]
+    turned: Float[Array, "back agent"]  # [rad] the others' headings of late, the oldest first
+    speeds: Float[Array, "back agent"]  # [m/s]
+    there: Bool[Array, "back agent"]
+    own: Float[Array, " back"]  # [m/s] the ego's speeds
+    danger_s: Float[Array, " agent"]  # for how long each has been one without a break
+    reacts_s: Float[Array, ""]  # since it has decided to brake; 0 before
+    calm_s: Float[Array, ""]  # since the last danger
+    braking: Float[Array, ""]  # [m/s^2] at the last step
+
+
+class ReferencePlanner(JaxPlanner):
+    """What the three have in common; `wanted` says how hard each model would brake for each of the others."""
+
+    idm: IDM = IDM()
+    evaluation_s: float = 0.0
+    delay_s: float = 0.75
+    jerk: float = 12.65  # [m/s^3]
+
+    def init(self, scene: LoopScene) -> State:
+        """The route, the lanes around, and an uneventful past."""
+        back = max(round(FORESIGHT.over_s / scene.scenario.dt), 1)
+        agents = scene.world.valid.shape[0] - 1
+        past = jnp.zeros((back, agents), jnp.float32)
+        zero = jnp.float32(0.0)
+        own = jnp.full(back, scene.world.start.speed[0])
+        return State(
+            self.idm.init(scene), lane_centres(scene.scenario), scene.world.dt, past, past, past > 0.0, own,
+            jnp.zeros(agents, jnp.float32), zero, zero, zero,
+        )  # fmt: skip
+
+    def look(self, memory: State, traffic: Traffic) -> Seen:
+        """Everybody's place along the route and in the lanes."""
+        motion = traffic.motion
+        along, across, yaw = place_on_route(memory.idm, motion.x, motion.y)
+        wanders = memory.lanes.away(motion.x, motion.y, motion.yaw) > CAREFUL.wandering_m
+        places = (values.T for values in (along, across, motion.yaw - yaw, wanders))
+        return Seen(self.idm.look(memory.idm, traffic), super().look(memory, traffic), *places)
+
+    def wanted(self, memory: State, seen: Seen, ego: Motion) -> Float[Array, " agent"]:
+        """The braking [m/s^2] that each of the others calls for."""
+        raise NotImplementedError
+
+    def step(self, memory: State, sight: Seen, ego: Motion) -> tuple[Controls, State]:
+        """IDM's controls, or the emergency braking once it has reacted."""
+        nominal, idm = self.idm.step(memory.idm, sight.idm, ego)
+        wanted = jnp.where(sight.traffic.valid, self.wanted(memory, sight, ego), 0.0)
+        danger_s = jnp.where(wanted > 0.0, memory.danger_s + memory.dt, 0.0)
+        decided = (danger_s > self.evaluation_s + 0.5 * memory.dt).any()
+        calm_s = jnp.where((wanted > 0.0).any(), 0.0, memory.calm_s + memory.dt)
+        on = (decided | (memory.reacts_s > 0.0)) & (calm_s < _CALM_S)
+        reacts_s = jnp.where(on, memory.reacts_s + memory.dt, 0.0)
+        most = jnp.where((wanted > 0.0).any(), wanted.max(), memory.braking)
+        braking = jnp.minimum(memory.braking + self.jerk * memory.dt, most)
+        braking = jnp.where(on & (reacts_s > self.delay_s), braking, 0.0)
+        accel = jnp.where(braking > 0.0, jnp.minimum(nominal.accel, -braking), nominal.accel)
+        past = {
+            "turned": _pushed(memory.turned, sight.traffic.motion.yaw),
+            "speeds": _pushed(memory.speeds, sight.traffic.motion.speed),
+            "there": _pushed(memory.there, sight.traffic.valid),
+            "own": _pushed(memory.own, ego.speed),
+        }
+        return Controls(accel, nominal.curvature), State(
+            idm, memory.lanes, memory.dt, **past, danger_s=danger_s, reacts_s=reacts_s, calm_s=calm_s, braking=braking
+        )
+
+
+def _pushed(past: Array, now: Array) -> Array:
+    return jnp.concatenate([past[1:], now[None].astype(past.dtype)])
+
+
+class Careful(ReferencePlanner):
+    """The competent and careful human driver of UN Regulation 157 (`parameters.Careful`)."""
+
+    evaluation_s: float = CAREFUL.evaluation_s
+    delay_s: float = CAREFUL.delay_s
+    jerk: float = CAREFUL.jerk_m_s3
+    most: float = CAREFUL.most_braking_m_s2
+
+    def wanted(self, memory: State, seen: Seen, ego: Motion) -> Float[Array, " agent"]:
+        """Full braking for whom it expects to meet."""
+        along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
+        traffic = seen.traffic
+        cos, sin = jnp.cos(seen.turn), jnp.abs(jnp.sin(seen.turn))
+        breadth = sin * traffic.half_length + jnp.abs(cos) * traffic.half_width
+        ahead = seen.along > along
+        in_way = ahead & (jnp.abs(seen.across - across) - breadth < memory.idm.half_width)
+        box = self._going_on(memory, ego, along, across)
+        risk = is_risk(box, _courses(memory, traffic), ahead, in_way, in_way & (cos > _ALONG), seen.wanders)
+        return jnp.where(risk, self.most, 0.0)
+
+    def _going_on(self, memory: State, ego: Motion, along: Array, across: Array) -> Box:
+        """The ego along its route, as far beside it as it is now; once it brakes, as if it let go."""
+        lost = jnp.maximum(memory.own[0] - ego.speed, 0.0) / (memory.own.shape[0] * memory.dt)
+        braking = jnp.where(memory.braking > 0.0, 0.0, lost)
+        x, y, cos, sin = route_poses(memory.idm, along + further(ego.speed, braking, _EGO_TIMES_S))
+        idm = memory.idm
+        return Box(x - across * sin, y + across * cos, cos, sin, idm.half_length, idm.half_width)
+
+
+def _courses(memory: State, traffic: Traffic) -> Course:
+    motion, passed_s = traffic.motion, memory.turned.shape[0] * memory.dt
+    known = memory.there[0]
+    turned = jnp.where(known, motion.yaw - memory.turned[0], 0.0)
+    braking = jnp.where(known, jnp.maximum(memory.speeds[0] - motion.speed, 0.0) / passed_s, 0.0)
+    curvature = curvature_of(turned, motion.speed, passed_s)
+    sizes = traffic.half_length, traffic.half_width
+    return Course(motion.x, motion.y, motion.yaw, motion.speed, curvature, braking, *sizes)
+
+
+def _beside(memory: State, seen: Seen, ego: Motion) -> Beside:
+    along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
+    traffic = seen.traffic
+    cos, sin = jnp.cos(seen.turn), jnp.sin(seen.turn)
+    breadth = jnp.abs(sin) * traffic.half_length + jnp.abs(cos) * traffic.half_width
+    aside = seen.across - across
+    return Beside(
+        gap_m=seen.idm.rear - along - memory.idm.half_length,
+        passing_m=seen.idm.front - along + memory.idm.half_length,
+        beside_m=jnp.abs(aside) - breadth - memory.idm.half_width,
+        speed=seen.idm.speed,
+        towards=-jnp.sign(aside) * traffic.motion.speed * sin,
+        ahead=seen.along > along,
+    )
+
+
+class FuzzyDriver(ReferencePlanner):
+    """The JRC's fuzzy safety model (`safety_models.Fuzzy`)."""
+
+    delay_s: float = FUZZY.delay_s
+    jerk: float = FUZZY.jerk_m_s3
+
+    def wanted(self, memory: State, seen: Seen, ego: Motion) -> Float[Array, " agent"]:
+        """By the proactive and the critical fuzzy safety metric."""
+        accel = (ego.speed - memory.own[-1]) / memory.dt
+        return fuzzy_braking(jnp, ego.speed, accel, _beside(memory, seen, ego))
+
+
+class RssDriver(ReferencePlanner):
+    """RSS's proper response (`safety_models.Rss`)."""
+
+    delay_s: float = RSS.delay_s
+    jerk: float = RSS.jerk_m_s3
+
+    def wanted(self, memory: State, seen: Seen, ego: Motion) -> Float[Array, " agent"]:
+        """Braking where the distances along and across are both unsafe."""
+        return rss_braking(jnp, ego.speed, _beside(memory, seen, ego))
