@@ -189,6 +189,18 @@ def test_who_comes_from_the_minor_road_gives_way():
     assert "gives_no_way" not in names(law.adversary)
 
 
+@pytest.mark.parametrize(("letters", "fails"), [("gG", True), ("GG", False), ("gr", False), ("sg", True)])
+def test_a_green_light_of_its_own_or_a_red_one_of_the_other_excuses(letters, fails):
+    made = on_the_crossing(straight("a", 1.7, -21.0, np.pi / 2, 9.0), straight("ego", -20.0, -1.7, 0.0, 10.0))
+    lit = {"south_stop_0": 0, "west_stop_1": 1}
+    links = tuple(
+        replace(link, signal="light", link=lit[link.source]) if link.source in lit else link
+        for link in made.road.connections
+    )
+    made = replace(made, road=replace(made.road, connections=links), signals=(Signal("light", ((0, letters),)),))
+    assert ("gives_no_way" in names(law_of(made).adversary)) == fails
+
+
 def test_across_the_middle_inside_a_junction():
     """Turns of others lie under it there, which it may not take."""
     adversary = straight("a", 15.0, 1.7, np.pi, 10.0)
