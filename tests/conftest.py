@@ -1,5 +1,6 @@
 import gc
 import os
+import sys
 
 import hypothesis
 import jax
@@ -10,6 +11,10 @@ from regents_cosim.mirror.compile_cache import keep_compiled_programs
 # Most of the suite's time is compilation: both workers, the commands they start and the next run share it.
 # They are traced here every time, because shapes are checked as JAX traces.
 keep_compiled_programs(traced=False)
+
+# Commands and planners that tests start, hundreds of them, find the package's bytecode: a tenth of their start.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # With what JAX keeps, a twelfth of the suite's time went into looking for garbage.
 gc.set_threshold(50_000)
@@ -24,6 +29,16 @@ hypothesis.settings.register_profile(
     suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture],
 )
 hypothesis.settings.load_profile("shared")
+
+
+# XLA's passes take half of the default suite. With the slow tests it runs as for users.
+QUICK_XLA = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+
+
+def pytest_configure(config):
+    """Before JAX compiles the first program, and for the commands that tests start."""
+    if config.option.markexpr == "not slow":
+        os.environ["XLA_FLAGS"] = f"{QUICK_XLA} {os.environ.get('XLA_FLAGS', '')}".strip()
 
 
 @pytest.fixture

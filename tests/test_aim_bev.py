@@ -226,9 +226,8 @@ def test_it_plans_only_where_something_in_view_is_new():
     assert away[3, 1] > 9.9, "somebody has gone from view"
 
 
-@pytest.mark.parametrize(
-    "config", [pytest.param(KING, marks=pytest.mark.slow), REGENTS_FOCUSED], ids=lambda config: config.method
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("config", [KING, REGENTS_FOCUSED], ids=lambda config: config.method)
 def test_attacks_end_as_without_a_memory(config):
     few = replace(config, iterations=30, replan_every=10, nearest=2, attempts=1)
     with_memory, without = (list(attack([platoon()], few, name)) for name in ("aim-bev", f"{__file__}:forgetful"))
@@ -282,7 +281,7 @@ def test_training_goes_on_where_it_stopped(cases, tmp_path):
     assert not np.array_equal(after["output.weight"], weights["output.weight"])
 
 
-@pytest.mark.parametrize("teacher", ["log", "idm"])
+@pytest.mark.parametrize("teacher", ["log", pytest.param("idm", marks=pytest.mark.slow)])
 def test_training_from_the_command_line(cases, tmp_path, capsys, teacher):
     pytest.importorskip("torch", reason="torch is an extra")
     out = tmp_path / "weights.safetensors"

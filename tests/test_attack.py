@@ -150,6 +150,7 @@ def test_a_search_per_candidate_finds_every_adversary_once():
         assert changed.sum() <= 3, "the adversary, and who had to brake for it"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["threads", pytest.param("lanes", marks=pytest.mark.slow)])
 def test_where_one_adversary_is_enough_it_is_the_first_of_all(engine):
     empty = replace(scene((0, 0, 10)), id="empty")
@@ -182,6 +183,7 @@ def test_where_one_adversary_is_enough_none_is_tried_after_it():
     assert 0 < tried.index("one") < tried.index("all") - tried.index("one") - 1
 
 
+@pytest.mark.slow
 def test_a_search_per_candidate_without_success_gives_one_result():
     far = scene((0, 0, 10), (90, 6.4, 10), (95, 3.2, 10))
     few = replace(REGENTS_FOCUSED, iterations=2)

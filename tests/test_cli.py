@@ -264,6 +264,7 @@ def test_an_output_folder_that_cannot_be_written_is_found_before_the_work(broken
     assert "cannot write to" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_planner_that_does_not_exist(recorded, tmp_path):
     done = regents("attack", recorded[0], "--planner", "nobody", "-o", tmp_path / "out")
     assert done.returncode == 2

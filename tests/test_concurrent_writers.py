@@ -29,6 +29,7 @@ def finish(*writers):
 # --- writers that meet ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_all_cases_of_four_writers_into_one_folder_are_listed(tmp_path):
     folder = tmp_path / "suite"
     finish(*(started("add", folder, *range(4 * i, 4 * i + 4), stdout=subprocess.DEVNULL) for i in range(4)))

@@ -209,8 +209,12 @@ def test_masked_agents_send_no_gradient():
     assert all(np.isfinite(g).all() for g in jax.tree.leaves(gradient))
 
 
+@pytest.mark.slow
 def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
-    """A minimum that XLA computes twice and rounds differently once lost the gradient of every tenth step."""
+    """A minimum that XLA computes twice and rounds differently once lost the gradient of every tenth step.
+
+    With the slow tests, which XLA compiles with all its passes.
+    """
     world, _, movers = prepared(scene((0, 0, 10), (20, 2.9, 9), (50, 3.2, 10)), [1])
     noise = 0.03 * np.random.default_rng(0).normal(size=(2, *world.controls.accel.shape)).astype(np.float32)
     controls = Controls(world.controls.accel + 6.0 * noise[0], world.controls.curvature + 0.3 * noise[1])

@@ -139,6 +139,7 @@ def test_pictures_need_no_screen():
     env.close()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no Wayland")
 def test_without_a_display_pictures_are_drawn_without_a_word():
     program = f"""
@@ -181,6 +182,7 @@ def test_vector_environments():
     both.close()
 
 
+@pytest.mark.slow
 def test_vector_environments_in_processes(tmp_path):
     folder = save_case(crossing_paths(), tmp_path)
     both = gymnasium.make_vec(

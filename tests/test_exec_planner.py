@@ -211,6 +211,7 @@ def test_a_command_that_there_is_not(name, said):
         next(attack([MADE], REGENTS, name))
 
 
+@pytest.mark.slow
 def test_attacked(planner):
     cases = [scene((0, 0, 10), (20, 0, 8), (30, 3.2, 9), name=name) for name in ("fine", "lost")]
     name = planner('{"error": "no way"} if "lost" in scene else {"accel": -2.0, "curvature": 0.0}')

@@ -70,7 +70,9 @@ def test_2_a_window_without_a_display_before_anything_starts(case):
     assert done.stdout == ""
 
 
-@pytest.mark.parametrize("name", ["no_such_planner", "torch:pathlib:Path", "collections:OrderedDict"])
+@pytest.mark.parametrize(
+    "name", ["no_such_planner", "torch:pathlib:Path", pytest.param("collections:OrderedDict", marks=pytest.mark.slow)]
+)
 def test_2_a_planner_that_is_not_there_or_is_something_else(case, tmp_path, name):
     if name.startswith("torch"):
         pytest.importorskip("torch", reason="torch is an extra")
@@ -85,7 +87,7 @@ def test_3_a_package_that_is_not_installed(case, tmp_path):
     assert "pip install 'regents_cosim[dask]'" in complaint(done)
 
 
-@pytest.mark.parametrize("where", ["mirror", "sumo"])
+@pytest.mark.parametrize("where", ["mirror", pytest.param("sumo", marks=pytest.mark.slow)])
 def test_4_a_planner_that_fails(case, failing, where):
     done = regents("evaluate", case, "--planner", failing, "--in", where, "--json")
     assert done.returncode == 4

@@ -53,6 +53,7 @@ def test_it_drives_as_its_twin_in_the_compiled_loop(made):
     assert np.hypot(outside.x - inside.x, outside.y - inside.y).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_among_agents_that_react_as_well():
     made = scene((0, 0, 10), (-12, 0, 10), (25, 0, 6))
     world = to_world(made)
@@ -154,6 +155,7 @@ def test_it_costs_its_own_case_only(attribute):
     assert outcomes == ["collision", "planner_error", "collision"]
 
 
+@pytest.mark.slow
 def test_how_long_it_takes_is_noted_and_does_not_change_the_content():
     first, second = (next(attack([BUSY], QUICK, named("Cautious"))) for _ in range(2))
     time = first.attack.act_time

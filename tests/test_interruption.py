@@ -88,10 +88,10 @@ def check_saved(suite):
     return len(listed)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_attack_ends_at_once_and_says_what_is_kept(tmp_path, number):
     suite = tmp_path / "suite"
-    command = attack(suite, "--no-verify", "--no-pictures")
+    command = attack(suite, "--no-verify", "--no-pictures", "--planner", "constant_velocity")
     command.wait_until((suite / "suite.json").exists)
     command.send(number, whole_group=True)
     code, said = command.end()

@@ -217,6 +217,7 @@ def test_it_attacks(method, planner):
     assert config.label == method
 
 
+@pytest.mark.slow
 def test_a_vehicle_hits_the_ego_after_its_log_ended():
     """The slow car ahead is recorded for 6 s; the ego would reach it after 6.7 s."""
     made = with_valid(scene((0, 0, 12), (38, 0, 7), (150, 6.4, 10)), 1, np.arange(81) < 60)
@@ -236,6 +237,7 @@ def test_hits_by_others_do_not_stop_the_search():
     assert (attacked.attack.outcome, attacked.attack.iterations) == ("no_collision", 500)
 
 
+@pytest.mark.slow
 def test_one_candidate_diverges_and_can_be_saved(tmp_path):
     attacked = attack_one(scene((0, 0, 10), (15, 3.2, 9)))
     assert attacked.attack.outcome == "diverged"

@@ -42,7 +42,7 @@ def test_a_planner_of_your_own(tmp_path):
     (tmp_path / "my_planner.py").write_text(planner)
     (command,) = (line for block in blocks("bash") for line in block.splitlines() if "my_planner.py" in line)
     (tmp_path / "sumo_nets").symlink_to(ROOT / "sumo_nets")
-    said = run(f"{command} --count 2 --no-pictures", tmp_path)
+    said = run(f"{command} --count 1 --no-pictures", tmp_path)
     assert "against my_planner.py:Cautious" in said
 
 

@@ -422,6 +422,7 @@ def crash_if_doomed(job):
     return _in_sumo(job)
 
 
+@pytest.mark.slow
 def test_a_crash_of_sumo_is_a_failed_verification_of_that_case_only(monkeypatch):
     monkeypatch.setattr(replays, "_in_sumo", crash_if_doomed)
     made = t_bone()

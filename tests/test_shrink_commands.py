@@ -52,6 +52,7 @@ def test_the_shrunk_crash_happens_in_sumo_and_to_the_planner(shrunk, words):
     assert json.loads(done.stdout)[0]["verified"]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_shrunk(tmp_path):
     case = SUITE / smallest().id
 

@@ -288,6 +288,7 @@ def test_in_sumos_areas_all_measures_of_turning_vehicles_are_sumos(turning, meas
     assert set(below(mine, measure)) <= set(sumo[measure])
 
 
+@pytest.mark.slow
 def test_who_meets_in_the_area_leaves_no_time(turning):
     sumo, _, mine, _ = turning
     both_in = {pair for pair, (value, _) in sumo["PET"].items() if value == 0.0}

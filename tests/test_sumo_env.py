@@ -263,6 +263,7 @@ os.kill(os.getpid(), signal.SIGKILL)
     assert not alive(orphan)
 
 
+@pytest.mark.slow
 def test_pictures_need_no_screen():
     made = gymnasium.make(ID, render_mode="rgb_array", config={"case": meeting(), "screen_width": 400}).unwrapped
     made.reset(seed=0)

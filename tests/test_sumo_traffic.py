@@ -183,6 +183,7 @@ def test_parameters_reach_sumo(drive):
     assert fast.speed[1].max() > 12.0
 
 
+@pytest.mark.slow
 def test_a_planner_drives_the_ego_among_live_traffic():
     made = load_case(next(QUICKSTART.glob("grid-00064*")))
     drives = [SumoDrive(made, "constant_velocity", background_drivers(made)), SumoDrive(made, "no_such_planner")]

@@ -25,7 +25,7 @@ from regents_cosim.replays.mirror import Wheel
 PLANNERS = ("constant_velocity", "log_replay")
 
 
-@pytest.fixture(scope="module", params=["mean", "worst"])
+@pytest.fixture(scope="module", params=["mean", pytest.param("worst", marks=pytest.mark.slow)])
 def attacked(request):
     config = replace(REGENTS, universal=request.param)
     return next(attack([platoon(seed=1)], config, PLANNERS[0], against=PLANNERS[1:]))

@@ -46,6 +46,7 @@ def test_networks_and_scenarios_come_with_it(installed):
     assert all(path.exists() and path.is_relative_to(installed) for path in paths)
 
 
+@pytest.mark.slow
 def test_it_records_and_replays(installed):
     code = """
 from regents_cosim import network_config, record, replay

@@ -242,6 +242,7 @@ def test_a_scheduler_that_does_not_answer(address, monkeypatch):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_does_the_same():
     distributed = pytest.importorskip("distributed")
     with (

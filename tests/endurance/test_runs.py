@@ -39,8 +39,8 @@ def test_memory_that_grows_is_found(tmp_path):
 
 @pytest.mark.parametrize("where", ["sumo", "highway"])
 def test_replays_leave_nothing(where):
-    found = play(16, where, every=4, check_memory=False)
-    assert (found["count"], found["failures"], found["grown"]) == (16, {}, [])
+    found = play(8, where, every=2, check_memory=False)
+    assert (found["count"], found["failures"], found["grown"]) == (8, {}, [])
     assert found["left"] == {"children": 0, "files": 0}
 
 
