@@ -306,10 +306,19 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
 def _judgement_content(judgement: Judgement) -> bytes:
     """What is hashed of a judgement: what older cases do not say, only where it is known."""
     values = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
-    for name in ("law", "drivers", "unavoidable"):
-        if values.get(name) in (None, []):
-            values.pop(name, None)
+    _drop_unknown(values, ("law", "drivers", "unavoidable"))
+    if (avoidability := values.get("avoidability")) is not None:
+        _drop_unknown(avoidability, ("in_time", "perceived_step"))
+        if (gentlest := avoidability.get("gentlest")) is not None:
+            _drop_unknown(gentlest, ("side", "runs_red"))
     return msgspec.json.encode(values)
+
+
+def _drop_unknown(values: dict[str, Any], names: tuple[str, ...]) -> None:
+    """Drop those of `names` that say nothing: older cases lack them."""
+    for name in names:
+        if values.get(name) is None or values[name] == []:
+            values.pop(name, None)
 
 
 def _decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:

@@ -220,6 +220,9 @@ class AttackRecord:
     rollouts: int = 0  # of the traffic, made by all searches on its window together; 0: not counted
 
 
+Side = Literal["own", "shoulder", "oncoming"]  # of the road; oncoming: any lane that the ego may not use
+
+
 @dataclass(frozen=True)
 class Manoeuvre:
     """One way to evade: the ego drives as it did up to `onset_step`, then brakes or accelerates and moves aside."""
@@ -230,17 +233,24 @@ class Manoeuvre:
     lateral_accel: float  # [m/s^2] at its peak, at the speed of the onset; positive to the left
     shift: float  # [m] how far it moves aside from the way that it drove, positive to the left
     friction_share: float  # of what the tyres can do, the greatest along the manoeuvre; the gentlest has the least
+    side: Side | None = None  # where it takes the ego; None: not known
+    runs_red: bool | None = None  # it passes a red light where the ego's own drive did not; None: not known
 
 
 @dataclass(frozen=True)
 class Avoidability:
-    """Whether the ego could have evaded a fixed adversary, by a bank of manoeuvres within tyre friction."""
+    """Whether the ego could have evaded a fixed adversary, by a bank of manoeuvres within tyre friction.
+
+    Fields that older versions did not know are None in their cases.
+    """
 
     avoidable: bool  # `Scenario.evasion` proves it
     tried: int  # manoeuvres
     evading: int  # of them reach the horizon without touching anybody, on the road
     last_onset_step: int | None  # the latest at which one of them may begin
-    gentlest: Manoeuvre | None
+    gentlest: Manoeuvre | None  # of those that a careful driver would rather do than the others
+    in_time: bool | None = None  # it answers what was to be seen, after a time to react; else it takes knowledge ahead
+    perceived_step: int | None = None  # from which on the adversary can be seen to depart from its log
 
 
 @dataclass(frozen=True)
@@ -309,6 +319,11 @@ class ReferenceDrive:
     shift_m: float = 0.0  # it swerves by so much while it brakes, positive to the left
 
 
+# In time: by an answer to what was to be seen. Not in time: only with knowledge of what comes. Never: that is proven.
+# Avoidable: an older case, which does not say when.
+Escape = Literal["in time", "not in time", "never", "unknown", "avoidable"]
+
+
 @dataclass(frozen=True)
 class Judgement:
     """What a crash says about the planner. Fields that older versions did not know are None or empty in their cases."""
@@ -318,12 +333,22 @@ class Judgement:
     fault: Fault | None = None
     law: Law | None = None
     drivers: tuple[ReferenceDrive, ...] = ()
-    unavoidable: bool | None = None  # proven: no drive avoids it once the danger can be known
+    unavoidable: bool | None = None  # proven: no drive from `perceived_step` on avoids it; False: one does
 
     @property
     def clean(self) -> bool:
         """Nothing spoils it."""
         return not self.flaws
+
+    @property
+    def escape(self) -> Escape | None:
+        """Whether the ego could have avoided it; None where that is not judged."""
+        found = self.avoidability
+        if found is None:
+            return None
+        if found.avoidable:
+            return "not in time" if found.in_time is False else "in time" if found.in_time else "avoidable"
+        return "never" if self.unavoidable else "unknown"
 
     @property
     def preventable_by(self) -> tuple[ReferenceDriver, ...]:

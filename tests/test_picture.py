@@ -14,7 +14,7 @@ from regents_cosim.collisions import collision_kind, first_contact, relative_spe
 from regents_cosim.errors import RegentsError
 from regents_cosim.reports.camera import View, centred, fit_latest
 from regents_cosim.reports.canvas import Canvas, dashes, shorten, text_width
-from regents_cosim.reports.caption import HEADER_PX, describe, escape, manoeuvre_words, plain
+from regents_cosim.reports.caption import HEADER_PX, describe, manoeuvre_words, plain, way_out
 from regents_cosim.reports.film import Ground, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.palette import (
     ADVERSARY,
@@ -32,7 +32,7 @@ from regents_cosim.reports.palette import (
 from regents_cosim.reports.picture import STILL_SIZE, animate, animate_pair, draw_still
 from regents_cosim.reports.scene import Scene, draw_ground, draw_moving
 from regents_cosim.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import AttackRecord, Avoidability, Collision, Manoeuvre, Scenario, Signal
+from regents_cosim.scenario import AttackRecord, Avoidability, Collision, Judgement, Manoeuvre, Scenario, Signal
 from regents_cosim.verdicts.judgement import judge
 
 SHIFT_M = 3.2  # one lane
@@ -192,7 +192,9 @@ def test_an_evasion_is_drawn_and_named(tmp_path):
     found = scenario.judgement.avoidability
     assert found is not None
     assert found.last_onset_step is not None
-    assert f"avoidable until {found.last_onset_step * DT:.1f} s: " in describe(Scene.of(scenario))
+    assert found.gentlest is not None
+    assert way_out(scenario.judgement, DT) in describe(Scene.of(scenario))
+    assert manoeuvre_words(found.gentlest, DT) in describe(Scene.of(scenario))
     assert "the ego evades: " in describe(Scene.of(scenario.evaded()))
 
 
@@ -201,7 +203,19 @@ def test_manoeuvres_in_words():
     assert manoeuvre_words(brake, DT) == "brake 3.0 m/s2 for 1.5 s from 2.0 s"
     assert manoeuvre_words(swerve, DT) == "speed up 2.0 m/s2 and steer 1.8 m to the right from 0.5 s"
     assert manoeuvre_words(replace(brake, accel=0.0, lasting_s=None), DT) == "hold the speed from 2.0 s"
-    assert escape(Avoidability(False, 700, 0, None, None), DT) == "unavoidable"
+    assert manoeuvre_words(replace(brake, side="shoulder"), DT).endswith("onto the shoulder from 2.0 s")
+    assert manoeuvre_words(replace(brake, side="oncoming"), DT).endswith("into lanes of others from 2.0 s")
+    assert manoeuvre_words(replace(brake, runs_red=True), DT).endswith("past a red light from 2.0 s")
+
+
+def test_ways_out_in_words():
+    brake = Manoeuvre(20, -3.0, None, 0.0, 0.0, 0.4)
+    found, none = Avoidability(True, 700, 3, 25, brake, True, 10), Avoidability(False, 700, 0, None, None)
+    assert way_out(Judgement((), found), DT) == "avoidable until 2.5 s: brake 3.0 m/s2 from 2.0 s"
+    foreknown = way_out(Judgement((), replace(found, in_time=False)), DT)
+    assert foreknown == "avoidable only with knowledge of what comes: brake 3.0 m/s2 from 2.0 s"
+    assert way_out(Judgement((), none), DT) == "no way out known"
+    assert way_out(Judgement((), none, unavoidable=True), DT) == "proven unavoidable"
 
 
 def signalled() -> Scenario:

@@ -221,7 +221,7 @@ def test_a_new_drive_has_a_verdict_of_its_own():
 
 
 def judged_as(case, at_fault, onset):
-    evaded = Avoidability(onset is not None, 100, 10 * (onset is not None), onset, None)
+    evaded = Avoidability(onset is not None, 100, 10 * (onset is not None), onset, None, onset == 70)
     return replace(case, judgement=Judgement((), evaded, Fault(at_fault, "rule", "reason")),
                    evasion=None if onset is None else ego_alone(case.tracks))  # fmt: skip
 

@@ -58,7 +58,8 @@ def judged(case, number):
     avoidable, blamed = number % 2 == 0, ("ego", "adversary", "nobody")[number % 3]
     gentlest = Manoeuvre(5, -2.0, None, 0.3, 0.5, 0.3) if avoidable else None
     onset = case.attack.collision.step - 2 if avoidable else None
-    verdict = Judgement((), Avoidability(avoidable, 40, 4 * avoidable, onset, gentlest), Fault(blamed, "rule", "why"))
+    found = Avoidability(avoidable, 40, 4 * avoidable, onset, gentlest, in_time=avoidable and number % 4 == 0)
+    verdict = Judgement((), found, Fault(blamed, "rule", "why"))
     way = Tracks(*(getattr(case.original, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
     return replace(case, judgement=verdict, evasion=way if avoidable else None)
 

@@ -31,7 +31,7 @@ from regents_cosim.scenario import (
     Tracks,
 )
 
-AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4))
+AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4), in_time=False)
 UNAVOIDABLE = Avoidability(False, 500, 0, None, None)
 
 
@@ -88,9 +88,8 @@ def test_windows_and_crashes_are_counted_apart():
     assert (found.successes, found.clean, found.actionable) == (3, 2, 1)
     assert (found.success_percent, found.clean_percent, found.actionable_percent) == (75.0, 50.0, 25.0)
     assert (found.crashes, found.flaws, found.avoidable_percent) == (4, {"off_road": 2}, 75.0)
-    # The drift is 0.5 m after 3.2 s: with 0.75 s to react, the last evasion at 2 s comes too early.
     assert found.avoidable_in_time_percent == 0.0
-    late = replace(AVOIDABLE, last_onset_step=40)
+    late = replace(AVOIDABLE, in_time=True)
     assert scores(Run("king", "idm", 500, [[crashed("b", avoidability=late)]])).avoidable_in_time_percent == 100.0
     assert sum(found.kinds.values()) == 4
     assert found.at_fault == {"adversary": 4}

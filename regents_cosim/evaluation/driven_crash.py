@@ -5,21 +5,19 @@ from dataclasses import replace
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.reports.verdict import Verdict
 from regents_cosim.scenario import AttackRecord, Judgement, Scenario, Tracks
-from regents_cosim.verdicts.in_time import avoidable_in_time
 from regents_cosim.verdicts.judgement import judge
 from regents_cosim.verdicts.words import advice
 
 
-def verdict_of(case: Scenario, judgement: Judgement | None) -> Verdict | None:
-    """What a judgement of the crash in `case` says, None where it has not been judged."""
+def verdict_of(judgement: Judgement | None) -> Verdict | None:
+    """What a judgement of a crash says, None where it has not been judged."""
     if judgement is None:
         return None
-    found, fault, law = judgement.avoidability, judgement.fault, judgement.law
+    fault, law = judgement.fault, judgement.law
     return Verdict(
         at_fault=fault.at_fault if fault else None,
         rule=fault.rule if fault else None,
-        avoidable=found.avoidable if found else None,
-        in_time=avoidable_in_time(case, judgement) if found else None,
+        escape=judgement.escape,
         clean=judgement.clean,
         telling=judgement.telling,
         advice=advice(judgement),
@@ -32,7 +30,7 @@ def verdict_of(case: Scenario, judgement: Judgement | None) -> Verdict | None:
 def verdict_of_drive(case: Scenario, driver: str, tracks: Tracks) -> Verdict | None:
     """That of the crash which `driver` has in `case` by `tracks`; None where it has none."""
     driven = judged_drive(case, driver, tracks)
-    return verdict_of(driven, driven.judgement) if driven else None
+    return verdict_of(driven.judgement) if driven else None
 
 
 def judged_drive(case: Scenario, driver: str, tracks: Tracks) -> Scenario | None:

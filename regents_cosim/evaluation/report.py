@@ -125,7 +125,7 @@ def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]
     contact = first_contact(scenario.agents, tracks)
     closest = _closest(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None))
     name, error = (attack.planner, attack.planner_error) if attack else ("log", "")
-    verdict = verdict_of(scenario, scenario.judgement) if contact else None
+    verdict = verdict_of(scenario.judgement) if contact else None
     return (Run(name, tracks, error, closest, verdict),)
 
 

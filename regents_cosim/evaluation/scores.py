@@ -14,7 +14,6 @@ from regents_cosim.evaluation.realism import realism
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import OffenceName, Scenario
-from regents_cosim.verdicts.in_time import avoidable_in_time
 
 Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
 Interval = tuple[float, float]
@@ -74,7 +73,7 @@ class MethodScores:
     impact_m_s: float | None  # mean relative speed at the contact
     flaws: dict[str, int]  # crashes that each of them spoils
     avoidable_percent: float
-    avoidable_in_time_percent: float  # also 0.75 s after the adversary was first 0.5 m off its log
+    avoidable_in_time_percent: float  # also by an answer to what was to be seen, 0.75 s after it was
     proven_unavoidable_percent: float
     avoided_by: dict[str, int]  # crashes that each reference driver avoids ...
     driven_by: dict[str, int]  # ... of those that it drove
@@ -142,7 +141,7 @@ def scores(run: Run, source: str = "all", files: Collection[str] | None = None) 
         flaws=_count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),
         avoidable_percent=percent(sum(_avoidable(case) for case in crashes), len(crashes)),
         avoidable_in_time_percent=percent(
-            sum(avoidable_in_time(case, case.judgement) for case in crashes), len(crashes)
+            sum(bool(case.judgement and case.judgement.escape == "in time") for case in crashes), len(crashes)
         ),
         proven_unavoidable_percent=percent(sum(_proven_unavoidable(case) for case in crashes), len(crashes)),
         avoided_by=_count(crashes, lambda case: case.judgement.preventable_by if case.judgement else ()),

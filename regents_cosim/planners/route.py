@@ -24,6 +24,7 @@ class StopLine:
 
     distance_m: float  # along the route
     stop: Bool[np.ndarray, " time"]  # shows red or yellow at that step
+    red: Bool[np.ndarray, " time"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +124,8 @@ def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | Non
         link = _link(scenario.road, before, after)
         if link is not None and link.signal in signals:
             letters = [signals[link.signal].letters(k)[link.link] for k in range(scenario.tracks.steps)]
-            stop = np.array([letter in "ryu" for letter in letters])
-            found.append(StopLine(index * SPACING_M, stop))
+            stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", "ru"))
+            found.append(StopLine(index * SPACING_M, stop, red))
     return tuple(found)
 
 

@@ -20,7 +20,7 @@ from regents_cosim.reports.palette import (
     shade,
 )
 from regents_cosim.reports.scene import Scene, draw_burst
-from regents_cosim.scenario import Avoidability, Collision, CollisionKind, Manoeuvre, Outcome
+from regents_cosim.scenario import Collision, CollisionKind, Judgement, Manoeuvre, Outcome
 
 HEADER_PX = 66
 FOOTER_PX = 38
@@ -87,7 +87,7 @@ def describe(scene: Scene) -> str:
     judged = scene.scenario.judgement
     if hit is None and scene.gentlest is not None:
         return " · ".join([*words, f"the ego evades: {manoeuvre_words(scene.gentlest, dt)}"])
-    verdict = [escape(judged.avoidability, dt)] if judged and judged.avoidability else []
+    verdict = [way_out(judged, dt)] if judged and judged.avoidability else []
     return " · ".join([*words, *ending(attack.outcome, hit), *verdict])
 
 
@@ -100,11 +100,15 @@ def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
     return words
 
 
-def escape(found: Avoidability, dt: float) -> str:
-    """Until when the collision could have been avoided, and how most gently."""
-    if found.gentlest is None or found.last_onset_step is None:
-        return "unavoidable"
-    return f"avoidable until {found.last_onset_step * dt:.1f} s: {manoeuvre_words(found.gentlest, dt)}"
+def way_out(judgement: Judgement, dt: float) -> str:
+    """Whether and until when the collision could have been avoided, and how a careful driver would."""
+    found = judgement.avoidability
+    if found is None or found.gentlest is None or found.last_onset_step is None:
+        return "proven unavoidable" if judgement.unavoidable else "no way out known"
+    how = manoeuvre_words(found.gentlest, dt)
+    if judgement.escape == "not in time":
+        return f"avoidable only with knowledge of what comes: {how}"
+    return f"avoidable until {found.last_onset_step * dt:.1f} s: {how}"
 
 
 def manoeuvre_words(manoeuvre: Manoeuvre, dt: float) -> str:
@@ -117,7 +121,9 @@ def manoeuvre_words(manoeuvre: Manoeuvre, dt: float) -> str:
     if manoeuvre.shift:
         side = "left" if manoeuvre.shift > 0 else "right"
         words.append(f"steer {abs(manoeuvre.shift):.1f} m to the {side}")
-    return f"{' and '.join(words) or 'hold the speed'} from {manoeuvre.onset_step * dt:.1f} s"
+    where = {"shoulder": " onto the shoulder", "oncoming": " into lanes of others"}.get(manoeuvre.side or "", "")
+    where += " past a red light" if manoeuvre.runs_red else ""
+    return f"{' and '.join(words) or 'hold the speed'}{where} from {manoeuvre.onset_step * dt:.1f} s"
 
 
 def plain(words: str) -> str:

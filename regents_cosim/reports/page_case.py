@@ -17,7 +17,7 @@ from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.scene import contact_point
 from regents_cosim.reports.verdict import FAULTS, NOT_JUDGED, Crash, Verdict
-from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.scenario import Collision, Escape, Scenario, Tracks
 from regents_cosim.verdicts.words import drive_words, offences_words, telling_words
 
 Change = Literal["broken", "fixed", "unchanged"]
@@ -129,7 +129,7 @@ class PageCase:
             "change": self.change,
             "avoidable": verdict.avoidable if verdict else None,
             "in_time": verdict.in_time if verdict else None,
-            "evasion": verdict.in_words if verdict else None,
+            "evasion": verdict.escape if verdict else None,
             "fault": FAULTS[verdict.at_fault] if verdict and verdict.at_fault else None,
             "rule": verdict.rule if verdict else None,
             "clean": verdict.clean if verdict else None,
@@ -236,6 +236,15 @@ def _costs(case: Scenario) -> dict[str, Any]:
     return {"iterations": kept.tolist(), "terms": terms}
 
 
+_ESCAPES: dict[Escape, str] = {
+    "in time": "yes, in time",
+    "not in time": "only with knowledge of what comes",
+    "avoidable": "yes",
+    "never": "no, that is proven",
+    "unknown": "not known",
+}
+
+
 def _judgement(case: Scenario) -> list[tuple[str, str]]:
     """What the crash says about the planner, in words."""
     judgement = case.judgement
@@ -253,10 +262,14 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
         said.append(("Reference drivers", "; ".join(map(drive_words, judgement.drivers))))
     if (found := judgement.avoidability) is not None:
         ways = f"{found.evading} of {found.tried} manoeuvres within tyre friction evade it"
-        said.append(("Avoidable", f"yes: {ways}" if found.avoidable else f"no: {ways}"))
+        said.append(("Avoidable", f"{_ESCAPES[judgement.escape]}: {ways}" if judgement.escape else ways))
+        if judgement.unavoidable:
+            said.append(("Proven", "whatever the tyres can do once the danger is to be seen, it comes too late"))
+        if found.perceived_step is not None:
+            said.append(("To be seen", f"from {found.perceived_step * case.dt:.1f} s"))
         if found.gentlest is not None:
             way = manoeuvre_words(found.gentlest, case.dt).replace("m/s2", "m/s²")
-            said.append(("Gentlest way out", f"{way}: {100 * found.gentlest.friction_share:.0f} % of the friction"))
+            said.append(("Way out", f"{way}: {100 * found.gentlest.friction_share:.0f} % of the friction"))
         if found.last_onset_step is not None:
             said.append(("Last chance", f"{found.last_onset_step * case.dt:.1f} s"))
     if judgement.fault is not None:

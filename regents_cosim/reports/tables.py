@@ -94,6 +94,7 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
         "telling": judged.telling if judged else None,
         "clean": judged.clean if judged else None,
         "avoidable": judged.avoidability.avoidable if judged and judged.avoidability else None,
+        "escape": judged.escape if judged else None,
         "lawful": judged.law.lawful if judged and judged.law else None,
         "offences": ", ".join(offence.name for offence in judged.law.adversary) if judged and judged.law else None,
         "preventable_by": ", ".join(judged.preventable_by) if judged and judged.drivers else None,

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from regents_cosim.scenario import Escape
+
 Blamed = Literal["ego", "adversary", "both", "nobody"]
 FAULTS: dict[Blamed, str] = {"ego": "planner", "both": "both", "nobody": "unclear", "adversary": "adversary"}
 _BLAME: dict[Blamed | None, int] = {"ego": 0, "both": 0, "nobody": 1, None: 1, "adversary": 2}
@@ -17,8 +19,7 @@ class Verdict:
 
     at_fault: Blamed | None
     rule: str | None
-    avoidable: bool | None
-    in_time: bool | None  # avoidable after the adversary had left its log and a driver had reacted
+    escape: Escape | None  # whether the driver could have avoided it
     clean: bool
     telling: bool | None = None
     advice: str | None = None  # what a reference driver does instead
@@ -32,11 +33,14 @@ class Verdict:
         return int(not self.telling), _BLAME[self.at_fault], int(not self.in_time), int(not self.clean)
 
     @property
-    def in_words(self) -> str | None:
-        """Whether the driver could have avoided it."""
-        if self.avoidable is None:
-            return None
-        return "in time" if self.in_time else "not in time" if self.avoidable else "never"
+    def avoidable(self) -> bool | None:
+        """Whether a drive is known that avoids it."""
+        return None if self.escape is None else self.escape not in ("never", "unknown")
+
+    @property
+    def in_time(self) -> bool | None:
+        """Whether that answers what was to be seen, after a time to react; None where that is not known."""
+        return None if self.escape in (None, "avoidable") else self.escape == "in time"
 
 
 @dataclass(frozen=True)

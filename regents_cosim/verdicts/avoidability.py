@@ -12,6 +12,8 @@ would be is not sent anew; that makes it lenient towards egos that do anything e
 `last_onset_step` tells the early escapes from the late ones.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
@@ -24,48 +26,67 @@ from regents_cosim.levels import BAND_M, band, drivable_at, has_levels
 from regents_cosim.limits import OFF_ROAD_M
 from regents_cosim.scenario import Avoidability, Collision, Scenario, Tracks
 from regents_cosim.verdicts.manoeuvres import BANK, Bank, Fan, fans
+from regents_cosim.verdicts.perception import perceived_step, reacts_step
+from regents_cosim.verdicts.preference import Preference
 
 _MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
+_ROOM_M = 0.5  # what a careful driver leaves, where there is so much
 _BEYOND_S = 2.0
 _BEYOND_M = 100.0  # around the ego's track: the road that manoeuvres are held against
 
 
 def avoidability(attacked: Scenario, bank: Bank = BANK) -> tuple[Avoidability, Tracks | None]:
-    """Whether a manoeuvre that begins before the collision avoids it, and the gentlest that does [1, time].
+    """Whether a manoeuvre that begins before the collision avoids it, and the one that a careful driver would do.
 
-    The gentlest takes the least share of the tyres' friction; among equals the one that steers
-    less, then brakes less, then begins later. Raises ScenarioError where there is no collision.
+    That one is the first by `preference`, and comes with its track [1, time]. Raises ScenarioError where there is no
+    collision.
     """
     hit = attacked.attack.collision if attacked.attack else None
     if hit is None:
         raise ScenarioError(f"case {attacked.id} holds no collision, expected one that the ego may avoid")
-    others, road = _Others(attacked, hit), _Road(attacked)
+    perceived = perceived_step(attacked, [agent.id for agent in attacked.agents].index(hit.agent))
+    reacts = reacts_step(perceived, attacked.dt)
+    others, road = _Others(attacked, hit, _MARGIN_M), _Road(attacked)
     tried, evading = 0, list[Fan]()
-    for fan in fans(bank, attacked, hit.step, others.steps):
+    for fan in fans(bank, attacked, hit.step, others.steps, also=(perceived, reacts)):
         tried += len(fan)
         left = road.keeping_to_it(others.untouched_by(fan))
         evading += [left] if len(left) else []
     if not evading:
-        return Avoidability(avoidable=False, tried=tried, evading=0, last_onset_step=None, gentlest=None), None
-    gentlest, index = _gentlest(evading, bank)
+        return Avoidability(False, tried, 0, None, None, False, perceived), None
+    preference = Preference(attacked, hit, bank, perceived, reacts)
+    tier = next(kept for tier in preference.tiers(evading) if (kept := [fan for fan in tier if len(fan)]))
+    fan, index = _gentlest(_roomy(tier, _Others(attacked, hit, _ROOM_M)), bank)
+    one = fan.take(np.array([index]))
     verdict = Avoidability(
         avoidable=True,
         tried=tried,
         evading=sum(map(len, evading)),
         last_onset_step=evading[0].onset,
-        gentlest=gentlest.manoeuvre(index, bank),
+        gentlest=replace(
+            one.manoeuvre(0, bank), side=preference.side(one)[0], runs_red=bool(preference.runs_red(one)[0])
+        ),
+        in_time=bool(fan.onset >= reacts and preference.answers(one)[0]),
+        perceived_step=perceived,
     )
-    return verdict, gentlest.tracks(index, attacked)
+    return verdict, one.tracks(0, attacked)
+
+
+def _roomy(tier: list[Fan], others: "_Others") -> list[Fan]:
+    """Those that keep more room; all of them where none does."""
+    roomy = [kept for fan in tier if len(kept := others.untouched_by(fan))]
+    return roomy or tier
 
 
 def _gentlest(evading: list[Fan], bank: Bank) -> tuple[Fan, int]:
     accel, lateral_accel = (np.abs([pair[0] for pair in pairs]) for pairs in (bank.along, bank.aside))
+    ends = np.array([lasting is not None for _, lasting in bank.along])
     found = []
     for fan in evading:
-        keys = (np.round(fan.friction_share, 6), lateral_accel[fan.aside], accel[fan.along])
+        keys = (ends[fan.along], np.round(fan.friction_share, 6), lateral_accel[fan.aside], accel[fan.along])
         index = int(np.lexsort(keys[::-1])[0])
         found.append((*(float(key[index]) for key in keys), -fan.onset, fan, index))
-    *_, fan, index = min(found, key=lambda entry: entry[:4])
+    *_, fan, index = min(found, key=lambda entry: entry[:5])
     return fan, index
 
 
@@ -75,7 +96,7 @@ class _Others:
     Left out are only those who overlap the ego already when they first appear (`collisions`).
     """
 
-    def __init__(self, attacked: Scenario, hit: Collision) -> None:
+    def __init__(self, attacked: Scenario, hit: Collision, margin_m: float) -> None:
         tracks = attacked.tracks
         ahead = attacked.dt * np.arange(1, round(_BEYOND_S / attacked.dt) + 1)
         speed, yaw = tracks.speed[:, -1:], tracks.yaw[:, -1:]
@@ -87,8 +108,8 @@ class _Others:
         was_hit = np.array([agent.id == hit.agent for agent in attacked.agents])
         self._valid = np.hstack([tracks.valid, np.outer(was_hit & tracks.valid[:, -1], np.ones_like(ahead, bool))])
         self._length, self._width = np.array([(agent.length, agent.width) for agent in attacked.agents]).T
-        self._length[0] += 2.0 * _MARGIN_M
-        self._width[0] += 2.0 * _MARGIN_M
+        self._length[0] += 2.0 * margin_m
+        self._width[0] += 2.0 * margin_m
         may_be_hit = np.flatnonzero(apart_at_entry(attacked.agents, tracks))
         self._agents = sorted(may_be_hit.tolist(), key=lambda agent: not was_hit[agent])  # the hit one spoils most
 

@@ -12,6 +12,7 @@ from regents_cosim.verdicts.fault import fault
 from regents_cosim.verdicts.manoeuvres import BANK, Bank
 from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.reference_drivers import reference_drives
+from regents_cosim.verdicts.unavoidable import unavoidable
 
 
 def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
@@ -24,7 +25,12 @@ def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
         return attacked
     avoidable, evasion = avoidability(attacked, bank)
     judgement = Judgement(
-        _words(flaws), avoidable, fault(attacked), law_of(attacked), drivers=reference_drives(attacked)
+        flaws=_words(flaws),
+        avoidability=avoidable,
+        fault=fault(attacked),
+        law=law_of(attacked),
+        drivers=reference_drives(attacked),
+        unavoidable=unavoidable(attacked, avoidable),
     )
     return replace(attacked, judgement=judgement, evasion=evasion)
 

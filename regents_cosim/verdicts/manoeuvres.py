@@ -57,8 +57,8 @@ class Bank:
         pairs = itertools.product(self.lateral_accels, self.shifts)
         return [(0.0, 0.0), *((side * accel, side * shift) for accel, shift in pairs for side in (1.0, -1.0))]
 
-    def onsets(self, before: int, dt: float) -> list[int]:
-        """Steps ahead of `before`, the last one included, from the last to the first."""
+    def onsets(self, before: int, dt: float, also: tuple[int, ...] = ()) -> list[int]:
+        """Steps ahead of `before`, the last one included, from the last to the first; of `also` those among them."""
         found = [before - 1]
         while found[-1] >= 0:
             early = (before - found[-1]) * dt
@@ -67,7 +67,7 @@ class Bank:
                 break
             found.append(found[-1] - max(round(spacing / dt), 1))
         first = max(before - self.onsets_s[-1][0] / dt - 1e-6, 0.0)
-        return [onset for onset in found if onset >= first]
+        return sorted({onset for onset in (*found, *also) if first <= onset < before}, reverse=True)
 
 
 BANK = Bank()
@@ -115,13 +115,13 @@ class Fan:
         )
 
 
-def fans(bank: Bank, scenario: Scenario, before: int, steps: int) -> Iterator[Fan]:
+def fans(bank: Bank, scenario: Scenario, before: int, steps: int, also: tuple[int, ...] = ()) -> Iterator[Fan]:
     """All manoeuvres of `bank` that begin ahead of step `before`, one onset after the other, the last first.
 
-    They go on to the instant `steps - 1`, which may lie beyond the horizon.
+    They begin at the steps of `also`, too, and go on to the instant `steps - 1`, which may lie beyond the horizon.
     """
     way = own_way(scenario)
-    for onset in bank.onsets(before, scenario.dt):
+    for onset in bank.onsets(before, scenario.dt, also):
         yield _fan(bank, scenario, way, onset, steps)
 
 

@@ -147,7 +147,7 @@ const FILTERS = {
   kind: { title: "Any collision", of: (row, drivers) => [...new Set(drivers.map((_, k) => endingOf(row, k)))] },
   fault: { title: "Any fault", of: (row) => [row.fault ? FAULT_WORDS[row.fault] : "not judged"] },
   telling: { title: "Telling or not", of: (row) => [tellingOf(row) === null ? "no crash" : row.telling === null ? "not known whether telling" : row.telling ? "telling" : "not telling"] },
-  avoidable: { title: "Avoidable or not", of: (row) => (row.avoidable === null ? ["not judged"] : row.avoidable ? ["avoidable", `avoidable ${row.evasion}`] : ["unavoidable"]) },
+  avoidable: { title: "Avoidable or not", of: (row) => (row.avoidable === null ? ["not judged"] : row.avoidable ? ["avoidable", ...(row.evasion === "avoidable" ? [] : [`avoidable ${row.evasion}`])] : [row.evasion === "never" ? "proven unavoidable" : "not known"]) },
   planner: { title: "Any planner", of: (row, drivers) => (drivers.length > 1 ? drivers.filter((_, k) => row.endings[k]).map((name) => `${name} crashes`) : [row.attacked || "none"]) },
 };
 const FAULT_WORDS = { planner: "planner at fault", both: "both at fault", adversary: "adversary at fault", unclear: "fault unclear" };

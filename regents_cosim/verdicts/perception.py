@@ -1,0 +1,50 @@
+"""When a driver can see that the adversary does not do what it did in its log."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.frames import wrap
+from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.lane_keeping import from_lane_centre
+
+REACTION_S = 0.75  # of an attentive driver: UN Regulation 157, Annex 3, from the perceived risk to the brake
+
+_PLACE_M = 0.5
+_HEADING_RAD = np.deg2rad(5.0)
+_SPEED_M_S = 1.5
+_WANDER_M = 0.375  # UN Regulation 157, Annex 3: who is further from the middle of the lane is seen to leave it
+_MOVES_M_S = 0.5  # what stands has no heading to speak of
+
+
+def perceived_step(attacked: Scenario, agent: int) -> int:
+    """The first step at which `agent` can be seen to depart from its log.
+
+    That is 0.5 m, 5 degrees or 1.5 m/s off it, or 0.375 m further from the middle of the lanes that run its way. Who
+    keeps to its log up to the crash does what could be expected from the start: step 0.
+    """
+    hit = attacked.attack.collision if attacked.attack else None
+    if attacked.original is None or hit is None:
+        return 0
+    seen = _departs(attacked, attacked.original, agent)[: hit.step + 1]
+    return int(np.argmax(seen))  # 0 where it never does
+
+
+def reacts_step(perceived: int, dt: float) -> int:
+    """The first step at which a driver does something about what is perceived at `perceived`."""
+    return perceived + int(np.ceil(REACTION_S / dt - 1e-9))
+
+
+def _departs(attacked: Scenario, log: Tracks, agent: int) -> Bool[np.ndarray, " time"]:
+    now = attacked.tracks
+    moves = (now.speed[agent] > _MOVES_M_S) & (log.speed[agent] > _MOVES_M_S)
+    off = np.hypot(now.x[agent] - log.x[agent], now.y[agent] - log.y[agent]) > _PLACE_M
+    off |= moves & (np.abs(wrap(now.yaw[agent] - log.yaw[agent])) > _HEADING_RAD)
+    off |= np.abs(now.speed[agent] - log.speed[agent]) > _SPEED_M_S
+    wander = _from_lane(attacked, now, agent)
+    logged = _from_lane(attacked, log, agent)
+    off |= moves & np.isfinite(logged) & (wander > np.where(np.isfinite(logged), logged, 0.0) + _WANDER_M)
+    return off & now.valid[agent] & log.valid[agent]
+
+
+def _from_lane(attacked: Scenario, tracks: Tracks, agent: int) -> Float[np.ndarray, " time"]:
+    return from_lane_centre(attacked.road, *(values[agent] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z)))

@@ -1,0 +1,166 @@
+"""Which evasion a careful driver would take: late enough to have seen why, and as little unusual as possible.
+
+From the most preferred on:
+
+1. in time before too early: it begins no earlier than the time to react after the adversary can be seen to depart from
+   its log (`perception`), and in the last 4 s before the collision rather than before, as far ahead as a careful driver
+   looks; then no earlier than that is seen; then at any time, which takes knowledge of what comes;
+2. to brake in lane, then to swerve within the lanes that the ego may use, then onto the shoulder, then into other
+   lanes or past a red light;
+3. among those, what leaves more room than is needed; then what goes on until the danger is over; then what takes the
+   least share of the tyres' friction, steers less, brakes less, begins later.
+
+To hold the speed, to speed up, or to brake less than the ego did itself is no answer to anything: it meets nobody by
+the accident of its timing, and counts among what takes knowledge ahead.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.boxes import Boxes, corners
+from regents_cosim.planners.route import plan_route
+from regents_cosim.scenario import Collision, Scenario, Side
+from regents_cosim.verdicts.manoeuvres import Bank, Fan
+from regents_cosim.verdicts.ways import lawful_area
+
+_LEFT_M = 0.3  # what a corner may be outside of an area and still count as inside, as for the road
+_FASTER_M_S = 0.1  # than the ego itself: no answer
+_BESIDE_M = 0.5  # of its own way: no longer in its lane
+_AHEAD_S = 4.0  # of a collision: the careful driver's foresight
+_LANES_M = 100.0  # around the ego's track
+
+Found = Sequence[Fan]
+
+
+class Preference:
+    """What a careful driver would do in the place of the ego of one crash."""
+
+    def __init__(self, attacked: Scenario, hit: Collision, bank: Bank, perceived: int, reacts: int) -> None:
+        self._attacked, self._bank = attacked, bank
+        self._until = hit.step
+        self.perceived, self.reacts = perceived, reacts
+
+    def tiers(self, evading: Found) -> Iterator[Found]:
+        """`evading` in groups, those that a careful driver would rather do first; all of them come in the last."""
+        answers = [fan.take(self.answers(fan)) for fan in evading]
+        soon = self._until - round(_AHEAD_S / self._attacked.dt)
+        for earliest in (max(self.reacts, soon), self.reacts, self.perceived, 0):
+            late = [fan for fan in answers if fan.onset >= earliest and len(fan)]
+            yield [fan.take(self.in_lane(fan) & ~self.runs_red(fan)) for fan in late]
+            aside = [fan.take(~self.in_lane(fan)) for fan in late]
+            sides = [(fan, self.side(fan), self.runs_red(fan)) for fan in aside]
+            for wanted in ("own", "shoulder"):
+                yield [fan.take((np.array(side) == wanted) & ~red) for fan, side, red in sides]
+            yield late
+        yield evading
+
+    def answers(self, fan: Fan) -> Bool[np.ndarray, " manoeuvre"]:
+        """Which brake or steer, and are never faster than the ego itself was up to the collision."""
+        accel = np.array([accel for accel, _ in self._bank.along])[fan.along]
+        own = self._attacked.tracks.speed[0, fan.onset : self._until + 1]
+        slower = np.all(fan.speed[:, : len(own)] <= own + _FASTER_M_S, axis=1)
+        return slower & ((accel < 0.0) | (fan.aside != 0))
+
+    def in_lane(self, fan: Fan) -> Bool[np.ndarray, " manoeuvre"]:
+        """Which keep to the way that the ego drove; where that was beyond its tyres, to brake may lead off it."""
+        kept = fan.aside == 0
+        straight = np.flatnonzero(kept)
+        after = np.s_[straight, : self._attacked.tracks.steps - fan.onset]
+        away = shapely.distance(self._own_line, shapely.points(fan.x[after], fan.y[after]))
+        kept[straight] = np.all(away <= _BESIDE_M, axis=1)
+        return kept
+
+    def runs_red(self, fan: Fan) -> Bool[np.ndarray, " manoeuvre"]:
+        """Which pass a light on red at which the ego's own drive did not pass on red."""
+        runs = np.zeros(len(fan), bool)
+        own = self._attacked.tracks
+        for ahead_m, red in self._lights:
+            left_m = ahead_m - self._driven[fan.onset]
+            passed = _passes(left_m, _travelled(fan.speed[:, : own.steps - fan.onset], self._attacked.dt))
+            itself = _passes(left_m, (self._driven - self._driven[fan.onset])[None, fan.onset :])
+            on_red = np.append(red, False)  # never passed: step -1
+            at = np.where(passed >= 0, passed + fan.onset, -1)
+            runs |= on_red[at] & ~on_red[np.where(itself >= 0, itself + fan.onset, -1)]
+        return runs
+
+    def side(self, fan: Fan) -> list[Side]:
+        """The side of the road on which each manoeuvre takes the ego, for each the worst."""
+        sides = np.full(len(fan), "own", dtype=object)
+        shifted = np.flatnonzero(~self.in_lane(fan))
+        area = self._own_side
+        if area is None or not len(shifted):
+            return sides.tolist()
+        steps = np.s_[:, : self._attacked.tracks.steps - fan.onset]
+        x, y, yaw = (values[shifted][steps] for values in (fan.x, fan.y, fan.yaw))
+        places = corners(Boxes(x, y, yaw, self._attacked.ego.length, self._attacked.ego.width))
+        left = ~shapely.contains_xy(area, places[..., 0], places[..., 1])
+        left &= ~left[:, :1]
+        out = left.any(axis=(1, 2))
+        sides[shifted[out]] = "shoulder"
+        row = np.broadcast_to(np.arange(len(shifted))[:, None, None], left.shape)[left]
+        elsewhere = shapely.contains_xy(self._other_lanes, places[left][:, 0], places[left][:, 1])
+        sides[shifted[np.unique(row[elsewhere])]] = "oncoming"
+        return sides.tolist()
+
+    @cached_property
+    def _own_line(self) -> shapely.LineString:
+        """The way that the ego drove, and straight on."""
+        own = self._attacked.tracks
+        yaw = own.yaw[0, -1]
+        beyond = [own.x[0, -1] + _LANES_M * np.cos(yaw), own.y[0, -1] + _LANES_M * np.sin(yaw)]
+        return shapely.LineString(np.vstack([np.stack([own.x[0], own.y[0]], axis=-1), beyond]))
+
+    @cached_property
+    def _own_side(self) -> BaseGeometry | None:
+        """Where the ego may be; None where the map does not tell."""
+        area = lawful_area(self._attacked, 0)
+        if area is not None:
+            area = area.buffer(_LEFT_M)
+            shapely.prepare(area)
+        return area
+
+    @cached_property
+    def _other_lanes(self) -> BaseGeometry:
+        """The strips of all lanes around: what is neither of the ego's side nor one of these is shoulder."""
+        road, own = self._attacked.road, self._attacked.tracks
+        way = shapely.LineString(np.stack([own.x[0], own.y[0]], axis=-1))
+        near = road.centre_lines.query(way, predicate="dwithin", distance=_LANES_M)
+        strips = [
+            shapely.LineString(lane.centre).buffer(0.5 * lane.width, cap_style="flat", quad_segs=2)
+            for lane in (road.lanes[index] for index in near.tolist())
+        ]
+        area = shapely.union_all(strips)
+        shapely.prepare(area)
+        return area
+
+    @cached_property
+    def _driven(self) -> Float[np.ndarray, " time"]:
+        """Distance [m] of the ego's own drive by each step."""
+        return _travelled(self._attacked.tracks.speed[:1], self._attacked.dt)[0]
+
+    @cached_property
+    def _lights(self) -> list[tuple[float, Bool[np.ndarray, " time"]]]:
+        """How far ahead of the ego's front at step 0 the lights of its route stand [m], and when each is red."""
+        if not self._attacked.signals:
+            return []
+        route, own = plan_route(self._attacked), self._attacked.tracks
+        start = shapely.LineString(route.points).project(shapely.Point(own.x[0, 0], own.y[0, 0]))
+        front = start + 0.5 * self._attacked.ego.length
+        return [(line.distance_m - front, line.red) for line in route.stop_lines]
+
+
+def _travelled(speed: Float[np.ndarray, "manoeuvre time"], dt: float) -> Float[np.ndarray, "manoeuvre time"]:
+    moved = 0.5 * (speed[:, 1:] + speed[:, :-1]) * dt
+    return np.concatenate([np.zeros((len(speed), 1)), np.cumsum(moved, axis=1)], axis=1)
+
+
+def _passes(left_m: float, travelled: Float[np.ndarray, "manoeuvre time"]) -> np.ndarray:
+    """The first step at which each has travelled beyond `left_m`; -1 where it never does, or already had."""
+    beyond = travelled > left_m
+    first = beyond.argmax(axis=1)
+    return np.where(beyond.any(axis=1) & (first > 0), first, -1)
