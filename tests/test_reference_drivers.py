@@ -131,3 +131,11 @@ def test_it_has_its_place_in_the_judgement_of_every_case():
         assert bool(drives) == (case.attack is not None and case.attack.collision is not None)
         for drive in drives:
             assert not drive.avoids or drive.perceives_s < drive.acts_s < case.attack.collision.time_s
+
+
+def test_every_model_brakes_for_a_cut_in_that_leaves_time_and_none_does_wonders():
+    drivers = ("careful", "fuzzy", "rss")
+    for gap, avoids in ((30.0, True), (1.0, False)):
+        drives = reference_drives(cut_in(gap, 1.0 if avoids else 1.8))
+        assert tuple(drive.driver for drive in drives) == drivers
+        assert [drive.avoids for drive in drives] == [avoids] * 3

@@ -12,6 +12,9 @@ ego in time and so out of a crash that hangs on it, for no merit of the driver's
 the original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a risk once it is
 perceived, 0.75 s until the brakes act, then 0.774 g with 0.6 s to full braking. What it perceives:
 `verdicts.foresight`. Where braking alone does not do, it may swerve by half a car or a car as well.
+
+**fuzzy** and **rss**: the JRC's fuzzy safety model and RSS's proper response (`planners.reference.safety_models`), made
+for cut-ins and leaders; to them who crosses is one that cuts in, seen along and across the ego's path.
 """
 
 from dataclasses import replace
@@ -28,6 +31,7 @@ from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.emergency_braking import Brakes, Drive, braked_speed, driven
 from regents_cosim.verdicts.foresight import risks
 from regents_cosim.verdicts.others_around import OthersAround, beyond_steps
+from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
 
 CAREFUL_BRAKES = Brakes(most=CAREFUL.most_braking_m_s2, jerk=CAREFUL.jerk_m_s3)
 
@@ -35,7 +39,9 @@ CAREFUL_BRAKES = Brakes(most=CAREFUL.most_braking_m_s2, jerk=CAREFUL.jerk_m_s3)
 def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
     """What the reference drivers do about the crash of an attacked scenario; nothing where there is none."""
     hit = attacked.attack.collision if attacked.attack else None
-    return () if hit is None else (_careful(attacked, hit)[0],)
+    if hit is None:
+        return ()
+    return _careful(attacked, hit)[0], *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
 
 
 def reference_track(attacked: Scenario) -> Tracks:
@@ -48,8 +54,7 @@ def reference_track(attacked: Scenario) -> Tracks:
 
 def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, Drive]:
     """What it does, and its drive: the first that avoids the crash, braking alone before any swerve."""
-    path = ego_path(attacked)
-    adversary = next(index for index, agent in enumerate(attacked.agents) if agent.id == hit.agent)
+    path, adversary = ego_path(attacked), _adversary(attacked, hit)
     around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
     perceived = perceives(risks(attacked, path, adversary, hit.step + 1), dt)
     if perceived is None:
@@ -64,6 +69,22 @@ def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, Drive]
         if not around.meets(drive).any() and (shift == 0.0 or _keeps_to_road(attacked, drive, acts)):
             return replace(seen, avoids=True, shift_m=shift), drive
     return seen, drives[0.0]
+
+
+def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> ReferenceDrive:
+    """What the fuzzy safety model or RSS does; they brake alone."""
+    path, adversary, dt = ego_path(attacked), _adversary(attacked, hit), attacked.dt
+    braked = braked_by(model, attacked, path, adversary, hit.step)
+    perceives_s, acts_s = (None if step is None else round(step * dt, 9) for step in (braked.perceived, braked.acts))
+    if braked.acts is None:
+        return ReferenceDrive(model.driver, False, perceives_s, acts_s)
+    drive = driven(attacked, path, braked.speed, braked.acts, 0.0, CAREFUL.swerve_m_s2)
+    avoids = not OthersAround(attacked, adversary).meets(drive).any()
+    return ReferenceDrive(model.driver, avoids, perceives_s, acts_s)
+
+
+def _adversary(attacked: Scenario, hit: Collision) -> int:
+    return next(index for index, agent in enumerate(attacked.agents) if agent.id == hit.agent)
 
 
 def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
