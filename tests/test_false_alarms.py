@@ -1,0 +1,44 @@
+"""How often the reference drivers brake hard in ordinary traffic, where nothing happens."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from regents_cosim.suite import load_cases
+from regents_cosim.verdicts.ego_path import ego_path
+from regents_cosim.verdicts.foresight import all_risks
+from regents_cosim.verdicts.reference_drivers import perceives
+from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, braked_by
+
+STANDARD = Path(__file__).parents[1] / "scenarios" / "standard"
+MOST = {"careful": 0.15, "fuzzy": 0.1, "rss": 0.35}
+
+
+def ordinary(places):
+    """Windows of the standard suite as they were before the attacks, each once."""
+    cases = [case for case in load_cases(STANDARD) if case.id.split("-")[0] in places]
+    return list({"-".join(case.id.split("-")[:3]): case.before_attack() for case in cases}.values())
+
+
+def brakes_hard(window):
+    """Which drivers brake with more than 4 m/s^2, and more than the ego did, because of anybody."""
+    path, others, steps = ego_path(window), range(1, len(window.agents)), window.tracks.steps
+    risks = all_risks(window, path, list(others), steps)
+    found = {"careful"} if any(perceives(risk, window.dt) is not None for risk in risks) else set()
+    own = -np.diff(window.tracks.speed[0]) / window.dt
+    for model in SAFETY_MODELS:
+        for agent in others:
+            braked = -np.diff(braked_by(model, window, path, agent, steps).speed[:steps]) / window.dt
+            if ((braked > 4.0) & (braked > own + 0.1)).any():
+                found.add(model.driver)
+    return found
+
+
+@pytest.mark.slow
+def test_hard_braking_in_ordinary_traffic_is_rare():
+    windows = ordinary({"crossing", "grid", "signals"})
+    found = [brakes_hard(window) for window in windows]
+    for driver, most in MOST.items():
+        share = np.mean([driver in hard for hard in found])
+        assert share <= most, (driver, share, len(windows))
