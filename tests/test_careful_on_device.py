@@ -29,12 +29,12 @@ def on_device(attacked):
 
 
 def test_it_agrees_on_cut_ins_and_leaders_that_brake():
-    crashes = [cut_in(gap, lateral) for gap in (2.0, 8.0, 18.0) for lateral in (0.6, 1.8)]
-    crashes += [braking_lead(gap) for gap in (4.0, 16.0, 35.4)]
+    crashes = [cut_in(gap, lateral) for gap in (2.0, 18.0) for lateral in (1.0, 1.8)]
+    crashes += [braking_lead(gap) for gap in (4.0, 35.4)]
     found = [(careful(crash).avoids, on_device(crash)) for crash in crashes]
     assert {here for here, _ in found} == {True, False}
     assert not any(there and not here for here, there in found)
-    assert sum(here == there for here, there in found) >= len(found) - 2
+    assert sum(here == there for here, there in found) >= len(found) - 1
 
 
 def test_lane_centres_are_those_of_lanes_that_run_the_same_way():

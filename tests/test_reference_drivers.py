@@ -110,7 +110,7 @@ def test_full_braking_takes_its_time():
     assert np.diff(speed)[-1] / DT == pytest.approx(-0.774 * 9.81)
 
 
-@settings(max_examples=15)
+@settings(max_examples=6)
 @given(gap=st.floats(1.0, 30.0), lateral=st.floats(0.4, 2.5), other=st.floats(2.0, 12.0))
 def test_until_it_acts_it_is_the_egos_own_drive_and_never_ahead_of_it(gap, lateral, other):
     made = scene((0, 0, 15), (gap + 4.6, 3.2, other), road=straight_road(2))
