@@ -7,16 +7,17 @@ and no reference driver exceeds. After t seconds it is in
     p0 + v0 t + q,   |q| <= A t^2 / 2,        with a velocity in   v0 + sqrt(2) q / t + B(0.4142 A t)
 
 (B(r) is a disc of radius r: |w - c q / t| <= A int |1 - c (1 - s / t)| ds / ..., which is least for c = sqrt 2). Its
-heading is that of its velocity, so at each place it is known within a cone, which turns by no more than the tightest
-curvature allows either; what all bodies of headings in the cone share is occupied for certain. A place is impossible
-where that touches anybody at that step, or where a corner would be off the road. What is left at one step bounds where
-the ego can be later:
+heading is that of its velocity, up to the slip of a car that turns about its rear axle, so at each place it is known
+within a cone, which turns by no more than the tightest curvature allows either; what all bodies of headings in the cone
+share is occupied for certain. A place is impossible where that touches anybody at that step, or where a corner would be
+off the road and its verge. What is left at one step bounds where the ego can be later:
 
     q_j  in  (1 + sqrt(2) (t_j - t_i) / t_i) q_i + B(A (0.4142 t_i (t_j - t_i) + (t_j - t_i)^2 / 2))
 
 Where nothing is left at some step, no drive avoids the crash. Places are the cells of a grid, in which every choice
 errs on the side of what is possible: cells count as free if one point of them may be. As for the manoeuvres,
-contacts count at the steps.
+contacts count at the steps. Who follows the ego would make way if it braked, and never makes a proof, unless it is the
+one that hits.
 
 Sources: over-approximated reachable sets to prove that no drive is safe (Althoff and Dolan 2014, "Online verification
 of automated road vehicles using reachability analysis"; Söntges and Althoff 2018, "Computing the drivable area of
@@ -35,9 +36,9 @@ from regents_cosim.boxes import Boxes, corners
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.frames import wrap
 from regents_cosim.levels import has_levels
+from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M
 from regents_cosim.mirror.bicycle import CURVATURE_LIMIT
-from regents_cosim.scenario import Avoidability, Scenario
-from regents_cosim.verdicts.clean import OFF_ROAD_M
+from regents_cosim.scenario import Avoidability, Collision, Scenario
 from regents_cosim.verdicts.manoeuvres import GRAVITY
 
 FRICTION_AT_BEST = 0.9
@@ -48,6 +49,10 @@ _CELL = 0.04  # of the radius of the reachable disc
 _BODY_POINTS = 32  # on the edge of what is occupied for certain
 _TRIED = 24  # directions of steady acceleration
 _ROUNDING_M = 0.005  # the motion of a step is an arc, not the mean of two velocities
+_LOOSE_M = 0.5  # tracks that are further off their own speeds tell nothing
+_REAR_AXLE = 0.3  # of the length, behind the middle of a car
+_VERGE_M = 1.0  # beside the road: in dire need a corner may be there, though no manoeuvre counts that takes it there
+_ROUND = 1.02  # a buffer's arcs are polygons inside them
 _ROAD_M = 60.0  # around the ego
 
 _ROOT, _SPREAD = np.sqrt(2.0), np.sqrt(2.0) - 1.0
@@ -69,7 +74,11 @@ def proven_unavoidable(attacked: Scenario, since: int) -> bool:
     hit = attacked.attack.collision if attacked.attack else None
     if hit is None or (hit.step - since) * attacked.dt > _LONGEST_S or attacked.heights.stacked:
         return False
-    ego, danger = _Ego.of(attacked, since, hit.step), _Danger.of(attacked, since, hit.step)
+    if hit.step <= since:
+        return True
+    ego, danger = _Ego.of(attacked, since, hit.step), _Danger.of(attacked, since, hit)
+    if ego.off > _LOOSE_M:
+        return False
     last = min(hit.step + round(_AFTER_S / attacked.dt), attacked.tracks.steps - 1)
     if _escapes(ego, danger, since, last):
         return False
@@ -81,7 +90,7 @@ def proven_unavoidable(attacked: Scenario, since: int) -> bool:
             return True
         if not free.all():  # else it bounds what comes later no better than the disc does
             before.append(_Layer(layer.time, layer.cell, layer.places[free]))
-    return hit.step == since
+    return False
 
 
 def _escapes(ego: "_Ego", danger: "_Danger", since: int, last: int) -> bool:
@@ -109,7 +118,8 @@ class _Ego:
     velocity: Float[np.ndarray, " 2"]  # [m/s]
     accel: float  # [m/s^2] at most
     curvature: float  # [1/m] at most
-    half: Float[np.ndarray, " 2"]  # [m] length and width of its body, less what its own track is off its speeds
+    size: Float[np.ndarray, " 2"]  # [m] length and width of its body
+    off: float  # [m] how far its own track is off its speeds
 
     @classmethod
     def of(cls, attacked: Scenario, since: int, until: int) -> "_Ego":
@@ -123,14 +133,14 @@ class _Ego:
         used = np.hypot(*np.diff(velocity, axis=0).T).max(initial=0.0) / dt
         travelled = 0.5 * (speed[1:] + speed[:-1]) * dt
         turns = np.abs(wrap(np.diff(yaw))).sum() > CURVATURE_LIMIT * travelled.sum() + 1e-6
-        half = 0.5 * np.array([attacked.ego.length, attacked.ego.width])
         return cls(
             place=place[0],
             yaw=float(yaw[0]),
             velocity=velocity[0],
             accel=max(FRICTION_AT_BEST * GRAVITY, float(used)),
             curvature=np.inf if turns else CURVATURE_LIMIT,
-            half=half - off.max() - _ROUNDING_M,
+            size=np.array([attacked.ego.length, attacked.ego.width]),
+            off=float(off.max()) + _ROUNDING_M,
         )
 
     def centre(self, layer: "_Layer") -> Float[np.ndarray, "cell 2"]:
@@ -144,6 +154,9 @@ class _Ego:
         spread = _SPREAD * self.accel * time + _ROOT / time * layer.slack
         speed = np.hypot(*velocity.T)
         cone = np.where(speed > spread, np.arcsin(np.minimum(spread / np.maximum(speed, 1e-9), 1.0)), np.pi)
+        tightest = np.minimum(self.curvature, self.accel / np.maximum(speed - spread, 1e-3) ** 2)
+        cone += np.arcsin(np.minimum(_REAR_AXLE * self.size[0] * tightest, 1.0))
+        cone = np.minimum(cone, np.pi)
         heading = np.arctan2(velocity[:, 1], velocity[:, 0])
         start = float(np.hypot(*self.velocity))
         widest = min(self.curvature * (start * time + 0.5 * self.accel * time**2), np.pi)
@@ -198,10 +211,10 @@ class _Danger:
     on_road: Bool[np.ndarray, " corner"]  # those of its corners that must stay there
 
     @classmethod
-    def of(cls, attacked: Scenario, since: int, until: int) -> "_Danger":
+    def of(cls, attacked: Scenario, since: int, hit: Collision) -> "_Danger":
         """As for the manoeuvres: who overlaps the ego when first seen, and corners that were off the road, are out."""
-        own = attacked.tracks
-        agents = apart_at_entry(attacked.agents, own)
+        own, until = attacked.tracks, hit.step
+        agents = apart_at_entry(attacked.agents, own) & ~_follows(attacked, since, hit)
         if has_levels(attacked.road):
             return cls(attacked, since, agents, None, np.zeros(4, bool))
         x, y, yaw = (values[0, since : until + 1] for values in (own.x, own.y, own.yaw))
@@ -220,7 +233,7 @@ class _Danger:
     def touched(self, ego: _Ego, layer: _Layer, step: int) -> Bool[np.ndarray, " cell"]:
         """In which cells it touches somebody."""
         touched = np.zeros(len(layer.places), bool)
-        half = ego.half - layer.slack
+        half = 0.5 * ego.size - ego.off - layer.slack
         if half.min() <= 0.0:
             return touched
         heading, cone = ego.turned(layer)
@@ -249,16 +262,23 @@ class _Danger:
         if self.road is None or not self.on_road.any() or not len(layer.places):
             return np.zeros(len(layer.places), bool)
         heading, cone = ego.turned(layer)
-        size = self.attacked.ego.length, self.attacked.ego.width
-        swing = np.hypot(*size) * np.sin(0.5 * cone)  # how far a corner may be off its place
+        swing = np.hypot(*ego.size) * np.sin(0.5 * cone)  # how far a corner may be off its place
         widest = float(np.quantile(swing, 0.9))  # of those that it is worth to look at
-        loose = OFF_ROAD_M + widest + layer.slack + float(0.5 * np.hypot(*size) - np.hypot(*ego.half))
-        area = shapely.buffer(self.road, loose)
+        loose = _VERGE_M + widest + layer.slack + ego.off
+        area = shapely.buffer(self.road, _ROUND * loose)
         shapely.prepare(area)
         centre = ego.centre(layer)
-        places = corners(Boxes(centre[:, 0], centre[:, 1], heading, *size))[:, self.on_road]
+        places = corners(Boxes(centre[:, 0], centre[:, 1], heading, *ego.size))[:, self.on_road]
         off = ~shapely.contains_xy(area, places[..., 0], places[..., 1]).all(axis=1)
         return off & (swing <= widest)
+
+
+def _follows(attacked: Scenario, since: int, hit: Collision) -> Bool[np.ndarray, " agent"]:
+    """Who is behind the ego and goes its way, and is not the one that hits."""
+    x, y, yaw = (values[:, since] for values in (attacked.tracks.x, attacked.tracks.y, attacked.tracks.yaw))
+    ahead = (x - x[0]) * np.cos(yaw[0]) + (y - y[0]) * np.sin(yaw[0])
+    same = np.abs(wrap(yaw - yaw[0])) < ALONG_RAD
+    return same & (ahead < 0.0) & np.array([agent.id != hit.agent for agent in attacked.agents])
 
 
 def _core(
