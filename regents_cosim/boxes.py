@@ -41,6 +41,28 @@ def corners(boxes: Boxes) -> Float[np.ndarray, "... 4 2"]:
     return np.stack(np.broadcast_arrays(x + along * cos - across * sin, y + along * sin + across * cos), axis=-1)
 
 
+def in_between(boxes: Boxes, parts: int) -> Boxes:
+    """Boxes [... time] with those at `parts` - 1 instants between two steps: all go and turn evenly in between.
+
+    Their last axis is `parts` x (time - 1) + 1 long; every `parts`-th is a step.
+    """
+    fields = np.broadcast_arrays(boxes.x, boxes.y, np.unwrap(boxes.yaw), boxes.length, boxes.width, boxes.z)
+    share = np.arange(parts) / parts
+
+    def between(values: Float[np.ndarray, "... time"]) -> Float[np.ndarray, "... instant"]:
+        ways = values[..., :-1, None] + np.diff(values)[..., None] * share
+        return np.concatenate([ways.reshape(*values.shape[:-1], -1), values[..., -1:]], axis=-1)
+
+    return Boxes(*map(between, fields))
+
+
+def there_between(valid: Bool[np.ndarray, "... time"], parts: int) -> Bool[np.ndarray, "... instant"]:
+    """Who is there at the instants of `in_between`: between two steps only those that are at both."""
+    both = valid[..., :-1] & valid[..., 1:]
+    ways = np.concatenate([valid[..., :-1, None], np.repeat(both[..., None], parts - 1, axis=-1)], axis=-1)
+    return np.concatenate([ways.reshape(*valid.shape[:-1], -1), valid[..., -1:]], axis=-1)
+
+
 def same_level(a: Values, b: Values) -> Bool[np.ndarray, "..."] | np.bool_:
     """Whether what is on roads of heights `a` and `b` [m] can meet."""
     return np.abs(np.subtract(a, b)) < CLEARANCE_M

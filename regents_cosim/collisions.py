@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.frames import wrap
 from regents_cosim.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Collision, CollisionKind, Overlap, Tracks, boxes_of
@@ -105,6 +105,40 @@ def find_overlaps(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[Overlap, .
             if len(steps):
                 found.append(Overlap((agents[i].id, agents[j].id), int(steps[0]), int(steps[-1])))
     return tuple(found)
+
+
+def touching(boxes: Boxes, valid: Bool[np.ndarray, "agent time"], parts: int) -> Bool[np.ndarray, "agent agent"]:
+    """Which pairs of agents share a point at a step, or at one of `parts` - 1 instants between two; boxes [agent time].
+
+    Everybody touches themselves. Circles around the boxes tell which pairs need to be looked at.
+    """
+    found = np.eye(len(valid), dtype=bool)
+    pairs = np.stack(np.nonzero(np.triu(_near(boxes, valid), k=1)))
+    finer, there = in_between(boxes, parts), there_between(valid, parts)
+    for first in range(0, pairs.shape[1], _PAIRS_AT_ONCE):
+        i, j = pairs[:, first : first + _PAIRS_AT_ONCE]
+        mine, theirs = (Boxes(*(np.asarray(values)[k] for values in finer)) for k in (i, j))
+        found[i, j] = np.any(overlap(mine, theirs) & there[i] & there[j], axis=1)
+    return found | found.T
+
+
+_PAIRS_AT_ONCE = 1000
+
+
+def _near(boxes: Boxes, valid: Bool[np.ndarray, "agent time"]) -> Bool[np.ndarray, "agent agent"]:
+    """Which pairs may touch: circles around them do, as far as they go within half a step."""
+    x, y, length, width = (np.broadcast_to(v, valid.shape) for v in (boxes.x, boxes.y, boxes.length, boxes.width))
+    both = valid[:, :-1] & valid[:, 1:]
+    ways = np.where(both, np.hypot(np.diff(x), np.diff(y)), 0.0)
+    reach = 0.5 * (np.hypot(length, width)[:, 0] + ways.max(axis=1, initial=0.0))
+    near = np.zeros((len(x), len(x)), bool)
+    for agent in range(len(x) - 1):
+        others = slice(agent + 1, None)
+        away = np.hypot(x[others] - x[agent], y[others] - y[agent])
+        near[agent, others] = np.any(
+            valid[others] & valid[agent] & (away <= (reach[others] + reach[agent])[:, None]), axis=1
+        )
+    return near
 
 
 def _row(boxes: Boxes, agent: int) -> Boxes:

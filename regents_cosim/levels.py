@@ -94,12 +94,10 @@ def contains(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Bo
 
 def beyond_road(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Float[np.ndarray, "..."]:
     """How far points [m] at heights `z` [m] are off the drivable area of their level [m]."""
-    if not has_levels(road):
-        return np.asarray(shapely.distance(road.drivable, shapely.points(points)))
-    bands = np.broadcast_to(band(z), points.shape[:-1])
-    found = np.zeros(bands.shape)
-    for one in np.unique(bands).tolist():
-        here = bands == one
+    found = np.zeros(points.shape[:-1])
+    away = ~contains(road, points, z)
+    for one in np.unique(band(z)).tolist() if has_levels(road) else [0]:
+        here = away & (band(z) == one) if has_levels(road) else away
         found[here] = shapely.distance(drivable_at(road, one * BAND_M), shapely.points(points[here]))
     return found
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
-from scenes import platoon, scene
+from scenes import DT, crash, platoon, scene, straight_road
 
 from regents_cosim.attacks.acceptance import is_clean
 from regents_cosim.attacks.attack import attack
@@ -16,61 +16,108 @@ from regents_cosim.attacks.descent import ego_contacts, to_controls
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.timings import retimed
+from regents_cosim.collisions import first_contact, touching
 from regents_cosim.errors import RegentsError
+from regents_cosim.limits import SUB_STEPS
+from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.rollout import roll_out_background
-from regents_cosim.mirror.world import to_tracks, to_world
+from regents_cosim.mirror.world import scene_origin, to_tracks, to_world
+from regents_cosim.verdicts.clean import flaws
 
 
 @eqx.filter_jit
-def judged(world, driven, movers):
+def accepted(world, driven, movers):
     boxes = world.boxes(driven)
-    return is_clean(world, movers, boxes, driven.speed[0], ego_contacts(world, boxes))
+    contacts = ego_contacts(world, boxes)
+    return is_clean(world, movers, driven, boxes, contacts), contacts
 
 
-def clean(*cars, drift=0.0, candidate=1):
-    """Whether the crash of cars that go straight on, the second drifting sideways, is clean."""
-    made = scene(*cars)
-    world = to_world(made)
-    moved = np.array(world.log.y)
-    moved[1] += drift * np.linspace(0, 1, 81) ** 2
-    driven = replace(world.log, y=jnp.asarray(moved, jnp.float32))
-    assert ego_contacts(world, world.boxes(driven)).any()
-    return bool(judged(world, driven, Movers.only(candidate, world.valid.shape[0])))
+def driven_in(world, tracks, origin):
+    """The device's motion of tracks."""
+    x, y = tracks.x - origin[0], tracks.y - origin[1]
+    values = (x, y, np.unwrap(tracks.yaw), tracks.speed)
+    padded = (np.pad(v, ((0, world.valid.shape[0] - len(v)), (0, 0))) for v in values)
+    return Motion(*(jnp.asarray(v, jnp.float32) for v in padded))
 
 
-def test_a_cut_in_is_clean():
-    assert clean((0, 0, 10), (8, 3.2, 9), drift=-3.2)
+def random_scene(rng, road):
+    """Cars on all lanes of a road that swerve, brake, turn and jump as no search would; the first is the ego."""
+    cars = [(0.0, 3.2 * rng.integers(3), rng.uniform(0.0, 12.0))]
+    for _ in range(7):
+        beside = rng.random() < 0.1
+        y = -1.7 - rng.uniform(-0.5, 3.0) if beside else 3.2 * rng.integers(3) + rng.normal(0.0, 0.4)
+        cars.append((rng.uniform(-20.0, 60.0), y, rng.uniform(0.0, 14.0)))
+    made = scene(*cars, road=road)
+    time, tracks = np.linspace(0.0, 1.0, made.tracks.steps), made.tracks
+    chosen = [1, *(rng.integers(2, 8, rng.integers(0, 3)))]
+    x, y, yaw, speed = (np.array(v) for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed))
+    for agent in chosen:
+        begin, lasting = rng.uniform(0.0, 0.7), rng.uniform(0.1, 1.0)
+        share = np.clip((time - begin) / lasting, 0.0, 1.0)
+        share = share * share * (3.0 - 2.0 * share)
+        aside, along = rng.normal(0.0, 4.0), rng.normal(0.0, 15.0)
+        x[agent] += along * share
+        y[agent] += aside * share
+        way_x, way_y = np.gradient(x[agent]), np.gradient(y[agent])
+        yaw[agent], speed[agent] = np.arctan2(way_y, way_x + 1e-3), np.hypot(way_x, way_y) / DT
+    return made, replace(tracks, x=x, y=y, yaw=np.unwrap(yaw), speed=speed)
 
 
-def test_a_crash_with_somebody_that_the_attack_leaves_alone_is_not():
-    assert not clean((0, 0, 10), (8, 3.2, 9), (60, 0, 10), drift=-3.2, candidate=2)
+def broken_road(rng):
+    """Three lanes with islands on them and bites out of their edges."""
+    road = straight_road()
+    area = road.drivable
+    for _ in range(8):
+        x, y = rng.uniform(-20.0, 120.0), rng.choice([-1.6, 8.0, rng.uniform(-1.0, 7.0)])
+        hole = shapely.affinity.rotate(shapely.box(0, 0, *rng.uniform(0.3, 3.0, 2)), rng.uniform(0.0, 90.0))
+        area = area - shapely.affinity.translate(hole, x, y)
+    return replace(road, drivable=area)
 
 
-def test_an_adversary_that_was_off_the_road_is_not():
-    assert clean((0, 0, 10), (22, 0, 7.5), drift=-0.5)
-    assert not clean((0, 0, 10), (22, 0, 7.5), drift=-1.7)
+def both_verdicts(seed, scenes):
+    """For random crashes: what the host finds, and whether the device accepts, where they see the same contact."""
+    rng, found = np.random.default_rng(seed), []
+    corners = ((0.0, 0.0, 20.0), (-80.0, -40.0, 0.0), (300.0, 50.0, 0.0), *((200.0, 3.2, 0.0),) * 5)
+    while len(found) < scenes:
+        base = scene(*corners, road=broken_road(rng))
+        world, origin = to_world(base), scene_origin(base)
+        for _ in range(100):
+            made, tracks = random_scene(rng, base.road)
+            contact = first_contact(made.agents, tracks)
+            if contact is None:
+                continue
+            log, strangers = driven_in(world, made.tracks, origin), ~touching(made.boxes, made.tracks.valid, SUB_STEPS)
+            here = replace(world, log=log, strangers=jnp.asarray(strangers), apart=jnp.asarray(strangers))
+            movers = Movers.only(contact[0], world.valid.shape[0])
+            clean, hits = accepted(here, driven_in(world, tracks, origin), movers)
+            if int(np.argmax(np.asarray(hits).any(axis=0))) == contact[1] and bool(hits[contact]):
+                found.append((flaws(crash(made, tracks)), bool(clean)))
+    return found
 
 
-def test_an_adversary_that_hits_somebody_else_first_is_not():
-    assert not clean((0, 0, 10), (20, 0, 7.5), (26, 0, 6.9))
+def agree(found):
+    """The device accepts nothing that the host calls unclean, and little less than what it calls clean."""
+    assert not [spoilt for spoilt, accepted in found if accepted and spoilt]
+    clean = [accepted for spoilt, accepted in found if not spoilt]
+    assert clean
+    assert sum(clean) >= 0.9 * len(clean)
 
 
-def test_an_adversary_that_runs_into_the_back_of_the_ego_is_not():
-    assert not clean((20, 0, 5), (0, 0, 10))
+def test_the_device_accepts_what_the_host_calls_clean():
+    agree(both_verdicts(0, 300))
 
 
-def test_a_standing_ego_is_not():
-    assert not clean((40, 0, 0.1), (20, 3.2, 6), drift=-8.0)
+@pytest.mark.slow
+def test_the_device_accepts_what_the_host_calls_clean_in_thousands_of_scenes():
+    agree(both_verdicts(1, 5000))
 
 
 @pytest.mark.slow
 def test_what_the_search_accepts_is_what_the_exact_boxes_call_clean():
-    from regents_cosim.verdicts.clean import cleanness
-
     found = list(attack([platoon(seed=1)], replace(REGENTS_FOCUSED, nearest=3), "log_replay"))
-    crashes = [flaws for case in found if (flaws := cleanness(case))]
+    crashes = [spoilt for case in found if (spoilt := flaws(case)) is not None]
     assert crashes
-    assert all(flaws.clean for flaws in crashes)
+    assert not any(crashes)
 
 
 def bent():

@@ -1,62 +1,137 @@
+"""What spoils a crash: strictly clean, question by question, and on the device as on the host."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import crash, scene
+import shapely
+from scenes import crash, scene, straight_road
 
 from regents_cosim.evaluation.statistics import mcnemar, wilson
-from regents_cosim.scenario import AttackRecord, Overlap
-from regents_cosim.verdicts.clean import cleanness
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.scenario import AttackRecord
+from regents_cosim.verdicts.clean import flaws, hardest
+
+TIME = np.linspace(0, 1, 81)
 
 
-def crashed(*cars, attributed=True, drift=0.0, **changes):
-    """Cars that go straight on, the second drifting sideways, as if an attack had made them."""
-    made = scene(*cars, **changes)
-    y = np.array(made.tracks.y)
-    y[1] += drift * np.linspace(0, 1, 81) ** 2
-    return crash(made, replace(made.tracks, y=y), attributed)
+def attacked(made, other=1, attributed=True, **moved):
+    """`made` with the tracks of one of its cars changed by functions of the share of the horizon."""
+    changed = {}
+    for name, change in moved.items():
+        values = np.array(getattr(made.tracks, name))
+        values[other] += change(TIME)
+        changed[name] = values
+    return crash(made, replace(made.tracks, **changed), attributed)
+
+
+def crashed(*cars, drift=0.0, attributed=True, **changes):
+    """Cars that go straight on, the second drifting sideways by the end."""
+    return attacked(scene(*cars, **changes), y=lambda t: drift * t**2, attributed=attributed)
 
 
 def test_a_cut_in_is_clean():
-    found = cleanness(crashed((0, 0, 10), (8, 3.2, 9), drift=-3.2))
-    assert found.clean
+    assert flaws(crashed((0, 0, 10), (8, 3.2, 9), drift=-3.2)) == ()
 
 
 def test_a_crash_that_the_attack_did_not_cause():
-    found = cleanness(crashed((0, 0, 10), (8, 3.2, 9), drift=-3.2, attributed=False))
-    assert not found.attributed
-    assert not found.clean
+    assert flaws(crashed((0, 0, 10), (8, 3.2, 9), drift=-3.2, attributed=False)) == ("unattributed",)
+    assert flaws(crashed((0, 0, 10), (22, 0, 7.5))) == ("unattributed",)  # where its log has it
 
 
 def test_an_adversary_that_was_off_the_road():
-    found = cleanness(crashed((0, 0, 10), (22, 0, 7.5), drift=-1.7))
-    assert found.off_road
-    assert not found.clean
-    assert not cleanness(crashed((0, 0, 10), (22, 0, 7.5), drift=-0.5)).off_road
+    assert flaws(crashed((0, 0, 10), (22, 0, 7.5), drift=-1.7)) == ("off_road",)
+    assert flaws(crashed((0, 0, 10), (22, 0, 7.5), drift=-0.5)) == ()
+
+
+def test_a_car_that_was_parked_beside_the_road_may_join_it_and_not_go_further_off():
+    cars = (0, 0, 10), (30, -4.0, 5.0)  # its sides are 1.5 and 3.3 m off the road
+    assert flaws(crashed(*cars, drift=6.0)) == ()
+    away = attacked(scene(*cars), y=lambda t: np.where(t < 0.4, -2.0 * t, 9.0 * (t - 0.4) - 0.8))
+    assert "off_road" in flaws(away)
+    once_on = attacked(scene(*cars), y=lambda t: np.interp(t, [0.0, 0.3, 0.42, 0.7], [0.0, 4.0, 0.5, 4.0]))
+    assert "off_road" in flaws(once_on)
+
+
+def test_an_island_between_the_corners_of_its_box():
+    island = shapely.box(60, 2.6, 61.5, 3.7)
+    road = straight_road()
+    holed = RoadMap(road.lanes, (), road.drivable - island)
+    made = scene((0, 0, 10), (24, 3.2, 8), road=holed)
+    over = {"x": lambda t: -6.0 * t, "y": lambda t: -2.6 * np.clip(8.0 * (t - 0.8), 0.0, 1.0)}
+    assert flaws(attacked(made, **over)) == ("off_road",)
+    assert flaws(attacked(replace(made, road=road), **over)) == ()
 
 
 def test_an_adversary_that_hits_somebody_else_first():
-    cars = ((0, 0, 10), (20, 0, 7.5), (19, 0, 6.9))
-    assert cleanness(crashed(*cars[:2], (26, 0, 6.9))).hits_others
-    overlapping = (Overlap(("car01", "car02"), 0, 80),)
-    assert not cleanness(crashed(*cars[:2], (26, 0, 6.9), overlaps=overlapping)).hits_others
+    made, overlapping = (scene((0, 0, 10), (20, 0, 6.9), (third, 0, 6.9)) for third in (25, 24))
+    assert flaws(attacked(made, x=lambda t: np.minimum(4.0 * t, 1.0))) == ("hits_others",)
+    assert flaws(attacked(overlapping, x=lambda t: np.minimum(4.0 * t, 1.0))) == ()
+
+
+def test_an_adversary_that_goes_through_a_third_party_between_two_steps():
+    made = scene((0, 0, 10), (20, 6.4, 7.0), (26, 3.2, 7.0))
+    jump = attacked(made, y=lambda t: np.where(t < 0.5, 0.0, -6.4), x=lambda t: np.where(t < 0.5, 5.0 * t, 4.0))
+    assert "hits_others" in flaws(jump)
+
+
+def test_bystanders_that_collide():
+    made = scene((0, 0, 10), (8, 3.2, 9), (40, 6.4, 9), (50, 6.4, 9))
+    spoilt = attacked(made, y=lambda t: -3.2 * t**2)
+    x = np.array(spoilt.tracks.x)
+    x[2] += np.interp(TIME, [0.0, 0.3], [0.0, 7.0])
+    spoilt = replace(spoilt, tracks=replace(spoilt.tracks, x=x))
+    assert flaws(spoilt) == ("bystanders_collide",)
+    apart = tuple(replace(a, kind="pedestrian") if i in (2, 3) else a for i, a in enumerate(spoilt.agents))
+    assert flaws(replace(spoilt, agents=apart)) == ()
 
 
 def test_an_adversary_that_runs_into_the_back_of_the_ego():
-    assert cleanness(crashed((20, 0, 5), (0, 0, 10))).rear_ends_ego
+    found = flaws(attacked(scene((20, 0, 5), (0, 0, 9)), x=lambda t: 8.0 * t))
+    assert found == ("rear_ends_ego", "from_behind")
+
+
+def test_an_adversary_that_comes_from_behind_into_the_side():
+    """It swerves out of the lane beside into the rear quarter, and is no rear-end by its heading at the contact."""
+    made = scene((20, 0, 5), (8, 3.2, 8))
+    found = flaws(attacked(made, y=lambda t: np.interp(t, [0.25, 0.32], [0.0, -2.6])))
+    assert "from_behind" in found
 
 
 def test_a_standing_ego():
-    found = cleanness(crashed((40, 0, 0.1), (20, 3.2, 6), drift=-8.0))
-    assert found.ego_stands
-    assert not found.clean
+    assert "ego_stands" in flaws(crashed((40, 0, 0.1), (20, 3.2, 6), drift=-8.0))
+
+
+def test_an_adversary_that_tyres_do_not_hold():
+    made = scene((0, 0, 10), (22, 0, 10))
+    braking = {"x": lambda t: -45.0 * t**2, "speed": lambda t: np.maximum(-90.0 / 8.0 * t, -10.0)}
+    assert flaws(attacked(made, **braking)) == ()
+    hard = {"x": lambda t: -45.0 * t**2, "speed": lambda t: -10.0 * np.clip(20.0 * (t - 0.1), 0.0, 1.0)}
+    assert flaws(attacked(made, **hard)) == ("too_hard",)
+    in_log = np.array(made.tracks.speed)
+    in_log[1] += hard["speed"](TIME)
+    assert flaws(replace(attacked(made, **hard), original=replace(made.tracks, speed=in_log))) == ()
+
+
+def test_the_hardest_acceleration_is_that_of_a_circle():
+    """12 m/s on a circle of 24 m: 6 m/s^2, whatever the length of a step, with a gap, and through a turn of the yaw."""
+    for dt in (0.04, 0.1, 0.2):
+        time = np.arange(0.0, 8.0, dt)
+        one = np.ones((1, len(time)))
+        made = scene((0, 0, 12), steps=len(time))
+        yaw = np.mod(12.0 / 24.0 * time + np.pi, 2 * np.pi)[None] - np.pi
+        valid = one.astype(bool)
+        valid[0, 20:25] = False
+        tracks = replace(made.tracks, yaw=yaw, speed=12.0 * one, valid=valid)
+        assert hardest(tracks, 0, len(time), dt) == pytest.approx(6.0)
+        assert hardest(tracks, 0, 1, dt) == 0.0
 
 
 def test_no_crash_has_no_flaws():
     made = scene((0, 0, 10), (50, 0, 10))
     record = AttackRecord(made.id, "king", "idm", "no_collision", 3)
-    assert cleanness(replace(made, attack=record, original=made.tracks)) is None
-    assert cleanness(made) is None
+    assert flaws(replace(made, attack=record, original=made.tracks)) is None
+    assert flaws(made) is None
 
 
 @pytest.mark.parametrize(

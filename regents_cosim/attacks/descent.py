@@ -292,13 +292,13 @@ class Descent(eqx.Module):
         """Whether the search has found its collision, or need not look: the ego collides in the log already."""
         if self.config.accept == "any":
             return self.hit(search.seen)
-        boxes, ego_speed = search.seen.boxes, search.seen.motion.speed[0]
+        motion, boxes = search.seen.motion, search.seen.boxes
         contacts = ego_contacts(self.world, boxes)
         hit = contacts.any()
         at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
         clean = jax.lax.cond(
             hit,
-            lambda: is_clean(self.world, self.movers, boxes, ego_speed, contacts),
+            lambda: is_clean(self.world, self.movers, motion, boxes, contacts),
             lambda: jnp.asarray(False),
         )
         return hit & (at_log | clean)

@@ -22,7 +22,7 @@ from regents_cosim.planners.systems import ACT_TIMEOUT_S
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import CollisionKind, Scenario, Tracks
-from regents_cosim.verdicts.clean import corners_off_road
+from regents_cosim.verdicts.leaving_road import corners_off_road
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.mirror.observe import VIEW_M
-from regents_cosim.scenario import AttackRecord, Scenario, Tracks
+from regents_cosim.scenario import AttackRecord, Flaw, Scenario, Tracks
 from regents_cosim.verdicts.judgement import judge
 from regents_cosim.verdicts.manoeuvres import BANK, Bank
 
@@ -35,8 +35,11 @@ def failed_drives(
 def teachable(failed: Sequence[Scenario | None]) -> list[Scenario]:
     """Failures that the planner could have avoided, but for those in which it was run into from behind."""
     return [
-        case for case in failed if case is not None and case.evasion is not None and "rear_ends_ego" not in _flaws(case)
+        case for case in failed if case is not None and case.evasion is not None and not _BEHIND & set(_flaws(case))
     ]
+
+
+_BEHIND: frozenset[Flaw] = frozenset({"rear_ends_ego", "from_behind"})
 
 
 def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | None:
@@ -80,5 +83,5 @@ def _seen_s(crash: Scenario) -> float:
     return (hit.step - since) * crash.dt
 
 
-def _flaws(case: Scenario) -> tuple[str, ...]:
+def _flaws(case: Scenario) -> tuple[Flaw, ...]:
     return case.judgement.flaws if case.judgement else ()

@@ -26,8 +26,8 @@ from regents_cosim.evaluation.pieces import cut, without
 from regents_cosim.evaluation.way_back import WayBack, changed_agents, with_rows
 from regents_cosim.names import file_name
 from regents_cosim.replays.mirror import Wheel
-from regents_cosim.scenario import UNLAWFUL, Collision, Scenario, Tracks
-from regents_cosim.verdicts.clean import cleanness
+from regents_cosim.scenario import UNLAWFUL, Collision, Flaw, Scenario, Tracks
+from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.judgement import judge
 
 LEAD_S = 2.0  # of the window before the crash, at least: the planner must have had something to decide
@@ -117,7 +117,7 @@ class _Trial:
 
     def __init__(self, wheel: Wheel, adversary: str) -> None:
         self._wheel, self._adversary = wheel, adversary
-        self._kind, self._flaws = "", frozenset[str]()
+        self._kind, self._flaws = "", frozenset[Flaw]()
         self._said = _Said(frozenset(), frozenset())
         self.drives = 0
 
@@ -295,11 +295,10 @@ def _adversary(case: Scenario) -> int:
     return next(row for row, agent in enumerate(case.agents) if agent.id == hit)
 
 
-def _flaws(case: Scenario) -> frozenset[str]:
-    found = cleanness(case)
+def _flaws(case: Scenario) -> frozenset[Flaw]:
+    found = flaws(case)
     assert found is not None
-    spoils = ("off_road", "hits_others", "rear_ends_ego", "ego_stands")
-    return frozenset(name for name in spoils if getattr(found, name))
+    return frozenset(found) - {"unattributed"}
 
 
 def _said(case: Scenario) -> _Said:

@@ -172,7 +172,7 @@ def accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent st
     return start[:, None] + increments @ np.triu(np.ones((steps, steps + 1), increments.dtype), k=1)
 
 
-def _running_minimum(values: Num[Array, "agent time"], top: float | int) -> Num[Array, "agent time"]:
+def running_minimum(values: Num[Array, "agent time"], top: float | int) -> Num[Array, "agent time"]:
     """The least of all values so far, none of which is above `top`: of the last 4, of the last 16, and so on.
 
     For 32 x 81 values 7 us and 4 kernels to compile, where `jax.lax.associative_scan` takes 12 us and 12 kernels.
@@ -196,7 +196,7 @@ def _later(values: Float[Array, "agent time"]) -> Float[Array, "agent step"]:
 def _stopping_speed(start: Float[Array, " agent"], gains: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
     """u_{k+1} = max(u_k + gain_k, 0), as v - min(0, running minimum of v), v the plain sums."""
     plain = accumulate(start, gains)
-    return plain - jnp.minimum(_running_minimum(plain, jnp.inf), 0.0)
+    return plain - jnp.minimum(running_minimum(plain, jnp.inf), 0.0)
 
 
 def _until_stop(
@@ -210,5 +210,5 @@ def _until_stop(
     stopped = jnp.pad(speed[:, :-1] + gains < 0.0, ((0, 0), (1, 0)))
     suffix = gradient @ np.tril(np.ones((steps, steps + 1), gradient.dtype))
     index = jnp.where(stopped, jnp.arange(steps), steps)
-    next_stop = _running_minimum(index[:, ::-1], steps)[:, ::-1]
+    next_stop = running_minimum(index[:, ::-1], steps)[:, ::-1]
     return suffix[:, :-1] - jnp.take_along_axis(suffix, next_stop, axis=1, mode="promise_in_bounds")

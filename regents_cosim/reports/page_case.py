@@ -17,17 +17,20 @@ from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.scene import contact_point
 from regents_cosim.reports.verdict import FAULTS, NOT_JUDGED, Crash, Verdict
-from regents_cosim.scenario import Collision, Escape, Scenario, Tracks
+from regents_cosim.scenario import Collision, Escape, Flaw, Scenario, Tracks
 from regents_cosim.verdicts.words import drive_words, offences_words, telling_words
 
 Change = Literal["broken", "fixed", "unchanged"]
 _MOST_COSTS = 240  # iterations drawn
-_FLAWS = {
+_FLAWS: dict[Flaw, str] = {
     "unattributed": "the ego met somebody whom the attack did not steer",
     "off_road": "the adversary left the road",
-    "hits_others": "the adversary hit somebody else first",
+    "hits_others": "the adversary hit another road user first",
+    "bystanders_collide": "two others collided that do not in the log",
     "rear_ends_ego": "the adversary ran into the back of the ego",
+    "from_behind": "the adversary came from behind the ego",
     "ego_stands": "the ego stood",
+    "too_hard": "the adversary braked or steered harder than tyres hold on a dry road",
 }
 
 
@@ -250,7 +253,7 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
     judgement = case.judgement
     if judgement is None:
         return []
-    flaws = "; ".join(_FLAWS.get(flaw, flaw.replace("_", " ")) for flaw in judgement.flaws)
+    flaws = "; ".join(_FLAWS[flaw] for flaw in judgement.flaws)
     said = [("Telling", telling_words(judgement)), ("As a test", flaws or "clean: nothing spoils it")]
     if (law := judgement.law) is not None:
         said += [

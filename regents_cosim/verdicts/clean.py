@@ -1,68 +1,218 @@
-"""Which crashes tell something about the planner: clean success, and what spoils it."""
+"""Which crashes tell something about the planner: strictly clean ones, and what spoils the others.
 
+All questions are about the tracks up to and including the step of contact, by exact boxes. `attacks.acceptance` asks
+the same on the device; the numbers are those of `limits`.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Bool
+import shapely
+from jaxtyping import Bool, Float
 
-from regents_cosim.boxes import Boxes, corners, overlap
-from regents_cosim.levels import beyond_road
-from regents_cosim.limits import OFF_ROAD_M, STANDING_M_S
-from regents_cosim.roadmap import RoadMap
-from regents_cosim.scenario import Scenario
+from regents_cosim.boxes import Boxes, corners, in_between, overlap, there_between
+from regents_cosim.collisions import touching
+from regents_cosim.frames import wrap
+from regents_cosim.limits import (
+    ABOVE_LOG_M_S2,
+    ACCEL_WINDOW_S,
+    ALONG_RAD,
+    FROM_BEHIND_S,
+    MOST_ACCEL_M_S2,
+    MOVED_M,
+    REAR_FACE,
+    REAR_PART,
+    STANDING_M_S,
+    SUB_STEPS,
+)
+from regents_cosim.scenario import VEHICLE_KINDS, Collision, Flaw, Scenario, Tracks, boxes_of
+from regents_cosim.verdicts.leaving_road import leaves_road
+
+_EGO = 0
 
 
-@dataclass(frozen=True)
-class Cleanness:
-    """Flaws of one crash; clean where it has none."""
-
-    attributed: bool  # the ego met an agent whose controls the attack changed
-    off_road: bool  # the adversary left the road before the crash
-    hits_others: bool  # the adversary touched somebody else before the crash
-    rear_ends_ego: bool  # the adversary ran into the back of the ego
-    ego_stands: bool
-
-    @property
-    def clean(self) -> bool:
-        """None of the flaws."""
-        return self.attributed and not (self.off_road or self.hits_others or self.rear_ends_ego or self.ego_stands)
-
-
-def cleanness(attacked: Scenario) -> Cleanness | None:
-    """What is wrong with the crash of an attacked scenario; None where there is none."""
+def flaws(attacked: Scenario) -> tuple[Flaw, ...] | None:
+    """What is wrong with the crash of an attacked scenario, nothing if it is strictly clean; None without a crash."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
-    if hit is None:
+    if hit is None or attacked.original is None:
         return None
-    agent = next(i for i, a in enumerate(attacked.agents) if a.id == hit.agent)
-    return Cleanness(
-        attributed=hit.attributed,
-        off_road=_leaves_road(attacked, agent, hit.step),
-        hits_others=_touches_others(attacked, agent, hit.step),
-        rear_ends_ego=hit.kind == "rear_end_by_adversary",
-        ego_stands=bool(attacked.tracks.speed[0, hit.step] < STANDING_M_S),
-    )
+    crash = Crash(attacked, attacked.original, hit)
+    return tuple(word for word, spoils in _SPOILS.items() if spoils(crash))
 
 
-def corners_off_road(road: RoadMap, box: Boxes) -> Bool[np.ndarray, "*axes 4"]:
-    """Which corners of boxes are more than 0.3 m off the road."""
-    return beyond_road(road, corners(box), np.asarray(box.z)[..., None]) > OFF_ROAD_M
+@dataclass(frozen=True, eq=False)
+class Crash:
+    """A collision, and what led to it."""
+
+    case: Scenario
+    log: Tracks
+    hit: Collision
+
+    @cached_property
+    def adversary(self) -> int:
+        """Index of whom the ego met."""
+        return next(i for i, agent in enumerate(self.case.agents) if agent.id == self.hit.agent)
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """Of all agents [agent time], up to the contact."""
+        return _up_to(self.case.boxes, self.case.tracks, self.hit.step)
+
+    @cached_property
+    def valid(self) -> Bool[np.ndarray, "agent time"]:
+        """Who is there, up to the contact."""
+        return self.case.tracks.valid[:, : self.hit.step + 1]
+
+    @cached_property
+    def strangers(self) -> Bool[np.ndarray, "agent agent"]:
+        """Pairs that never touch in the log."""
+        return np.logical_not(touches_in(self.case, self.log))
+
+    @cached_property
+    def others(self) -> Bool[np.ndarray, " agent"]:
+        """Everybody but the ego and the adversary."""
+        return ~np.isin(np.arange(len(self.case.agents)), (_EGO, self.adversary))
+
+    def pair(self, steps: slice) -> tuple[Boxes, Boxes]:
+        """The ego and the adversary at some of the steps [time]."""
+        ego, other = (_row(self.boxes, agent, steps) for agent in (_EGO, self.adversary))
+        return ego, other
+
+    @cached_property
+    def met_at(self) -> float:
+        """Where on the ego it is met: the middle of what the boxes share at first touch, a share from its rear end."""
+        step = self.hit.step
+        beside = step > 0 and self.valid[[_EGO, self.adversary], step - 1].all()
+        pair = self.pair(slice(step - 1 if beside else step, step + 1))
+        ego, other = (in_between(box, SUB_STEPS) for box in pair)
+        first = int(np.argmax(overlap(ego, other)))
+        return contact_share(*(_row(box, first) for box in (ego, other)))
+
+    @cached_property
+    def turn(self) -> float:
+        """Between the headings at the contact [rad]."""
+        yaw = self.case.tracks.yaw[:, self.hit.step]
+        return abs(float(wrap(yaw[self.adversary] - yaw[_EGO])))
+
+    def ahead(self, step: int) -> float:
+        """How far the adversary's centre is ahead of the ego's [m], negative behind it."""
+        ego, other = self.pair(slice(step, step + 1))
+        return float(np.squeeze((other.x - ego.x) * np.cos(ego.yaw) + (other.y - ego.y) * np.sin(ego.yaw)))
 
 
-def _leaves_road(attacked: Scenario, agent: int, step: int) -> bool:
-    """Whether a corner that began on the road is more than 0.3 m off it up to `step`."""
-    steps = np.flatnonzero(attacked.tracks.valid[agent, : step + 1])
-    box = Boxes(*(np.broadcast_to(values, attacked.tracks.x.shape)[agent, steps] for values in attacked.boxes))
-    off = corners_off_road(attacked.road, box)
-    return bool(off[:, ~off[0]].any())
+def touches_in(case: Scenario, tracks: Tracks) -> Bool[np.ndarray, "agent agent"]:
+    """Which pairs of agents touch in some tracks of theirs, at the steps or between them."""
+    return touching(boxes_of(case.agents, tracks), tracks.valid, SUB_STEPS)
 
 
-def _touches_others(attacked: Scenario, agent: int, step: int) -> bool:
-    """Whether the adversary overlaps somebody up to `step` whom it did not overlap in the recording."""
-    tracks = attacked.tracks
-    boxes = [np.broadcast_to(values, tracks.x.shape)[:, : step + 1] for values in attacked.boxes]
-    there = tracks.valid[:, : step + 1] & tracks.valid[agent, : step + 1]
-    hits = np.any(there & overlap(Boxes(*(values[agent] for values in boxes)), Boxes(*boxes)), axis=1)
-    name = attacked.agents[agent].id
-    known = {other for pair in attacked.overlaps if name in pair.agents for other in pair.agents}
-    touched = set(np.flatnonzero(hits)) - {0, agent}
-    return any(attacked.agents[other].id not in known for other in touched)
+def contact_share(ego: Boxes, other: Boxes) -> float:
+    """Where on the ego the middle of what two boxes share lies, lengthwise: 0 at its rear end, 1 at its front."""
+    cos, sin = np.cos(ego.yaw), np.sin(ego.yaw)
+    away = corners(other) - np.array([ego.x, ego.y])
+    outline = shapely.Polygon(np.stack([away @ (cos, sin), away @ (-sin, cos)], axis=-1))
+    length, width = float(ego.length), float(ego.width)
+    low, _, high, _ = shapely.intersection(
+        outline, shapely.box(-0.5 * length, -0.5 * width, 0.5 * length, 0.5 * width)
+    ).bounds
+    return 0.5 + 0.5 * (low + high) / length
+
+
+def hardest(tracks: Tracks, agent: int, end: int, dt: float) -> float:
+    """The greatest acceleration of an agent before step `end`, braking and steering together [m/s^2].
+
+    Means over 0.3 s, from the speeds and headings of the tracks: of the change of speed, and of speed times yaw rate.
+    A single step would be as true for the motion of a model, but in a log it is noise.
+    """
+    speed, yaw, valid = (values[agent, :end] for values in (tracks.speed, tracks.yaw, tracks.valid))
+    steps = min(max(round(ACCEL_WINDOW_S / dt), 1), len(speed) - 1)
+    if steps < 1:
+        return 0.0
+    gaps = np.concatenate([[0], np.cumsum(~valid)])
+    whole = gaps[steps + 1 :] == gaps[: -steps - 1]
+    along = _over(np.diff(speed), steps)
+    aside = _over(0.5 * (speed[1:] + speed[:-1]), steps) * _over(np.asarray(wrap(np.diff(yaw))), steps) / steps
+    return float(np.max(np.hypot(along, aside)[whole] / (steps * dt), initial=0.0))
+
+
+def _over(values: Float[np.ndarray, " step"], steps: int) -> Float[np.ndarray, " window"]:
+    """Sums over so many steps."""
+    return np.convolve(values, np.ones(steps), "valid")
+
+
+def _row(boxes: Boxes, *at: int | slice | Bool[np.ndarray, " agent"]) -> Boxes:
+    return Boxes(*(np.asarray(values)[at] for values in boxes))
+
+
+def _up_to(boxes: Boxes, tracks: Tracks, step: int) -> Boxes:
+    return Boxes(*(np.broadcast_to(values, tracks.x.shape)[:, : step + 1] for values in boxes))
+
+
+# --- the questions -------------------------------------------------------------------------------
+
+
+def _unattributed(crash: Crash) -> bool:
+    """It is with an agent whose controls the attack left alone, or that is where its log has it up to 1 mm."""
+    now, log, agent = crash.case.tracks, crash.log, crash.adversary
+    upto = slice(crash.hit.step + 1)
+    both = now.valid[agent, upto] & log.valid[agent, upto]
+    away = np.hypot(now.x[agent, upto] - log.x[agent, upto], now.y[agent, upto] - log.y[agent, upto])
+    return not crash.hit.attributed or not np.any(both & (away > MOVED_M))
+
+
+def _off_road(crash: Crash) -> bool:
+    box = _row(crash.boxes, crash.adversary)
+    return leaves_road(crash.case.road, box, crash.valid[crash.adversary])
+
+
+def _hits_others(crash: Crash) -> bool:
+    """The adversary touches a third party that it does not touch in its log, at a step or between two."""
+    near = crash.others & crash.strangers[crash.adversary]
+    finer, there = in_between(crash.boxes, SUB_STEPS), there_between(crash.valid, SUB_STEPS)
+    return bool(np.any(overlap(_row(finer, crash.adversary), _row(finer, near)) & there[near] & there[crash.adversary]))
+
+
+def _bystanders_collide(crash: Crash) -> bool:
+    """Two others touch at a step that do not touch in the log, at least one of them a motor vehicle."""
+    vehicle = np.array([agent.kind in VEHICLE_KINDS for agent in crash.case.agents])
+    counts = crash.strangers & crash.others & crash.others[:, None] & (vehicle | vehicle[:, None])
+    return bool(np.any(counts & touching(crash.boxes, crash.valid, 1)))
+
+
+def _rear_ends_ego(crash: Crash) -> bool:
+    """It drives the ego's way and meets its rear face."""
+    return crash.turn < ALONG_RAD and crash.met_at < REAR_FACE and crash.ahead(crash.hit.step) < 0.0
+
+
+def _from_behind(crash: Crash) -> bool:
+    """It was behind the ego a second before and meets the rear part of it, whatever its heading by then."""
+    since = max(crash.hit.step - round(FROM_BEHIND_S / crash.case.dt), 0)
+    since += int(np.argmax(crash.valid[crash.adversary, since:]))
+    return crash.met_at < REAR_PART and crash.ahead(since) < -0.5 * crash.case.ego.length
+
+
+def _ego_stands(crash: Crash) -> bool:
+    return bool(crash.case.tracks.speed[_EGO, crash.hit.step] < STANDING_M_S)
+
+
+def _too_hard(crash: Crash) -> bool:
+    """It needs more than dry asphalt gives, and more than its log did."""
+    needed = hardest(crash.case.tracks, crash.adversary, crash.hit.step + 1, crash.case.dt)
+    in_log = hardest(crash.log, crash.adversary, crash.log.steps, crash.case.dt)
+    return needed > max(MOST_ACCEL_M_S2, in_log + ABOVE_LOG_M_S2)
+
+
+_SPOILS: MappingProxyType[Flaw, Callable[[Crash], bool]] = MappingProxyType(
+    {
+        "unattributed": _unattributed,
+        "off_road": _off_road,
+        "hits_others": _hits_others,
+        "bystanders_collide": _bystanders_collide,
+        "rear_ends_ego": _rear_ends_ego,
+        "from_behind": _from_behind,
+        "ego_stands": _ego_stands,
+        "too_hard": _too_hard,
+    }
+)

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-from regents_cosim.scenario import Flaw, Judgement, Scenario
+from regents_cosim.scenario import Judgement, Scenario
 from regents_cosim.verdicts.avoidability import avoidability
-from regents_cosim.verdicts.clean import Cleanness, cleanness
+from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.fault import fault
 from regents_cosim.verdicts.manoeuvres import BANK, Bank
 from regents_cosim.verdicts.offences import law_of
@@ -20,12 +20,12 @@ def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
 
     It counts as avoidable where a manoeuvre of `bank` avoids it.
     """
-    flaws = cleanness(attacked)
-    if flaws is None:
+    found = flaws(attacked)
+    if found is None:
         return attacked
     avoidable, evasion = avoidability(attacked, bank)
     judgement = Judgement(
-        flaws=_words(flaws),
+        flaws=found,
         avoidability=avoidable,
         fault=fault(attacked),
         law=law_of(attacked),
@@ -39,14 +39,3 @@ def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:
     """The same for many, in order, on all cores."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         yield from pool.map(judge, attacked)
-
-
-def _words(flaws: Cleanness) -> tuple[Flaw, ...]:
-    spoils: dict[Flaw, bool] = {
-        "unattributed": not flaws.attributed,
-        "off_road": flaws.off_road,
-        "hits_others": flaws.hits_others,
-        "rear_ends_ego": flaws.rear_ends_ego,
-        "ego_stands": flaws.ego_stands,
-    }
-    return tuple(word for word, holds in spoils.items() if holds)

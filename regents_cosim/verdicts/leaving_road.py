@@ -1,0 +1,69 @@
+"""Whether a vehicle leaves the road: by its corners at the steps, and by what its body sweeps between them.
+
+No corner may be more than 0.3 m further off the road than it has been nearest to it so far. One that began on the road
+may be 0.3 m off it, always. One that began off it, of a parked vehicle or on a map that lacks a forecourt, need not be
+on the road at once, but may not go further away; what it has gained it keeps, and once it is on the road it counts
+like the others. So nobody crosses a lawn because of having been parked beside it.
+
+What a body sweeps may be as far off the road as its furthest corner may; more than 0.05 m^2 beyond that is too much:
+traffic islands and the corners of blocks, which pass between the corners of the box.
+"""
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.boxes import Boxes, corners, in_between
+from regents_cosim.levels import BAND_M, band, beyond_road, drivable_at, has_levels
+from regents_cosim.limits import OFF_ROAD_M, SUB_STEPS, SWEPT_OFF_ROAD_M2
+from regents_cosim.roadmap import RoadMap
+
+_AROUND_M = 1.0  # of what is swept, beyond what it may be off the road: the road that is looked at
+
+
+def corners_off_road(road: RoadMap, box: Boxes) -> Bool[np.ndarray, "*axes 4"]:
+    """Which corners of boxes are more than 0.3 m off the road."""
+    return beyond_road(road, corners(box), np.asarray(box.z)[..., None]) > OFF_ROAD_M
+
+
+def leaves_road(road: RoadMap, box: Boxes, valid: Bool[np.ndarray, " time"]) -> bool:
+    """Whether a vehicle leaves the road along `box` [time], of the steps that are `valid`."""
+    steps = np.flatnonzero(valid)
+    there = Boxes(*(np.broadcast_to(values, valid.shape)[steps] for values in box))
+    off = beyond_road(road, corners(there), np.asarray(there.z)[:, None])
+    nearest = np.minimum.accumulate(off, axis=0)
+    if np.any(off > OFF_ROAD_M + nearest):
+        return True
+    return _swept_off(road, there, np.diff(steps) == 1, OFF_ROAD_M + nearest.max(axis=1)) > SWEPT_OFF_ROAD_M2
+
+
+def _swept_off(
+    road: RoadMap, box: Boxes, follows: Bool[np.ndarray, " step"], reach: Float[np.ndarray, " time"]
+) -> float:
+    """The area [m^2] swept further than `reach` [m] off the road, between steps that follow each other."""
+    outline = corners(in_between(box, SUB_STEPS))
+    swept = np.asarray(shapely.convex_hull(shapely.multipoints(np.concatenate([outline[:-1], outline[1:]], axis=1))))
+    pair = np.repeat(np.arange(len(follows)), SUB_STEPS)
+    levels = band(np.broadcast_to(box.z, reach.shape))[pair] if has_levels(road) else np.zeros(len(pair), int)
+    pieces = [
+        piece
+        for level in np.unique(levels).tolist()
+        for piece in _beyond(
+            drivable_at(road, level * BAND_M), *(v[follows[pair] & (levels == level)] for v in (swept, reach[pair]))
+        )
+    ]
+    return float(shapely.union_all(pieces).area)
+
+
+def _beyond(area: BaseGeometry, swept: np.ndarray, reach: Float[np.ndarray, " part"]) -> list[BaseGeometry]:
+    """The pieces of what is `swept` that are further than `reach` [m] off the area."""
+    shapely.prepare(area)
+    out = ~shapely.covers(area, swept)
+    if not out.any():
+        return []
+    margin = reach.max() + _AROUND_M
+    low_x, low_y, high_x, high_y = shapely.total_bounds(swept[out])
+    near = shapely.clip_by_rect(area, low_x - margin, low_y - margin, high_x + margin, high_y + margin)
+    grown = {one: near.buffer(one) for one in np.unique(reach[out]).tolist()}
+    return [piece.difference(grown[one]) for piece, one in zip(swept[out], reach[out].tolist(), strict=True)]
