@@ -19,7 +19,7 @@ from regents_cosim.evaluation.gallery.gradient_field import YAWS_DEG, gradient_f
 from regents_cosim.mirror.world import to_world
 from regents_cosim.reports.chart import Line, draw_chart
 from regents_cosim.suite import load_cases
-from regents_cosim.verdicts.clean import cleanness
+from regents_cosim.verdicts.clean import flaws
 
 pytestmark = pytest.mark.slow  # the figures take a minute
 
@@ -107,7 +107,7 @@ def test_regents_cancels_that_steering_and_hits(runs):
     assert outcome(run, "regents") == "collision"
     assert run.turned_deg("regents", "ahead") == pytest.approx(7.0, abs=0.5)
     assert attacked.tracks.speed[1, attacked.attack.collision.step] < 0.5
-    assert cleanness(attacked).clean
+    assert flaws(attacked) == ()
 
 
 def test_king_pulls_a_follower_into_the_ego(runs):
@@ -122,7 +122,7 @@ def test_regents_takes_another_than_the_follower(runs):
     attacked = run.attacked["regents"]
     assert attacked.attack.candidates == ("ahead",)
     assert (attacked.attack.collision.agent, attacked.attack.collision.kind) == ("ahead", "side_swipe")
-    assert cleanness(attacked).clean
+    assert flaws(attacked) == ()
 
 
 @pytest.mark.parametrize("method", ["king", "regents"])
@@ -141,7 +141,7 @@ def test_a_search_per_candidate_escapes_the_trap(runs):
     assert attacked.attack.collision.agent == "ahead"
     # The kind hangs on rounding, and so on the processor: a corner meets a corner.
     assert attacked.attack.collision.kind in ("side_swipe", "rear_end_by_ego")
-    assert cleanness(attacked).clean
+    assert flaws(attacked) == ()
 
 
 @pytest.mark.parametrize("method", ["king", "regents"])
@@ -156,7 +156,7 @@ def test_a_soft_minimum_hits_although_the_mean_rises(runs):
     run = runs["averaged_distance"]
     assert outcome(run, "focused") == "collision"
     assert run.gap("focused").mean() > run.gap().mean() + 2.0
-    assert cleanness(run.attacked["focused"]).clean
+    assert flaws(run.attacked["focused"]) == ()
 
 
 # --- the folder -------------------------------------------------------------------------------
