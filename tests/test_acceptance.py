@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,16 +15,19 @@ from regents_cosim.attacks.descent import ego_contacts, to_controls
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.timings import retimed
-from regents_cosim.collisions import first_contact, touching
+from regents_cosim.boxes import Boxes, corners, overlap
+from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.limits import SUB_STEPS
+from regents_cosim.levels import beyond_road
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
-from regents_cosim.mirror.world import scene_origin, to_tracks, to_world
-from regents_cosim.verdicts.clean import flaws
+from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, scene_origin, to_tracks, to_world
+from regents_cosim.verdicts.clean import flaws, touches_in
+from regents_cosim.verdicts.leaving_road import corners_leave
 
 
-@eqx.filter_jit
+@compiled
 def accepted(world, driven, movers):
     boxes = world.boxes(driven)
     contacts = ego_contacts(world, boxes)
@@ -43,13 +45,13 @@ def driven_in(world, tracks, origin):
 def random_scene(rng, road):
     """Cars on all lanes of a road that swerve, brake, turn and jump as no search would; the first is the ego."""
     cars = [(0.0, 3.2 * rng.integers(3), rng.uniform(0.0, 12.0))]
-    for _ in range(7):
+    for _ in range(8):
         beside = rng.random() < 0.1
         y = -1.7 - rng.uniform(-0.5, 3.0) if beside else 3.2 * rng.integers(3) + rng.normal(0.0, 0.4)
         cars.append((rng.uniform(-20.0, 60.0), y, rng.uniform(0.0, 14.0)))
     made = scene(*cars, road=road)
     time, tracks = np.linspace(0.0, 1.0, made.tracks.steps), made.tracks
-    chosen = [1, *(rng.integers(2, 8, rng.integers(0, 3)))]
+    chosen = [1, *(rng.integers(2, 9, rng.integers(0, 3)))]
     x, y, yaw, speed = (np.array(v) for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed))
     for agent in chosen:
         begin, lasting = rng.uniform(0.0, 0.7), rng.uniform(0.1, 1.0)
@@ -64,52 +66,83 @@ def random_scene(rng, road):
 
 
 def broken_road(rng):
-    """Three lanes with islands on them and bites out of their edges."""
+    """Three lanes with islands on them and bites out of their edges, none too small for the blurred map."""
     road = straight_road()
     area = road.drivable
     for _ in range(8):
-        x, y = rng.uniform(-20.0, 120.0), rng.choice([-1.6, 8.0, rng.uniform(-1.0, 7.0)])
-        hole = shapely.affinity.rotate(shapely.box(0, 0, *rng.uniform(0.3, 3.0, 2)), rng.uniform(0.0, 90.0))
+        x, y = rng.uniform(-20.0, 120.0), rng.choice([-2.6, 8.0, rng.uniform(-1.0, 7.0)])
+        hole = shapely.affinity.rotate(shapely.box(0, 0, *rng.uniform(2.0, 4.0, 2)), rng.uniform(0.0, 90.0))
         area = area - shapely.affinity.translate(hole, x, y)
     return replace(road, drivable=area)
 
 
-def both_verdicts(seed, scenes):
-    """For random crashes: what the host finds, and whether the device accepts, where they see the same contact."""
-    rng, found = np.random.default_rng(seed), []
-    corners = ((0.0, 0.0, 20.0), (-80.0, -40.0, 0.0), (300.0, 50.0, 0.0), *((200.0, 3.2, 0.0),) * 5)
-    while len(found) < scenes:
-        base = scene(*corners, road=broken_road(rng))
-        world, origin = to_world(base), scene_origin(base)
-        for _ in range(100):
+def both_verdicts(seed, roads, crashes):
+    """For random crashes on each of some random roads: what the host finds, and whether the device accepts."""
+    rng = np.random.default_rng(seed)
+    ends = ((0.0, 0.0, 20.0), (-80.0, -40.0, 0.0), (300.0, 50.0, 0.0), *((200.0, 3.2, 0.0),) * 6)
+    for _ in range(roads):
+        base = scene(*ends, road=broken_road(rng))
+        world, origin, found = to_world(base), scene_origin(base), 0
+        while found < crashes:
             made, tracks = random_scene(rng, base.road)
             contact = first_contact(made.agents, tracks)
-            if contact is None:
-                continue
-            log, strangers = driven_in(world, made.tracks, origin), ~touching(made.boxes, made.tracks.valid, SUB_STEPS)
-            here = replace(world, log=log, strangers=jnp.asarray(strangers), apart=jnp.asarray(strangers))
+            if contact is None or (np.array_equal(tracks.y[contact[0]], made.tracks.y[contact[0]]) and found % 8):
+                continue  # few of those that the attack has nothing to do with
+            log = driven_in(world, made.tracks, origin)
+            extra = (0, len(world.valid) - len(made.agents))
+            apart, on_road = np.pad(_apart_at_first(made), extra), np.pad(_corners_on_road(made), ((0, 0), extra))
+            here = replace(world, log=log, apart=jnp.asarray(apart), on_road=jnp.asarray(on_road))
             movers = Movers.only(contact[0], world.valid.shape[0])
             clean, hits = accepted(here, driven_in(world, tracks, origin), movers)
             if int(np.argmax(np.asarray(hits).any(axis=0))) == contact[1] and bool(hits[contact]):
-                found.append((flaws(crash(made, tracks)), bool(clean)))
-    return found
+                found += 1
+                yield crash(made, tracks), bool(clean)
 
 
-def agree(found):
-    """The device accepts nothing that the host calls unclean, and little less than what it calls clean."""
-    assert not [spoilt for spoilt, accepted in found if accepted and spoilt]
-    clean = [accepted for spoilt, accepted in found if not spoilt]
+def adversarys_box(case):
+    """The adversary's row and its boxes up to the contact."""
+    step = case.attack.collision.step + 1
+    row = next(i for i, agent in enumerate(case.agents) if agent.role == "adversary")
+    return row, Boxes(*(np.broadcast_to(values, case.tracks.x.shape)[row, :step] for values in case.boxes))
+
+
+def for_the_device(case, found):
+    """What the device has to see of what the host has `found`: at the steps, and near the road."""
+    row, box = adversarys_box(case)
+    if "off_road" in found:
+        began = beyond_road(case.road, corners(box)[0], 0.0)
+        found = found if corners_leave(case.road, box) and began.max() < 1.0 else found - {"off_road"}
+    if "hits_others" in found:
+        others = Boxes(*(np.broadcast_to(values, case.tracks.x.shape)[:, : len(box.x)] for values in case.boxes))
+        touched = overlap(box, others).any(axis=1) & ~touches_in(case, case.original)[row]
+        found = found if np.delete(touched, (0, row)).any() else found - {"hits_others"}
+    return found - {"bystanders_collide"}
+
+
+def has_room(case):
+    """The adversary stays well on the road, and touches nobody in its log."""
+    row, box = adversarys_box(case)
+    inner = case.road.drivable.buffer(-0.4)
+    touched = np.delete(touches_in(case, case.original)[row], row)
+    return not touched.any() and shapely.covers(inner, shapely.points(corners(box))).all()
+
+
+def agree(verdicts):
+    """The device accepts nothing that it has to find unclean, and what is clean with some room."""
+    verdicts = [(case, set(flaws(case)), accepted) for case, accepted in verdicts]
+    assert not [spoilt for case, found, accepted in verdicts if accepted and (spoilt := for_the_device(case, found))]
+    clean = [accepted for case, found, accepted in verdicts if not found and has_room(case)]
     assert clean
-    assert sum(clean) >= 0.9 * len(clean)
+    assert sum(clean) >= 0.97 * len(clean)
 
 
 def test_the_device_accepts_what_the_host_calls_clean():
-    agree(both_verdicts(0, 300))
+    agree(both_verdicts(0, 1, 120))
 
 
 @pytest.mark.slow
 def test_the_device_accepts_what_the_host_calls_clean_in_thousands_of_scenes():
-    agree(both_verdicts(1, 5000))
+    agree(both_verdicts(1, 25, 200))
 
 
 @pytest.mark.slow

@@ -1,17 +1,14 @@
 """Whether a collision that the search has made tells something about the planner.
 
-The same questions as `regents_cosim.verdicts.clean` asks of a finished case, here on the device for every collision
-that a descent comes across: one that is spoilt does not end it. What is accepted here is strictly clean there; the
-other way round this is stricter by little:
+What `regents_cosim.verdicts.clean` asks of a finished case, here on the device for every collision that a descent comes
+across: one that is spoilt does not end it. As strict as the verdict on the host or a little stricter, but for what is
+rare and takes long, of which the host has the last word:
 
-- the road ends 2 cm earlier, as its distances come from a grid, and no point of the outline may be further off it
-  than that, where the host allows the body to sweep 0.05 m^2;
-- boxes that come within 1 mm of a third party touch it.
-
-What takes little time is asked first; the road and the others only of what is left.
+- what happens between two steps: the area that a body sweeps, and third parties that it passes through;
+- other road users that collide with each other;
+- islands and verges that are less than 1.6 m wide, which the blurred map hardly shows;
+- corners that began more than 1 m off the road and go further away: the blurred map is even there.
 """
-
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +24,6 @@ from regents_cosim.limits import (
     FROM_BEHIND_S,
     MOST_ACCEL_M_S2,
     MOVED_M,
-    OFF_ROAD_M,
     REAR_FACE,
     REAR_PART,
     STANDING_M_S,
@@ -35,18 +31,15 @@ from regents_cosim.limits import (
 )
 from regents_cosim.mirror.bicycle import Motion, accumulate, running_minimum
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.mirror.separation import Box, corners, overlaps
+from regents_cosim.mirror.separation import Box, corners, overlaps, pick
 from regents_cosim.mirror.world import World
 
-_ROAD_BAND_M = 0.02
+# The blurred map (`road_field`) on a straight edge of the road. Stricter than the verdict on the host, which lets
+# corners be 0.3 m off: beyond a narrow median the blurred map is lower.
+_OFF_ROAD = 0.5
+_FURTHER_OFF = 0.02  # by so much more of it a corner that began off the road has gone away from it
 _TOUCH_BAND_M = 1e-3
 _PARALLEL_M = 1e-6  # an edge that goes less far along an axis is parallel to the other one
-
-# Points of the outline as shares of the half sizes, along and across: eight on either side, three more at each end.
-_SIDE, _END = np.linspace(-1.0, 1.0, 8), np.array([-0.5, 0.0, 0.5])
-_OUTLINE = np.concatenate(
-    [[(along, side) for along in _SIDE] for side in (-1.0, 1.0)] + [[(end, x) for x in _END] for end in (-1.0, 1.0)]
-)
 
 
 def is_clean(
@@ -55,24 +48,17 @@ def is_clean(
     """Whether nothing spoils the first of the ego's contacts `hits` along `motion`; the ego in row 0."""
     step = jnp.argmax(hits.any(axis=0))
     agent = jnp.argmax(hits[:, step])
-    ego, adversary = _row(boxes, jnp.int32(0)), _row(boxes, agent)
+    ego, adversary = (jax.tree.map(lambda values: values[0], some) for some in (boxes, pick(boxes, agent[None])))
     there = take(world.valid, agent)
     so_far = there & (jnp.arange(there.shape[0]) <= step)
-    by_itself = (
+    return (
         take(movers.candidate, agent)
         & _moved(world, adversary, agent, so_far)
         & (motion.speed[0, step] >= STANDING_M_S)
         & ~_from_behind(ego, adversary, there, step, world.dt)
-        & ~_too_hard(world, motion, agent, there, so_far, step)
-    )
-    return jax.lax.cond(
-        by_itself,
-        lambda: (
-            ~_leaves_road(world, adversary, so_far)
-            & ~_touches_others(world, boxes, adversary, agent, so_far)
-            & ~_bystanders_collide(world, boxes, agent, step)
-        ),
-        lambda: jnp.asarray(False),
+        & ~_too_hard(world, motion, agent, there, so_far)
+        & ~(so_far & _off_road(world, adversary, agent, so_far)).any()
+        & ~(so_far & _touches_others(world, boxes, adversary, agent)).any()
     )
 
 
@@ -100,145 +86,81 @@ def _from_behind(
 def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]:
     """`Crash.met_at`: where on the ego it is met at the first touch, a share of its length from the rear end."""
     before = jnp.maximum(step - 1, 0)
-    before = jnp.where(look_up(there, before), before, step)
-    steps = jnp.stack([before, step])
-    a, b = (_finer(jax.tree.map(lambda v: look_up(v, steps), box)) for box in (ego, other))
-    first = jnp.argmax(overlaps(a, b))
-    return _contact_share(*(jax.tree.map(lambda v: look_up(v, first), box) for box in (a, b)))
+    steps = jnp.stack([jnp.where(look_up(there, before), before, step), step])
+    poses = jnp.stack([jnp.stack([box.x, box.y, box.cos, box.sin]) for box in (ego, other)])[..., steps]
+    share = np.linspace(0.0, 1.0, SUB_STEPS + 1, dtype=np.float32)
+    x, y, cos, sin = jnp.moveaxis(poses[..., :1] + jnp.diff(poses) * share, 1, 0)
+    norm = jnp.hypot(cos, sin)  # headings go along the chord, which differs by less than a thousandth
+    half = (jnp.stack(sides) for sides in ((ego.half_length, other.half_length), (ego.half_width, other.half_width)))
+    pair = Box(x, y, cos / norm, sin / norm, *half)
+    first = jnp.argmax(overlaps(*(jax.tree.map(lambda v, row=row: v[row], pair) for row in (0, 1))))
+    x, y, cos, sin = jnp.stack([pair.x, pair.y, pair.cos, pair.sin])[..., first]
+    return _contact_share(Box(x, y, cos, sin, pair.half_length[:, 0], pair.half_width[:, 0]))
 
 
-def _contact_share(ego: Box, other: Box) -> Float[Array, ""]:
-    """The middle of what two boxes share, along the first: the edges of each cut to the other (Liang and Barsky)."""
-    low, high = jnp.inf, -jnp.inf
-    for box, mate in ((ego, other), (other, ego)):
-        x, y = corners(mate)
-        ahead = (x - box.x) * box.cos + (y - box.y) * box.sin
-        left = (y - box.y) * box.cos - (x - box.x) * box.sin
-        begin, end = jnp.zeros(4), jnp.ones(4)
-        for at, half in ((ahead, box.half_length), (left, box.half_width)):
-            way = _next(at) - at
-            way = jnp.where(jnp.abs(way) < _PARALLEL_M, _PARALLEL_M, way)
-            enters, leaves = (-half - at) / way, (half - at) / way
-            begin, end = jnp.maximum(begin, jnp.minimum(enters, leaves)), jnp.minimum(end, jnp.maximum(enters, leaves))
-        along = (x - ego.x) * ego.cos + (y - ego.y) * ego.sin
-        cut = along + jnp.stack([begin, end]) * (_next(along) - along)
-        low = jnp.minimum(low, jnp.where(begin <= end, cut, jnp.inf).min())
-        high = jnp.maximum(high, jnp.where(begin <= end, cut, -jnp.inf).max())
-    return 0.5 + 0.25 * (low + high) / ego.half_length
-
-
-def _next(values: Float[Array, " corner"]) -> Float[Array, " corner"]:
-    return jnp.roll(values, -1)
+def _contact_share(pair: Box) -> Float[Array, ""]:
+    """`clean.contact_share` of the ego and another box [2]: the edges of each cut to the other (Liang and Barsky)."""
+    x, y = corners(jax.tree.map(lambda values: values[::-1], pair))
+    dx, dy = x - pair.x, y - pair.y
+    at = jnp.stack([dx * pair.cos + dy * pair.sin, dy * pair.cos - dx * pair.sin])
+    half = jnp.stack([pair.half_length, pair.half_width])[:, None]
+    way = jnp.roll(at, -1, axis=1) - at
+    way = jnp.where(jnp.abs(way) < _PARALLEL_M, _PARALLEL_M, way)
+    low, high = (-half - at) / way, (half - at) / way
+    begin = jnp.maximum(jnp.minimum(low, high).max(axis=0), 0.0)
+    end = jnp.minimum(jnp.maximum(low, high).min(axis=0), 1.0)
+    along = (x - pair.x[0]) * pair.cos[0] + (y - pair.y[0]) * pair.sin[0]
+    cut = along + jnp.stack([begin, end]) * (jnp.roll(along, -1, axis=0) - along)
+    least, most = jnp.where(begin <= end, cut, jnp.inf).min(), jnp.where(begin <= end, cut, -jnp.inf).max()
+    return 0.5 + 0.25 * (least + most) / pair.half_length[0]
 
 
 def _too_hard(
-    world: World,
-    motion: Motion,
-    agent: Int[Array, ""],
-    there: Bool[Array, " time"],
-    so_far: Bool[Array, " time"],
-    step: Int[Array, ""],
+    world: World, motion: Motion, agent: Int[Array, ""], there: Bool[Array, " time"], so_far: Bool[Array, " time"]
 ) -> Bool[Array, ""]:
     """`clean.hardest` of the adversary up to the contact, against that of its whole log."""
     speed, yaw = (
         jnp.stack([look_up(now, agent), look_up(log, agent)])
         for now, log in ((motion.speed, world.log.speed), (motion.yaw, world.log.yaw))
     )
-    last = jnp.stack([step, jnp.int32(speed.shape[1] - 1)])
-    needed, in_log = _hardest(speed, yaw, jnp.stack([so_far, there]), last[:, None], world.dt)
-    return needed > jnp.maximum(MOST_ACCEL_M_S2, in_log + ABOVE_LOG_M_S2)
+    needed, in_log = _hardest(speed, yaw, jnp.stack([so_far, there]), world.dt)
+    return (needed < 0.0) | (needed > jnp.maximum(MOST_ACCEL_M_S2, in_log + ABOVE_LOG_M_S2))
 
 
 def _hardest(
     speed: Float[Array, "track time"],
     yaw: Float[Array, "track time"],
     there: Bool[Array, "track time"],
-    last: Int[Array, "track 1"],
     dt: Float[Array, ""],
 ) -> Float[Array, " track"]:
+    """Of the windows in which it is `there` throughout; negative where there is none."""
     index = jnp.arange(speed.shape[1])
     window = jnp.maximum(jnp.round(ACCEL_WINDOW_S / dt).astype(jnp.int32), 1)
-    window = jnp.maximum(jnp.minimum(window, last), 1)
-    end = jnp.minimum(index + window, speed.shape[1] - 1)
-    nothing = jnp.zeros(len(speed))
-    gone = accumulate(nothing, 0.5 * (speed[:, 1:] + speed[:, :-1]))
-    gaps = accumulate(nothing, jnp.where(there[:, :-1], 0.0, 1.0))
-
-    def over(values: Array) -> Array:
-        return jnp.take_along_axis(values, end, axis=1, mode="promise_in_bounds") - values
-
-    whole = (over(gaps) == 0.0) & jnp.take_along_axis(there, end, axis=1) & (index + window <= last)
-    felt = jnp.hypot(over(speed), over(gone) * over(yaw) / window) / (window * dt)
-    return jnp.where(whole, felt, 0.0).max(axis=1)
+    end = jnp.minimum(index + window, index[-1])
+    sums = accumulate(
+        jnp.zeros(2 * len(speed)), jnp.concatenate([0.5 * (speed[:, 1:] + speed[:, :-1]), 1.0 - there[:, :-1]])
+    )
+    values = jnp.concatenate([speed, yaw, sums])
+    faster, turned, gone, gaps = jnp.split(values[:, end] - values, 4)
+    whole = (gaps == 0.0) & there[:, end] & (index + window <= index[-1])
+    felt = jnp.hypot(faster, gone * turned / window) / (window * dt)
+    return jnp.where(whole, felt, -1.0).max(axis=1)
 
 
 # --- what it does to the road and to others ------------------------------------------------------
 
 
-def _leaves_road(world: World, box: Box, so_far: Bool[Array, " time"]) -> Bool[Array, ""]:
-    """`verdicts.leaving_road` by points of the outline."""
-    finer = _finer(box)
-    along, across = (part[:, None] for part in jnp.asarray(_OUTLINE, box.x.dtype).T)
-    along, across = along * finer.half_length, across * finer.half_width
-    x = finer.x + along * finer.cos - across * finer.sin
-    y = finer.y + along * finer.sin + across * finer.cos
-    off = world.road.metres_off(x, y, finer.z)
-    by_corner = jnp.stack([off[number, ::SUB_STEPS] for number in (0, 7, 8, 15)])
-    nearest = jnp.maximum(running_minimum(jnp.where(so_far, by_corner, jnp.inf), jnp.inf), 0.0)
-    reach = OFF_ROAD_M - _ROAD_BAND_M + nearest
-    corner_off = (so_far & (by_corner > reach)).any()
-    furthest = reach.max(axis=0)
-    swept_off = _there_between(so_far) & (off > jnp.append(jnp.repeat(furthest[:-1], SUB_STEPS), furthest[-1]))
-    return corner_off | swept_off.any()
+def _off_road(world: World, box: Box, agent: Int[Array, ""], so_far: Bool[Array, " time"]) -> Bool[Array, " time"]:
+    """By its corners: those that began off the road may be off it, but not go further away."""
+    began_on = take(world.on_road.T, agent)
+    fields = world.road(*corners(box), box.z)
+    least = running_minimum(jnp.where(so_far, fields, jnp.inf), jnp.inf)
+    reach = jnp.where(began_on[:, None], _OFF_ROAD, jnp.maximum(_OFF_ROAD, least + _FURTHER_OFF))
+    return (fields > reach).any(axis=0)
 
 
-def _touches_others(
-    world: World, boxes: Box, box: Box, agent: Int[Array, ""], so_far: Bool[Array, " time"]
-) -> Bool[Array, ""]:
-    others = take(world.strangers, agent) & _others(world, agent)
-    there = _there_between(world.valid) & _there_between(so_far)
-    touched = overlaps(_finer(box), _finer(boxes), -_TOUCH_BAND_M)
-    return (others[:, None] & there & touched).any()
-
-
-def _bystanders_collide(world: World, boxes: Box, agent: Int[Array, ""], step: Int[Array, ""]) -> Bool[Array, ""]:
-    others = _others(world, agent)
-    pairs = world.strangers & others & others[:, None] & (world.vehicle | world.vehicle[:, None])
-    there = world.valid & (jnp.arange(world.valid.shape[1]) <= step)
-    mine, theirs = (jax.tree.map(lambda v, axis=axis: jnp.expand_dims(v, axis), boxes) for axis in (0, 1))
-    return (pairs[..., None] & there & there[:, None] & overlaps(mine, theirs, -_TOUCH_BAND_M)).any()
-
-
-def _others(world: World, agent: Int[Array, ""]) -> Bool[Array, " agent"]:
-    index = jnp.arange(world.valid.shape[0])
-    return (index > 0) & (index != agent)
-
-
-# --- between the steps ---------------------------------------------------------------------------
-
-
-def _row(boxes: Box, agent: Int[Array, ""]) -> Box:
-    """The boxes [time] of one agent."""
-    full = jax.tree.map(lambda v: jnp.broadcast_to(v, boxes.x.shape), boxes)
-    return jax.tree.map(lambda v: look_up(v, agent), full)
-
-
-def _finer(boxes: Box) -> Box:
-    """`boxes.in_between` of boxes [... time]; headings go along the chord, which differs by less than a thousandth."""
-    full = jax.tree.map(lambda v: jnp.broadcast_to(v, boxes.x.shape), boxes)
-    share = np.arange(SUB_STEPS) / SUB_STEPS
-
-    def between(values: Array) -> Array:
-        ways = values[..., :-1, None] + jnp.diff(values)[..., None] * share
-        return jnp.concatenate([ways.reshape(*values.shape[:-1], -1), values[..., -1:]], axis=-1)
-
-    finer = jax.tree.map(between, full)
-    length = jnp.hypot(finer.cos, finer.sin)
-    return replace(finer, cos=finer.cos / length, sin=finer.sin / length)
-
-
-def _there_between(there: Bool[Array, "*axes time"]) -> Bool[Array, "*axes instant"]:
-    """`boxes.there_between`."""
-    both = jnp.repeat((there[..., :-1] & there[..., 1:])[..., None], SUB_STEPS - 1, axis=-1)
-    ways = jnp.concatenate([there[..., :-1, None], both], axis=-1)
-    return jnp.concatenate([ways.reshape(*there.shape[:-1], -1), there[..., -1:]], axis=-1)
+def _touches_others(world: World, boxes: Box, box: Box, agent: Int[Array, ""]) -> Bool[Array, " time"]:
+    """Any that it did not overlap when both were first there; the host leaves out who touches it later in the log."""
+    index = jnp.arange(boxes.x.shape[0])
+    others = take(world.apart, agent) & (index > 0) & (index != agent)
+    return (others[:, None] & world.valid & overlaps(box, boxes, -_TOUCH_BAND_M)).any(axis=0)

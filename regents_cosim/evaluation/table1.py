@@ -289,6 +289,9 @@ _FLAWS = {
     "ego_stands": "ego stands",
     "off_road": "adversary off the road",
     "hits_others": "adversary hits others",
+    "bystanders_collide": "bystanders collide",
+    "from_behind": "adversary from behind",
+    "too_hard": "adversary beyond tyres",
 }
 
 

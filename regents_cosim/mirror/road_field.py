@@ -1,19 +1,15 @@
-"""How far off the road a point is: the non-drivable area, blurred, as a field on a grid, and the distance in metres.
+"""How far off the road a point is: the non-drivable area, blurred, as a field on a grid.
 
 The ReGentS paper convolves a binary map with a Gaussian at every corner of every box; blurring
-the map once and looking it up bilinearly is the same number, and far cheaper. It is what a descent lowers. What a
-collision is judged by is the distance on the same grid: exact to 2 cm between 0.5 m inside the road and 0.7 m off it.
+the map once and looking it up bilinearly is the same number, and far cheaper.
 """
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import shapely
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 from scipy.ndimage import gaussian_filter
-from scipy.spatial import KDTree
-from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.levels import BAND_M, drivable_at
 from regents_cosim.mirror.levels import Bands, to_bands
@@ -24,10 +20,6 @@ from regents_cosim.roadmap import RoadMap
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
 SIGMA_M = 0.5
 _MARGIN_M = 12.0  # how far beyond the tracks the field reaches; outside it is constant
-_NEAR = (0.15, 0.93)  # of the field: about as near to the edge of the road as distances are taken cell by cell
-_COARSE = 5  # cells from one distance to the next elsewhere
-_EDGE_M = 0.1  # between the points that stand for the edge of the road
-_FAR_M = 1e3  # where no edge is near
 _SIZES = tuple(2**power for power in (20, 22, 24))  # cells; few shapes, few compilations
 
 
@@ -42,7 +34,6 @@ class RoadField(eqx.Module):
     cells: Float[Array, "cell 4"]  # 0 on the road, 1 off it
     shape: Int[Array, " 2"]  # rows, columns
     corner: Float[Array, " 2"]  # [m] position of cell (0, 0)
-    metres: Float[Array, " cell"]  # off the road, negative on it
     bands: Bands | None = None  # the levels, where roads lie above each other
 
     def __call__(
@@ -53,16 +44,6 @@ class RoadField(eqx.Module):
         Heights `z` [m] choose the level. Differentiable with respect to the points alone.
         """
         return _look_up(self, x, y, z)
-
-    def metres_off(
-        self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], z: Float[Array, "*#axes"] | None = None
-    ) -> Float[Array, "*axes"]:
-        """How far points [m] are off the road [m], negative on it; bilinear and constant as the field is."""
-        cell, s, t = _place(self, x, y, z)
-        shift = jnp.stack([jnp.zeros_like(cell), jnp.ones_like(cell)])
-        lower, upper = (look_up(self.metres, cell + row + shift) for row in (0, self.shape[1]))
-        lower, upper = (row[0] + (row[1] - row[0]) * s for row in (lower, upper))
-        return lower + (upper - lower) * t
 
 
 @jax.custom_jvp
@@ -84,29 +65,18 @@ def _look_up_jvp(
 def _value_and_slope(field: RoadField, x: Array, y: Array, z: Array | None) -> tuple[Array, Array, Array]:
     """The field, and its slopes along x and y [1/m]."""
     rows, columns = field.shape
-    u, v = _grid(field, x, y)
+    u, v = (x - field.corner[0]) / CELL_M, (y - field.corner[1]) / CELL_M
     beside, beyond = (u < 0.0) | (u > columns - 1.001), (v < 0.0) | (v > rows - 1.001)
-    cell, s, t = _place(field, x, y, z)
-    near = look_up(field.cells, cell)
+    u, v = jnp.clip(u, 0.0, columns - 1.001), jnp.clip(v, 0.0, rows - 1.001)
+    column, row = u.astype(jnp.int32), v.astype(jnp.int32)
+    first = 0 if field.bands is None or z is None else field.bands(z) * rows
+    near = look_up(field.cells, (first + row) * columns + column)
+    s, t = u - column, v - row
     on_lower, on_upper = near[..., 1] - near[..., 0], near[..., 3] - near[..., 2]
     lower, upper = near[..., 0] + on_lower * s, near[..., 2] + on_upper * s
     across = upper - lower
     east = jnp.where(beside, 0.0, on_lower + (on_upper - on_lower) * t) / CELL_M
     return lower + across * t, east, jnp.where(beyond, 0.0, across) / CELL_M
-
-
-def _grid(field: RoadField, x: Array, y: Array) -> tuple[Array, Array]:
-    """Column and row of points, with what is between."""
-    return (x - field.corner[0]) / CELL_M, (y - field.corner[1]) / CELL_M
-
-
-def _place(field: RoadField, x: Array, y: Array, z: Array | None) -> tuple[Array, Array, Array]:
-    """The number of the cell at or before points, and how far they are on the way to the next column and row."""
-    (u, v), (rows, columns) = _grid(field, x, y), field.shape
-    u, v = jnp.clip(u, 0.0, columns - 1.001), jnp.clip(v, 0.0, rows - 1.001)
-    column, row = u.astype(jnp.int32), v.astype(jnp.int32)
-    first = 0 if field.bands is None or z is None else field.bands(z) * rows
-    return (first + row) * columns + column, u - column, v - row
 
 
 def blur(
@@ -125,51 +95,14 @@ def blur(
     low = (np.floor((low - _MARGIN_M) / CELL_M) + 0.5) * CELL_M
     rows, columns = grid_shape(low, high + _MARGIN_M, CELL_M)
     areas = [road.drivable] if levels is None else [drivable_at(road, level * BAND_M) for level in levels]
-    off_road = [~inside(area, low, (rows, columns), CELL_M) for area in areas]
+    off_road = (~inside(area, low, (rows, columns), CELL_M) for area in areas)
     field = np.stack([gaussian_filter(off.astype(np.float32), SIGMA_M / CELL_M, mode="nearest") for off in off_road])
-    metres = np.stack([_metres(*level, low) for level in zip(areas, off_road, field, strict=True)])
-    cells = _with_neighbours(_padded(field), jnp.asarray(np.int32(columns)))
+    size = next((size for size in _SIZES if size >= field.size), field.size)
+    flat = np.zeros(size, np.float32)
+    flat[: field.size] = field.ravel()
+    cells = _with_neighbours(jnp.asarray(flat), jnp.asarray(np.int32(columns)))
     bands = None if levels is None else to_bands(levels)
-    corner = jnp.asarray(low - origin, jnp.float32)
-    return RoadField(cells, jnp.array([rows, columns]), corner, _padded(metres), bands)
-
-
-def _padded(values: Float[np.ndarray, "level row column"]) -> Float[Array, " cell"]:
-    size = next((size for size in _SIZES if size >= values.size), values.size)
-    return jnp.asarray(np.pad(values.ravel(), (0, size - values.size)))
-
-
-def _metres(
-    area: BaseGeometry,
-    off: Bool[np.ndarray, "row column"],
-    field: Float[np.ndarray, "row column"],
-    low: Float[np.ndarray, " 2"],
-) -> Float[np.ndarray, "row column"]:
-    """How far the cells from `low` [m] on are off an area [m], negative in it, from points along its edge.
-
-    Near the edge, as the blurred `field` tells, it is taken of every cell. Elsewhere of one in 25, as only those ask
-    who began off the road: whether they go further away.
-    """
-    rows, columns = off.shape
-    sign = np.where(off, np.float32(1.0), np.float32(-1.0))
-    high = low + CELL_M * np.array([columns, rows])
-    edge = shapely.get_coordinates(shapely.segmentize(shapely.clip_by_rect(area.boundary, *low, *high), _EDGE_M))
-    if not len(edge):
-        return sign * np.float32(_FAR_M)
-    tree = KDTree(edge, balanced_tree=False, compact_nodes=False)
-    row, column = np.arange(0, rows + _COARSE, _COARSE), np.arange(0, columns + _COARSE, _COARSE)
-    coarse = tree.query(low + CELL_M * np.stack(np.meshgrid(column, row), axis=-1))[0].astype(np.float32)
-    found = sign * _finer(_finer(coarse, rows).T, columns).T
-    near = np.nonzero((field > _NEAR[0]) & (field < _NEAR[1]))
-    found[near] = sign[near] * tree.query(low + CELL_M * np.stack(near[::-1], axis=-1))[0]
-    return found
-
-
-def _finer(values: Float[np.ndarray, "coarse column"], rows: int) -> Float[np.ndarray, "row column"]:
-    """So many rows, linear between those that stand `_COARSE` apart."""
-    before, share = np.divmod(np.arange(rows), _COARSE)
-    share = (share / np.float32(_COARSE))[:, None].astype(np.float32)
-    return values[before] * (1.0 - share) + values[before + 1] * share
+    return RoadField(cells, jnp.array([rows, columns]), jnp.asarray(low - origin, jnp.float32), bands)
 
 
 @jax.jit

@@ -12,9 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim import boxes
-from regents_cosim.collisions import touching
 from regents_cosim.levels import contains, has_levels
-from regents_cosim.limits import SUB_STEPS
 from regents_cosim.mirror.actions import fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.levels import HeightMap, to_height_map
@@ -41,7 +39,6 @@ class World(eqx.Module):
     half_width: Float[Array, " agent"]  # [m]
     vehicle: Bool[Array, " agent"]  # a motor vehicle, not a pedestrian or cyclist
     apart: Bool[Array, "agent agent"]  # not overlapping when both are first there
-    strangers: Bool[Array, "agent agent"]  # never touching in the log, at the steps or between them
     on_road: Bool[Array, "4 agent"]  # corners that are on the drivable area at the first valid step
     road: RoadField
     dt: Float[Array, ""]  # [s]
@@ -50,7 +47,7 @@ class World(eqx.Module):
 
     def without_road(self) -> "World":
         """The same for programs that ask nothing of the road, so that its size needs none of its own."""
-        return eqx.tree_at(lambda of: (of.road.cells, of.road.metres), self, (jnp.zeros((1, 4)), jnp.zeros(1)))
+        return eqx.tree_at(lambda world: world.road.cells, self, jnp.zeros((1, 4)))
 
     def boxes(self, motion: Motion) -> Box:
         """Boxes [agent time] of all agents along `motion`."""
@@ -110,7 +107,6 @@ def to_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
         half_width=jnp.asarray(0.5 * sizes[:, 1], jnp.float32),
         vehicle=jnp.asarray([a.kind in VEHICLE_KINDS for a in scenario.agents] + [False] * extra),
         apart=jnp.asarray(np.pad(_apart_at_first(scenario), (0, extra))),
-        strangers=jnp.asarray(np.pad(~touching(scenario.boxes, tracks.valid, SUB_STEPS), (0, extra))),
         on_road=jnp.asarray(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra)))),
         road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin, levels),
         dt=dt,

@@ -27,15 +27,26 @@ def corners_off_road(road: RoadMap, box: Boxes) -> Bool[np.ndarray, "*axes 4"]:
     return beyond_road(road, corners(box), np.asarray(box.z)[..., None]) > OFF_ROAD_M
 
 
+def corners_leave(road: RoadMap, box: Boxes) -> bool:
+    """Whether a corner goes off the road along `box` [time], at the steps."""
+    off, nearest = _off(road, box)
+    return bool(np.any(off > OFF_ROAD_M + nearest))
+
+
 def leaves_road(road: RoadMap, box: Boxes, valid: Bool[np.ndarray, " time"]) -> bool:
     """Whether a vehicle leaves the road along `box` [time], of the steps that are `valid`."""
     steps = np.flatnonzero(valid)
     there = Boxes(*(np.broadcast_to(values, valid.shape)[steps] for values in box))
-    off = beyond_road(road, corners(there), np.asarray(there.z)[:, None])
-    nearest = np.minimum.accumulate(off, axis=0)
-    if np.any(off > OFF_ROAD_M + nearest):
+    if corners_leave(road, there):
         return True
+    _, nearest = _off(road, there)
     return _swept_off(road, there, np.diff(steps) == 1, OFF_ROAD_M + nearest.max(axis=1)) > SWEPT_OFF_ROAD_M2
+
+
+def _off(road: RoadMap, box: Boxes) -> tuple[Float[np.ndarray, "time 4"], Float[np.ndarray, "time 4"]]:
+    """How far corners are off the road [m], and the least of that so far."""
+    off = beyond_road(road, corners(box), np.asarray(box.z)[..., None])
+    return off, np.minimum.accumulate(off, axis=0)
 
 
 def _swept_off(
