@@ -194,6 +194,7 @@ def test_at_least_one_attempt_is_made():
         replace(REGENTS_FOCUSED, attempts=0)
 
 
+@pytest.mark.slow
 def test_a_search_that_stands_still_ends_at_the_end_of_its_patience():
     """A car on the road's other side, far ahead, comes no nearer."""
     far = scene((0, 0, 10), (90, 6.4, 10), (95, 3.2, 10))

@@ -72,6 +72,7 @@ def test_controls_stay_within_the_limits():
     assert np.isfinite(motion.x).all()
 
 
+@pytest.mark.slow
 def test_steps_that_are_not_valid_do_not_pull():
     start, controls = wavy(4)
     log = roll_out(start, controls, jnp.ones((4, STEPS), bool), DT)

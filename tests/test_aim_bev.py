@@ -107,6 +107,7 @@ def test_lessons_cover_what_vehicles_do():
     assert set(curriculum.rows) == set(KINDS)
 
 
+@pytest.mark.slow
 def test_practice_of_an_expert_stays_on_the_log():
     room = gather([platoon(cars=6)])
 
@@ -213,6 +214,7 @@ def test_what_it_remembers_changes_nothing():
     assert np.abs(fresh - log).max() > 0.01
 
 
+@pytest.mark.slow
 def test_it_plans_only_where_something_in_view_is_new():
     """Shown by false memories: they come true up to the first new thing."""
     made, planner = platoon(), aim_bev()
@@ -237,6 +239,7 @@ def test_attacks_end_as_without_a_memory(config):
         np.testing.assert_array_equal(one.tracks.y, other.tracks.y)
 
 
+@pytest.mark.slow
 def test_torch_and_jax_agree():
     torch = pytest.importorskip("torch", reason="torch is an extra")
     from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
@@ -281,6 +284,7 @@ def test_training_goes_on_where_it_stopped(cases, tmp_path):
     assert not np.array_equal(after["output.weight"], weights["output.weight"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("teacher", ["log", pytest.param("idm", marks=pytest.mark.slow)])
 def test_training_from_the_command_line(cases, tmp_path, capsys, teacher):
     pytest.importorskip("torch", reason="torch is an extra")

@@ -136,6 +136,7 @@ def test_an_unknown_planner():
         attack_one(platoon(), planner="nobody")
 
 
+@pytest.mark.slow
 def test_a_search_per_candidate_finds_every_adversary_once():
     recorded = platoon()
     results = list(attack([recorded], REGENTS_FOCUSED, "log_replay"))
@@ -195,6 +196,7 @@ def test_a_search_per_candidate_without_success_gives_one_result():
     assert result.attack.outcome == "already_colliding"
 
 
+@pytest.mark.slow
 def test_a_blind_follower_counts_as_not_attributed_and_a_reacting_one_brakes():
     """The ego brakes for the car ahead, which the attack slows down; somebody is close behind."""
     made = scene((0, 0, 12), (30, 0, 12), (-9, 0, 12), (-22, 0, 12))

@@ -5,19 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
+from params import slow
 
-from regents_cosim.mirror.bicycle import (
-    ACCEL_LIMIT,
-    CURVATURE_LIMIT,
-    Controls,
-    Motion,
-    clip,
-    controls_between,
-    roll_out,
-    step,
-    wrap,
-)
+from regents_cosim.mirror import bicycle
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip, wrap
 
+# Compiled as a whole: op by op, every shape and precision would compile each of them alone.
+controls_between, roll_out, step = map(jax.jit, (bicycle.controls_between, bicycle.roll_out, bicycle.step))
 STEPS = 80
 
 
@@ -57,6 +51,7 @@ def test_the_closed_form_is_the_loop(x64, seed, accel):
     assert_close(roll_out(start, controls, always(5), 0.1), step_by_step(start, controls, 0.1), 1e-9)
 
 
+@pytest.mark.slow
 def test_in_single_precision_the_closed_form_stays_within_a_tenth_of_a_millimetre():
     start, controls = random_start(32, 0), random_controls(32, 0)
     assert start.x.dtype == jnp.float32
@@ -105,12 +100,13 @@ def test_an_agent_that_enters_late_waits_at_its_start():
         assert motion.speed[agent, first] == pytest.approx(float(start.speed[agent]))
 
 
-@pytest.mark.parametrize("braking", [0.0, 3.0])
+@pytest.mark.parametrize("braking", [slow(0.0), 3.0])
 def test_gradients_are_those_of_finite_differences(x64, braking):
     start, controls = random_start(3, 5), random_controls(3, 5)
     controls = Controls(controls.accel - braking * jnp.sin(jnp.arange(STEPS) / 10), controls.curvature)
     weights = jnp.asarray(np.random.default_rng(0).normal(size=(4, 3, STEPS + 1)))
 
+    @jax.jit
     def score(start, controls):
         motion = roll_out(*jax.tree.map(jnp.asarray, (start, controls)), always(3), 0.1)
         return sum((w * v).sum() for w, v in zip(weights, jax.tree.leaves(motion), strict=True))
@@ -126,7 +122,7 @@ def test_a_standing_vehicle_can_be_set_in_motion():
     def way(accel):
         return roll_out(start, Controls(accel, jnp.zeros((1, STEPS))), always(1), 0.1).x[0, -1]
 
-    gradient = jax.grad(way)(jnp.zeros((1, STEPS)))
+    gradient = jax.jit(jax.grad(way))(jnp.zeros((1, STEPS)))
     assert jnp.isfinite(gradient).all()
     assert (gradient > 0).all()
 
@@ -138,7 +134,7 @@ def test_what_came_before_a_stop_does_not_matter_after_it():
     def last_speed(accel):
         return roll_out(start, Controls(accel, jnp.zeros((1, STEPS))), always(1), 0.1).speed[0, -1]
 
-    gradient = np.asarray(jax.grad(last_speed)(accel))[0]
+    gradient = np.asarray(jax.jit(jax.grad(last_speed))(accel))[0]
     assert gradient[:40] == pytest.approx(0)
     assert gradient[40:] == pytest.approx(0.1)
 

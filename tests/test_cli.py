@@ -39,10 +39,12 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def attacked(recorded, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("attacked") / "suite"
-    done = regents("attack", recorded[0], "-o", folder, "--json")
+    """The first case, attacked."""
+    folder, (row, *_) = recorded
+    suite = tmp_path_factory.mktemp("attacked") / "suite"
+    done = regents("attack", folder / row["case"], "-o", suite, "--json")
     assert done.returncode == 0, done.stderr
-    return folder, json.loads(done.stdout)
+    return suite, json.loads(done.stdout)
 
 
 def crash(attacked):
@@ -171,6 +173,7 @@ def test_our_own_method_was_never_published(tmp_path):
     assert not (tmp_path / "suite").exists()
 
 
+@pytest.mark.slow
 def test_what_follows_two_dashes_goes_to_sumo(tmp_path):
     done = regents("record", "-c", GRID, "--count", 1, "-o", tmp_path / "a", "--", "--scale", "0")
     assert done.returncode == 2
@@ -258,6 +261,7 @@ def test_bad_traffic(broken, tmp_path, words, said):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_an_output_folder_that_cannot_be_written_is_found_before_the_work(broken):
     done = regents("attack", "-c", GRID, "-o", broken / "file")
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)

@@ -11,6 +11,7 @@ from threading import Thread
 
 import pytest
 from disk_writers import add, assert_cleaned_up, assert_survived, assert_well, case, names, started
+from params import slow
 
 from regents_cosim.atomic import clear_leftovers, is_temporary, new_folder, write_atomic
 from regents_cosim.errors import RegentsError
@@ -38,6 +39,7 @@ def test_all_cases_of_four_writers_into_one_folder_are_listed(tmp_path):
     assert names(folder) == sorted([*(f"case{i}" for i in range(16)), "maps", "suite.json"])
 
 
+@pytest.mark.slow
 def test_writers_of_the_same_cases_and_a_suite_that_is_replaced_meanwhile(tmp_path):
     folder = tmp_path / "suite"
     add(folder, 0)
@@ -60,6 +62,7 @@ def test_what_three_runs_accept_at_once_is_all_kept(tmp_path):
     assert sorted(load_baseline(tmp_path / "baseline.json").planners) == ["planner0", "planner1", "planner2"]
 
 
+@pytest.mark.slow
 def test_a_suite_merged_into_itself_keeps_what_is_added_meanwhile(tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     add(one, 0)
@@ -130,7 +133,7 @@ def test_after_a_kill_a_suite_is_whole_and_the_next_writer_cleans_up(suite, what
 
 
 @pytest.mark.parametrize("what", ["rewrite", "build"])
-@pytest.mark.parametrize("exchange", ["yes", "no"])
+@pytest.mark.parametrize("exchange", ["yes", slow("no")])
 @pytest.mark.parametrize("stride", [11, pytest.param(1, marks=pytest.mark.slow)])
 def test_after_a_kill_before_a_change_to_the_disk_a_suite_is_whole(suite, what, exchange, stride):
     finish(started("die_everywhere", suite, what, exchange, stride, stdout=subprocess.DEVNULL))

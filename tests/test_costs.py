@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
+from params import slow
 from scenes import platoon, scene
 
 from regents_cosim import boxes as host
@@ -137,6 +138,7 @@ def test_the_closest_pair_is_found_among_many():
         assert pair_proximity(world, boxes, movers, 99.0) == pytest.approx(-least, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_closest_pair_is_found_where_more_come_within_reach_than_there_are_agents():
     rng = np.random.default_rng(1)
     made = scene(*((x, y, 10) for x, y in rng.uniform(0, 60, (60, 2))))
@@ -180,7 +182,7 @@ def cost_along(amount, direction, world, movers):
     return total_cost(world, world.boxes(roll_out_background(world, controls)), movers, KING).total
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, slow(1), slow(2)])
 def test_the_gradient_of_the_whole_cost_is_that_of_finite_differences(x64, seed):
     world, _, movers = prepared(platoon(seed=seed))
     world = jax.tree.map(lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, world)

@@ -57,6 +57,7 @@ print(digest.hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_episode_in_any_process(capsys):
     exec(compile(EPISODE, "episode", "exec"), {})
     here = capsys.readouterr().out.strip()

@@ -5,6 +5,7 @@ import os
 import shutil
 
 import pytest
+from params import slow
 from test_cli import regents
 
 from regents_cosim.shipped import shipped
@@ -53,6 +54,7 @@ def test_0_all_is_well(case):
     assert regents("replay", case, "--in", "mirror", "--json").returncode == 0
 
 
+@pytest.mark.slow
 def test_1_a_crash_that_does_not_happen_again(case):
     assert regents("replay", case, "--in", "mirror", "--planner", "constant_velocity").returncode == 1
 
@@ -63,6 +65,7 @@ def test_1_a_suite_that_fails_its_check(case, tmp_path):
     assert regents("suite", "check", tmp_path / "suite").returncode == 1
 
 
+@pytest.mark.slow
 def test_2_a_window_without_a_display_before_anything_starts(case):
     done = regents("replay", case, "--gui", DISPLAY="")
     assert done.returncode == 2
@@ -70,9 +73,7 @@ def test_2_a_window_without_a_display_before_anything_starts(case):
     assert done.stdout == ""
 
 
-@pytest.mark.parametrize(
-    "name", ["no_such_planner", "torch:pathlib:Path", pytest.param("collections:OrderedDict", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", ["no_such_planner", slow("torch:pathlib:Path"), slow("collections:OrderedDict")])
 def test_2_a_planner_that_is_not_there_or_is_something_else(case, tmp_path, name):
     if name.startswith("torch"):
         pytest.importorskip("torch", reason="torch is an extra")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from params import slow
 from scenes import crash, platoon, scene
 
 from regents_cosim.cli import run
@@ -265,7 +266,7 @@ def fine_tune(folders, suite, out, *more):
         ("short", (), "2 different horizons (4 s in steps of 0.1 s, 8 s in steps of 0.1 s), expected one"),
         ("nothing", (), "nothing"),
         ("hard", ("--evading", "1.0"), "a share 1.0 of lessons, expected one between 0 and 1"),
-        ("hard", ("--resume", "no.safetensors"), "no.safetensors"),
+        slow("hard", ("--resume", "no.safetensors"), "no.safetensors"),
     ],
 )
 def test_what_cannot_be_trained_on_is_said_at_once(folders, tmp_path, capsys, suite, more, complaint):

@@ -40,7 +40,7 @@ def process(request):
 
 @pytest.mark.parametrize("process", ["highway:idm"], indirect=True)
 def test_it_drives_as_in_highway_env(process):
-    for name in ("grid-00218", "multilane-00218", "roundabout-00218", "signals-00064"):
+    for name in ("multilane-00218", "roundabout-00218"):
         case = shipped_window(name)
         native = drive_in_highway(case, "idm").tracks
         x, y, _, speed = bridged_drive(process, case)
@@ -49,6 +49,7 @@ def test_it_drives_as_in_highway_env(process):
         assert np.hypot(x[-1] - x[0], y[-1] - y[0]) > 20.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("process", ["highway:random"], indirect=True)
 def test_every_drive_is_the_same(process):
     case = platoon()

@@ -9,6 +9,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from params import slow
 from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
@@ -69,6 +70,7 @@ def test_among_agents_that_react_as_well():
     assert float(inside.x[1, -1]) < made.tracks.x[1, -1] - 1.0
 
 
+@pytest.mark.slow
 def test_an_attack_finds_what_it_finds_on_the_twin():
     exact = replace(QUICK, replan_every=1)
     (outside,), (inside,) = (list(attack([BUSY], exact, name)) for name in (named("Cautious"), IN_JAX))
@@ -84,7 +86,7 @@ def test_an_attack_finds_what_it_finds_on_the_twin():
     ("name", "config"),
     [
         pytest.param(named("Cautious"), QUICK, id="outside"),
-        pytest.param(IN_JAX, QUICK, id="inside"),
+        slow(IN_JAX, QUICK, id="inside"),
         pytest.param(named("Cautious"), replace(REGENTS_FOCUSED, iterations=40), id="reacting", marks=pytest.mark.slow),
     ],
 )
@@ -98,6 +100,7 @@ def test_a_collision_that_counts_is_one_of_a_fresh_closed_loop(name, config):
         assert (case.agents[agent].id, step) == (hit.agent, hit.step)
 
 
+@pytest.mark.slow
 def test_in_batches_it_finds_the_same():
     scenes = [replace(BUSY, id="a"), scene((0, 0, 10), (25, 3.2, 8), name="b"), replace(platoon(3), id="c")]
     together = list(attack(scenes, QUICK, named("InBatches")))
@@ -126,14 +129,14 @@ def test_what_it_sees():
     [
         ("Raises", "failed in `act` at step 5: KeyError: 'lost'"),
         ("Sleeps", "gave no answer within 0.5 s in `act` at step 5"),
-        ("Exits", "ended its process in `act` at step 5 (exit code 3)"),
-        ("Quits", "failed in `act` at step 5: SystemExit: 4"),
+        slow("Exits", "ended its process in `act` at step 5 (exit code 3)"),
+        slow("Quits", "failed in `act` at step 5: SystemExit: 4"),
         ("NotANumber", "accel is nan, expected a finite number"),
-        ("Vectors", "accel of shape [3], expected a single number"),
-        ("Beyond", "accel -12 m/s^2 is beyond the limit, expected -6 to 6"),
+        slow("Vectors", "accel of shape [3], expected a single number"),
+        slow("Beyond", "accel -12 m/s^2 is beyond the limit, expected -6 to 6"),
         ("Mute", "`act` returned a NoneType, expected Control(accel, curvature) or Waypoints"),
-        ("Scattered", "waypoints of shape [4, 3], expected [point, 2]"),
-        ("NeverMade", "failed when it was made: OSError: no weights"),
+        slow("Scattered", "waypoints of shape [4, 3], expected [point, 2]"),
+        slow("NeverMade", "failed when it was made: OSError: no weights"),
     ],
 )
 def test_one_that_fails_says_how(attribute, said, tmp_path):
@@ -165,6 +168,7 @@ def test_how_long_it_takes_is_noted_and_does_not_change_the_content():
     assert next(attack([BUSY], QUICK, IN_JAX)).attack.act_time is None
 
 
+@pytest.mark.slow
 def test_a_drive_that_fails_gets_nowhere():
     good, bad = drive_each([BUSY, replace(BUSY, id="bad")], named("FailsInOneScene"))
     assert not good.error

@@ -245,6 +245,7 @@ def test_coordinates_of_any_plane_in_use(tmp_path):
 wild = st.one_of(st.sampled_from([0.0, 1e-9, -1e-9, 5e4, -5e4]), st.floats(-5e4, 5e4), st.floats(-10, 10))
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=100)
 @given(arrays(float, (4, 2, 6), elements=wild), arrays(bool, (2, 6)), st.sampled_from([1e-4, 0.1, 100.0]))
 def test_who_is_on_whose_way_in_tracks_that_no_car_drives(numbers, there, dt):

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bridged_drives import shipped_window
+from params import slow
 from scenes import scene
 
 from regents_cosim.attacks.attack import attack
@@ -76,25 +77,19 @@ def hosted(monkeypatch, tmp_path):
     [
         ("StrayByte", "broke the protocol in `act` at step 1: b'x.*rc1.* where a message begins"),
         ("StrayAndDeaf", "gave no answer within 1 s in `act` at step 1"),
-        ("Pickles", "broke the protocol in `act` at step 1"),
-        pytest.param(*("PicklesInFrame", "broke the protocol in `act` at step 1"), marks=pytest.mark.slow),
+        slow("Pickles", "broke the protocol in `act` at step 1"),
+        slow("PicklesInFrame", "broke the protocol in `act` at step 1"),
         ("TooLong", "broke the protocol in `act` at step 1: a message of 4294967295 bytes, more than 1048576"),
-        ("AnswersAnother", "broke the protocol in `act` at step 1: an answer to another question"),
-        ("AnswersTwice", "broke the protocol in `act` at step 2: .* unasked"),
+        slow("AnswersAnother", "broke the protocol in `act` at step 1: an answer to another question"),
+        slow("AnswersTwice", "broke the protocol in `act` at step 2: .* unasked"),
         ("AnswersNaN", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
-        pytest.param(
-            *("AnswersTooMuch", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            *("AnswersForTwo", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
-            marks=pytest.mark.slow,
-        ),
+        slow("AnswersTooMuch", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
+        slow("AnswersForTwo", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
         ("ClosesAll", "ended its process in `act` at step 1"),
         ("Shouts", "failed in `act` at step 1: ValueError: aaaa"),
-        ("Unspeakable", "SpeechlessError, whose text cannot be had: RuntimeError"),
-        ("Surrogates", r"failed in `act` at step 1: ValueError: half \\ud800 a character"),
-        ("Infinite", "accel is inf, expected a finite number"),
+        slow("Unspeakable", "SpeechlessError, whose text cannot be had: RuntimeError"),
+        slow("Surrogates", r"failed in `act` at step 1: ValueError: half \\ud800 a character"),
+        slow("Infinite", "accel is inf, expected a finite number"),
     ],
 )
 def test_it_costs_one_drive(hosted, attribute, said):
@@ -200,7 +195,7 @@ time.sleep(1000)
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGKILL, slow(signal.SIGTERM)])
 def test_they_end_with_whoever_asked(how, tmp_path):
     code = OWNER.format(tests=str(FILE.parent))
     environment = os.environ | {"REGENTS_CHILDREN": str(tmp_path / "children")}

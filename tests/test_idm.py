@@ -1,18 +1,22 @@
 from dataclasses import replace
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
 from scenes import PROVENANCE, scene, straight_road
 
-from regents_cosim.mirror.rollout import drive, roll_out_background
+from regents_cosim.mirror import rollout
+from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.jax_planner import LoopScene
 from regents_cosim.planners.route import plan_route
 from regents_cosim.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
+
+drive = eqx.filter_jit(rollout.drive)  # once for all scenes of a shape
 
 
 def driven(scenario, planner=None):
@@ -71,6 +75,7 @@ def test_it_stops_behind_a_standing_car():
     assert 1.5 < world.log.x[1, -1] - motion.x[-1] - 4.6 < 3.5
 
 
+@pytest.mark.slow
 def test_it_does_not_mind_the_other_lanes():
     free = driven(scene((0, 3.2, 10)))[0]
     flanked = driven(scene((0, 3.2, 10), (15, 0.0, 10), (15, 6.4, 10), (-8, 3.2, 12)))[0]
@@ -78,7 +83,7 @@ def test_it_does_not_mind_the_other_lanes():
 
 
 def test_a_box_across_its_lane_is_in_the_way():
-    made = scene((0, 0, 10), (50, 3.2, 0))
+    made = scene((0, 0, 10), (50, 3.2, 0), steps=161)
     across = np.array(made.tracks.yaw)
     across[1] = np.pi / 2
     long = replace(made.agents[1], length=10.0)

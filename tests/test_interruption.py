@@ -88,6 +88,7 @@ def check_saved(suite):
     return len(listed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_attack_ends_at_once_and_says_what_is_kept(tmp_path, number):
     suite = tmp_path / "suite"

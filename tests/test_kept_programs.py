@@ -83,6 +83,7 @@ print(jax.jit(lambda x: x + 1)(41))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     bool(find_spec("zstandard")) or sys.version_info >= (3, 14),
     reason="JAX packs with zstandard, and no entry is checked",

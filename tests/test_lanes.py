@@ -4,6 +4,7 @@ import itertools
 from dataclasses import replace
 
 import pytest
+from params import slow
 from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack_each
@@ -11,16 +12,21 @@ from regents_cosim.attacks.presets import REGENTS, REGENTS_FOCUSED
 
 HARD = scene((0, 0, 10), (60, 6.4, 10), (90, 3.2, 10), name="hard")
 ALONE = scene((0, 0, 10), name="alone")
+SAME = [platoon(seed=seed) for seed in range(3)]
+MIXED = [HARD, platoon(seed=0), ALONE, platoon(seed=1)]
 
 
 @pytest.mark.parametrize(
-    "config", [REGENTS, pytest.param(replace(REGENTS_FOCUSED, background="log"), marks=pytest.mark.slow)]
+    ("config", "scenarios"),
+    [
+        (replace(REGENTS, iterations=12), SAME),
+        slow(replace(REGENTS, iterations=80), MIXED),
+        slow(replace(REGENTS_FOCUSED, iterations=80, background="log"), MIXED),
+    ],
 )
-def test_lanes_find_what_threads_find(config):
-    few = replace(config, iterations=80)
-    scenarios = [HARD, platoon(seed=0), ALONE, platoon(seed=1)]
+def test_lanes_find_what_threads_find(config, scenarios):
     threads, lanes = (
-        list(attack_each(scenarios, few, "log_replay", batch=2, engine=engine)) for engine in ("threads", "lanes")
+        list(attack_each(scenarios, config, "log_replay", batch=2, engine=engine)) for engine in ("threads", "lanes")
     )
     assert [[s.id for s in results] for results in lanes] == [[s.id for s in results] for results in threads]
     for mine, theirs in zip(itertools.chain(*lanes), itertools.chain(*threads), strict=True):

@@ -11,6 +11,7 @@ import log_files
 import numpy as np
 import pytest
 from log_files import CARS, LENGTH, SPEED, WALKER, WIDTH, WRITERS
+from params import slow
 
 from regents_cosim.errors import LogError, NoWindowError, RegentsError
 from regents_cosim.files import content_hash, load_case, save_case
@@ -94,7 +95,7 @@ def test_windows_at_ten_hertz(logs, name):
     assert len(scenario.agents) >= 3
 
 
-@pytest.mark.parametrize("name", ["waymo", "commonroad", "interaction"])
+@pytest.mark.parametrize("name", [slow("waymo"), slow("commonroad"), "interaction"])
 def test_cases_are_saved_and_replayed_in_the_mirror_and_in_sumo(logs, name, tmp_path):
     from regents_cosim.replays.replay import replay
 
@@ -291,9 +292,10 @@ SAMPLES = {
     "argoverse2/motion": ("argoverse2_motion", 2), "argoverse2/sensor": ("argoverse2_sensor", 2),
     "interaction": ("interaction", 1), "commonroad": ("commonroad", 6),
 }  # fmt: skip
+QUICK = ("womd/json", "commonroad")
 
 
-@pytest.mark.parametrize("folder", SAMPLES)
+@pytest.mark.parametrize("folder", [name if name in QUICK else slow(name) for name in SAMPLES])
 def test_recordings(folder):
     if not (DATA / folder).is_dir():
         pytest.skip(f"no {folder} (set REGENTS_DATA to the folder of recordings)")

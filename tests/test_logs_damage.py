@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from params import slow
 
 from regents_cosim.errors import LogError, RegentsError
 from regents_cosim.sources.logs.argoverse2_map import read_map
@@ -163,7 +164,7 @@ def test_mutations_never_crash_a_reader(logs, name, seed, tmp_path_factory):
         path.write_bytes(kept)
 
 
-@pytest.mark.parametrize("name", WITH_POLARS)
+@pytest.mark.parametrize("name", [WITH_POLARS[0], *map(slow, WITH_POLARS[1:])])
 def test_damaged_parquet_and_feather(tmp_path, name, capfd):
     pytest.importorskip("polars")
     folder = log_files.write(name, tmp_path)

@@ -326,6 +326,7 @@ def test_a_long_way_is_followed(tmp_path):
         assert differs.mean() < 0.002
 
 
+@pytest.mark.slow
 def test_pairs_are_laid_out_by_the_shape_of_the_scene(tmp_path):
     path = tmp_path / "pair.gif"
     wide = attacked()

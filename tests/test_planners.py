@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from params import slow
 from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
@@ -103,7 +104,7 @@ def test_something_that_is_no_planner(mine):
         find_planner(f"{mine}:NOT_ONE")
 
 
-@pytest.mark.parametrize("name", ["idm", "constant_velocity"])
+@pytest.mark.parametrize("name", ["idm", slow("constant_velocity")])
 def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
     made = platoon()
     mirror = driven(made, name)

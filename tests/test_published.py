@@ -229,6 +229,7 @@ def test_a_vehicle_hits_the_ego_after_its_log_ended():
     assert not attacked.original.valid[1, 60:].any()
 
 
+@pytest.mark.slow
 def test_hits_by_others_do_not_stop_the_search():
     """A follower that may not attack runs into the ego, which brakes for the car ahead."""
     attacked = attack_one(scene((0, 0, 12), (25, 0, 4), (-8, 0, 12), (250, 6.4, 15)), planner="idm")

@@ -90,6 +90,7 @@ def test_a_bug_is_caught_and_the_case_is_named(project):
     session(project).assert_outcomes(passed=3)
 
 
+@pytest.mark.slow
 def test_an_update_says_what_changed_and_forgets_what_left(project):
     (project.path / "planner.py").write_text(BUGGY)
     session(project, "--regents-update")
@@ -135,6 +136,7 @@ def test_one_baseline_for_several_planners_somewhere_else(project):
 # --- thresholds and margin --------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_metrics_that_get_worse_fail_where_that_is_asked_for(project):
     session(project, "--regents-update")
     file = project.path / "suite" / "baseline.json"
@@ -200,6 +202,7 @@ def test_choosing(project, words, chosen):
     assert found == chosen
 
 
+@pytest.mark.slow
 def test_last_failed_first_failure_and_junit(project):
     session(project, "--regents-update")
     (project.path / "planner.py").write_text(BUGGY)

@@ -1,15 +1,21 @@
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scenes import platoon, scene
 
-from regents_cosim.mirror.reactions import begin, place, react
-from regents_cosim.mirror.rollout import drive, drive_among_reacting, roll_out_background, with_ego
+from regents_cosim.mirror import reactions, rollout
+from regents_cosim.mirror.reactions import begin, place
+from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.constant_velocity import ConstantVelocity
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.planners.log_replay import LogReplay
+
+# Once for all scenes of a shape.
+drive, drive_among_reacting = eqx.filter_jit(rollout.drive), eqx.filter_jit(rollout.drive_among_reacting)
+react = eqx.filter_jit(reactions.react)
 
 
 class Brakes(JaxPlanner):

@@ -36,6 +36,7 @@ def test_the_first_commands_are_targets_of_the_makefile():
         run(f"make --dry-run {target}", ROOT)
 
 
+@pytest.mark.slow
 def test_a_planner_of_your_own(tmp_path):
     (planner,) = (block for block in blocks("python") if "my_planner.py" in block)
     assert len([line for line in planner.splitlines() if line.strip() and not line.startswith("#")]) <= 10
@@ -90,6 +91,7 @@ def test_files_that_it_shows_exist(place):
     assert (ROOT / place).is_file()
 
 
+@pytest.mark.slow
 def test_the_shipped_cases_crash_in_sumo():
     cases = load_cases(shipped("scenarios") / "quickstart")
     assert {case.id.partition("-")[0] for case in cases} == set(NETWORKS)

@@ -28,7 +28,7 @@ def test_it_brakes_hard_for_a_cut_in_and_drives_on_as_idm_does_without(name):
     beside = scene((0, 0, 12.0), (30.0, 3.2, 12.0), road=straight_road(2))
     _, calm, _ = driven(beside, planner)
     _, idm, _ = driven(beside, planner.idm)
-    np.testing.assert_allclose(calm.accel, idm.accel)
+    np.testing.assert_allclose(calm.accel, idm.accel, rtol=1e-5)  # two programs, rounded differently
 
 
 def ahead(gap, speed):

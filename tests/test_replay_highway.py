@@ -276,6 +276,7 @@ def test_wrong_agents_are_explained(tmp_path):
         drive_in_highway(platoon(), f"{tmp_path / 'bad.py'}:breaks")
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path):
     regents = str(Path(sys.executable).parent / "regents")
     case = next(QUICKSTART.glob("multilane-00218*"))

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from params import slow
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, SumoError
@@ -126,7 +127,7 @@ def test_other_step_lengths(in_sumo, dt):
     assert_same(in_sumo(made).tracks, made.tracks)
 
 
-@pytest.mark.parametrize("net", NETWORKS)
+@pytest.mark.parametrize("net", [NETWORKS[0], *map(slow, NETWORKS[1:])])
 def test_recorded_windows_of_every_network_are_reproduced(net, in_sumo):
     for made in record(SumoInput(network_config(net), end_s=120.0), count=2):
         found = in_sumo(made)
@@ -457,6 +458,7 @@ def test_the_window_needs_a_display(monkeypatch):
         replay(t_bone(), gui=True)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no virtual display")
 def test_the_window_opens_replays_and_closes(monkeypatch):
     read, write = os.pipe()

@@ -352,6 +352,7 @@ def test_bad_input_leaves_nothing(cases, name, planners, said, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_place_where_nothing_can_be_written(tmp_path):
     (tmp_path / "file").touch()
     done = regents("report", QUICKSTART, "-o", tmp_path / "file" / "report.html")

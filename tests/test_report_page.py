@@ -6,6 +6,7 @@ import shutil
 from dataclasses import replace
 
 import pytest
+from params import slow
 
 from regents_cosim.evaluation.driving import Drive
 from regents_cosim.evaluation.report import report_of
@@ -194,6 +195,7 @@ def test_the_list_shows_every_case_worst_first(visit):
     assert sum(crashes) == len(CRASHES)
 
 
+@pytest.mark.slow
 def test_sorting(visit):
     seen = visit()
     head = seen.page.locator("#cases thead button", has_text="Impact")
@@ -308,6 +310,7 @@ def test_the_scene_shows_who_is_where(visit):
     assert seen.page.evaluate(count, "--burst") == 0
 
 
+@pytest.mark.slow
 def test_the_keyboard_alone_suffices(visit):
     seen = visit()
     page = seen.page
@@ -344,7 +347,7 @@ CLIPPED = """() => [...document.querySelectorAll(
   .map((node) => [node.tagName, node.className, node.scrollWidth, node.clientWidth, node.textContent.slice(0, 60)])"""
 
 
-@pytest.mark.parametrize("name", ["suite", "pair", "long", "hostile"])
+@pytest.mark.parametrize("name", [*map(slow, ("suite", "pair", "long")), "hostile"])
 def test_nothing_is_clipped_and_nothing_scrolls_sideways(visit, name):
     seen = visit(name)
     for opens in (lambda: None, lambda: (seen.open_first(), seen.page.click("#settings-fold summary"))):
@@ -377,6 +380,7 @@ def test_what_to_fix_comes_first(visit):
     page.wait_for_selector("#case:not([hidden])")
 
 
+@pytest.mark.slow
 def test_what_got_worse_is_to_be_fixed_first(visit):
     seen = visit("pair")
     tags = [item.locator(".tag").count() for item in seen.page.locator(".todo li").all()]
@@ -418,8 +422,8 @@ def test_the_page_s_own_policy_lets_nothing_else_run_or_leave(visit, harm):
     seen.requests.clear()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("name", ["suite", "pair"])
+@pytest.mark.parametrize("scheme", ["light", slow("dark")])
+@pytest.mark.parametrize("name", ["suite", slow("pair")])
 def test_text_has_contrast(visit, scheme, name):
     seen = visit(name, color_scheme=scheme)
     texts = seen.page.evaluate(CONTRAST)
@@ -430,6 +434,7 @@ def test_text_has_contrast(visit, scheme, name):
     assert [(round(share, 2), text) for share, text in texts if share < 1.0] == []
 
 
+@pytest.mark.slow
 def test_the_button_switches_between_light_and_dark(visit):
     seen = visit(color_scheme="light")
     seen.open_first()
@@ -441,6 +446,7 @@ def test_the_button_switches_between_light_and_dark(visit):
     assert seen.drawn("#scene") == scene
 
 
+@pytest.mark.slow
 def test_a_phone_needs_no_sideways_scrolling(visit):
     seen = visit(viewport=PHONE, is_mobile=True, has_touch=True)
     wide = "document.documentElement.scrollWidth - innerWidth"

@@ -44,7 +44,7 @@ def test_a_blind_search_has_as_many_roll_outs_as_our_preset(config):
 
 def test_a_blind_search_spends_its_roll_outs_and_no_more():
     few = replace(RANDOM, iterations=10, nearest=1)
-    far = [(200 + 20 * i, 6.4, 10) for i in range(8)]
+    far = [(200 + 20 * i, 6.4, 10) for i in range(2)]
     (missed,) = attack([scene((0, 0, 10), *far)], few, "log_replay")
     assert (missed.attack.outcome, missed.attack.iterations) == ("no_collision", 10)
     (before,) = attack([scene((0, 0, 10), (20, 0, 4), *far[1:])], few, "log_replay")

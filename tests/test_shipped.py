@@ -62,6 +62,7 @@ def test_what_is_not_found_names_them(tmp_path, capsys):
     assert "shipped:standard" in said(capsys, "replay", tmp_path / "nowhere")
 
 
+@pytest.mark.slow
 def test_pytest_takes_them(tmp_path):
     words = ["--regents-suite", "shipped:quickstart", "--regents-planner", "idm", "--collect-only", "-q"]
     done = subprocess.run([sys.executable, "-m", "pytest", *words], cwd=tmp_path, capture_output=True, text=True)

@@ -78,6 +78,7 @@ def test_adversaries_of_a_suite_among_other_planners():
     assert rows["all"]["crashes"] <= min(rows["idm"]["crashes"], rows["constant_velocity"]["crashes"])
 
 
+@pytest.mark.slow
 def test_one_planner_alone_crosses_nobody():
     done = regents("bench", "cross", "--planners", "idm")
     assert done.returncode == 2

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from params import slow
 
 from regents_cosim.errors import NoWindowError, RegentsError
 from regents_cosim.files import content_hash
@@ -60,13 +61,14 @@ def test_a_log_gives_what_the_run_itself_gives(logs):
             np.testing.assert_allclose(getattr(ours.tracks, name), getattr(theirs.tracks, name), atol=tolerance)
 
 
-@pytest.mark.parametrize("name", ["a.xml.gz", "a.csv", "a.csv.gz"])
+@pytest.mark.parametrize("name", ["a.csv.gz", slow("a.xml.gz"), slow("a.csv")])
 def test_formats_agree(logs, name):
     plain, other = record(logs["a.xml"]), record(logs[name])
     assert [content_hash(s) for s in plain] == [content_hash(s) for s in other]
     assert other[0].provenance.file == name
 
 
+@pytest.mark.slow
 def test_a_coarser_log_is_resampled(logs):
     fine = {s.provenance.begin_s: s for s in record(logs["a.xml"], count=99)}
     coarse = record(logs["slow.xml"], count=99)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from params import slow
 
 from regents_cosim.boxes import corners
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
@@ -71,6 +72,7 @@ def lane_changes(*extra: str) -> tuple[int, float]:
     return len(changed), largest
 
 
+@pytest.mark.slow
 def test_lane_changes_are_motions_not_jumps():
     changes, largest = lane_changes()
     assert changes > 0
@@ -96,12 +98,14 @@ def test_the_same_seed_gives_the_same_bits_and_survives_the_disk(merge, tmp_path
     assert content_hash(loaded) == content_hash(merge[0])
 
 
+@pytest.mark.slow
 def test_an_executor_gives_the_same(merge):
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         there = record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=1, executor=pool)
     assert [content_hash(s) for s in there] == [content_hash(s) for s in merge]
 
 
+@pytest.mark.slow
 def test_signals_change_over_time():
     scenarios = record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), count=4)
     for scenario in scenarios:
@@ -114,6 +118,7 @@ def test_signals_change_over_time():
     assert any(len(signal.changes) > 1 for s in scenarios for signal in s.signals)
 
 
+@pytest.mark.slow
 def test_standing_traffic_waits_at_red():
     for scenario in record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), count=4):
         letters = {signal.id: signal.letters(0) for signal in scenario.signals}
@@ -189,14 +194,16 @@ BAD_CONFIGS = {
     f'<net-file value="{MERGE_NET}"/><route-files value="none.rou.xml"/>': "route file not found",
     f'<net-file value="{MERGE_NET}"/><additional-files value="none.add.xml"/>': "additional file not found",
     f'<net-file value="{MERGE_NET}"/><bogus value="1"/>': "SUMO refused: No option with the name 'bogus'",
+}
+COSTLY_CONFIGS = {  # they start SUMO, too
     f'<net-file value="{MERGE_NET}"/><time-to-teleport value="soon"/>': "SUMO refused: .*soon",
     f'<net-file value="{MERGE_NET}"/>': "no vehicle was on the road",
 }
 
 
-@pytest.mark.parametrize("text", BAD_CONFIGS)
+@pytest.mark.parametrize("text", [*BAD_CONFIGS, *map(slow, COSTLY_CONFIGS)])
 def test_bad_configurations_give_one_clear_line(tmp_path, text):
-    with pytest.raises(RegentsError, match=BAD_CONFIGS[text]) as error:
+    with pytest.raises(RegentsError, match=(BAD_CONFIGS | COSTLY_CONFIGS)[text]) as error:
         record_sumo(SumoInput(config(tmp_path, text)))
     assert "\n" not in str(error.value)
 
@@ -240,9 +247,9 @@ def test_sumo_says_what_is_wrong_with_routes(tmp_path, text):
     ("asked", "message"),
     [
         ({"horizon_s": 700.0}, "horizon of 700 s does not fit into the simulation, which lasts 600 s"),
-        ({"begin_s": 700.0}, "The end time should be after the begin time"),
-        ({"extra": ("--step-length", "0.5")}, "recordings are made at 0.1 s only"),
-        ({"extra": ("--nonsense",)}, "SUMO refused: .*nonsense"),
+        slow({"begin_s": 700.0}, "The end time should be after the begin time"),
+        slow({"extra": ("--step-length", "0.5")}, "recordings are made at 0.1 s only"),
+        slow({"extra": ("--nonsense",)}, "SUMO refused: .*nonsense"),
         ({"end_s": 9.0}, "candidate egos in 1 slot"),
     ],
 )

@@ -5,6 +5,7 @@ import gzip
 from pathlib import Path
 
 import pytest
+from params import slow
 
 from regents_cosim.errors import LogError, NoWindowError, SumoError
 from regents_cosim.shipped import network_config
@@ -75,7 +76,7 @@ def test_persons_and_trailers_of_a_run_are_told(tmp_path):
     assert any("articulated" in line for line in said)
 
 
-@pytest.mark.parametrize("length", ["inf", "1e9"])
+@pytest.mark.parametrize("length", ["inf", slow("1e9")])
 def test_a_vehicle_longer_than_any_road_is_one_line(tmp_path, length):
     edge = next(lane.id.rpartition("_")[0] for lane in read_road_map(NET).lanes if not lane.id.startswith(":"))
     (tmp_path / "a.rou.xml").write_text(

@@ -254,6 +254,7 @@ def test_followers_have_sumos_time_to_collision(following):
     assert len(only_ours) <= 0.15 * len(ratios)
 
 
+@pytest.mark.slow
 def test_followers_have_sumos_deceleration_to_avoid_a_crash(following):
     sumo, mine = following
     ratios = agreement(sumo["DRAC"], mine["DRAC"], FOLLOWING)
@@ -296,6 +297,7 @@ def test_who_meets_in_the_area_leaves_no_time(turning):
     assert {pair for pair, value in mine["PET"].items() if value == 0.0} == both_in
 
 
+@pytest.mark.slow
 def test_tracks_have_the_crossings_and_joins_of_the_lanes(turning):
     *_, further = turning
     assert len(further["crossing"]) >= 50

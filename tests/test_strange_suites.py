@@ -5,6 +5,7 @@ import shlex
 from dataclasses import replace
 
 import pytest
+from params import slow
 
 from regents_cosim.cli import run
 from regents_cosim.errors import PlannerError
@@ -143,7 +144,7 @@ def test_a_report_offers_our_own_planners(tmp_path):
 # --- pytest -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["conftest.py", "__init__.py", "pytest.ini"])
+@pytest.mark.parametrize("name", ["conftest.py", slow("__init__.py"), slow("pytest.ini")])
 def test_pytest_refuses_a_suite_with_code(hostile, pytester, name, monkeypatch):
     (hostile / name).write_text("[pytest]\n" if name.endswith("ini") else "open('PWNED', 'w')\n")
     done = pytester.runpytest_subprocess(f"--regents-suite={hostile}", "--regents-planner=idm")

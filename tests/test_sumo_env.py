@@ -216,6 +216,7 @@ def test_a_case_that_sumo_cannot_play_is_said_and_the_next_one_can(env):
     env.step(NOTHING)
 
 
+@pytest.mark.slow
 def test_a_sumo_that_dies_is_said_and_the_next_reset_starts_another():
     made = make(case=meeting())
     made.reset(seed=0)
@@ -236,6 +237,7 @@ def alive(pid):
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks into /proc")
 def test_nobody_is_left_behind():
     made = make(case=meeting())

@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
+from params import slow
 
 from regents_cosim.errors import SumoError
 from regents_cosim.shipped import network_config
@@ -87,7 +88,7 @@ def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path):
     refused("is not a file", config=tmp_path / "b.sumocfg")
 
 
-@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("packed", [slow(False), True])
 def test_a_tag_of_megabytes_is_read_in_time(tmp_path, packed):
     content = b"<additional " + b" ".join(b'a%d=""' % k for k in range(300_000)) + b"/>"
     (tmp_path / "a.xml").write_bytes(gzip.compress(content) if packed else content)

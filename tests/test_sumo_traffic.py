@@ -112,6 +112,7 @@ def test_recorded_traffic_stays_free_of_collisions_when_sumo_drives_all_of_it(ne
     assert np.abs(found.tracks.speed - made.tracks.speed)[there][came].max() < 1e-6
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_traffic():
     made = load_case(next(QUICKSTART.glob("grid-00064*")))
     drives = [SumoDrive(made, released=background_drivers(made), seed=seed) for seed in (1, 1, 2)]
@@ -121,6 +122,7 @@ def test_the_same_seed_gives_the_same_traffic():
     assert np.abs(first.x - other.x).max() > 0.1
 
 
+@pytest.mark.slow
 def test_whom_sumo_cannot_drive_stays_on_its_track(drive):
     lost = straight("lost", 600.0, 700.0, 2.0, 20.0)
     against = straight("against", -20.0, LANE_Y, np.pi, 9.0)

@@ -83,6 +83,7 @@ def test_inside_the_compiled_loop_it_drives_as_outside():
     assert np.ptp(controls.accel) > 0.01
 
 
+@pytest.mark.slow
 def test_translated_it_answers_the_same():
     module = torch_planners.OfManyParts().eval()
     for parameter in module.parameters():
@@ -119,6 +120,7 @@ def test_attacked():
     assert fine.attack.act_time.decisions >= 80
 
 
+@pytest.mark.slow
 def test_one_that_does_not_fit():
     (case,) = attack([BUSY], QUICK, f"torch:{FILE}:Shapeless")
     assert case.attack.outcome == "planner_error"

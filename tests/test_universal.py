@@ -119,6 +119,7 @@ def test_a_single_planner_leaves_no_word_of_several():
     assert {"universal", "against", "crashed"}.isdisjoint(plain)
 
 
+@pytest.mark.slow
 def test_the_ego_of_another_planner_does_not_follow_the_one_that_crashed(attacked):
     other = among_adversaries(attacked)
     assert np.array_equal(other.tracks.x[0], attacked.original.x[0])

@@ -39,6 +39,7 @@ def both(installed, code):
     return done.stdout, done.stderr
 
 
+@pytest.mark.slow
 def test_networks_and_scenarios_come_with_it(installed):
     code = "from regents_cosim.shipped import *; print(shipped('scenarios'), *map(network_config, NETWORKS))"
     paths = [Path(line) for line in run(installed, code).split()]

@@ -10,6 +10,7 @@ import time
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 
 import pytest
+from params import slow
 
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
 from regents_cosim.workers import executor_for, local_processes, result_of, run_each, run_isolated, submit
@@ -140,6 +141,7 @@ def test_a_death_costs_its_job_only_in_shared_processes_as_well():
         assert pool.submit(abs, -1).result() == 1
 
 
+@pytest.mark.slow
 def test_a_pool_of_others_that_breaks_costs_no_other_result():
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         check_outcomes(run_each(work, JOBS, pool))
@@ -169,7 +171,11 @@ print("end", globals().get("__file__", "").rpartition("/")[2], getattr(__spec__,
 
 @pytest.mark.parametrize(
     ("command", "end"),
-    [(["script.py"], "end script.py None"), (["-m", "script"], "end script.py script"), (["-c", SCRIPT], "end  None")],
+    [
+        (["script.py"], "end script.py None"),
+        slow(["-m", "script"], "end script.py script"),
+        slow(["-c", SCRIPT], "end  None"),
+    ],
 )
 def test_a_script_needs_no_guard(tmp_path, command, end):
     (tmp_path / "script.py").write_text(SCRIPT)

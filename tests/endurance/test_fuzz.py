@@ -10,6 +10,7 @@ def failures(names, count, hostile):
     return {t.reader: t.failures for t in fuzz_all(tasks_of(count, 3, names, hostile)) if not t.clean}
 
 
+@pytest.mark.slow
 def test_no_reader_breaks_on_mutated_files():
     assert failures([one.name for one in readers().values() if one.cost == 1], 15, hostile=False) == {}
 

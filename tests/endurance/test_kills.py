@@ -12,6 +12,7 @@ def kills(count, jobs, tmp_path):
     return tallies
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment_nothing_is_lost_and_nothing_keeps_running(tmp_path):
     kills(4, [job for job in JOBS if job.name in ("record", "suite merge")], tmp_path)
 

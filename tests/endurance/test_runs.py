@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from params import slow
 
 from tests.endurance.attacks import run
 from tests.endurance.gauge import Gauge, Sample
@@ -37,13 +38,14 @@ def test_memory_that_grows_is_found(tmp_path):
     assert leaking.growth(200.0) == leaking.growth(None) == []
 
 
-@pytest.mark.parametrize("where", ["sumo", "highway"])
+@pytest.mark.parametrize("where", [slow("sumo"), "highway"])
 def test_replays_leave_nothing(where):
     found = play(8, where, every=2, check_memory=False)
     assert (found["count"], found["failures"], found["grown"]) == (8, {}, [])
     assert found["left"] == {"children": 0, "files": 0}
 
 
+@pytest.mark.slow
 def test_attacks_leave_nothing():
     found = run(8, every=2, check_memory=False, most_jobs=1)
     assert (found["count"], found["failures"], found["grown"]) == (8, 0, [])

@@ -5,6 +5,7 @@ import pytest
 from tests.endurance.writers import run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rounds", "writers", "adds"), [(1, 3, 4), pytest.param(10, 4, 25, marks=pytest.mark.slow, id="long")]
 )
