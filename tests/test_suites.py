@@ -29,27 +29,28 @@ def card(number=0, kind="t_bone", network="merge", window="w", adversary="car1",
     return Card(f"case{number:03d}", network, kind, clean, avoidable, adversary=adversary, window=window, **values)
 
 
-cards = st.lists(
-    st.builds(
-        card,
-        kind=st.sampled_from(KINDS),
-        network=st.sampled_from(["merge", "grid", "crossing"]),
-        window=st.sampled_from([f"w{i}" for i in range(12)]),
-        adversary=st.sampled_from(["car1", "car2"]),
-        clean=st.sampled_from([True, True, False, None]),
-        avoidable=st.sampled_from([True, True, False, None]),
-        planner=st.sampled_from(["idm", "log_replay"]),
-        telling=st.sampled_from([False, None]),
-    ),
+# Plain values, of which the test makes cards: beartype, which checks them, draws from `random`, and a strategy may not.
+values_of_cards = st.lists(
+    st.fixed_dictionaries({
+        "kind": st.sampled_from(KINDS),
+        "network": st.sampled_from(["merge", "grid", "crossing"]),
+        "window": st.sampled_from([f"w{i}" for i in range(12)]),
+        "adversary": st.sampled_from(["car1", "car2"]),
+        "clean": st.sampled_from([True, True, False, None]),
+        "avoidable": st.sampled_from([True, True, False, None]),
+        "planner": st.sampled_from(["idm", "log_replay"]),
+        "telling": st.sampled_from([False, None]),
+    }),
     max_size=40,
-).map(lambda found: [replace(one, case=f"case{i:03d}") for i, one in enumerate(found)])
+)  # fmt: skip
 
 
 # --- what is chosen ---------------------------------------------------------------------------
 
 
-@given(cards, st.integers(0, 20), st.integers(0, 5), st.randoms())
-def test_the_choice_does_not_depend_on_the_order_and_keeps_the_rules(found, count, unavoidable, random):
+@given(values_of_cards, st.integers(0, 20), st.integers(0, 5), st.randoms())
+def test_the_choice_does_not_depend_on_the_order_and_keeps_the_rules(values, count, unavoidable, random):
+    found = [card(i, **of) for i, of in enumerate(values)]
     chosen = choose_adversarial(found, count, unavoidable, seed=0)
     shuffled = random.sample(found, len(found))
     assert choose_adversarial(shuffled, count, unavoidable, seed=0) == chosen
