@@ -122,8 +122,9 @@ def suite(tmp_path):
     return folder
 
 
-@pytest.mark.parametrize("what", ["rewrite", "build"])
-@pytest.mark.parametrize("times", [2, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("what", "times"), [("rewrite", 2), slow("build", 2), slow("rewrite", 100), slow("build", 100)]
+)
 def test_after_a_kill_a_suite_is_whole_and_the_next_writer_cleans_up(suite, what, times):
     dice = random.Random(times)
     for _ in range(times):
@@ -132,7 +133,7 @@ def test_after_a_kill_a_suite_is_whole_and_the_next_writer_cleans_up(suite, what
     assert_cleaned_up(suite)
 
 
-@pytest.mark.parametrize("what", ["rewrite", "build"])
+@pytest.mark.parametrize("what", ["rewrite", slow("build")])
 @pytest.mark.parametrize("exchange", ["yes", slow("no")])
 @pytest.mark.parametrize("stride", [11, pytest.param(1, marks=pytest.mark.slow)])
 def test_after_a_kill_before_a_change_to_the_disk_a_suite_is_whole(suite, what, exchange, stride):

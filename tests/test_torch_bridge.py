@@ -1,6 +1,7 @@
 """Torch modules at the wheel."""
 
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -22,8 +23,8 @@ from regents_cosim.planners.torch_bridge import TorchPlanner, features
 from regents_cosim.planners.torch_in_loop import TorchInLoop
 from regents_cosim.planners.torch_translation import NotTranslatedError, translate
 
-torch = pytest.importorskip("torch", reason="torch is an extra")
-import torch_planners  # noqa: E402  needs torch
+# Imported by the tests that need it themselves: it takes two seconds of every process that only collects them.
+pytestmark = pytest.mark.skipif(find_spec("torch") is None, reason="torch is an extra")
 
 FILE = Path(__file__).with_name("torch_planners.py")
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9))
@@ -85,6 +86,9 @@ def test_inside_the_compiled_loop_it_drives_as_outside():
 
 @pytest.mark.slow
 def test_translated_it_answers_the_same():
+    import torch
+    import torch_planners
+
     module = torch_planners.OfManyParts().eval()
     for parameter in module.parameters():
         parameter.requires_grad_(False)
@@ -101,6 +105,9 @@ def test_translated_it_answers_the_same():
     ("attribute", "said"), [("Sorted", "aten.sort.default is not among"), ("Raises", "data-dependent")]
 )
 def test_what_is_not_translated_drives_outside(attribute, said):
+    import torch
+    import torch_planners
+
     module = getattr(torch_planners, attribute)().eval()
     with pytest.raises(NotTranslatedError, match=said):
         translate(module, torch.zeros(1, 5), torch.zeros(1, 16, 8))
