@@ -122,14 +122,14 @@ def test_a_log_of_gigabytes_is_not_taken_into_memory(tmp_path, head):
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
 def test_a_limit_that_one_works_under_makes_no_log_damaged(tmp_path):
     pytest.importorskip("polars")
-    path = log_files.write_argoverse2_motion(tmp_path)
+    folder = log_files.write_argoverse2_motion(tmp_path)
     script = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))\n"
         "from pathlib import Path; from regents_cosim.sources.logs.polars_files import _read\n"
         "print(len(_read(Path(sys.argv[1]), ('position_x',), (), ())))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", script, str(next(path.parent.rglob("*.parquet")))], capture_output=True, text=True
+        [sys.executable, "-c", script, str(next(folder.rglob("*.parquet")))], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 10
