@@ -29,7 +29,7 @@ def wheel():
 
 @pytest.fixture(scope="module")
 def attacked():
-    return next(attack([platoon(seed=1)], REGENTS, "constant_velocity"))
+    return next(attack([platoon(6, seed=1)], REGENTS, "constant_velocity"))
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_on_the_way_back_vehicles_move_as_they_can(attacked, part):
 
 
 def test_without_a_collision_there_is_nothing_to_shrink(wheel):
-    missed = next(attack([platoon()], replace(REGENTS, iterations=1), "constant_velocity"))
+    missed = next(attack([platoon(6)], replace(REGENTS, iterations=1), "constant_velocity"))
     with pytest.raises(RegentsError, match="no collision to shrink: its attack ended as no_collision"):
         shrink(missed, wheel)
     with pytest.raises(RegentsError, match="no collision to shrink: it was never attacked"):

@@ -40,7 +40,6 @@ def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("logs")
     for name in ("a.xml", "a.csv"):
         run_isolated(write_log, folder / name)
-    run_isolated(write_log, folder / "slow.xml", "--device.fcd.period", "0.5")
     (folder / "a.xml.gz").write_bytes(gzip.compress((folder / "a.xml").read_bytes()))
     (folder / "a.csv.gz").write_bytes(gzip.compress((folder / "a.csv").read_bytes()))
     return Logs(folder)
@@ -70,6 +69,7 @@ def test_formats_agree(logs, name):
 
 @pytest.mark.slow
 def test_a_coarser_log_is_resampled(logs):
+    run_isolated(write_log, logs["slow.xml"], "--device.fcd.period", "0.5")
     fine = {s.provenance.begin_s: s for s in record(logs["a.xml"], count=99)}
     coarse = record(logs["slow.xml"], count=99)
     assert coarse

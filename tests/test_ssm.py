@@ -306,6 +306,7 @@ def test_tracks_have_the_crossings_and_joins_of_the_lanes(turning):
     assert np.abs(further["joining"]).max() < 1.5  # a turn is all but over before the common lane begins
 
 
+@pytest.mark.slow
 def test_ways_that_join_have_sumos_time_to_collision(turning):
     sumo, mine, *_ = turning
     ratios = agreement(sumo["TTC"], mine["TTC"], JOINING)
@@ -313,6 +314,7 @@ def test_ways_that_join_have_sumos_time_to_collision(turning):
     assert within_five_percent(ratios) >= 0.9
 
 
+@pytest.mark.slow
 def test_a_crash_that_tracks_foresee_is_one_that_sumo_sees(turning):
     sumo, mine, *_ = turning
     only_ours = set(below(mine, "TTC")) - set(sumo["TTC"])  # the area that two bodies sweep is larger than SUMO's

@@ -253,7 +253,8 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
     judgement = case.judgement
     if judgement is None:
         return []
-    flaws = "; ".join(_FLAWS[flaw] for flaw in judgement.flaws)
+    # a file may name others
+    flaws = "; ".join(_FLAWS.get(flaw, flaw.replace("_", " ")) for flaw in judgement.flaws)
     said = [("Telling", telling_words(judgement)), ("As a test", flaws or "clean: nothing spoils it")]
     if (law := judgement.law) is not None:
         said += [
