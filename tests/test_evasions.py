@@ -59,6 +59,26 @@ def test_then_comes_the_shoulder():
     assert gentlest.side == "shoulder"
 
 
+def test_to_stop_in_front_of_one_that_comes_is_no_answer_where_another_is():
+    """It drifts over the centre line in the last two seconds; the ego could stop 30 m ahead of it."""
+    made = scene((0, 0, 10), (160, 3.2, 10), road=two_way(shoulder_m=3.0))
+    time = DT * np.arange(81)
+    yaw = np.array(made.tracks.yaw)
+    yaw[1] = np.pi + np.where(time > 6.0, 0.1, 0.0)
+    tracks = replace(moved(made, 1, x=160 - 10 * time, y=3.2 - np.maximum(time - 6.0, 0.0)), yaw=yaw)
+    found, gentlest, _ = shown(crash(made, tracks))
+    assert found.in_time
+    assert gentlest.shift < 0.0
+
+
+def test_what_begins_late_and_brakes_gently_comes_first():
+    attacked = braking_lead(40.0)
+    late = attacked.attack.collision.step - 25
+    found, gentlest, _ = shown(attacked)
+    assert gentlest.onset_step >= max(late, reacts_step(found.perceived_step, DT))
+    assert -4.0 <= gentlest.accel < 0.0
+
+
 def test_lanes_of_others_come_last_and_are_named():
     judged = judge(standing_car(42.0, two_way()))
     gentlest = judged.judgement.avoidability.gentlest

@@ -5,10 +5,13 @@ From the most preferred on:
 1. in time before too early: it begins no earlier than the time to react after the adversary can be seen to depart from
    its log (`perception`), and in the last 4 s before the collision rather than before, as far ahead as a careful driver
    looks; then no earlier than that is seen; then at any time, which takes knowledge of what comes;
-2. to brake in lane, then to swerve within the lanes that the ego may use, then onto the shoulder, then into other
+2. what is out of harm's way for good: for 3 s beyond the horizon, whichever way within 10 degrees the adversary goes
+   on. To stop in front of one that comes and may pass is an answer only where there is no other;
+3. to brake in lane, then to swerve within the lanes that the ego may use, then onto the shoulder, then into other
    lanes or past a red light;
-3. among those, what leaves more room than is needed; then what goes on until the danger is over; then what takes the
-   least share of the tyres' friction, steers less, brakes less, begins later.
+4. among those, what begins in the last 2.5 s; then what takes no more than 4.5 m/s^2; then what leaves more room than
+   is needed; then what goes on until the danger is over; then what takes the least share of the tyres' friction,
+   steers less, brakes less, begins later.
 
 To hold the speed, to speed up, or to brake less than the ego did itself is no answer to anything: it meets nobody by
 the accident of its timing, and counts among what takes knowledge ahead.
@@ -26,12 +29,19 @@ from regents_cosim.boxes import Boxes, corners
 from regents_cosim.planners.route import plan_route
 from regents_cosim.scenario import Collision, Scenario, Side
 from regents_cosim.verdicts.manoeuvres import Bank, Fan
+from regents_cosim.verdicts.obstacles import Others
 from regents_cosim.verdicts.ways import lawful_area
+
+FOR_GOOD_S = 3.0  # beyond the horizon: what is out of harm's way then needs no luck
 
 _LEFT_M = 0.3  # what a corner may be outside of an area and still count as inside, as for the road
 _FASTER_M_S = 0.1  # than the ego itself: no answer
 _BESIDE_M = 0.5  # of its own way: no longer in its lane
 _AHEAD_S = 4.0  # of a collision: the careful driver's foresight
+_SOON_S = 2.5  # of a collision: NHTSA's test of collision warnings wants them 2.0 to 2.4 s ahead at the latest
+_HARD_M_S2 = 4.5  # more is an emergency's: comfortable systems brake by up to 3.5 to 5 m/s^2 (ISO 15622)
+_ROOM_M = 0.5  # what a careful driver leaves, where there is so much
+_TURNED_RAD = np.deg2rad([0.0, 5.0, -5.0, 10.0, -10.0])  # that the adversary may turn by beyond the horizon
 _LANES_M = 100.0  # around the ego's track
 
 Found = Sequence[Fan]
@@ -41,23 +51,73 @@ class Preference:
     """What a careful driver would do in the place of the ego of one crash."""
 
     def __init__(self, attacked: Scenario, hit: Collision, bank: Bank, perceived: int, reacts: int) -> None:
-        self._attacked, self._bank = attacked, bank
+        self._attacked, self._bank, self._hit = attacked, bank, hit
         self._until = hit.step
         self.perceived, self.reacts = perceived, reacts
+
+    def first(self, evading: Found) -> tuple[Fan, int]:
+        """The one that he would do, and its place in its fan."""
+        tier = next(kept for tier in self.tiers(evading) if (kept := [fan for fan in tier if len(fan)]))
+        others = Others(self._attacked, self._hit, _ROOM_M)
+        roomy = [kept for fan in tier if len(kept := others.untouched_by(fan))]
+        return min((self._gentlest(fans) for fans in (roomy, tier) if fans), key=self._rank)
 
     def tiers(self, evading: Found) -> Iterator[Found]:
         """`evading` in groups, those that a careful driver would rather do first; all of them come in the last."""
         answers = [fan.take(self.answers(fan)) for fan in evading]
-        soon = self._until - round(_AHEAD_S / self._attacked.dt)
+        soon = self._before_hit(_AHEAD_S)
         for earliest in (max(self.reacts, soon), self.reacts, self.perceived, 0):
             late = [fan for fan in answers if fan.onset >= earliest and len(fan)]
-            yield [fan.take(self.in_lane(fan) & ~self.runs_red(fan)) for fan in late]
-            aside = [fan.take(~self.in_lane(fan)) for fan in late]
-            sides = [(fan, self.side(fan), self.runs_red(fan)) for fan in aside]
-            for wanted in ("own", "shoulder"):
-                yield [fan.take((np.array(side) == wanted) & ~red) for fan, side, red in sides]
+            yield from self._by_place([self._for_good(fan) for fan in late])
+            yield from self._by_place(late)
             yield late
         yield evading
+
+    def _by_place(self, fans: Found) -> Iterator[Found]:
+        """In lane, on the own side, on the shoulder."""
+        fans = [fan for fan in fans if len(fan)]
+        yield [fan.take(self.in_lane(fan) & ~self.runs_red(fan)) for fan in fans]
+        aside = [fan.take(~self.in_lane(fan)) for fan in fans]
+        sides = [(fan, np.array(self.side(fan), dtype=object), self.runs_red(fan)) for fan in aside]
+        for wanted in ("own", "shoulder"):
+            yield [fan.take((side == wanted) & ~red) for fan, side, red in sides]
+
+    def _for_good(self, fan: Fan) -> Fan:
+        """Those that the adversary misses whichever way it goes on beyond the horizon."""
+        for others in self._going_on:
+            fan = others.untouched_by(fan, since=self._attacked.tracks.steps)
+        return fan
+
+    def _gentlest(self, fans: Found) -> tuple[Fan, int]:
+        accel, lateral_accel = self._accels
+        ends = np.array([lasting is not None for _, lasting in self._bank.along])
+        found = []
+        for fan in fans:
+            share = np.round(fan.friction_share, 6)
+            keys = (*self._drastic(fan), ends[fan.along], share, lateral_accel[fan.aside], accel[fan.along])
+            index = int(np.lexsort(keys[::-1])[0])
+            found.append((*(float(key[index]) for key in keys), -fan.onset, fan, index))
+        *_, fan, index = min(found, key=lambda entry: entry[:7])
+        return fan, index
+
+    def _rank(self, found: tuple[Fan, int]) -> list[bool]:
+        fan, index = found
+        return [bool(drastic[index]) for drastic in self._drastic(fan)]
+
+    def _drastic(self, fan: Fan) -> tuple[np.ndarray, np.ndarray]:
+        """Whether manoeuvres begin long before the collision, and whether they are an emergency's."""
+        accel, lateral_accel = self._accels
+        hard = np.hypot(accel[fan.along], lateral_accel[fan.aside]) > _HARD_M_S2
+        return np.full(hard.shape, fan.onset < self._before_hit(_SOON_S)), hard
+
+    @cached_property
+    def _accels(self) -> tuple[np.ndarray, np.ndarray]:
+        """[m/s^2] of each way along and each way aside."""
+        along, aside = (np.abs([pair[0] for pair in pairs]) for pairs in (self._bank.along, self._bank.aside))
+        return along, aside
+
+    def _before_hit(self, seconds: float) -> int:
+        return self._until - round(seconds / self._attacked.dt)
 
     def answers(self, fan: Fan) -> Bool[np.ndarray, " manoeuvre"]:
         """Which brake or steer, and are never faster than the ego itself was up to the collision."""
@@ -106,6 +166,11 @@ class Preference:
         elsewhere = shapely.contains_xy(self._other_lanes, places[left][:, 0], places[left][:, 1])
         sides[shifted[np.unique(row[elsewhere])]] = "oncoming"
         return sides.tolist()
+
+    @cached_property
+    def _going_on(self) -> list[Others]:
+        """The others, with the adversary going on in several directions beyond the horizon."""
+        return [Others(self._attacked, self._hit, 0.0, FOR_GOOD_S, turned) for turned in _TURNED_RAD.tolist()]
 
     @cached_property
     def _own_line(self) -> shapely.LineString:
