@@ -11,18 +11,16 @@ from scenes import DT, crash, platoon, scene, straight_road
 
 from regents_cosim.attacks.acceptance import is_clean
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.descent import ego_contacts, to_controls
+from regents_cosim.attacks.descent import ego_contacts
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
-from regents_cosim.attacks.timings import retimed
 from regents_cosim.boxes import Boxes, corners, overlap
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.levels import beyond_road
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.rollout import roll_out_background
-from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, scene_origin, to_tracks, to_world
+from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, scene_origin, to_world
 from regents_cosim.verdicts.clean import flaws, touches_in
 from regents_cosim.verdicts.leaving_road import corners_leave
 
@@ -151,33 +149,6 @@ def test_what_the_search_accepts_is_what_the_exact_boxes_call_clean():
     crashes = [spoilt for case in found if (spoilt := flaws(case)) is not None]
     assert crashes
     assert not any(crashes)
-
-
-def bent():
-    """A platoon whose fourth car drives a curve."""
-    made = platoon()
-    world = to_world(made)
-    curvature = world.controls.curvature.at[3].set(0.01)
-    driven = roll_out_background(world, replace(world.controls, curvature=curvature))
-    return to_world(replace(made, tracks=to_tracks(driven, world.controls, made)))
-
-
-def test_another_timing_keeps_to_the_path_and_moves_along_it():
-    world = bent()
-    movers = Movers.only(3, world.valid.shape[0])
-    ego = jax.tree.map(lambda values: values[0], world.log)
-    path = np.stack([world.log.x[3], world.log.y[3]], axis=-1)
-    ends = set()
-    for rank in range(3):
-        actions = retimed(world, ego, movers, REGENTS_FOCUSED, jnp.int32(rank))
-        driven = roll_out_background(world, movers.put(world.controls, to_controls(actions)))
-        places = np.stack([driven.x[3], driven.y[3]], axis=-1)
-        ends.add(round(float(np.hypot(*np.diff(places, axis=0).T).sum()), 1))
-        along = places[np.hypot(*(places - path[0]).T) < np.hypot(*(path[-1] - path[0])) - 1.0]
-        line = shapely.LineString(path)
-        assert max(line.distance(shapely.Point(place)) for place in along) < 0.3
-    assert len(ends) == 3
-    assert round(float(np.hypot(*np.diff(path, axis=0).T).sum()), 1) not in ends
 
 
 @pytest.mark.slow

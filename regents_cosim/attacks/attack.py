@@ -7,32 +7,36 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks import published
-from regents_cosim.attacks.attempts import Search, attempt
+from regents_cosim.attacks.attempts import Attempts, Search, attempt
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.descent import ExtraCost, Found, to_actions
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.lanes import search_in_lanes
+from regents_cosim.attacks.lawful import under_the_law
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import Drives, Request, in_compiled_loop, in_process, pursue
 from regents_cosim.attacks.replanned import Traffic
 from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.search import descend
+from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.attacks.universal import Several
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.logged import logged
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.rollout import with_ego
+from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.names import distinct_word, file_name, word
 from regents_cosim.planners.host_pool import HostPool
@@ -42,8 +46,10 @@ from regents_cosim.planners.patience import ACT_TIMEOUT
 from regents_cosim.planners.systems import ACT_TIMEOUT_S, HostPlanner, find_planner
 from regents_cosim.ranges import Range
 from regents_cosim.scenario import ActTime, AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
+from regents_cosim.verdicts.judgement import is_telling
 
 _LABEL = 40  # characters of a planner or an adversary in the id of a case
+_CONSIDERED = 3  # times the candidates that are searched: so many are asked for ways that meet the ego
 _COST_TERMS = ("ego", "pair", "road")
 _BATCH = Range(1, 100_000, "scenarios on the device at once", whole=True)
 
@@ -183,8 +189,8 @@ class _Attack:
         """The model by which vehicles move in `scenario`."""
         return scenario.dynamics if self.config.dynamics == "recorded" else self.config.dynamics
 
-    def jobs(self, scenario: Scenario) -> list[Job]:
-        """The descents that a scenario takes: one, or one for each of the nearest candidates."""
+    def jobs(self, scenario: Scenario, drives: Drives) -> list[Attempts]:
+        """The searches that a scenario takes: one, or some for each of the candidates that promise most."""
         if scenario.attack is not None:
             raise RegentsError(
                 f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
@@ -197,57 +203,107 @@ class _Attack:
             memory = self.planner.init(scene) if several else start(self.planner, scene, self.planner_name)
         allowed = np.asarray(_candidates(world, self.config))
         if self.config.search == "joint" or not allowed.any():
-            return [Job(world, memory, Movers.among(jnp.asarray(allowed)))]
-        nearest = [Movers.only(agent, len(allowed)) for agent in _nearest(world, allowed, self.config)]
-        if self.config.attempts == 1:
-            return [Job(world, memory, mover) for mover in nearest]
-        # Given as a start, for one compiled program with the attempts that start elsewhere.
-        return [Job(world, memory, mover, mover.rows(to_actions(world.controls))) for mover in nearest]
+            return [Attempts(Job(world, memory, Movers.among(jnp.asarray(allowed))), (None,))]
+        nearest = _nearest(world, allowed, self.config)
+        ego = self.unattacked(scenario, world, memory, drives) if self.config.attempts > 1 else None
+        if ego is None:
+            return [self.attempts(scenario, world, memory, agent, ()) for agent in nearest[: self.config.nearest]]
+        found = {agent: starts(scenario, agent, ego, self.config.attempts - 1) for agent in nearest}
+        chosen = sorted(nearest, key=lambda agent: -max((one.promise for one in found[agent]), default=-np.inf))
+        return [self.attempts(scenario, world, memory, agent, found[agent]) for agent in chosen[: self.config.nearest]]
 
-    def jobs_or_failure(self, scenario: Scenario) -> "list[Job] | DriveError":
+    def attempts(self, scenario: Scenario, world: World, memory: Any, agent: int, found: Sequence[Start]) -> Attempts:
+        """The searches for one candidate: from each of the starts `found`, and last from the log."""
+        if self.config.law == "strict":
+            world = under_the_law(world, scenario, agent)
+        job = Job(world, memory, Movers.only(agent, len(world.valid)))
+        if self.config.attempts == 1:
+            return Attempts(job, (None,))
+        # The log is given as a start as well: one compiled program for all attempts.
+        logged = job.movers.rows(to_actions(world.controls))
+        return Attempts(job, (*followed(scenario, job, found, self.config.attempts - 1), logged))
+
+    def unattacked(self, scenario: Scenario, world: World, memory: Any, drives: Drives) -> Tracks | None:
+        """The ego's track [1, time] among the traffic as it was recorded; None where it fails or collides there."""
+        job = Job(world, memory[0] if isinstance(self.planner, Several) else memory, Movers.only(0, len(world.valid)))
+        background = roll_out_background(world, world.controls)
+        reacting = world.vehicle if self.config.background == "reactive" else None
+        (driven,) = drives([Request(scenario, job, Traffic(background, reacting))])
+        if isinstance(driven, DriveError):
+            return None  # the first attempt will say why
+        tracks = to_tracks(with_ego(background, driven.ego.motion), world.controls, scenario)
+        return None if first_contact(scenario.agents, tracks) else tracks
+
+    def jobs_or_failure(self, scenario: Scenario, drives: Drives) -> "list[Attempts] | DriveError":
         """The same, or why the planner cannot drive there."""
         try:
-            return self.jobs(scenario)
+            return self.jobs(scenario, drives)
         except DriveError as failure:
             return failure
+
+    def loop(self) -> Drives:
+        """Closed loops of the planner in JAX; of several, of the first."""
+        first = self.planner.planners[0] if isinstance(self.planner, Several) else self.planner
+        assert isinstance(first, JaxPlanner)
+        return in_compiled_loop(first, self.planner_name)
 
     def run(self, scenario: Scenario) -> list[Scenario]:
         """One result, or one for every distinct adversary, against a planner in JAX."""
         assert isinstance(self.planner, JaxPlanner)
+        loop = self.loop()
         if self.config.optimiser != "adam":
-            return self.search([scenario], self.blind)[0]
-        loop = in_compiled_loop(self.planner, self.planner_name)
+            return self.search([scenario], self.blind, loop)[0]
         pursued = self.config.replan_every > 1
-        return self.search([scenario], self.pursuit(loop) if pursued else self.descend)[0]
+        return self.search([scenario], self.pursuit(loop) if pursued else self.descend, loop)[0]
 
-    def search(self, scenarios: list[Scenario], run: Search, pool: Executor | None = None) -> list[list[Scenario]]:
+    def search(
+        self, scenarios: list[Scenario], run: Search, drives: Drives, pool: Executor | None = None
+    ) -> list[list[Scenario]]:
         """The results of several scenarios whose descents are made together; `pool` prepares them.
 
         Where the planner raises in the program that they share, each answers for itself.
         """
         try:
             with foreign(self.planner_name, scenarios[0].id):
-                return self._search(scenarios, run, pool)
+                return self._search(scenarios, run, drives, pool)
         except DriveError as failure:
             if len(scenarios) == 1:
                 return [[self.failed(scenarios[0], failure)]]
-        return [self.search([scenario], run)[0] for scenario in scenarios]
+        return [self.search([scenario], run, drives)[0] for scenario in scenarios]
 
-    def _search(self, scenarios: list[Scenario], run: Search, pool: Executor | None) -> list[list[Scenario]]:
-        jobs = list((pool.map if pool else map)(self.jobs_or_failure, scenarios))
+    def _search(
+        self, scenarios: list[Scenario], run: Search, drives: Drives, pool: Executor | None
+    ) -> list[list[Scenario]]:
+        prepare = partial(self.jobs_or_failure, drives=drives)
+        jobs = list((pool.map if pool else map)(prepare, scenarios))
         made = [
-            (scenario, job)
+            (scenario, one)
             for scenario, mine in zip(scenarios, jobs, strict=True)
             if not isinstance(mine, DriveError)
-            for job in mine
+            for one in mine
         ]
-        ended = iter(attempt(made, run, self.config))
+        ended = iter(attempt(made, self.told(run), self.config))
         return [
             [self.failed(scenario, mine)]
             if isinstance(mine, DriveError)
-            else self.results(scenario, mine, list(itertools.islice(ended, len(mine))))
+            else self.results(scenario, [one.job for one in mine], list(itertools.islice(ended, len(mine))))
             for scenario, mine in zip(scenarios, jobs, strict=True)
         ]
+
+    def told(self, run: Search) -> Search:
+        """The same searches; where a telling crash is wanted, the exact verdict on the host has the last word."""
+        if self.config.accept != "telling":
+            return run
+        return lambda jobs: [self.if_telling(*job, one) for job, one in zip(jobs, run(jobs), strict=True)]
+
+    def if_telling(self, scenario: Scenario, job: Job, ended: Ended) -> Ended:
+        """How a search ended; not with success where its crash is none that tells, as far as that is known."""
+        found = ended.found
+        if not ended.accepted or not isinstance(found, Found) or _outcome(found) != "collision":
+            return ended
+        if is_telling(self.attacked(scenario, job, ended)) is not False:
+            return ended
+        return replace(ended, found=eqx.tree_at(lambda one: one.accepted, found, jnp.asarray(False)))
 
     def descend(self, jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
         """One descent after the other, with a planner in JAX that drives in every iteration."""
@@ -404,21 +460,23 @@ def _takes_batches(process: HostProcess) -> bool:
 
 def _driven_in_process(attack: _Attack, some: list[Scenario], processes: HostPool) -> list[list[Scenario]]:
     with processes.lend() as process:
-        return attack.search(some, attack.pursuit(in_process(process)))
+        drives = in_process(process)
+        return attack.search(some, attack.pursuit(drives), drives)
 
 
 def _in_lanes(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> Iterator[list[Scenario]]:
     rest = iter(scenarios)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         while some := list(itertools.islice(rest, batch)):
-            yield from attack.search(some, attack.lanes(batch), pool)
+            yield from attack.search(some, attack.lanes(batch), attack.loop(), pool)
 
 
 def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:
     """The candidates that come nearest to the ego in the log, the nearest first."""
     distances = np.asarray(_logged_distances(world, config))
     order = np.argsort(np.where(allowed, distances, np.inf), kind="stable")
-    return [int(agent) for agent in order[: config.nearest] if allowed[agent]]
+    considered = config.nearest * (_CONSIDERED if config.attempts > 1 else 1)
+    return [int(agent) for agent in order[:considered] if allowed[agent]]
 
 
 # Compiled as a whole: op by op, the first call of a process would compile each of them alone.

@@ -1,40 +1,50 @@
-"""Several descents for a candidate that was not brought to collide as wanted, from another timing each."""
+"""Several descents for a candidate that was not brought to collide as wanted, from another start each."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-
-import jax
-import jax.numpy as jnp
+from typing import NamedTuple
 
 from regents_cosim.attacks.descent import Found
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.timings import retimed
 from regents_cosim.errors import DriveError
+from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.scenario import Scenario
 
 Search = Callable[[Sequence[tuple[Scenario, Job]]], list[Ended]]
 
 
-def attempt(jobs: Sequence[tuple[Scenario, Job]], search: Search, config: AttackConfig) -> list[Ended | None]:
+class Attempts(NamedTuple):
+    """A job, and the actions [mover step] that its attempts begin with; None: the logged ones."""
+
+    job: Job
+    starts: tuple[Controls | None, ...]
+
+
+def attempt(jobs: Sequence[tuple[Scenario, Attempts]], search: Search, config: AttackConfig) -> list[Ended | None]:
     """How the `jobs` ended, each at its first accepted collision or its last attempt.
 
-    Where one adversary is enough, a scenario's jobs have their turns one after the other, and after the first that
-    succeeds none is made: those are None.
+    Where one adversary is enough, a
+    scenario's jobs have their turns one after the other, and after the first that succeeds none is made: those are
+    None.
     """
     ended: list[Ended | None] = [None] * len(jobs)
-    for rank in range(config.attempts):
+    for rank in range(max((len(one.starts) for _, one in jobs), default=0)):
         for turn in _turns(jobs, config):
             over = {id(jobs[index][0]) for index in _settled(ended)} if config.adversaries == "one" else ()
-            tried = [i for i in turn if id(jobs[i][0]) not in over and (rank == 0 or _may_try_again(jobs[i], ended[i]))]
-            begun = [_begun(jobs[index], ended[index], config, rank) for index in tried]
+            tried = [
+                index
+                for index in turn
+                if rank < len(jobs[index][1].starts) and id(jobs[index][0]) not in over and _may_try(ended[index])
+            ]
+            begun = [(scenario, one.job._replace(start=one.starts[rank])) for scenario, one in (jobs[i] for i in tried)]
             for index, new in zip(tried, search(begun) if begun else [], strict=True):
                 ended[index] = _after(ended[index], new)
     return ended
 
 
-def _turns(jobs: Sequence[tuple[Scenario, Job]], config: AttackConfig) -> list[list[int]]:
+def _turns(jobs: Sequence[tuple[Scenario, Attempts]], config: AttackConfig) -> list[list[int]]:
     """The indices of the jobs, together or of every scenario the first, the second, and so on."""
     if config.adversaries == "all":
         return [list(range(len(jobs)))]
@@ -51,21 +61,12 @@ def _settled(ended: Sequence[Ended | None]) -> list[int]:
     return [i for i, one in enumerate(ended) if one and (isinstance(one.found, DriveError) or one.accepted)]
 
 
-def _may_try_again(job: tuple[Scenario, Job], ended: Ended | None) -> bool:
-    found = ended.found if ended else None
-    alone = job[1].start is not None  # a search over several candidates has no timing of its own
-    return alone and isinstance(found, Found) and not found.accepted and bool(found.any_candidate)
-
-
-def _begun(job: tuple[Scenario, Job], earlier: Ended | None, config: AttackConfig, rank: int) -> tuple[Scenario, Job]:
-    """The job as it is at first, later from another timing."""
-    if earlier is None:
-        return job
-    found, (scenario, mine) = earlier.found, job
-    assert isinstance(found, Found)
-    ego = jax.tree.map(lambda values: values[0], found.motion)
-    start = retimed(mine.world, ego, mine.movers, config, jnp.int32(rank - 1))
-    return scenario, mine._replace(start=start)
+def _may_try(ended: Ended | None) -> bool:
+    """Whether a job's last attempt, if there was one, leaves something to look for."""
+    if ended is None:
+        return True
+    found = ended.found
+    return isinstance(found, Found) and not found.accepted and bool(found.any_candidate)
 
 
 def _after(old: Ended | None, new: Ended) -> Ended:

@@ -190,6 +190,8 @@ class Descent(eqx.Module):
             search.actions.curvature + jnp.where(steers[:, None], steps.curvature, 0.0),
         )
         actions = within_bounds(moved, self.logged(), self.movers.rows(search.seen.motion.speed), self.config)
+        if self.config.law == "strict":
+            actions = self.not_too_fast(actions)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
         comes_down = costs.ego < (1.0 - PROGRESS) * search.least
         updated = replace(
@@ -203,6 +205,15 @@ class Descent(eqx.Module):
             least_at=jnp.where(comes_down, search.iterations, search.least_at),
         )
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
+
+    def not_too_fast(self, actions: Controls) -> Controls:
+        """The actions [mover step] without what would take a mover beyond its top speed."""
+        world, rows = self.world, self.movers.rows
+        begun, moving, most = rows(world.start.speed)[:, None], rows(world.moving), rows(world.top_speed)[:, None]
+        gained = jnp.where(moving, to_controls(actions).accel * world.dt, 0.0)
+        speed = jnp.minimum(begun + jnp.cumsum(gained, axis=1), most)
+        accel = jnp.diff(speed, axis=1, prepend=begun) / (ACCEL_LIMIT * world.dt)
+        return Controls(jnp.where(moving, jnp.minimum(actions.accel, accel), actions.accel), actions.curvature)
 
     def steps(self, steps: Controls) -> Controls:
         """Adam's steps as shares of the limits: they are, because the actions are."""

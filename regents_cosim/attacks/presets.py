@@ -68,9 +68,10 @@ class AttackConfig:
     pull_from_behind: bool = True  # steps at which the adversary is behind the ego pull as well
     behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which somebody is behind
     pull_standing: bool = True  # steps at which the ego stands pull as well
-    accept: Literal["any", "clean"] = "any"  # which collisions end a search: any, or one that nothing spoils
+    accept: Literal["any", "clean", "telling"] = "any"  # which collisions end a search: any, or one that nothing spoils
     optimiser: Literal["adam", "random", "cma-es"] = "adam"  # who lowers the cost; the blind ones to compare with
-    attempts: int = 1  # of a search per candidate, until one is accepted; the later ones start with another timing
+    attempts: int = 1  # of a search per candidate; the last begins with the log, those before on other ways
+    law: Literal["any", "strict"] = "any"  # does the adversary keep to its own lanes and turns, and to the speed limit
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
     nearest: int = 5  # candidates that get a descent of their own
     adversaries: Literal["all", "one"] = "all"  # of these: all that succeed, or the first, which ends the search
@@ -96,6 +97,11 @@ class AttackConfig:
             self.optimiser == "adam" or (self.search == "per-candidate" and self.gradient == "adversary"),
             f"optimiser {self.optimiser} searches one candidate at a time and knows no gradient: "
             "take search `per-candidate` and gradient `adversary`",
+            RegentsError,
+        )
+        require(
+            self.law == "any" or self.search == "per-candidate",
+            "law `strict` gives each candidate a map of its own: take search `per-candidate`",
             RegentsError,
         )
         choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)

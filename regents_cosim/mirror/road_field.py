@@ -4,12 +4,15 @@ The ReGentS paper convolves a binary map with a Gaussian at every corner of ever
 the map once and looking it up bilinearly is the same number, and far cheaper.
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 from scipy.ndimage import gaussian_filter
+from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.levels import BAND_M, drivable_at
 from regents_cosim.mirror.levels import Bands, to_bands
@@ -19,8 +22,8 @@ from regents_cosim.roadmap import RoadMap
 
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
 SIGMA_M = 0.5
-_MARGIN_M = 12.0  # how far beyond the tracks the field reaches; outside it is constant
-_SIZES = tuple(2**power for power in (20, 22, 24))  # cells; few shapes, few compilations
+MARGIN_M = 12.0  # how far beyond the tracks the field reaches; outside it is constant
+_SIZES = tuple(2**power for power in (18, 20, 22, 24))  # cells; few shapes, few compilations
 
 
 class RoadField(eqx.Module):
@@ -91,17 +94,27 @@ def blur(
     Coordinates of the result are relative to `origin` [m]. Source: C_adv_dev of the ReGentS
     paper (m_oob * K), with K a Gaussian of sigma 0.5 m.
     """
-    # Centres at odd tenths of a metre: edges of lanes lie at even ones (a width of 3.2 m), and would tie.
-    low = (np.floor((low - _MARGIN_M) / CELL_M) + 0.5) * CELL_M
-    rows, columns = grid_shape(low, high + _MARGIN_M, CELL_M)
     areas = [road.drivable] if levels is None else [drivable_at(road, level * BAND_M) for level in levels]
+    return blur_areas(areas, low - MARGIN_M, high + MARGIN_M, origin, None if levels is None else to_bands(levels))
+
+
+def blur_areas(
+    areas: Sequence[BaseGeometry],
+    low: Float[np.ndarray, " 2"],
+    high: Float[np.ndarray, " 2"],
+    origin: Float[np.ndarray, " 2"],
+    bands: Bands | None = None,
+) -> RoadField:
+    """The field of areas in which one may drive, one for each level, over the bounds `low`..`high` [m, map frame]."""
+    # Centres at odd tenths of a metre: edges of lanes lie at even ones (a width of 3.2 m), and would tie.
+    low = (np.floor(low / CELL_M) + 0.5) * CELL_M
+    rows, columns = grid_shape(low, high, CELL_M)
     off_road = (~inside(area, low, (rows, columns), CELL_M) for area in areas)
     field = np.stack([gaussian_filter(off.astype(np.float32), SIGMA_M / CELL_M, mode="nearest") for off in off_road])
     size = next((size for size in _SIZES if size >= field.size), field.size)
     flat = np.zeros(size, np.float32)
     flat[: field.size] = field.ravel()
     cells = _with_neighbours(jnp.asarray(flat), jnp.asarray(np.int32(columns)))
-    bands = None if levels is None else to_bands(levels)
     return RoadField(cells, jnp.array([rows, columns]), jnp.asarray(low - origin, jnp.float32), bands)
 
 

@@ -41,6 +41,7 @@ class World(eqx.Module):
     apart: Bool[Array, "agent agent"]  # not overlapping when both are first there
     on_road: Bool[Array, "4 agent"]  # corners that are on the drivable area at the first valid step
     road: RoadField
+    top_speed: Float[Array, " agent"]  # [m/s] that an attack under the law takes no agent beyond; infinite at first
     dt: Float[Array, ""]  # [s]
     heights: HeightMap | None = None  # in scenes with roads above each other
     dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # what the controls do
@@ -109,6 +110,7 @@ def to_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
         apart=jnp.asarray(np.pad(_apart_at_first(scenario), (0, extra))),
         on_road=jnp.asarray(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra)))),
         road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin, levels),
+        top_speed=jnp.full(padded, jnp.inf, jnp.float32),
         dt=dt,
         heights=heights,
         dynamics=dynamics,

@@ -35,6 +35,18 @@ def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
     return replace(attacked, judgement=judgement, evasion=evasion)
 
 
+def is_telling(attacked: Scenario) -> bool | None:
+    """Whether the crash of an attacked scenario tells something about the planner; None where the law is not known.
+
+    What `judge` says of it, without asking what is not needed for that.
+    """
+    flaws = cleanness(attacked)
+    if flaws is None or not flaws.clean:
+        return False
+    found = Judgement((), drivers=reference_drives(attacked))
+    return found.telling if "careful" in found.preventable_by else False
+
+
 def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:
     """The same for many, in order, on all cores."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:

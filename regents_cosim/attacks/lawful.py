@@ -1,0 +1,58 @@
+"""What the law allows one candidate: its own map of where it may drive, in place of that of the road, and a top speed.
+
+The road cost of the paper keeps corners on the drivable area. On a map that ends at the centre line, at the ways that
+begin at the candidate's approach and at the lanes that run its way, the same cost keeps it lawful, with the same
+gradient.
+"""
+
+import equinox as eqx
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.boxes import Boxes, corners
+from regents_cosim.mirror.road_field import MARGIN_M, blur_areas
+from regents_cosim.mirror.world import World, scene_origin
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.ways import OVER_LIMIT, lawful_area, lawful_lanes
+
+_AROUND_EGO_M = 40.0  # of its track: a candidate that is further away is no danger yet
+
+
+def under_the_law(world: World, scenario: Scenario, agent: int) -> World:
+    """The same world with the road and the top speed of `agent` alone.
+
+    The road stays where the map does not tell, and where roads lie above each other.
+    """
+    area = lawful_area(scenario, agent)
+    limited = world.top_speed.at[agent].set(_top_speed(scenario, agent))
+    world = eqx.tree_at(lambda w: w.top_speed, world, limited)
+    if area is None or area.is_empty or world.heights is not None:
+        return world
+    low, high = _bounds(scenario, area)
+    road = blur_areas([area], low, high, scene_origin(scenario))
+    on_road = world.on_road.at[:, agent].set(_began_on(scenario, agent, area))
+    return eqx.tree_at(lambda w: (w.road, w.on_road), world, (road, on_road))
+
+
+def _top_speed(scenario: Scenario, agent: int) -> float:
+    """How fast [m/s] `agent` may get: 1.2 times the limit, or as fast as in its log; infinite where none is known."""
+    lanes = lawful_lanes(scenario, agent) or ()
+    limit = max((lane.speed_limit for lane in lanes), default=np.inf)
+    return max(OVER_LIMIT * limit, float(scenario.tracks.speed[agent].max()))
+
+
+def _bounds(scenario: Scenario, area: BaseGeometry) -> tuple[np.ndarray, np.ndarray]:
+    """The part of the area near the ego [m], with room to see that it ends."""
+    own = np.stack([scenario.tracks.x[0], scenario.tracks.y[0]])
+    bounds = np.reshape(area.bounds, (2, 2))
+    low = np.maximum(bounds[0], own.min(axis=1) - _AROUND_EGO_M)
+    high = np.minimum(bounds[1], own.max(axis=1) + _AROUND_EGO_M)
+    return low - MARGIN_M, np.maximum(high, low) + MARGIN_M
+
+
+def _began_on(scenario: Scenario, agent: int, area: BaseGeometry) -> np.ndarray:
+    """Which of its corners are on the area when it is first seen."""
+    first = int(np.argmax(scenario.tracks.valid[agent]))
+    box = Boxes(*(values[agent, first] for values in np.broadcast_arrays(*scenario.boxes)))
+    return shapely.contains_xy(area, *np.moveaxis(corners(box), -1, 0))
