@@ -9,8 +9,8 @@ last seconds, gentle, from the side.
 """
 
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +28,7 @@ from regents_cosim.mirror.world import scene_origin
 from regents_cosim.planners.route import logged_path
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.foresight import WANDERING_M
 from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours
 from regents_cosim.verdicts.ways import OVER_LIMIT, Way, ways_ahead
 
@@ -42,8 +43,8 @@ _GAINS = (0.75, 1.5, 2.5)  # [m/s^2]
 _FASTER_M_S = (1.0, 2.0, 4.0, 6.0, 9.0, 13.0)
 _PULLING_OUT_M_S = 4.0  # for one that stands or crawls, the shares above are of this speed
 _MOST_CHANGED_FROM = 2  # ways from which lanes are changed
-_CHANGE_BEGINS_S = (0.0, 1.5, 3.0, 4.5)
-_CHANGE_LASTS_S = (3.0, 5.0)  # 3 to 6 s (Toledo and Zohar 2007)
+_CHANGE_BEGINS_S = (0.0, 1.0, 2.5)
+_CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
 _EARLIEST_S = 1.5  # a crash before that is none that anyone could react to
 _STEADY_S = 3.0  # before the crash: long enough to foresee it
@@ -92,17 +93,41 @@ def _fitted(job: Job, wanted: Motion) -> Controls:
 def starts(scenario: Scenario, agent: int, ego: Tracks, most: int) -> list[Start]:
     """At most `most` drives of `agent` that meet the `ego` [1, time] on its track, the most promising first."""
     ordered = sorted(_meetings(scenario, agent, ego), key=lambda start: -start.promise)
-    return _different(ordered, most)
+    return _different(ordered, most, _Others(scenario, agent).leave_alone)
 
 
-def _different(ordered: Sequence[Start], most: int) -> list[Start]:
-    """The first of them that do not meet the ego like one before."""
+def _different(ordered: Sequence[Start], most: int, free: Callable[[Start], bool]) -> list[Start]:
+    """The first free ones that do not meet the ego like one before."""
     chosen: list[Start] = []
     for start in ordered:
+        if len(chosen) == most:
+            break
         apart = (np.abs(np.subtract(start.contact, one.contact)) / _ALIKE for one in chosen)
-        if len(chosen) < most and all((scaled > 1.0).any() for scaled in apart):
+        if all((scaled > 1.0).any() for scaled in apart) and free(start):
             chosen.append(start)
     return chosen
+
+
+class _Others:
+    """All but the ego and the candidate, where the log has them."""
+
+    def __init__(self, scenario: Scenario, agent: int) -> None:
+        index = np.arange(len(scenario.agents))
+        known = {name for pair in scenario.overlaps if scenario.agents[agent].id in pair.agents for name in pair.agents}
+        counts = [i not in (0, agent) and scenario.agents[i].id not in known for i in index.tolist()]
+        self._boxes = Boxes(*(values[counts] for values in np.broadcast_arrays(*scenario.boxes)))
+        self._there = scenario.tracks.valid[counts] & scenario.tracks.valid[agent]
+        self._size = scenario.agents[agent].length, scenario.agents[agent].width
+
+    def leave_alone(self, start: Start) -> bool:
+        """Whether the drive touches none of them up to where it meets the ego."""
+        upto = np.s_[: start.meets + 1]
+        there = self._there[:, upto]
+        near = np.hypot(self._boxes.x[:, upto] - start.x[upto], self._boxes.y[:, upto] - start.y[upto])
+        reach = 0.5 * (np.hypot(self._boxes.length, self._boxes.width)[:, upto] + np.hypot(*self._size))
+        row, step = np.nonzero(there & (near < reach))
+        mine = Boxes(start.x[step], start.y[step], start.yaw[step], *self._size)
+        return not np.any(overlap(mine, Boxes(*(values[row, step] for values in self._boxes))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +137,7 @@ class _Line:
     points: Float[np.ndarray, "point 2"]  # [m] every `_SPACING_M`
     heading: Float[np.ndarray, " point"]  # [rad] continuous
     limit: float  # [m/s] where it begins
+    shows_m: float = 0.0  # so far along, a change of lane can be noticed
 
     def at(self, way: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Places [m, m] and headings [rad] so many metres along."""
@@ -147,7 +173,8 @@ def _changing(road: RoadMap, line: _Line, way: Way, speed: float) -> Iterator[_L
         for aside in _neighbours_aside(road, way, line.points[place], across[place]):
             done = np.clip((along - begin_m) / length_m, 0.0, 1.0)
             shift = aside * (done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi))
-            yield _line(line.points + shift[:, None] * across, line.limit)
+            shows_m = float(along[np.argmax(np.abs(shift) > WANDERING_M)])
+            yield replace(_line(line.points + shift[:, None] * across, line.limit), shows_m=shows_m)
 
 
 def _neighbours_aside(
@@ -197,7 +224,8 @@ def _smooth(values: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
 class _Drives:
     """Drives of one candidate from where it enters, [drive, time], and what was wanted of each."""
 
-    change: Float[np.ndarray, "drive 2"]  # acceleration [m/s^2], and the speed [m/s] at which it ends
+    settles: Int[np.ndarray, " drive"]  # the step from which on it goes on as it does, and shows where to
+    gentle: Float[np.ndarray, " drive"]  # [m/s^2] the acceleration before
     x: Float[np.ndarray, "drive time"]
     y: Float[np.ndarray, "drive time"]
     yaw: Float[np.ndarray, "drive time"]
@@ -247,7 +275,12 @@ def _drives(scenario: Scenario, agent: int, first: int) -> _Drives:
     driven, travelled = _driven(lines, way, float(speed[first]), change, len(speed) - first, scenario.dt)
     places = [line.at(travelled[way == index]) for index, line in enumerate(lines)]
     x, y, yaw = (np.vstack(values) for values in zip(*places, strict=True))
-    return _Drives(change, x, y, yaw, driven)
+    accel, wanted = change.T
+    gap = np.abs(wanted - speed[first])
+    changing_s = np.divide(gap, np.abs(accel), out=np.zeros_like(accel), where=accel != 0.0)
+    shows = (travelled < np.array([line.shows_m for line in lines])[way][:, None]).sum(axis=1)
+    settles = np.maximum(shows, np.ceil(changing_s / scenario.dt).astype(int))
+    return _Drives(settles, np.abs(accel), x, y, yaw, driven)
 
 
 def _most(limit: float, logged: float) -> float:
@@ -307,11 +340,8 @@ def _promise(
     drives: _Drives, meets: Int[np.ndarray, " drive"], contact: Float[np.ndarray, "drive 2"], scenario: Scenario
 ) -> Float[np.ndarray, " drive"]:
     """How likely a careful driver foresees the crash and the planner does not, by rules of thumb."""
-    accel, wanted = drives.change.T
-    gap = np.abs(wanted - drives.speed[:, 0])
-    changing_s = np.divide(gap, np.abs(accel), out=np.zeros_like(accel), where=accel != 0.0)
-    steady = np.minimum(meets * scenario.dt - changing_s, _STEADY_S) / _STEADY_S
+    foreseen = np.clip((meets - drives.settles) * scenario.dt / _STEADY_S, -0.5, 1.0)
     crossing = np.abs(contact[:, 1]) > _ALONG_RAD
     behind = ~crossing & (contact[:, 0] < -_FROM_BEHIND * scenario.ego.length)
     leads = ~crossing & (contact[:, 0] > 0.9 * scenario.ego.length)
-    return steady - 0.1 * np.abs(accel) + 0.5 * crossing - 1.0 * behind - 0.4 * leads
+    return foreseen - 0.1 * drives.gentle + 0.5 * crossing - 1.0 * behind - 0.4 * leads
