@@ -11,7 +11,7 @@ from test_reference_drivers import careful, cut_in
 from regents_cosim.attacks.careful_driver import careful_avoids
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lane_centres import lane_centres
-from regents_cosim.mirror.world import to_world
+from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.suite import load_cases
 
 STANDARD = Path(__file__).parents[1] / "scenarios" / "standard"
@@ -25,7 +25,14 @@ def asked(world, lanes, adversary, step):
 def on_device(attacked):
     hit = attacked.attack.collision
     adversary = next(index for index, agent in enumerate(attacked.agents) if agent.id == hit.agent)
-    return bool(asked(to_world(attacked), lane_centres(attacked), jnp.int32(adversary), jnp.int32(hit.step)))
+    return bool(
+        asked(
+            to_world(attacked),
+            lane_centres(attacked, scene_origin(attacked)),
+            jnp.int32(adversary),
+            jnp.int32(hit.step),
+        )
+    )
 
 
 def test_it_agrees_on_cut_ins_and_leaders_that_brake():
@@ -39,7 +46,7 @@ def test_it_agrees_on_cut_ins_and_leaders_that_brake():
 
 def test_lane_centres_are_those_of_lanes_that_run_the_same_way():
     made = platoon()
-    centres, origin = lane_centres(made), to_world(made).log.x[0, 0] - made.tracks.x[0, 0]
+    centres, origin = lane_centres(made, scene_origin(made)), to_world(made).log.x[0, 0] - made.tracks.x[0, 0]
     x = jnp.full(4, 50.0) + origin
     away = centres.away(x, jnp.array([0.0, 0.3, 1.6, 0.0]) + offset(made), jnp.array([0.0, 0.1, 0.0, 3.0]))
     assert away[:3].tolist() == pytest.approx([0.0, 0.3, 1.6], abs=1e-3)

@@ -153,7 +153,7 @@ def _hardest(
 def _off_road(world: World, box: Box, agent: Int[Array, ""], so_far: Bool[Array, " time"]) -> Bool[Array, " time"]:
     """By its corners: those that began off the road may be off it, but not go further away."""
     began_on = take(world.on_road.T, agent)
-    fields = world.road(*corners(box), box.z)
+    fields = world.allowed(*corners(box), box.z)
     least = running_minimum(jnp.where(so_far, fields, jnp.inf), jnp.inf)
     reach = jnp.where(began_on[:, None], _OFF_ROAD, jnp.maximum(_OFF_ROAD, least + _FURTHER_OFF))
     return (fields > reach).any(axis=0)

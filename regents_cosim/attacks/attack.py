@@ -36,8 +36,9 @@ from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.logged import logged
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
-from regents_cosim.mirror.world import World, to_tracks, to_world
+from regents_cosim.mirror.world import World, scene_origin, to_tracks, to_world
 from regents_cosim.names import distinct_word, file_name, word
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
@@ -196,6 +197,8 @@ class _Attack:
                 f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
             )
         world = to_world(scenario, self.dynamics(scenario))
+        if self.config.accept == "telling":
+            world = replace(world, lanes=lane_centres(scenario, scene_origin(scenario)))
         memory = None
         if isinstance(self.planner, JaxPlanner):
             scene = LoopScene(scenario, world)

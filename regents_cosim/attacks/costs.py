@@ -72,7 +72,7 @@ def road_deviation(world: World, boxes: Box, movers: Movers) -> Float[Array, ""]
     agents, steps = world.valid.shape
     background = movers.rows(world.valid & (jnp.arange(agents) > 0)[:, None])
     boxes, on_road = movers.rows(boxes), movers.rows(world.on_road.T)
-    return jnp.where(background & on_road.T[:, :, None], world.road(*corners(boxes), boxes.z), 0.0).sum() / steps
+    return jnp.where(background & on_road.T[:, :, None], world.allowed(*corners(boxes), boxes.z), 0.0).sum() / steps
 
 
 def take(values: Bool[Array, "agent *rest"], agent: Int[Array, ""]) -> Bool[Array, "*rest"]:

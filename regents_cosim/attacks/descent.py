@@ -40,6 +40,7 @@ import optax
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.acceptance import is_clean
+from regents_cosim.attacks.careful_driver import careful_avoids
 from regents_cosim.attacks.costs import Costs, total_cost
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
@@ -303,16 +304,24 @@ class Descent(eqx.Module):
         """Whether the search has found its collision, or need not look: the ego collides in the log already."""
         if self.config.accept == "any":
             return self.hit(search.seen)
-        motion, boxes = search.seen.motion, search.seen.boxes
-        contacts = ego_contacts(self.world, boxes)
+        contacts = ego_contacts(self.world, search.seen.boxes)
         hit = contacts.any()
         at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
-        clean = jax.lax.cond(
-            hit,
-            lambda: is_clean(self.world, self.movers, motion, boxes, contacts),
+        wanted = jax.lax.cond(hit, lambda: self.is_wanted(search.seen, contacts), lambda: jnp.asarray(False))
+        return hit & (at_log | wanted)
+
+    def is_wanted(self, seen: Seen, contacts: Bool[Array, "agent time"]) -> Bool[Array, ""]:
+        """Whether nothing spoils the first of the ego's `contacts`, and a careful driver avoids it, if asked."""
+        clean = is_clean(self.world, self.movers, seen.motion, seen.boxes, contacts)
+        if self.config.accept != "telling" or self.world.lanes is None:
+            return clean
+        world, lanes, step = self.world, self.world.lanes, jnp.argmax(contacts.any(axis=0))
+        agent = jnp.argmax(contacts[:, step])
+        return jax.lax.cond(
+            clean,
+            lambda: careful_avoids(world, seen.motion, seen.boxes, lanes, agent, step),
             lambda: jnp.asarray(False),
         )
-        return hit & (at_log | clean)
 
     def departs(self, actions: Controls) -> Bool[Array, " mover"]:
         """Whose actions differ from the logged ones."""

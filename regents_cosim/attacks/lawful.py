@@ -5,7 +5,8 @@ begin at the candidate's approach and at the lanes that run its way, the same co
 gradient.
 """
 
-import equinox as eqx
+from dataclasses import replace
+
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
@@ -20,19 +21,19 @@ _AROUND_EGO_M = 40.0  # of its track: a candidate that is further away is no dan
 
 
 def under_the_law(world: World, scenario: Scenario, agent: int) -> World:
-    """The same world with the road and the top speed of `agent` alone.
+    """The same world with a road and a top speed for `agent` alone.
 
-    The road stays where the map does not tell, and where roads lie above each other.
+    Without a road of its own where the map does not tell, and where roads lie above each other.
     """
     area = lawful_area(scenario, agent)
     limited = world.top_speed.at[agent].set(_top_speed(scenario, agent))
-    world = eqx.tree_at(lambda w: w.top_speed, world, limited)
+    world = replace(world, top_speed=limited)
     if area is None or area.is_empty or world.heights is not None:
         return world
     low, high = _bounds(scenario, area)
     road = blur_areas([area], low, high, scene_origin(scenario))
     on_road = world.on_road.at[:, agent].set(_began_on(scenario, agent, area))
-    return eqx.tree_at(lambda w: (w.road, w.on_road), world, (road, on_road))
+    return replace(world, own_road=road, on_road=on_road)
 
 
 def _top_speed(scenario: Scenario, agent: int) -> float:

@@ -140,7 +140,8 @@ class AttackConfig:
 
 
 PROTOCOL = (
-    "search", "nearest", "attempts", "adversaries", "accept", "background", "iterations", "patience", "replan_every",
+    "search", "nearest", "attempts", "adversaries", "accept", "law", "background", "iterations", "patience",
+    "replan_every",
 )  # fmt: skip
 _ALONE = ("nearest", "attempts", "adversaries")  # of a search for each candidate
 _ROOM = 500  # iterations that programs keep the costs of

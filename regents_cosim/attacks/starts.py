@@ -25,10 +25,10 @@ from regents_cosim.frames import wrap
 from regents_cosim.mirror.actions import fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.world import scene_origin
+from regents_cosim.planners.reference.parameters import CAREFUL
 from regents_cosim.planners.route import logged_path
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.foresight import WANDERING_M
 from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours
 from regents_cosim.verdicts.ways import OVER_LIMIT, Way, ways_ahead
 
@@ -173,7 +173,7 @@ def _changing(road: RoadMap, line: _Line, way: Way, speed: float) -> Iterator[_L
         for aside in _neighbours_aside(road, way, line.points[place], across[place]):
             done = np.clip((along - begin_m) / length_m, 0.0, 1.0)
             shift = aside * (done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi))
-            shows_m = float(along[np.argmax(np.abs(shift) > WANDERING_M)])
+            shows_m = float(along[np.argmax(np.abs(shift) > CAREFUL.wandering_m)])
             yield replace(_line(line.points + shift[:, None] * across, line.limit), shows_m=shows_m)
 
 
@@ -245,11 +245,13 @@ def _meetings(scenario: Scenario, agent: int, ego: Tracks) -> Iterator[Start]:
     contact = _contact(drives, meets, own)
     promise = _promise(drives, meets, contact, scenario)
     for row in np.flatnonzero(late).tolist():
-        driven = (values[row] for values in (drives.x, drives.y, drives.yaw, drives.speed))
-        held = (np.concatenate([np.full(first, values[0]), values]) for values in driven)
+        x, y, yaw, speed = (
+            np.concatenate([np.full(first, values[row, 0]), values[row]])
+            for values in (drives.x, drives.y, drives.yaw, drives.speed)
+        )
         when = (first + int(meets[row])) * dt
         met = (when, float(contact[row, 0]), float(contact[row, 1]))
-        yield Start(*held, first + int(meets[row]), met, float(promise[row]))
+        yield Start(x, y, yaw, speed, first + int(meets[row]), met, float(promise[row]))
 
 
 def _overlaps(

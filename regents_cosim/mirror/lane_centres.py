@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.mirror.world import scene_origin
 from regents_cosim.scenario import Scenario
 
 _SPACING_M = 1.0
@@ -35,9 +34,9 @@ class LaneCentres(eqx.Module):
         return jnp.where(runs & (off <= _REACH_M), off, _FAR_M).min(axis=-1)
 
 
-def lane_centres(scenario: Scenario) -> LaneCentres:
-    """The centre lines of lanes near the scene's tracks, on all levels."""
-    origin, tracks = scene_origin(scenario), scenario.tracks
+def lane_centres(scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> LaneCentres:
+    """The centre lines of lanes near the scene's tracks, on all levels, in the map's coordinates less `origin` [m]."""
+    tracks = scenario.tracks
     points, direction = _along_lanes(scenario)
     placed = np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid]
     low, high = placed.min(axis=0) - _MARGIN_M, placed.max(axis=0) + _MARGIN_M

@@ -15,6 +15,7 @@ from regents_cosim import boxes
 from regents_cosim.levels import contains, has_levels
 from regents_cosim.mirror.actions import fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.levels import HeightMap, to_height_map
 from regents_cosim.mirror.road_field import RoadField, blur
 from regents_cosim.mirror.separation import Box
@@ -44,11 +45,20 @@ class World(eqx.Module):
     top_speed: Float[Array, " agent"]  # [m/s] that an attack under the law takes no agent beyond; infinite at first
     dt: Float[Array, ""]  # [s]
     heights: HeightMap | None = None  # in scenes with roads above each other
+    own_road: RoadField | None = None  # of the one agent that an attack under the law moves; None: `road`
+    lanes: LaneCentres | None = None  # where an attack asks what a careful driver would see
     dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # what the controls do
 
     def without_road(self) -> "World":
         """The same for programs that ask nothing of the road, so that its size needs none of its own."""
-        return eqx.tree_at(lambda world: world.road.cells, self, jnp.zeros((1, 4)))
+        return dataclasses.replace(
+            self, road=dataclasses.replace(self.road, cells=jnp.zeros((1, 4))), own_road=None, lanes=None
+        )
+
+    @property
+    def allowed(self) -> RoadField:
+        """Where the agents that an attack moves may drive."""
+        return self.road if self.own_road is None else self.own_road
 
     def boxes(self, motion: Motion) -> Box:
         """Boxes [agent time] of all agents along `motion`."""

@@ -43,7 +43,7 @@ def is_telling(attacked: Scenario) -> bool | None:
     flaws = cleanness(attacked)
     if flaws is None or not flaws.clean:
         return False
-    found = Judgement((), drivers=reference_drives(attacked))
+    found = Judgement((), law=law_of(attacked), drivers=reference_drives(attacked))
     return found.telling if "careful" in found.preventable_by else False
 
 
