@@ -22,6 +22,7 @@ from regents_cosim.attacks.descent import to_actions
 from regents_cosim.attacks.job import Job
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.frames import wrap
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.mirror.actions import fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.world import scene_origin
@@ -46,10 +47,11 @@ _MOST_CHANGED_FROM = 2  # ways from which lanes are changed
 _CHANGE_BEGINS_S = (0.0, 1.0, 2.5)
 _CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
+_RED = "ru"  # SUMO's letters: red, and red with yellow
 _EARLIEST_S = 1.5  # a crash before that is none that anyone could react to
 _STEADY_S = 3.0  # before the crash: long enough to foresee it
-_ALONG_RAD = np.deg2rad(45.0)
-_FROM_BEHIND = 0.3  # of the ego's length behind its centre
+_LEADS = 0.9  # of the ego's length ahead of its centre: the ego runs into its rear
+_SEEN_S = 2.0  # before the crash: what a careful driver needs to see, to decide and to brake
 _ALIKE = np.array([0.6, 2.0, np.deg2rad(30.0)])  # contacts that differ by less are alike: s, m, rad
 
 
@@ -138,6 +140,7 @@ class _Line:
     heading: Float[np.ndarray, " point"]  # [rad] continuous
     limit: float  # [m/s] where it begins
     shows_m: float = 0.0  # so far along, a change of lane can be noticed
+    lights: tuple[tuple[float, Bool[np.ndarray, " time"]], ...] = ()  # stop lines [m] along it, and when they are red
 
     def at(self, way: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Places [m, m] and headings [rad] so many metres along."""
@@ -151,11 +154,15 @@ def _ways(scenario: Scenario, agent: int) -> Iterator[_Line]:
     first = int(np.argmax(tracks.valid[agent]))
     speed, fastest = float(tracks.speed[agent, first]), float(tracks.speed[agent].max())
     reach_m = 2.0 * fastest * tracks.steps * scenario.dt + 50.0
-    yield _line(_prolonged(logged_path(tracks, agent), reach_m), np.inf)
-    for index, way in enumerate(ways_ahead(scenario, agent)):
+    ways = ways_ahead(scenario, agent)
+    logged = _line(_prolonged(logged_path(tracks, agent), reach_m), np.inf)
+    taken = next((way for way in ways if way.logged), None)
+    yield logged if taken is None else replace(logged, lights=_lights(scenario, taken, logged))
+    for index, way in enumerate(ways):
         if way.changes > 1:
             continue
         line = _line(_prolonged(way.points, reach_m), max(lane.speed_limit for lane in way.lanes[:2]))
+        line = replace(line, lights=_lights(scenario, way, line))
         yield line
         if way.changes == 0 and index < _MOST_CHANGED_FROM:
             yield from _changing(scenario.road, line, way, max(speed, _PULLING_OUT_M_S))
@@ -174,7 +181,22 @@ def _changing(road: RoadMap, line: _Line, way: Way, speed: float) -> Iterator[_L
             done = np.clip((along - begin_m) / length_m, 0.0, 1.0)
             shift = aside * (done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi))
             shows_m = float(along[np.argmax(np.abs(shift) > CAREFUL.wandering_m)])
-            yield replace(_line(line.points + shift[:, None] * across, line.limit), shows_m=shows_m)
+            changed = _line(line.points + shift[:, None] * across, line.limit)
+            yield replace(changed, shows_m=shows_m, lights=line.lights)
+
+
+def _lights(scenario: Scenario, way: Way, line: _Line) -> tuple[tuple[float, Bool[np.ndarray, " time"]], ...]:
+    """The stop lines that the way passes."""
+    signals = {signal.id: signal for signal in scenario.signals}
+    drawn = shapely.LineString(line.points)
+    found = []
+    for lane, onward in itertools.pairwise(way.lanes):
+        link = next((link for link in scenario.road.exits[lane.id] if link.target == onward.id), None)
+        if link is not None and link.signal in signals:
+            shown = [signals[link.signal].letters(step)[link.link] for step in range(scenario.tracks.steps)]
+            at_m = float(drawn.project(shapely.Point(lane.centre[-1])))
+            found.append((at_m, np.array([letter in _RED for letter in shown])))
+    return tuple(found)
 
 
 def _neighbours_aside(
@@ -224,6 +246,7 @@ def _smooth(values: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
 class _Drives:
     """Drives of one candidate from where it enters, [drive, time], and what was wanted of each."""
 
+    runs_red: Bool[np.ndarray, "drive time"]  # by then it has passed a red light
     settles: Int[np.ndarray, " drive"]  # the step from which on it goes on as it does, and shows where to
     gentle: Float[np.ndarray, " drive"]  # [m/s^2] the acceleration before
     x: Float[np.ndarray, "drive time"]
@@ -242,8 +265,9 @@ def _meetings(scenario: Scenario, agent: int, ego: Tracks) -> Iterator[Start]:
     hits &= scenario.tracks.valid[agent, first:]
     meets = np.argmax(hits, axis=1)
     late = hits.any(axis=1) & ((first + meets) * dt >= _EARLIEST_S)
+    late &= ~drives.runs_red[np.arange(len(meets)), meets]
     contact = _contact(drives, meets, own)
-    promise = _promise(drives, meets, contact, scenario)
+    promise = _promise(drives, meets, own, scenario)
     for row in np.flatnonzero(late).tolist():
         x, y, yaw, speed = (
             np.concatenate([np.full(first, values[row, 0]), values[row]])
@@ -282,7 +306,20 @@ def _drives(scenario: Scenario, agent: int, first: int) -> _Drives:
     changing_s = np.divide(gap, np.abs(accel), out=np.zeros_like(accel), where=accel != 0.0)
     shows = (travelled < np.array([line.shows_m for line in lines])[way][:, None]).sum(axis=1)
     settles = np.maximum(shows, np.ceil(changing_s / scenario.dt).astype(int))
-    return _Drives(settles, np.abs(accel), x, y, yaw, driven)
+    half_length = 0.5 * scenario.agents[agent].length
+    runs_red = np.vstack(
+        [_runs_red(line, travelled[way == index] + half_length, first) for index, line in enumerate(lines)]
+    )
+    return _Drives(runs_red, settles, np.abs(accel), x, y, yaw, driven)
+
+
+def _runs_red(line: _Line, front: Float[np.ndarray, "drive time"], first: int) -> Bool[np.ndarray, "drive time"]:
+    """Whether a drive along the line has passed a red light by then, its front being so far along [m]."""
+    run = np.zeros(front.shape, bool)
+    for at_m, red in line.lights:
+        passes = (front[:, 1:] > at_m) & (front[:, :-1] <= at_m) & red[first + 1 :]
+        run[:, 1:] |= passes
+    return np.logical_or.accumulate(run, axis=1)
 
 
 def _most(limit: float, logged: float) -> float:
@@ -331,19 +368,30 @@ def _contact(
     drives: _Drives, meets: Int[np.ndarray, " drive"], own: tuple[np.ndarray, ...]
 ) -> Float[np.ndarray, "drive 2"]:
     """How far ahead of the ego's centre [m] a drive meets it, and at which angle to its heading [rad]."""
-    rows = np.arange(len(meets))
-    x, y, yaw = (values[rows, meets] for values in (drives.x, drives.y, drives.yaw))
-    ego_x, ego_y, ego_yaw = (values[meets] for values in own)
-    ahead = (x - ego_x) * np.cos(ego_yaw) + (y - ego_y) * np.sin(ego_yaw)
-    return np.stack([ahead, wrap(yaw - ego_yaw)], axis=1)
+    turn = wrap(drives.yaw[np.arange(len(meets)), meets] - own[2][meets])
+    return np.stack([_ahead(drives, meets, own), turn], axis=1)
+
+
+def _ahead(
+    drives: _Drives, step: Int[np.ndarray, " drive"], own: tuple[np.ndarray, ...]
+) -> Float[np.ndarray, " drive"]:
+    """How far ahead of the ego's centre [m] each drive is at a step of its own."""
+    rows = np.arange(len(step))
+    x, y, yaw = (values[step] for values in own)
+    return (drives.x[rows, step] - x) * np.cos(yaw) + (drives.y[rows, step] - y) * np.sin(yaw)
 
 
 def _promise(
-    drives: _Drives, meets: Int[np.ndarray, " drive"], contact: Float[np.ndarray, "drive 2"], scenario: Scenario
+    drives: _Drives, meets: Int[np.ndarray, " drive"], own: tuple[np.ndarray, ...], scenario: Scenario
 ) -> Float[np.ndarray, " drive"]:
-    """How likely a careful driver foresees the crash and the planner does not, by rules of thumb."""
+    """How likely a careful driver foresees the crash and the planner does not, by rules of thumb.
+
+    Who runs the same way is suspected only while its centre is ahead of the ego's.
+    """
+    ahead, turn = _contact(drives, meets, own).T
+    seen_from = np.maximum(meets - round(_SEEN_S / scenario.dt), 0)
     foreseen = np.clip((meets - drives.settles) * scenario.dt / _STEADY_S, -0.5, 1.0)
-    crossing = np.abs(contact[:, 1]) > _ALONG_RAD
-    behind = ~crossing & (contact[:, 0] < -_FROM_BEHIND * scenario.ego.length)
-    leads = ~crossing & (contact[:, 0] > 0.9 * scenario.ego.length)
-    return foreseen - 0.1 * drives.gentle + 0.5 * crossing - 1.0 * behind - 0.4 * leads
+    crossing = np.abs(turn) > ALONG_RAD
+    unseen = ~crossing & (np.minimum(ahead, _ahead(drives, seen_from, own)) <= 0.0)
+    leads = ~crossing & (ahead > _LEADS * scenario.ego.length)
+    return foreseen - 0.1 * drives.gentle + 0.5 * crossing - 1.0 * unseen - 0.4 * leads
