@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks import published
-from regents_cosim.attacks.attempts import Attempts, Search, attempt
+from regents_cosim.attacks.attempts import Candidate, Search, attempt
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.descent import ExtraCost, Found, to_actions
 from regents_cosim.attacks.job import Ended, Job
@@ -190,7 +190,7 @@ class _Attack:
         """The model by which vehicles move in `scenario`."""
         return scenario.dynamics if self.config.dynamics == "recorded" else self.config.dynamics
 
-    def jobs(self, scenario: Scenario, drives: Drives) -> list[Attempts]:
+    def jobs(self, scenario: Scenario, drives: Drives) -> list[Candidate]:
         """The searches that a scenario takes: one, or some for each of the candidates that promise most."""
         if scenario.attack is not None:
             raise RegentsError(
@@ -206,25 +206,25 @@ class _Attack:
             memory = self.planner.init(scene) if several else start(self.planner, scene, self.planner_name)
         allowed = np.asarray(_candidates(world, self.config))
         if self.config.search == "joint" or not allowed.any():
-            return [Attempts(Job(world, memory, Movers.among(jnp.asarray(allowed))), (None,))]
+            return [Candidate(scenario, Job(world, memory, Movers.among(jnp.asarray(allowed))))]
         nearest = _nearest(world, allowed, self.config)
-        ego = self.unattacked(scenario, world, memory, drives) if self.config.attempts > 1 else None
+        ego = self.unattacked(scenario, world, memory, drives) if self.config.starts else None
         if ego is None:
-            return [self.attempts(scenario, world, memory, agent, ()) for agent in nearest[: self.config.nearest]]
-        found = {agent: starts(scenario, agent, ego, self.config.attempts - 1) for agent in nearest}
+            return [self.candidate(scenario, world, memory, agent, ()) for agent in nearest[: self.config.nearest]]
+        found = {agent: starts(scenario, agent, ego, self.config.starts) for agent in nearest}
         chosen = sorted(nearest, key=lambda agent: -max((one.promise for one in found[agent]), default=-np.inf))
-        return [self.attempts(scenario, world, memory, agent, found[agent]) for agent in chosen[: self.config.nearest]]
+        return [self.candidate(scenario, world, memory, agent, found[agent]) for agent in chosen[: self.config.nearest]]
 
-    def attempts(self, scenario: Scenario, world: World, memory: Any, agent: int, found: Sequence[Start]) -> Attempts:
-        """The searches for one candidate: from each of the starts `found`, and last from the log."""
+    def candidate(self, scenario: Scenario, world: World, memory: Any, agent: int, found: Sequence[Start]) -> Candidate:
+        """What may be searched for one agent: from each of the starts `found`, and from the log."""
         if self.config.law == "strict":
             world = under_the_law(world, scenario, agent)
         job = Job(world, memory, Movers.only(agent, len(world.valid)))
-        if self.config.attempts == 1:
-            return Attempts(job, (None,))
-        # The log is given as a start as well: one compiled program for all attempts.
-        logged = job.movers.rows(to_actions(world.controls))
-        return Attempts(job, (*followed(scenario, job, found, self.config.attempts - 1), logged))
+        if not self.config.starts:
+            return Candidate(scenario, job)
+        # The log is given as a start as well: one compiled program for all searches.
+        job = job._replace(start=job.movers.rows(to_actions(world.controls)))
+        return Candidate(scenario, job, tuple(followed(scenario, job, found, self.config.starts)))
 
     def unattacked(self, scenario: Scenario, world: World, memory: Any, drives: Drives) -> Tracks | None:
         """The ego's track [1, time] among the traffic as it was recorded; None where it fails or collides there."""
@@ -237,7 +237,7 @@ class _Attack:
         tracks = to_tracks(with_ego(background, driven.ego.motion), world.controls, scenario)
         return None if first_contact(scenario.agents, tracks) else tracks
 
-    def jobs_or_failure(self, scenario: Scenario, drives: Drives) -> "list[Attempts] | DriveError":
+    def jobs_or_failure(self, scenario: Scenario, drives: Drives) -> "list[Candidate] | DriveError":
         """The same, or why the planner cannot drive there."""
         try:
             return self.jobs(scenario, drives)
@@ -279,12 +279,7 @@ class _Attack:
     ) -> list[list[Scenario]]:
         prepare = partial(self.jobs_or_failure, drives=drives)
         jobs = list((pool.map if pool else map)(prepare, scenarios))
-        made = [
-            (scenario, one)
-            for scenario, mine in zip(scenarios, jobs, strict=True)
-            if not isinstance(mine, DriveError)
-            for one in mine
-        ]
+        made = [one for mine in jobs if not isinstance(mine, DriveError) for one in mine]
         ended = iter(attempt(made, self.told(run), self.config))
         return [
             [self.failed(scenario, mine)]
@@ -297,7 +292,7 @@ class _Attack:
         """The same searches; where a telling crash is wanted, the exact verdict on the host has the last word."""
         if self.config.accept != "telling":
             return run
-        return lambda jobs: [self.if_telling(*job, one) for job, one in zip(jobs, run(jobs), strict=True)]
+        return lambda jobs, most: [self.if_telling(*job, one) for job, one in zip(jobs, run(jobs, most), strict=True)]
 
     def if_telling(self, scenario: Scenario, job: Job, ended: Ended) -> Ended:
         """How a search ended; not with success where its crash is none that tells, as far as that is known."""
@@ -308,33 +303,33 @@ class _Attack:
             return ended
         return replace(ended, found=eqx.tree_at(lambda one: one.accepted, found, jnp.asarray(False)))
 
-    def descend(self, jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
+    def descend(self, jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
         """One descent after the other, with a planner in JAX that drives in every iteration."""
         assert isinstance(self.planner, JaxPlanner)
-        planner, config, iterations = self.planner, self.config.compiled(), jnp.int32(self.config.iterations)
+        planner, config, most = self.planner, self.config.compiled(), jnp.int32(iterations)
         return [
-            Ended(descend(job.world, planner, job.memory, config, job.movers, iterations, job.start, self.extra_cost))
+            Ended(descend(job.world, planner, job.memory, config, job.movers, most, job.start, self.extra_cost))
             for _, job in jobs
         ]
 
-    def blind(self, jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
+    def blind(self, jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
         """Searches without gradients."""
         from regents_cosim.attacks.blind import search_blindly  # with a library that takes half a second to import
 
         assert isinstance(self.planner, JaxPlanner)
-        return search_blindly(jobs, self.planner, self.config, self.extra_cost)
+        return search_blindly(jobs, self.planner, self.config, iterations, self.extra_cost)
 
     def pursuit(self, drives: Drives) -> Search:
         """Descents whose planner drives every few iterations."""
-        return lambda jobs: pursue(jobs, self.config, self.config.replan_every, drives, self.extra_cost)
+        return lambda jobs, most: pursue(jobs, self.config, self.config.replan_every, drives, most, self.extra_cost)
 
     def lanes(self, batch: int) -> Search:
         """Descents in `batch` lanes of one program."""
         assert isinstance(self.planner, JaxPlanner)
         planner = self.planner
 
-        def run(jobs: Sequence[tuple[Scenario, Job]]) -> list[Ended]:
-            found = search_in_lanes((job for _, job in jobs), planner, self.config, batch, self.extra_cost)
+        def run(jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
+            found = search_in_lanes((job for _, job in jobs), planner, self.config, batch, iterations, self.extra_cost)
             return [Ended(one) for one in found]
 
         return run
@@ -345,7 +340,9 @@ class _Attack:
         failures = [failure for _, one in made if (failure := _failure(self.planner_name, scenario.id, one))]
         cases = [self.failed(scenario, failures[0])] if failures else self.distinct(scenario, made, len(jobs) == 1)
         time = _act_time([second for _, one in made for second in one.seconds])
-        made_of_them = sum(one.earlier + int(one.found.iterations) for _, one in made if isinstance(one.found, Found))
+        made_of_them = sum(
+            one.looks + one.earlier + int(one.found.iterations) for _, one in made if isinstance(one.found, Found)
+        )
         return [
             replace(case, attack=replace(case.attack, act_time=time, rollouts=made_of_them))
             for case in cases
@@ -478,7 +475,7 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
     """The candidates that come nearest to the ego in the log, the nearest first."""
     distances = np.asarray(_logged_distances(world, config))
     order = np.argsort(np.where(allowed, distances, np.inf), kind="stable")
-    considered = config.nearest * (_CONSIDERED if config.attempts > 1 else 1)
+    considered = config.nearest * (_CONSIDERED if config.starts else 1)
     return [int(agent) for agent in order[:considered] if allowed[agent]]
 
 

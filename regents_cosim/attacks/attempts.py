@@ -1,7 +1,11 @@
-"""Several descents for a candidate that was not brought to collide as wanted, from another start each."""
+"""The searches for a candidate: a look at every drive that it might begin with, then descents from some of them.
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+A look is one roll-out with the planner, without an update. A drive that crashes the ego as wanted at once needs no
+descent.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,66 +16,107 @@ from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.scenario import Scenario
 
-Search = Callable[[Sequence[tuple[Scenario, Job]]], list[Ended]]
+# Searches that make at most so many updates; none is a look at their starts.
+Search = Callable[[Sequence[tuple[Scenario, Job]], int], list[Ended]]
 
 
-class Attempts(NamedTuple):
-    """A job, and the actions [mover step] that its attempts begin with; None: the logged ones."""
+class Candidate(NamedTuple):
+    """What may be searched for one candidate, or for all of them together."""
 
-    job: Job
-    starts: tuple[Controls | None, ...]
+    scenario: Scenario
+    job: Job  # that begins with the log
+    starts: tuple[Controls, ...] = ()  # actions [mover step] to begin with instead, the most promising first
 
 
-def attempt(jobs: Sequence[tuple[Scenario, Attempts]], search: Search, config: AttackConfig) -> list[Ended | None]:
-    """How the `jobs` ended, each at its first accepted collision or its last attempt.
+class _Candidates:
+    """Several of them, and how the searches for each have ended so far."""
 
-    Where one adversary is enough, a
-    scenario's jobs have their turns one after the other, and after the first that succeeds none is made: those are
-    None.
+    def __init__(self, candidates: Sequence[Candidate], search: Search, config: AttackConfig) -> None:
+        self._all, self._search, self._config = candidates, search, config
+        self._near: dict[int, list[Controls]] = defaultdict(list)  # starts that crashed the ego, but not as wanted
+        self.ended: list[Ended | None] = [None] * len(candidates)
+
+    def look(self, rank: int, some: list[int]) -> None:
+        """Look at the start of that rank of some candidates."""
+        some = [index for index in some if rank < len(self._all[index].starts)]
+        for index, seen in self._searched({index: self._all[index].starts[rank] for index in some}, 0):
+            self._after(index, seen)
+            if isinstance(seen.found, Found) and bool(seen.found.hit):
+                self._near[index].append(self._all[index].starts[rank])
+
+    def descend(self, rank: int, some: list[int]) -> None:
+        """Descend from the start of that rank, those that crashed the ego before the others; the last is the log."""
+        begun = {index: self._begins(index) for index in some}
+        chosen = {index: starts[rank] for index, starts in begun.items() if rank < len(starts)}
+        for index, ended in self._searched(chosen, self._config.iterations):
+            self._after(index, ended)
+
+    def unsettled(self) -> list[list[int]]:
+        """Whom there is something left to search for: groups whose turns follow each other.
+
+        Where one adversary is enough, every candidate of a scenario has a turn of its own.
+        """
+        left = [index for index in range(len(self._all)) if self._may_try(index)]
+        if self._config.adversaries == "all":
+            return [left] if left else []
+        turns: dict[int, list[int]] = defaultdict(list)
+        before: dict[int, int] = defaultdict(int)
+        for index, one in enumerate(self._all):
+            if index in left:
+                turns[before[id(one.scenario)]].append(index)
+            before[id(one.scenario)] += 1
+        return [turns[turn] for turn in sorted(turns)]
+
+    def still_wanted(self, some: list[int]) -> list[int]:
+        """Those of them whose scenario has not got what it wants from another one."""
+        if self._config.adversaries == "all":
+            return some
+        over = {id(self._all[index].scenario) for index in range(len(self._all)) if self._is_settled(index)}
+        return [index for index in some if id(self._all[index].scenario) not in over]
+
+    def _begins(self, index: int) -> tuple[Controls | None, ...]:
+        """What the descents of a candidate begin with."""
+        one, near = self._all[index], self._near[index]
+        others = [start for start in one.starts if not any(start is other for other in near)]
+        return (*[*near, *others][: self._config.attempts - 1], one.job.start)
+
+    def _searched(self, begun: Mapping[int, Controls | None], iterations: int) -> Iterator[tuple[int, Ended]]:
+        chosen = [self._all[index] for index in begun]
+        jobs = [
+            (one.scenario, one.job._replace(start=start)) for one, start in zip(chosen, begun.values(), strict=True)
+        ]
+        yield from zip(begun, self._search(jobs, iterations) if jobs else [], strict=True)
+
+    def _after(self, index: int, new: Ended) -> None:
+        """The new end, with what all before it cost."""
+        old = self.ended[index]
+        if old is not None:
+            assert isinstance(old.found, Found)
+            earlier = old.earlier + int(old.found.iterations)
+            new = replace(new, seconds=old.seconds + new.seconds, earlier=earlier, looks=old.looks + new.looks)
+        self.ended[index] = new
+
+    def _is_settled(self, index: int) -> bool:
+        ended = self.ended[index]
+        return ended is not None and (isinstance(ended.found, DriveError) or ended.accepted)
+
+    def _may_try(self, index: int) -> bool:
+        ended = self.ended[index]
+        if ended is None:
+            return True
+        return not self._is_settled(index) and isinstance(ended.found, Found) and bool(ended.found.any_candidate)
+
+
+def attempt(candidates: Sequence[Candidate], search: Search, config: AttackConfig) -> list[Ended | None]:
+    """How the searches for each candidate ended, at its first accepted collision or its last attempt.
+
+    Where one adversary is enough, a scenario's candidates have their turns one after the other, and after the first
+    that succeeds no more is searched: those are None.
     """
-    ended: list[Ended | None] = [None] * len(jobs)
-    for rank in range(max((len(one.starts) for _, one in jobs), default=0)):
-        for turn in _turns(jobs, config):
-            over = {id(jobs[index][0]) for index in _settled(ended)} if config.adversaries == "one" else ()
-            tried = [
-                index
-                for index in turn
-                if rank < len(jobs[index][1].starts) and id(jobs[index][0]) not in over and _may_try(ended[index])
-            ]
-            begun = [(scenario, one.job._replace(start=one.starts[rank])) for scenario, one in (jobs[i] for i in tried)]
-            for index, new in zip(tried, search(begun) if begun else [], strict=True):
-                ended[index] = _after(ended[index], new)
-    return ended
-
-
-def _turns(jobs: Sequence[tuple[Scenario, Attempts]], config: AttackConfig) -> list[list[int]]:
-    """The indices of the jobs, together or of every scenario the first, the second, and so on."""
-    if config.adversaries == "all":
-        return [list(range(len(jobs)))]
-    turns: dict[int, list[int]] = defaultdict(list)
-    before = Counter[int]()
-    for index, (scenario, _) in enumerate(jobs):
-        turns[before[id(scenario)]].append(index)
-        before[id(scenario)] += 1
-    return list(turns.values())
-
-
-def _settled(ended: Sequence[Ended | None]) -> list[int]:
-    """Jobs after which there is nothing to look for: they succeeded, or the planner failed."""
-    return [i for i, one in enumerate(ended) if one and (isinstance(one.found, DriveError) or one.accepted)]
-
-
-def _may_try(ended: Ended | None) -> bool:
-    """Whether a job's last attempt, if there was one, leaves something to look for."""
-    if ended is None:
-        return True
-    found = ended.found
-    return isinstance(found, Found) and not found.accepted and bool(found.any_candidate)
-
-
-def _after(old: Ended | None, new: Ended) -> Ended:
-    """The new one, with the cost of both."""
-    if old is None:
-        return new
-    assert isinstance(old.found, Found)
-    return replace(new, seconds=old.seconds + new.seconds, earlier=old.earlier + int(old.found.iterations))
+    found = _Candidates(candidates, search, config)
+    looks = max((len(one.starts) for one in candidates), default=0)
+    for make, ranks in ((found.look, looks), (found.descend, config.attempts)):
+        for rank in range(ranks):
+            for turn in found.unsettled():
+                make(rank, found.still_wanted(turn))
+    return found.ended

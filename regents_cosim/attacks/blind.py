@@ -74,18 +74,22 @@ class ByEvolution:
 
 
 def search_blindly(
-    jobs: Sequence[tuple[Scenario, Job]], planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None
+    jobs: Sequence[tuple[Scenario, Job]],
+    planner: LoopPlanner,
+    config: AttackConfig,
+    most: int,
+    extra_cost: ExtraCost | None,
 ) -> list[Ended]:
-    """Try changes for each job until one is accepted or `config.iterations` roll-outs are spent."""
-    return [Ended(_search(scenario, job, planner, config, extra_cost)) for scenario, job in jobs]
+    """Try changes for each job until one is accepted or so many roll-outs are spent."""
+    return [Ended(_search(scenario, job, planner, config, most, extra_cost)) for scenario, job in jobs]
 
 
 def _search(
-    scenario: Scenario, job: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None
+    scenario: Scenario, job: Job, planner: LoopPlanner, config: AttackConfig, most: int, extra_cost: ExtraCost | None
 ) -> Found:
     seed = zlib.crc32(f"{scenario.id} {int(job.movers.first)}".encode())
     sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
-    compiled, most = config.compiled(), config.iterations
+    compiled = config.compiled()
     history = np.zeros((compiled.iterations, 3), np.float32)
     best, least, tried = np.zeros(2 * _KNOTS), np.inf, 0
     nearest, nearest_at = np.inf, 0  # the ego's cost when it last came down, and the roll-out of that

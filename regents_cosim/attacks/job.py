@@ -26,6 +26,7 @@ class Ended:
     found: Found | DriveError
     seconds: list[float] = field(default_factory=list)  # of each decision of a planner outside the mirror
     earlier: int = 0  # updates of earlier attempts
+    looks: int = 1  # roll-outs that no update led to
 
     @property
     def accepted(self) -> bool:

@@ -25,10 +25,18 @@ _PASSES = 25  # iterations between two looks at who has finished
 
 
 def search_in_lanes(
-    jobs: Iterable[Job], planner: LoopPlanner, config: AttackConfig, lanes: int, extra_cost: ExtraCost | None = None
+    jobs: Iterable[Job],
+    planner: LoopPlanner,
+    config: AttackConfig,
+    lanes: int,
+    iterations: int,
+    extra_cost: ExtraCost | None = None,
 ) -> list[Found]:
-    """The outcome of every job, in their order, at most `lanes` at a time; jobs of one shape share a program."""
-    most, config = jnp.int32(config.iterations), config.compiled()
+    """The outcome of every job after at most so many updates, in their order, at most `lanes` at a time.
+
+    Jobs of one shape share a program.
+    """
+    most, config = jnp.int32(iterations), config.compiled()
     by_shape: dict[Any, list[tuple[int, Job]]] = defaultdict(list)
     for number, job in enumerate(jobs):
         shapes = tuple(leaf.shape for leaf in jax.tree.leaves(job))

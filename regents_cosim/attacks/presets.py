@@ -30,6 +30,7 @@ _RANGES = {
     "static_m": Range(0.0, 1e4, "metres that an agent moves over the horizon"),
     "softmin_m": Range(0.0, 1e4, "metres, or 0 for the mean over time"),
     "behind_rad": Range(0.0, np.pi, "a bearing [rad]"),
+    "starts": Range(0, 1000, "drives to begin with per candidate, or 0 for the log alone", whole=True),
     "attempts": Range(1, 1000, "searches per candidate", whole=True),
     "nearest": Range(1, 1000, "candidates that get a search of their own", whole=True),
     "replan_every": Range(0, _MOST_ITERATIONS, "iterations between two closed loops, or 0 for the usual", whole=True),
@@ -70,7 +71,8 @@ class AttackConfig:
     pull_standing: bool = True  # steps at which the ego stands pull as well
     accept: Literal["any", "clean", "telling"] = "any"  # which collisions end a search: any, or one that nothing spoils
     optimiser: Literal["adam", "random", "cma-es"] = "adam"  # who lowers the cost; the blind ones to compare with
-    attempts: int = 1  # of a search per candidate; the last begins with the log, those before on other ways
+    starts: int = 0  # drives on other ways that are looked at for each candidate before it is searched; 0: none
+    attempts: int = 1  # descents for each candidate; the last begins with the log, those before with such drives
     law: Literal["any", "strict"] = "any"  # does the adversary keep to its own lanes and turns, and to the speed limit
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
     nearest: int = 5  # candidates that get a descent of their own
@@ -102,6 +104,11 @@ class AttackConfig:
         require(
             self.law == "any" or self.search == "per-candidate",
             "law `strict` gives each candidate a map of its own: take search `per-candidate`",
+            RegentsError,
+        )
+        require(
+            self.attempts == 1 or self.starts > 0,
+            f"{self.attempts} attempts need somewhere else to begin: take `starts` of 1 or more",
             RegentsError,
         )
         choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)
@@ -140,13 +147,13 @@ class AttackConfig:
 
 
 PROTOCOL = (
-    "search", "nearest", "attempts", "adversaries", "accept", "law", "background", "iterations", "patience",
+    "search", "nearest", "starts", "attempts", "adversaries", "accept", "law", "background", "iterations", "patience",
     "replan_every",
 )  # fmt: skip
-_ALONE = ("nearest", "attempts", "adversaries")  # of a search for each candidate
+_ALONE = ("nearest", "starts", "attempts", "adversaries")  # of a search for each candidate
 _ROOM = 500  # iterations that programs keep the costs of
 _CHOSEN_BEFORE = (
-    "replan_every", "attempts", "nearest", "adversaries", "dynamics",
+    "replan_every", "starts", "attempts", "nearest", "adversaries", "dynamics",
     "exclude_rear", "rear_share", "rear_sector_rad", "exclude_static", "static_m",
 )  # fmt: skip
 
@@ -168,9 +175,13 @@ REGENTS_FOCUSED = replace(
     nearest=8,
     background="reactive",
     pull_standing=False,
-    accept="clean",
+    accept="telling",
+    law="strict",
+    starts=12,
     attempts=2,
     patience=100,
+    exclude_static=False,
+    max_lateral_accel=3.0,
 )
 
 OURS = REGENTS_FOCUSED  # by whose protocol methods are compared

@@ -49,10 +49,11 @@ def pursue(
     config: AttackConfig,
     every: int,
     drives: Drives,
+    iterations: int,
     extra_cost: ExtraCost | None = None,
 ) -> list[Ended]:
-    """Search all `jobs` side by side, a closed loop every so many iterations."""
-    searches = [searching(job.world, config, job.movers, every, job.start, extra_cost) for _, job in jobs]
+    """Search all `jobs` side by side, of so many iterations at most, a closed loop every few of them."""
+    searches = [searching(job.world, config, job.movers, every, iterations, job.start, extra_cost) for _, job in jobs]
     seconds: list[list[float]] = [[] for _ in jobs]
     ended: dict[int, Found | DriveError] = {}
     waiting = {index: next(search) for index, search in enumerate(searches)}

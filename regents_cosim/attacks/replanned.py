@@ -33,21 +33,22 @@ def searching(
     config: AttackConfig,
     movers: Movers,
     every: int,
+    iterations: int,
     start: Controls | None = None,
     extra_cost: ExtraCost | None = None,
 ) -> Generator[Traffic, EgoTrack, Found]:
     """The search: yields traffic, wants the ego's track among it, returns what was found.
 
-    `every` is the number of iterations between two closed loops.
+    `every` is the number of iterations between two closed loops, `iterations` the most of all.
     """
     given = (world, config.compiled(), movers, start, extra_cost)
     search, traffic = _begin(given)
     while True:
         ego = yield traffic
         search, goes_on = _look(given, ego, search)
-        if not goes_on or search.iterations >= config.iterations:
+        if not goes_on or search.iterations >= iterations:
             return _result(given, ego, search)
-        passes = jnp.minimum(every, config.iterations - search.iterations)
+        passes = jnp.minimum(every, iterations - search.iterations)
         search, traffic = _advance(given, ego, search, passes)
 
 

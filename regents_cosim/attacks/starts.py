@@ -260,7 +260,7 @@ def _meetings(scenario: Scenario, agent: int, ego: Tracks) -> Iterator[Start]:
     me, dt = scenario.agents[agent], scenario.dt
     first = int(np.argmax(scenario.tracks.valid[agent]))
     drives = _drives(scenario, agent, first)
-    own = ego.x[0, first:], ego.y[0, first:], ego.yaw[0, first:]
+    own = ego.x[0, first:], ego.y[0, first:], ego.yaw[0, first:]  # [time] each
     hits = _overlaps(drives, own, (me.length, me.width), (scenario.ego.length, scenario.ego.width))
     hits &= scenario.tracks.valid[agent, first:]
     meets = np.argmax(hits, axis=1)
