@@ -292,16 +292,26 @@ class _Attack:
         """The same searches; where a telling crash is wanted, the exact verdict on the host has the last word."""
         if self.config.accept != "telling":
             return run
-        return lambda jobs, most: [self.if_telling(*job, one) for job, one in zip(jobs, run(jobs, most), strict=True)]
+        return lambda jobs, most: [
+            self.if_telling(*job, one, looked=most == 0) for job, one in zip(jobs, run(jobs, most), strict=True)
+        ]
 
-    def if_telling(self, scenario: Scenario, job: Job, ended: Ended) -> Ended:
-        """How a search ended; not with success where its crash is none that tells, as far as that is known."""
+    def if_telling(self, scenario: Scenario, job: Job, ended: Ended, looked: bool) -> Ended:
+        """How a search ended; with success where its crash tells something, as far as that is known.
+
+        The device is stricter than the host: of a mere look every crash is judged.
+        """
         found = ended.found
-        if not ended.accepted or not isinstance(found, Found) or _outcome(found) != "collision":
+        if not isinstance(found, Found) or not (bool(found.hit) if looked else ended.accepted):
             return ended
-        if is_telling(self.attacked(scenario, job, ended)) is not False:
+        taken, spoilt = (
+            replace(ended, found=eqx.tree_at(lambda one: one.accepted, found, jnp.asarray(accepted)))
+            for accepted in (True, False)
+        )
+        if not looked and _outcome(found) != "collision":
             return ended
-        return replace(ended, found=eqx.tree_at(lambda one: one.accepted, found, jnp.asarray(False)))
+        tells = is_telling(self.attacked(scenario, job, taken), lawful=self.config.law == "strict")
+        return spoilt if tells is False else taken
 
     def descend(self, jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
         """One descent after the other, with a planner in JAX that drives in every iteration."""

@@ -79,8 +79,8 @@ class Search:
     """How the attack searches; what is not given is the preset's."""
 
     method: Literal["regents", "king", "focused", "random", "cma-es"] = "regents"
-    """preset: king and regents of the papers; focused, our own, finds more crashes that mean something; random and
-    cma-es search without gradients, to compare with"""
+    """preset: king and regents of the papers; focused, our own, finds crashes that tell something: a lawful adversary,
+    and a careful driver avoids it; random and cma-es search without gradients, to compare with"""
     search: Literal["joint", "per-candidate"] | None = None
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
     nearest: int | None = None
@@ -99,10 +99,14 @@ class Search:
     """updates at most"""
     patience: int | None = None
     """updates without progress after which a search ends; 0: it goes on to the last"""
-    accept: Literal["any", "clean"] | None = None
-    """which collisions end a search: any, or only one that says something about the planner"""
+    accept: Literal["any", "clean", "telling"] | None = None
+    """which collisions end a search: any, one that nothing spoils, or only one that a careful driver avoids as well"""
+    law: Literal["any", "strict"] | None = None
+    """strict: the adversary keeps to its own lanes and turns, to lights and to the speed limit"""
+    starts: int | None = None
+    """drives on other ways, timed to meet the ego, that are tried for each candidate before it is searched"""
     attempts: int | None = None
-    """searches for each candidate, from another timing each, until one succeeds"""
+    """searches for each candidate, from another start each, until one succeeds"""
     replan_every: int | None = None
     """iterations between two closed loops of the planner; 1 in the compiled loop, 10 for planners outside it"""
     universal: Literal["mean", "worst"] | None = None

@@ -202,8 +202,9 @@ def count_windows(windows: Sequence[Results], which: Callable[[Scenario], bool])
 
 def rollouts_at_most(config: AttackConfig) -> int:
     """How many closed loops of the planner a window may take."""
-    searches = 1 if config.search == "joint" else config.nearest * config.attempts
-    return searches * config.iterations
+    if config.search == "joint":
+        return config.iterations
+    return config.nearest * (config.starts + config.attempts * config.iterations)
 
 
 def in_words(protocol: Protocol) -> str:

@@ -11,7 +11,7 @@ from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.fault import fault
 from regents_cosim.verdicts.manoeuvres import BANK, Bank
 from regents_cosim.verdicts.offences import law_of
-from regents_cosim.verdicts.reference_drivers import reference_drives
+from regents_cosim.verdicts.reference_drivers import careful_drive, reference_drives
 from regents_cosim.verdicts.unavoidable import unavoidable
 
 
@@ -35,16 +35,17 @@ def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
     return replace(attacked, judgement=judgement, evasion=evasion)
 
 
-def is_telling(attacked: Scenario) -> bool | None:
+def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
     """Whether the crash of an attacked scenario tells something about the planner; None where the law is not known.
 
-    What `judge` says of it, without asking what is not needed for that.
+    What `judge` says of it, without asking what is not needed for that; where the adversary need not be `lawful`,
+    whether it is clean and a careful driver avoids it.
     """
     flaws = cleanness(attacked)
-    if flaws is None or not flaws.clean:
+    careful = careful_drive(attacked) if flaws is not None and flaws.clean else None
+    if careful is None or not careful.avoids:
         return False
-    found = Judgement((), law=law_of(attacked), drivers=reference_drives(attacked))
-    return found.telling if "careful" in found.preventable_by else False
+    return law_of(attacked).lawful if lawful else True
 
 
 def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:

@@ -44,6 +44,12 @@ def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
     return _careful(attacked, hit)[0], *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
 
 
+def careful_drive(attacked: Scenario) -> ReferenceDrive | None:
+    """What the careful driver alone does about it; None where there is no crash."""
+    hit = attacked.attack.collision if attacked.attack else None
+    return None if hit is None else _careful(attacked, hit)[0]
+
+
 def reference_track(attacked: Scenario) -> Tracks:
     """The careful driver's drive [1, time], up to the horizon; the ego's own where there is no crash."""
     hit = attacked.attack.collision if attacked.attack else None
