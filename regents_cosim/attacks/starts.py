@@ -117,19 +117,20 @@ class _Others:
         index = np.arange(len(scenario.agents))
         known = {name for pair in scenario.overlaps if scenario.agents[agent].id in pair.agents for name in pair.agents}
         counts = [i not in (0, agent) and scenario.agents[i].id not in known for i in index.tolist()]
-        self._boxes = Boxes(*(values[counts] for values in np.broadcast_arrays(*scenario.boxes)))
+        self._x, self._y, yaw, length, width, _ = (values[counts] for values in np.broadcast_arrays(*scenario.boxes))
+        self._yaw, self._length, self._width = yaw, length, width
         self._there = scenario.tracks.valid[counts] & scenario.tracks.valid[agent]
         self._size = scenario.agents[agent].length, scenario.agents[agent].width
 
     def leave_alone(self, start: Start) -> bool:
         """Whether the drive touches none of them up to where it meets the ego."""
         upto = np.s_[: start.meets + 1]
-        there = self._there[:, upto]
-        near = np.hypot(self._boxes.x[:, upto] - start.x[upto], self._boxes.y[:, upto] - start.y[upto])
-        reach = 0.5 * (np.hypot(self._boxes.length, self._boxes.width)[:, upto] + np.hypot(*self._size))
-        row, step = np.nonzero(there & (near < reach))
-        mine = Boxes(start.x[step], start.y[step], start.yaw[step], *self._size)
-        return not np.any(overlap(mine, Boxes(*(values[row, step] for values in self._boxes))))
+        near = np.hypot(self._x[:, upto] - start.x[upto], self._y[:, upto] - start.y[upto])
+        reach = 0.5 * (np.hypot(self._length, self._width)[:, upto] + np.hypot(*self._size))
+        at = np.nonzero(self._there[:, upto] & (near < reach))
+        mine = Boxes(start.x[at[1]], start.y[at[1]], start.yaw[at[1]], *self._size)
+        theirs = Boxes(self._x[at], self._y[at], self._yaw[at], self._length[at], self._width[at])
+        return not np.any(overlap(mine, theirs))
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +288,8 @@ def _overlaps(
     row, step = np.nonzero(near)
     one = Boxes(drives.x[near], drives.y[near], drives.yaw[near], *mine)
     hits = np.zeros(near.shape, bool)
-    hits[row, step] = overlap(one, Boxes(*(values[step] for values in own), *ego))
+    x, y, yaw = (values[step] for values in own)
+    hits[row, step] = overlap(one, Boxes(x, y, yaw, *ego))
     return hits
 
 

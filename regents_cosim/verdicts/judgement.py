@@ -45,7 +45,8 @@ def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
     careful = careful_drive(attacked) if flaws is not None and flaws.clean else None
     if careful is None or not careful.avoids:
         return False
-    return law_of(attacked).lawful if lawful else True
+    law = law_of(attacked) if lawful else None
+    return law.lawful if law is not None else True
 
 
 def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:
