@@ -6,7 +6,7 @@ import pytest
 from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack, attack_each
-from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
+from regents_cosim.attacks.presets import FOCUSED_COST, KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.files import content_hash
@@ -139,7 +139,7 @@ def test_an_unknown_planner():
 @pytest.mark.slow
 def test_a_search_per_candidate_finds_every_adversary_once():
     recorded = platoon()
-    results = list(attack([recorded], REGENTS_FOCUSED, "log_replay"))
+    results = list(attack([recorded], FOCUSED_COST, "log_replay"))
     adversaries = [s.attack.collision.agent for s in results]
     assert len(adversaries) > 1
     assert len(set(adversaries)) == len(adversaries)
@@ -156,7 +156,7 @@ def test_a_search_per_candidate_finds_every_adversary_once():
 def test_where_one_adversary_is_enough_it_is_the_first_of_all(engine):
     empty = replace(scene((0, 0, 10)), id="empty")
     recorded = [platoon(), empty, replace(platoon(), id="again")]
-    some = replace(REGENTS_FOCUSED, nearest=3, iterations=150)
+    some = replace(FOCUSED_COST, nearest=3, iterations=150)
     every, one = (
         list(attack_each(recorded, replace(some, adversaries=wanted), "log_replay", engine=engine))
         for wanted in ("all", "one")
@@ -177,7 +177,7 @@ def test_where_one_adversary_is_enough_none_is_tried_after_it():
         jax.debug.callback(tried.append, controls.accel[1, 0])
         return 0.0
 
-    few = replace(REGENTS_FOCUSED, iterations=500, nearest=3)
+    few = replace(FOCUSED_COST, iterations=500, nearest=3)
     for wanted in ("one", "all"):
         list(attack([platoon()], replace(few, adversaries=wanted), "log_replay", extra_cost=wish))
         tried.append(wanted)
@@ -259,6 +259,6 @@ def test_king_is_regents_without_its_rules():
 
 
 def test_who_is_searched_and_how_often_needs_no_other_program():
-    fewer = replace(REGENTS_FOCUSED, method="mine", iterations=7, nearest=1, attempts=1, exclude_rear=False)
+    fewer = replace(REGENTS_FOCUSED, method="mine", iterations=7, nearest=1, starts=0, attempts=1, exclude_rear=False)
     assert fewer.compiled() == REGENTS_FOCUSED.compiled()
     assert REGENTS_FOCUSED.compiled() != replace(REGENTS_FOCUSED, pair_weight=1.0).compiled()

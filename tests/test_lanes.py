@@ -8,7 +8,7 @@ from params import slow
 from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import REGENTS, REGENTS_FOCUSED
+from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS
 
 HARD = scene((0, 0, 10), (60, 6.4, 10), (90, 3.2, 10), name="hard")
 ALONE = scene((0, 0, 10), name="alone")
@@ -21,7 +21,7 @@ MIXED = [HARD, platoon(seed=0), ALONE, platoon(seed=1)]
     [
         (replace(REGENTS, iterations=12), SAME),
         slow(replace(REGENTS, iterations=80), MIXED),
-        slow(replace(REGENTS_FOCUSED, iterations=80, background="log"), MIXED),
+        slow(replace(FOCUSED_COST, iterations=80, background="log"), MIXED),
     ],
 )
 def test_lanes_find_what_threads_find(config, scenarios):

@@ -162,7 +162,7 @@ def test_a_protocol_is_how_one_searches_and_not_for_what():
     cost = replace(REGENTS_FOCUSED, softmin_m=0.0, pull_from_behind=True, pull_standing=True, exclude_rear=False)
     assert cost.protocol == REGENTS_FOCUSED.protocol
     kept = KING.by_protocol_of(REGENTS_FOCUSED)
-    assert (kept.method, kept.softmin_m, kept.exclude_rear, kept.accept) == ("king", 0.0, False, "clean")
+    assert (kept.method, kept.softmin_m, kept.exclude_rear, kept.accept) == ("king", 0.0, False, "telling")
 
 
 def test_places_that_had_a_say_are_shown_apart():
@@ -206,7 +206,7 @@ def test_a_run_without_crashes_has_no_means():
 
 def test_the_budget_counts_every_search():
     assert rollouts_at_most(KING) == 500
-    assert rollouts_at_most(REGENTS_FOCUSED) == 8 * 2 * 500
+    assert rollouts_at_most(REGENTS_FOCUSED) == 8 * (12 + 2 * 500)
 
 
 def test_bars_are_as_high_as_their_shares(tmp_path):

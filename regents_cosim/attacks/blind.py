@@ -156,7 +156,8 @@ def _state(
     job: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None, change: Array
 ) -> tuple[Any, Search]:
     """The descent at the actions that the search begins with plus `change`."""
-    first = set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost).first()
+    begun = set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost)
+    first = begun.first()
     steps = first.accel.shape[1]
     knots, times = jnp.linspace(0.0, steps - 1.0, _KNOTS), jnp.arange(steps)
     accel, curvature = (
@@ -165,5 +166,8 @@ def _state(
             (first.accel, first.curvature), _UNIT, (change[:_KNOTS], change[_KNOTS:]), strict=True
         )
     )
-    descent = set_up(job.world, planner, job.memory, config, job.movers, Controls(accel, curvature), extra_cost)
+    actions = Controls(accel, curvature)
+    if config.law == "strict":
+        actions = begun.not_too_fast(actions)
+    descent = set_up(job.world, planner, job.memory, config, job.movers, actions, extra_cost)
     return descent, descent.seeing(descent.begin())

@@ -45,7 +45,7 @@ from regents_cosim.attacks.costs import Costs, total_cost
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, accumulate, running_minimum
 from regents_cosim.mirror.dynamics import controls_between, pull_back, roll_out
 from regents_cosim.mirror.rollout import (
     LoopPlanner,
@@ -210,11 +210,12 @@ class Descent(eqx.Module):
     def not_too_fast(self, actions: Controls) -> Controls:
         """The actions [mover step] without what would take a mover beyond its top speed."""
         world, rows = self.world, self.movers.rows
-        begun, moving, most = rows(world.start.speed)[:, None], rows(world.moving), rows(world.top_speed)[:, None]
-        gained = jnp.where(moving, to_controls(actions).accel * world.dt, 0.0)
-        speed = jnp.minimum(begun + jnp.cumsum(gained, axis=1), most)
-        accel = jnp.diff(speed, axis=1, prepend=begun) / (ACCEL_LIMIT * world.dt)
-        return Controls(jnp.where(moving, jnp.minimum(actions.accel, accel), actions.accel), actions.curvature)
+        begun, moving, most = rows(world.start.speed), rows(world.moving), rows(world.top_speed)[:, None]
+        summed = accumulate(begun, jnp.where(moving, to_controls(actions).accel * world.dt, 0.0))
+        wanted = summed - running_minimum(jnp.minimum(summed, 0.0), 0.0)  # who stands does not get any slower
+        accel = jnp.diff(jnp.minimum(wanted, most)) / (ACCEL_LIMIT * world.dt)
+        too_fast = moving & (wanted[:, 1:] > most)
+        return Controls(jnp.where(too_fast, jnp.minimum(actions.accel, accel), actions.accel), actions.curvature)
 
     def steps(self, steps: Controls) -> Controls:
         """Adam's steps as shares of the limits: they are, because the actions are."""

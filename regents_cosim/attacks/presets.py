@@ -69,7 +69,7 @@ class AttackConfig:
     pull_from_behind: bool = True  # steps at which the adversary is behind the ego pull as well
     behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which somebody is behind
     pull_standing: bool = True  # steps at which the ego stands pull as well
-    accept: Literal["any", "clean", "telling"] = "any"  # which collisions end a search: any, or one that nothing spoils
+    accept: Literal["any", "clean", "telling"] = "any"  # which collisions end a search
     optimiser: Literal["adam", "random", "cma-es"] = "adam"  # who lowers the cost; the blind ones to compare with
     starts: int = 0  # drives on other ways that are looked at for each candidate before it is searched; 0: none
     attempts: int = 1  # descents for each candidate; the last begins with the log, those before with such drives
@@ -103,12 +103,12 @@ class AttackConfig:
         )
         require(
             self.law == "any" or self.search == "per-candidate",
-            "law `strict` gives each candidate a map of its own: take search `per-candidate`",
+            "law `strict` gives each candidate a map of its own: take search `per-candidate`, or law `any`",
             RegentsError,
         )
         require(
-            self.attempts == 1 or self.starts > 0,
-            f"{self.attempts} attempts need somewhere else to begin: take `starts` of 1 or more",
+            self.attempts == 1 or self.starts > 0 or self.search == "joint",
+            f"{self.attempts} attempts need somewhere else to begin: take `starts` of 1 or more, or 1 attempt",
             RegentsError,
         )
         choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)
@@ -162,10 +162,16 @@ REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True,
 
 # A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the
 # ReGentS paper), and a minimum over candidates commits to one ("minimum trap"). The soft minimum pulls
-# the closest moments together, each candidate is searched alone, nobody is pulled from behind, and
-# followers brake for the ego instead of hitting it by themselves. Three of four searches never get anywhere and
-# show it early: those that succeed have taken 75 iterations in the median, and but one in thirty has stood still
-# for a hundred before.
+# the closest moments together, each candidate is searched alone, nobody is pulled from behind or towards a standing
+# ego, and followers brake for the ego instead of hitting it by themselves.
+# What is wanted is a crash that tells something: a lawful adversary (`law`) that a careful driver avoids (`accept`),
+# and one that drives as people do: 3 m/s^2 sideways is what drivers take in bends (Treiber and Kesting 2013).
+# Descents alone, from the log, found one in 3 of 36 windows of crossing, signals and grid (seed 100): the gradient
+# pulls straight across, where the law forbids it. With a look at twelve drives along lawful ways that meet the ego,
+# and a descent from the most promising one before the one from the log, it is 13 of 36. Eight candidates are searched,
+# those with the most promising drives of three times as many. Who stands may pull out, and so counts as well.
+# Three of four descents never get anywhere and show it early: those that succeed have taken 75 iterations in the
+# median, and but one in thirty has stood still for a hundred before.
 REGENTS_FOCUSED = replace(
     REGENTS,
     method="focused",
@@ -185,6 +191,10 @@ REGENTS_FOCUSED = replace(
 )
 
 OURS = REGENTS_FOCUSED  # by whose protocol methods are compared
+
+# The cost alone, from the log, for any crash that nothing spoils: what the figures show, and what scenes without lanes
+# can be asked for.
+FOCUSED_COST = replace(REGENTS_FOCUSED, law="any", accept="clean", starts=0, attempts=1)
 
 # The same cost without its gradient, with as many roll-outs for each candidate.
 RANDOM = replace(REGENTS_FOCUSED, method="random", optimiser="random", iterations=1000, attempts=1, patience=0)

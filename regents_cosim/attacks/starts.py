@@ -22,7 +22,7 @@ from regents_cosim.attacks.descent import to_actions
 from regents_cosim.attacks.job import Job
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.frames import wrap
-from regents_cosim.limits import ALONG_RAD
+from regents_cosim.limits import ALONG_RAD, MOST_ACCEL_M_S2
 from regents_cosim.mirror.actions import fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.world import scene_origin
@@ -267,6 +267,7 @@ def _meetings(scenario: Scenario, agent: int, ego: Tracks) -> Iterator[Start]:
     meets = np.argmax(hits, axis=1)
     late = hits.any(axis=1) & ((first + meets) * dt >= _EARLIEST_S)
     late &= ~drives.runs_red[np.arange(len(meets)), meets]
+    late &= _hardest_turn(drives, meets, dt) <= MOST_ACCEL_M_S2
     contact = _contact(drives, meets, own)
     promise = _promise(drives, meets, own, scenario)
     for row in np.flatnonzero(late).tolist():
@@ -277,6 +278,13 @@ def _meetings(scenario: Scenario, agent: int, ego: Tracks) -> Iterator[Start]:
         when = (first + int(meets[row])) * dt
         met = (when, float(contact[row, 0]), float(contact[row, 1]))
         yield Start(x, y, yaw, speed, first + int(meets[row]), met, float(promise[row]))
+
+
+def _hardest_turn(drives: _Drives, meets: Int[np.ndarray, " drive"], dt: float) -> Float[np.ndarray, " drive"]:
+    """The greatest acceleration sideways [m/s^2] before each meets the ego; the fast turn hard into their lane."""
+    sideways = 0.5 * (drives.speed[:, 1:] + drives.speed[:, :-1]) * np.abs(np.diff(drives.yaw)) / dt
+    before = np.arange(sideways.shape[1]) < meets[:, None]
+    return np.max(sideways, axis=1, initial=0.0, where=before)
 
 
 def _overlaps(

@@ -64,6 +64,9 @@ def table1(
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
     nearest: Count | None = None,
     adversaries: Literal["all", "one"] | None = None,
+    accept: Literal["any", "clean", "telling"] | None = None,
+    law: Literal["any", "strict"] | None = None,
+    starts: CountOrZero | None = None,
     attempts: Count | None = None,
     patience: CountOrZero | None = None,
     replan_every: CountOrZero | None = None,
@@ -105,8 +108,14 @@ def table1(
         candidates that get a search of their own
     adversaries
         of these: all that succeed, or the first, which ends a window's search
+    accept
+        which collisions end a search: any, one that nothing spoils, or only one that a careful driver avoids as well
+    law
+        strict: adversaries keep to their own lanes and turns, to lights and to the speed limit
+    starts
+        drives on other ways, timed to meet the ego, that are tried for each candidate before it is searched
     attempts
-        searches for each candidate, from another timing each
+        searches for each candidate, from another start each
     patience
         updates without progress after which a search ends; 0: it goes on to the last
     replan_every
@@ -124,6 +133,9 @@ def table1(
         "as_published": as_published,
         "nearest": nearest,
         "adversaries": adversaries,
+        "accept": accept,
+        "law": law,
+        "starts": starts,
         "attempts": attempts,
         "patience": patience,
         "replan_every": replan_every,

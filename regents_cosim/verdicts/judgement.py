@@ -41,8 +41,7 @@ def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
     What `judge` says of it, without asking what is not needed for that; where the adversary need not be `lawful`,
     whether it is clean and a careful driver avoids it.
     """
-    flaws = cleanness(attacked)
-    careful = careful_drive(attacked) if flaws is not None and flaws.clean else None
+    careful = careful_drive(attacked) if flaws(attacked) == () else None
     if careful is None or not careful.avoids:
         return False
     law = law_of(attacked) if lawful else None

@@ -1,7 +1,7 @@
 """The four failures of KING that the ReGentS paper names: a scene, the attacks on it, and what they show.
 
-Nothing is staged: the scenes are recorded traffic to the attack, which runs with the presets as
-they are, against an ego that replays its log.
+Nothing is staged: the scenes are recorded traffic to the attack, which runs with the presets of
+the papers as they are, and with the cost of our own, against an ego that replays its log.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import KING, REGENTS, REGENTS_FOCUSED, AttackConfig
+from regents_cosim.attacks.presets import FOCUSED_COST, KING, REGENTS, AttackConfig
 from regents_cosim.boxes import Boxes, distance
 from regents_cosim.evaluation.gallery import scenes
 from regents_cosim.scenario import Scenario
@@ -128,14 +128,14 @@ def exhibits() -> tuple[Exhibit, ...]:
             "The cost is the minimum over all candidates, so only the nearest one gets a gradient. Where that one "
             "can never reach the ego, nobody else is tried.",
             scenes.minimum_trap(),
-            (KING, REGENTS, REGENTS_FOCUSED),
+            (KING, REGENTS, FOCUSED_COST),
             "ahead",
             "the car ahead",
             {
                 "log": "the neighbour behind the hedge is nearest",
                 "king": "only the neighbour is pulled, and cannot come over",
                 "regents": "the same: its rules do not help here",
-                "focused": "our preset, each candidate searched alone: the car ahead pulls in and brakes",
+                "focused": "the cost of our preset, each candidate searched alone: the car ahead pulls in and brakes",
             },
             _minimum_trap,
         ),
@@ -144,14 +144,14 @@ def exhibits() -> tuple[Exhibit, ...]:
             "Time-averaged distance",
             "The cost is a mean over the whole horizon, so staying close for long counts for more than hitting once.",
             scenes.averaged_distance(),
-            (KING, REGENTS, REGENTS_FOCUSED),
+            (KING, REGENTS, FOCUSED_COST),
             "cross",
             "the crossing car",
             {
                 "log": "crosses just behind the ego",
                 "king": "brakes: nearer on average, further away at best",
                 "regents": "the same: its rules do not help here",
-                "focused": "our preset, a soft minimum over time: accelerates",
+                "focused": "the cost of our preset, a soft minimum over time: accelerates",
             },
             _averaged_distance,
             seconds=(1.5, 5.0),

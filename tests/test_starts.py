@@ -1,0 +1,183 @@
+"""Where searches begin: drives that meet the ego, leave all others alone and keep to the law."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from bridged_drives import shipped_window
+from crossing_scenes import road
+from params import slow
+from scenes import crash, platoon, scene
+
+from regents_cosim.attacks.descent import to_controls
+from regents_cosim.attacks.job import Job
+from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.starts import followed, starts
+from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.frames import wrap
+from regents_cosim.limits import MOST_ACCEL_M_S2
+from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.rollout import roll_out_background
+from regents_cosim.mirror.world import scene_origin, to_world
+from regents_cosim.scenario import Signal, Tracks
+from regents_cosim.verdicts.offences import law_of
+from regents_cosim.verdicts.ways import OVER_LIMIT, lawful_area, lawful_lanes
+
+WINDOWS = ("crossing-00218", "signals-00218", slow("grid-00064"), slow("signals-00064"), slow("merge-00064"))
+
+
+def ego_of(made):
+    return Tracks(*(values[:1] for values in (made.tracks.x, made.tracks.y, made.tracks.yaw, made.tracks.speed)),
+                  valid=made.tracks.valid[:1])  # fmt: skip
+
+
+def nearest(made, count=6):
+    away = np.hypot(made.tracks.x - made.tracks.x[0], made.tracks.y - made.tracks.y[0])
+    away = np.where(made.tracks.valid, away, np.inf).min(axis=1)
+    return np.argsort(away, kind="stable")[1 : count + 1].tolist()
+
+
+def along(made, agent, start):
+    """The tracks of all, the agent on its start."""
+    there = made.tracks.valid[agent]
+    changed = {}
+    for name in ("x", "y", "yaw", "speed"):
+        values = np.array(getattr(made.tracks, name))
+        values[agent, there] = getattr(start, name)[there]
+        changed[name] = values
+    return replace(made.tracks, **changed, accel=None, curvature=None)
+
+
+@pytest.fixture(scope="module", params=WINDOWS)
+def found(request):
+    """A window, and the starts of the vehicles that come nearest to its ego."""
+    made = shipped_window(request.param)
+    chosen = {agent: starts(made, agent, ego_of(made), 6) for agent in nearest(made)}
+    assert sum(map(len, chosen.values())) > 3
+    return made, [(agent, start) for agent, some in chosen.items() for start in some]
+
+
+def boxes(made, tracks):
+    return [np.broadcast_to(values, tracks.x.shape) for values in replace(made, tracks=tracks).boxes]
+
+
+def test_a_start_meets_the_ego_when_it_says_and_no_one_before(found):
+    made, drives = found
+    for agent, start in drives:
+        tracks = along(made, agent, start)
+        sides = boxes(made, tracks)
+        mine = Boxes(*(values[agent] for values in sides))
+        hits = overlap(mine, Boxes(*sides)) & tracks.valid & tracks.valid[agent]
+        assert int(np.argmax(hits[0])) == start.meets
+        assert start.contact[0] == pytest.approx(start.meets * made.dt)
+        hits[[0, agent]] = False
+        known = {name for pair in made.overlaps for name in pair.agents if made.agents[agent].id in pair.agents}
+        hits[[one.id in known for one in made.agents]] = False
+        assert not hits[:, : start.meets + 1].any()
+
+
+def test_a_start_keeps_to_its_way_and_breaks_no_law(found):
+    """As the verdict on a crash has it, which the drive need not be asked for where it begins."""
+    made, drives = found
+    for agent, start in drives:
+        area = lawful_area(made, agent)
+        there = made.tracks.valid[agent] & (np.arange(made.tracks.steps) <= start.meets)
+        centres = shapely.points(start.x[there], start.y[there])
+        assert shapely.distance(area, centres).max() < 0.5
+        law = law_of(crash(made, along(made, agent, start)))
+        assert not {offence.name for offence in law.adversary} & {"red_light", "speeding", "against_direction"}
+
+
+def test_a_start_is_driven_as_people_do(found):
+    made, drives = found
+    for agent, start in drives:
+        there = made.tracks.valid[agent]
+        x, y, yaw, speed = (values[there] for values in (start.x, start.y, start.yaw, start.speed))
+        logged = made.tracks.speed[agent, there]
+        limit = max(lane.speed_limit for lane in lawful_lanes(made, agent))
+        assert speed.max() <= max(OVER_LIMIT * limit, 1.3 * logged.max(), 1.3 * 4.0) + 1e-6
+        assert np.abs(np.diff(speed)).max() <= 4.5 * made.dt + 1e-6
+        upto = int(start.meets - np.argmax(there))
+        sideways = np.abs(np.asarray(wrap(np.diff(yaw)))) / made.dt * 0.5 * (speed[1:] + speed[:-1])
+        assert sideways[:upto].max() <= MOST_ACCEL_M_S2
+        assert np.median(sideways[:upto]) <= 3.0
+        assert np.abs(np.hypot(np.diff(x), np.diff(y)) / made.dt - 0.5 * (speed[1:] + speed[:-1])).max() < 0.5
+        assert (x[0], y[0]) == pytest.approx((made.tracks.x[agent, there][0], made.tracks.y[agent, there][0]), abs=0.5)
+        assert speed[0] == pytest.approx(logged[0])
+
+
+@compiled
+def driven(world, movers, actions):
+    return roll_out_background(world, movers.put(world.controls, to_controls(actions)))
+
+
+def test_a_start_can_be_followed(found):
+    made, drives = found
+    world, origin = to_world(made), scene_origin(made)
+    for agent in dict.fromkeys(agent for agent, _ in drives):
+        mine = [start for one, start in drives if one == agent]
+        job = Job(world, None, Movers.only(agent, len(world.valid)))
+        there = made.tracks.valid[agent]
+        for start, actions in zip(mine, followed(made, job, mine, 6), strict=True):
+            motion = driven(world, job.movers, actions)
+            upto = there & (np.arange(made.tracks.steps) <= start.meets)
+            off = np.hypot(motion.x[agent] + origin[0] - start.x, motion.y[agent] + origin[1] - start.y)
+            assert off[upto].max() < 0.3
+
+
+def test_starts_differ_and_the_most_promising_is_first(found):
+    _, drives = found
+    for (agent, one), (other, two) in itertools.pairwise(drives):
+        if agent == other:
+            assert one.promise >= two.promise
+            assert np.any(np.abs(np.subtract(one.contact, two.contact)) > (0.6, 2.0, np.deg2rad(30.0)))
+
+
+def test_the_same_starts_are_found_again(found):
+    made, drives = found
+    agent = drives[0][0]
+    again = starts(made, agent, ego_of(made), 6)
+    for one, two in zip([start for of, start in drives if of == agent], again, strict=True):
+        assert (one.meets, one.contact, one.promise) == (two.meets, two.contact, two.promise)
+        np.testing.assert_array_equal(one.x, two.x)
+
+
+def at_lights(letter):
+    """The ego goes east through a crossing, another stands south of it; all lights show one letter all the time."""
+    net = road("signals")
+    lights = [link for links in net.exits.values() for link in links if link.signal]
+    shown = letter * (1 + max(link.link for link in lights))
+    signals = tuple(Signal(name, ((0, shown),)) for name in sorted({link.signal for link in lights}))
+    lane = next(lane for lane in net.lanes if lane.id == "south_stop_0")
+    (x, y), (x1, y1) = lane.centre[-1] - 12.0 * along_of(lane), lane.centre[-1]
+    made = scene((-60, -1.7, 9.0), (x, y, 0.0), road=net, signals=signals)
+    yaw = np.array([[0.0], [np.arctan2(y1 - y, x1 - x)]]) + 0 * made.tracks.yaw
+    return replace(made, tracks=replace(made.tracks, yaw=yaw))
+
+
+def along_of(lane):
+    way = lane.centre[-1] - lane.centre[-2]
+    return way / np.hypot(*way)
+
+
+def test_no_start_passes_a_red_light():
+    red = at_lights("r")
+    passed = {}
+    for letter in "rG":
+        made = at_lights(letter)
+        found = starts(made, 1, ego_of(made), 12)
+        laws = [law_of(replace(crash(made, along(made, 1, start)), signals=red.signals)) for start in found]
+        passed[letter] = sum("red_light" in {offence.name for offence in law.adversary} for law in laws)
+    assert passed["r"] == 0 < passed["G"]
+
+
+def test_without_lanes_a_start_is_the_logged_path_at_another_time():
+    made = platoon()
+    made = replace(made, road=replace(made.road, lanes=()))
+    found = [(agent, start) for agent in range(1, 9) for start in starts(made, agent, ego_of(made), 4)]
+    assert found
+    for agent, start in found:
+        np.testing.assert_allclose(start.y, made.tracks.y[agent], atol=1e-9)
+        assert np.abs(start.x - made.tracks.x[agent]).max() > 1.0
