@@ -12,7 +12,7 @@ from regents_cosim.attacks.acceptance import is_clean
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.descent import ego_contacts
 from regents_cosim.attacks.movers import Movers
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
+from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS_FOCUSED
 from regents_cosim.boxes import Boxes, corners, overlap
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
@@ -144,7 +144,7 @@ def test_the_device_accepts_what_the_host_calls_clean_in_thousands_of_scenes():
 
 @pytest.mark.slow
 def test_what_the_search_accepts_is_what_the_exact_boxes_call_clean():
-    found = list(attack([platoon(seed=1)], replace(REGENTS_FOCUSED, nearest=3), "log_replay"))
+    found = list(attack([platoon(seed=1)], replace(FOCUSED_COST, nearest=3), "log_replay"))
     crashes = [spoilt for case in found if (spoilt := flaws(case)) is not None]
     assert crashes
     assert not any(crashes)

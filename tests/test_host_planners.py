@@ -13,7 +13,7 @@ from params import slow
 from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS, REGENTS_FOCUSED
+from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.driving import drive_each
@@ -87,7 +87,7 @@ def test_an_attack_finds_what_it_finds_on_the_twin():
     [
         pytest.param(named("Cautious"), QUICK, id="outside"),
         slow(IN_JAX, QUICK, id="inside"),
-        pytest.param(named("Cautious"), replace(REGENTS_FOCUSED, iterations=40), id="reacting", marks=pytest.mark.slow),
+        pytest.param(named("Cautious"), replace(FOCUSED_COST, iterations=40), id="reacting", marks=pytest.mark.slow),
     ],
 )
 def test_a_collision_that_counts_is_one_of_a_fresh_closed_loop(name, config):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scenes import PROVENANCE
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import KING, REGENTS, REGENTS_FOCUSED
+from regents_cosim.attacks.presets import FOCUSED_COST, KING, REGENTS
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import LogError
 from regents_cosim.levels import contains, drivable_at, has_levels
@@ -170,7 +170,7 @@ def test_an_fcd_output_has_them_itself_or_by_its_lanes(two_roads, tmp_path, attr
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("config", [KING, REGENTS, REGENTS_FOCUSED], ids=["king", "regents", "focused"])
+@pytest.mark.parametrize("config", [KING, REGENTS, FOCUSED_COST], ids=["king", "regents", "focused"])
 def test_no_attack_crashes_two_levels_into_each_other(two_roads, config):
     _, cases = two_roads
     found = list(attack(cases, replace(config, iterations=100), "idm"))

@@ -76,6 +76,6 @@ def test_every_kind_is_attacked(tmp_path, name, real):
     hit = first_contact(case.agents, case.tracks)
     if case.attack.outcome == "collision":
         assert case.agents[hit[0]].id == case.attack.collision.agent
-        assert case.attack.iterations > 0
+        assert case.attack.rollouts > 0
     elif case.attack.outcome != "already_colliding":
         assert hit is None

@@ -33,7 +33,7 @@ def traffic() -> list[Scenario]:
 
 def methods() -> list[AttackConfig]:
     """ReGentS, and our own preset."""
-    focused = replace(REGENTS_FOCUSED, iterations=_ITERATIONS, nearest=2, attempts=1)
+    focused = replace(REGENTS_FOCUSED, iterations=_ITERATIONS, nearest=2, attempts=1, adversaries="one")
     return [replace(REGENTS, iterations=_ITERATIONS), focused]
 
 
