@@ -65,6 +65,7 @@ def test_without_lanes_its_map_is_the_road():
     assert np.isinf(np.asarray(world.top_speed)).all()
 
 
+@pytest.mark.slow
 def test_the_road_cost_under_the_law_has_the_gradient_of_finite_differences(x64):
     """A car that drifts across the centre line, by an amount."""
     world = jax.tree.map(
