@@ -6,6 +6,8 @@ BIN := .venv/bin
 # Half of the files each, so that what a file compiles and sets up is made once.
 TWO := -n 2 --dist worksteal
 
+DEMO := -c sumo_nets/crossing/crossing.sumocfg --planner idm --count 10 --seed 0
+
 CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 
 .PHONY: demo browser test test-all lint bench clean
@@ -21,8 +23,10 @@ CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 	touch $@
 
 demo: .venv/installed  ## from nothing to verified crashes, pictures and a report, in ./demo
-	$(BIN)/regents attack -c sumo_nets/crossing/crossing.sumocfg --planner idm --count 10 --seed 0 -o demo
+	$(BIN)/regents attack $(DEMO) --method focused -o demo
 	$(BIN)/regents report demo -o demo/report.html
+	@echo "The same windows by ReGentS of the paper, to compare:"
+	$(BIN)/regents attack $(DEMO) --method regents -o demo-regents
 	@echo "pictures: demo/*/still.png, and all of it in a browser: demo/report.html"
 
 # The report is tested in a browser. Where none can be installed these tests are skipped, and say so.
@@ -49,4 +53,4 @@ bench: .venv/installed-dev  ## speed, as ratios in one run
 	$(BIN)/python -m pytest tests/benchmarks -o addopts='' --benchmark-only -s  # without the checks of shapes
 
 clean:
-	rm -rf .venv demo build dist
+	rm -rf .venv demo demo-regents build dist

@@ -70,7 +70,7 @@ def test_a_failed_drive_is_the_planners_own(failed):
     hit = failed.attack.collision
     assert (hit.agent, hit.kind, hit.attributed) == ("car01", "rear_end_by_ego", True)
     assert failed.attack.planner == "constant_velocity"
-    assert failed.judgement.actionable
+    assert failed.judgement.avoidability.avoidable
     assert teachable([failed, None]) == [failed]
 
 
