@@ -67,8 +67,8 @@ class ReferencePlanner(JaxPlanner):
         zero = jnp.float32(0.0)
         own = jnp.full(back, scene.world.start.speed[0])
         return State(
-            self.idm.init(scene), lane_centres(scene.scenario), scene.world.dt, past, past, past > 0.0, own,
-            jnp.zeros(agents, jnp.float32), zero, zero, zero,
+            self.idm.init(scene), lane_centres(scene.scenario, scene.origin), scene.world.dt,
+            past, past, past > 0.0, own, jnp.zeros(agents, jnp.float32), zero, zero, zero,
         )  # fmt: skip
 
     def look(self, memory: State, traffic: Traffic) -> Seen:
