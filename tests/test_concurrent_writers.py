@@ -56,6 +56,7 @@ def test_writers_of_the_same_cases_and_a_suite_that_is_replaced_meanwhile(tmp_pa
     assert not [name for name in names(folder) if is_temporary(name)]
 
 
+@pytest.mark.slow
 def test_what_three_runs_accept_at_once_is_all_kept(tmp_path):
     add(tmp_path, 0, 1)
     finish(*(started("accept", tmp_path, f"planner{i}", stdout=subprocess.DEVNULL) for i in range(3)))

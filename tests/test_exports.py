@@ -373,6 +373,7 @@ def test_commonroad_io_reads_it(attacked, tmp_path):
 # --- bad input --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_writes_once_and_complains_on_one_line(tmp_path):
     program = Path(sys.executable).parent / "regents"
     case = next(QUICKSTART.glob("merge-00064*"))

@@ -233,6 +233,7 @@ def test_one_that_hangs_in_its_first_reset_is_waited_for_once(hosted):
         host.reset([told("fine")])
 
 
+@pytest.mark.slow
 def test_one_that_has_worked_is_given_up_when_it_hangs_twice_in_a_row(hosted):
     host = hosted("DeafInReset", reset_s=1.0)
     for name in ("fine", "deaf", "fine", "deaf", "deaf"):

@@ -128,7 +128,7 @@ def stretches_inside(
 ) -> list[tuple[float, float]]:
     """From where to where along a line it lies in the box from `low` to `high`, in order."""
     along, start, way = _along(points), points[:-1], np.diff(points, axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         sides = np.stack([(low - start) / way, (high - start) / way])
     beside = (way == 0.0) & ((start < low) | (start > high))  # runs along the box, outside
     sides = np.where(way == 0.0, np.array([-np.inf, np.inf])[:, None, None], sides)
