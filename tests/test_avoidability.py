@@ -150,7 +150,7 @@ def pushed(seed, drift, accel):
 
 
 @given(st.integers(0, 10_000), st.floats(2.0, 8.0), st.floats(0.5, 3.0))
-@settings(max_examples=25)
+@settings(max_examples=10)
 def test_an_evasion_touches_nobody_keeps_to_the_road_and_can_be_driven(seed, drift, accel):
     attacked = pushed(seed, drift, accel)
     if attacked is None:

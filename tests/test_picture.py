@@ -408,7 +408,7 @@ def test_dashes_keep_their_length_around_corners():
 
 
 @given(st.lists(st.tuples(*[st.floats(-300, 300)] * 2), min_size=2, max_size=6))
-@settings(max_examples=30)
+@settings(max_examples=12)
 def test_only_dashes_that_are_seen_are_cut_and_they_are_the_same(corners):
     line = np.array(corners)
     whole, seen = (Canvas.blank((80, 60), 1, LAND) for _ in range(2))

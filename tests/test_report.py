@@ -322,6 +322,7 @@ def test_one_position_far_away_takes_little_memory(agent):
     assert len(page) < 1e6
 
 
+@pytest.mark.slow
 def test_the_report_in_python(tmp_path):
     report(QUICKSTART, tmp_path / "new" / "report.html")
     page = (tmp_path / "new" / "report.html").read_text("utf-8")
