@@ -52,7 +52,7 @@ class _Candidates:
             self._after(index, ended)
 
     def unsettled(self) -> list[list[int]]:
-        """Whom there is something left to search for: groups whose turns follow each other.
+        """The candidates with something left to search for, in groups whose turns follow each other.
 
         Where one adversary is enough, every candidate of a scenario has a turn of its own.
         """

@@ -93,7 +93,7 @@ def _search(
     history = np.zeros((compiled.iterations, 3), np.float32)
     best, least, tried = np.zeros(2 * _KNOTS), np.inf, 0
     nearest, nearest_at = np.inf, 0  # the ego's cost when it last came down, and the roll-out of that
-    # The start itself comes first: whoever collides in the log is not attacked.
+    # The start itself comes first: a planner that collides in the log is not attacked.
     _, _, accepted = _try(job, planner, compiled, extra_cost, jnp.zeros((_BATCH, 2 * _KNOTS)))
     while not accepted.any() and tried < most and bool(job.movers.candidate.any()):
         if config.patience and tried - nearest_at > config.patience:
