@@ -304,12 +304,12 @@ class _Attack:
         found = ended.found
         if not isinstance(found, Found) or not (bool(found.hit) if looked else ended.accepted):
             return ended
+        if not looked and _outcome(found) != "collision":
+            return ended
         taken, spoilt = (
             replace(ended, found=eqx.tree_at(lambda one: one.accepted, found, jnp.asarray(accepted)))
             for accepted in (True, False)
         )
-        if not looked and _outcome(found) != "collision":
-            return ended
         tells = is_telling(self.attacked(scenario, job, taken), lawful=self.config.law == "strict")
         return spoilt if tells is False else taken
 

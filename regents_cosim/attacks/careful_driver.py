@@ -185,7 +185,7 @@ def _avoids(
     speed: Float[Array, ""],
     shift: Float[Array, ""],
 ) -> Bool[Array, ""]:
-    """Whether the drive over these distances meets nobody and keeps to the road, `shift` m aside from `acts` on."""
+    """Whether the drive over these distances meets no vehicle and keeps to the road, `shift` m aside from `acts` on."""
     steps = other.x.shape[0]
     x, y, yaw, z = path.at(distance)
     aside, turn = _aside(jnp.maximum(distance - path.driven[acts], 0.0), speed, shift)

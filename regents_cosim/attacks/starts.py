@@ -27,7 +27,7 @@ from regents_cosim.mirror.actions import fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.planners.route import logged_path
+from regents_cosim.planners.route import evenly, logged_path
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours
@@ -220,17 +220,11 @@ def _prolonged(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np
 
 
 def _line(points: Float[np.ndarray, "point 2"], limit: float) -> _Line:
-    even = _evenly(points)
+    even = evenly(points, _SPACING_M)
     smooth = np.stack([_smooth(even[:, axis]) for axis in (0, 1)], axis=1)
-    even = _evenly(smooth)
+    even = evenly(smooth, _SPACING_M)
     step = np.gradient(even, axis=0)
     return _Line(even, np.unwrap(np.arctan2(step[:, 1], step[:, 0])), limit)
-
-
-def _evenly(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "even 2"]:
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    at = np.arange(0.0, along[-1], _SPACING_M)
-    return np.stack([np.interp(at, along, points[:, axis]) for axis in (0, 1)], axis=1)
 
 
 def _smooth(values: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:

@@ -41,7 +41,7 @@ def plan_route(scenario: Scenario) -> Route:
     """The ego's logged path, then straight on along connected lanes, with limits and lights."""
     logged = logged_path(scenario.tracks if scenario.original is None else scenario.original)
     lanes = lanes_ahead(scenario.road, lanes_under(scenario, 0, logged)[-1])
-    points = _evenly(np.concatenate([logged, _extension(logged, lanes)]))
+    points = evenly(np.concatenate([logged, _extension(logged, lanes)]), SPACING_M)
     on_lane = lanes_under(scenario, 0, points)
     height = scenario.heights.of(0, *points.T)
     return Route(points, height, _limits(on_lane), _stop_lines(scenario, points, on_lane))
@@ -100,9 +100,10 @@ def _heading(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"
     return np.append(angles, angles[-1])
 
 
-def _evenly(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "even 2"]:
+def evenly(points: Float[np.ndarray, "point 2"], spacing_m: float) -> Float[np.ndarray, "even 2"]:
+    """Points [m] so far apart along a line."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    at = np.arange(0.0, along[-1], SPACING_M)
+    at = np.arange(0.0, along[-1], spacing_m)
     return np.stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])], axis=1)
 
 
