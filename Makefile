@@ -23,7 +23,7 @@ CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 	touch $@
 
 demo: .venv/installed  ## from nothing to verified crashes, pictures and a report, in ./demo
-	$(BIN)/regents attack $(DEMO) --method focused -o demo
+	$(BIN)/regents attack $(DEMO) -o demo
 	$(BIN)/regents report demo -o demo/report.html
 	@echo "The same windows by ReGentS of the paper, to compare:"
 	$(BIN)/regents attack $(DEMO) --method regents -o demo-regents

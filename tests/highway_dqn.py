@@ -3,7 +3,7 @@
 pip install 'regents_cosim[sb3]'
 python tests/highway_dqn.py                 # trains for a few minutes, writes highway_dqn.zip beside this file
 regents record --from highway:highway-fast-v0 --policy tests/highway_dqn.py:Trained -o cases/
-regents attack cases/ --planner highway:tests/highway_dqn.py:Trained -o suite/
+regents attack cases/ --method regents --planner highway:tests/highway_dqn.py:Trained -o suite/
 regents evaluate suite/ --in highway --planner highway:tests/highway_dqn.py:Trained
 """
 

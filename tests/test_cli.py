@@ -363,7 +363,8 @@ def test_logs_are_recorded_inspected_and_attacked(tmp_path):
     assert (row["format"], row["agents"], row["ego"]) == ("gpudrive", 4, "11")
     with Image.open(tmp_path / "pictures" / "abc.png") as picture:
         assert picture.size == (1200, 900)
-    done = regents("attack", tmp_path / "cases", "--iterations", 2, "--no-pictures", "-o", tmp_path / "suite", "--json")
+    words = ("--method", "regents", "--iterations", 2, "--no-pictures", "--json")
+    done = regents("attack", tmp_path / "cases", *words, "-o", tmp_path / "suite")
     assert done.returncode == 0, done.stderr
     assert {row["SUMO_verified"] for row in json.loads(done.stdout)} == {None}
 

@@ -199,7 +199,7 @@ def test_the_command_line(tmp_path):
     assert json.loads(done.stdout)[0]["outcome"] == "planner_error"
     assert "KeyError: 'lost'" in done.stderr
     assert "Traceback" not in done.stderr
-    assert "in reset" in load_case(tmp_path / "out" / "bad-regents-FailsInOneScene").attack.planner_error
+    assert "in reset" in load_case(tmp_path / "out" / "bad-focused-FailsInOneScene").attack.planner_error
     done = regents("evaluate", cases[0], "--planner", planner)
     assert done.returncode == 0, done.stderr
     row = json.loads(done.stdout)[0]

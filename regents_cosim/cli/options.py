@@ -78,9 +78,9 @@ class Traffic:
 class Search:
     """How the attack searches; what is not given is the preset's."""
 
-    method: Literal["regents", "king", "focused", "random", "cma-es"] = "regents"
-    """preset: king and regents of the papers; focused, our own, finds crashes that tell something: a lawful adversary,
-    and a careful driver avoids it; random and cma-es search without gradients, to compare with"""
+    method: Literal["focused", "regents", "king", "random", "cma-es"] = "focused"
+    """preset: focused, our own, finds crashes that tell something: a lawful adversary, and a careful driver avoids it;
+    regents and king as in the papers; random and cma-es search without gradients, to compare with"""
     search: Literal["joint", "per-candidate"] | None = None
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
     nearest: int | None = None

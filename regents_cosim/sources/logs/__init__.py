@@ -33,7 +33,7 @@ along the painted line between two lanes, where nuScenes has no area.
 
 Attacked, at most 4 windows of 8 s of each (made: the 3 cars of the tests' own files):
 
-    regents attack --log PATH --planner idm --method focused --count 4 --no-pictures -o suite/
+    regents attack --log PATH --planner idm --count 4 --no-pictures -o suite/
 
     format             windows collision none found idm collides unattacked
     gpudrive                 4         2          1                       1
