@@ -1,4 +1,4 @@
-"""Cases and suites on disk. The layout is the contract of the README, section "A case on disk".
+"""Cases and suites on disk. The layout is that of `docs/file-formats.md`, which is a contract.
 
 A case is a folder written under a temporary name and renamed, so a killed run leaves none
 half-written. Its maps lie once per suite in `../maps`, named by their content. Loading checks

@@ -82,12 +82,6 @@ def wheel_from_curvature(curvature: Values, length: Values) -> Values:
     return -np.arctan(2.0 * np.tan(slip))
 
 
-def curvature_from_wheel(steering: Values, length: Values) -> Values:
-    """The inverse of `wheel_from_curvature`, for angles within a quarter turn."""
-    slip = np.arctan(0.5 * np.tan(steering))
-    return -2.0 * np.sin(slip) / length
-
-
 def wrap(angle: Values) -> Values:
     """The same direction in (-pi, pi] [rad]."""
     return np.pi - np.mod(np.pi - angle, 2.0 * np.pi)

@@ -28,7 +28,7 @@ _WHERE = ("mirror", "sumo", "highway")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """One group of options, each with an ini key of the same name."""
+    """One group of options; those that are no matter of a single run have an ini key of the same name."""
     group = parser.getgroup("regents", "regression tests of driving planners (regents_cosim)")
 
     def add(name: str, text: str, **how: Any) -> None:

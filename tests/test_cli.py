@@ -12,9 +12,11 @@ import log_files
 import numpy as np
 import pytest
 from PIL import Image
+from scenes import crash as crashed
+from scenes import scene
 
 from regents_cosim.collisions import first_contact
-from regents_cosim.files import load_case, load_suite
+from regents_cosim.files import load_case, load_suite, save_case
 from regents_cosim.shipped import network_config
 
 REGENTS = Path(sys.executable).parent / "regents"
@@ -108,12 +110,17 @@ def test_the_planner_crashes_again_in_closed_loop(attacked, where):
 
 
 @pytest.mark.slow
-def test_another_planner_may_get_away(attacked):
-    folder, _ = crash(attacked)
-    done = regents("replay", folder, "--in", "mirror", "--planner", "constant_velocity", "--json")
+@pytest.mark.parametrize(("who", "code", "found"), [("track", 0, "car01 at step 26"), ("planner", 1, None)])
+def test_another_planner_may_get_away(tmp_path, who, code, found):
+    """The ego of the case gains on the car ahead; constant velocity does not."""
+    made = scene((0, 0, 10), (30, 0, 10))
+    faster = scene((0, 0, 20), (30, 0, 10)).tracks
+    save_case(crashed(made, faster), tmp_path / "case")
+    drive = ["--planner", "constant_velocity"] if who == "planner" else ["--ego", "track"]
+    done = regents("replay", tmp_path / "case", "--in", "mirror", *drive, "--json")
     (row,) = json.loads(done.stdout)
-    assert done.returncode == (0 if row["verified"] else 1)
-    assert row["verified"] == (row["expected"] == row["found"])
+    assert (done.returncode, row["verified"]) == (code, code == 0)
+    assert (row["expected"], row["found"]) == ("car01 at step 26", found)
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 from regents_cosim.frames import (
     Pose,
     SumoPose,
-    curvature_from_wheel,
     from_highway,
     from_sumo,
     points_from_highway,
@@ -51,8 +50,10 @@ def test_in_highway_env_north_is_up_the_screen_and_a_left_turn_lowers_the_headin
 
 
 @given(st.floats(-1.4, 1.4), st.floats(2.0, 20.0))
-def test_the_wheel_and_its_curvature_are_inverses(steering, length):
-    assert wheel_from_curvature(curvature_from_wheel(steering, length), length) == pytest.approx(steering, abs=1e-9)
+def test_the_wheel_gives_highway_env_the_curvature(steering, length):
+    """Its `Vehicle.step` turns by v sin(beta) / (length / 2) per second, beta = arctan(tan(steering) / 2)."""
+    curvature = -2.0 * np.sin(np.arctan(0.5 * np.tan(steering))) / length
+    assert wheel_from_curvature(curvature, length) == pytest.approx(steering, abs=1e-9)
 
 
 @given(st.floats(-5.0, 5.0), st.floats(2.0, 20.0))

@@ -79,8 +79,10 @@ def test_aggressive_drivers_drive_around_the_planner():
     window = load_case(folder).before_attack()
     (driven,) = next(iter(drive_aggressively([window], [[]], "constant_velocity")))
     assert driven.attack.method == "sumo-aggressive"
-    assert driven.attack.outcome in ("collision", "no_collision")
-    assert (driven.attack.collision is None) == (first_contact(driven.agents, driven.tracks) is None)
+    contact = first_contact(driven.agents, driven.tracks)
+    assert driven.attack.outcome == ("no_collision" if contact is None else "collision")
+    hit = driven.attack.collision
+    assert (hit and (hit.agent, hit.step)) == (contact and (driven.agents[contact[0]].id, contact[1]))
     moved = np.hypot(driven.tracks.x - window.tracks.x, driven.tracks.y - window.tracks.y)
     assert moved[1:][window.tracks.valid[1:] & driven.tracks.valid[1:]].max() > 1.0
 

@@ -1,10 +1,13 @@
 """Gymnasium environments; importing this module registers them.
 
+```python
 import gymnasium
 import regents_cosim.envs
 
-env = gymnasium.make("regents/HighwayReplay-v0", config={"case": "suite/CASE"})
+env = gymnasium.make("regents/HighwayReplay-v0", config={"suite": "suite"})  # or {"case": "suite/CASE"}
+observation, info = env.reset(seed=0)
 env = gymnasium.make("regents/SumoReplay-v0", config={"suite": "suite"})
+```
 """
 
 import gymnasium

@@ -33,10 +33,6 @@ class Run:
     seconds: float = 0.0  # of the search, all cores
     protocol: Protocol = ()  # by which it searched; of runs without a search empty
 
-    def judged_windows(self) -> list[Results]:
-        """The windows in which the planner does not collide before the attack."""
-        return [results for results in self.windows if not collided_before(results)]
-
 
 @dataclass(frozen=True)
 class MethodScores:

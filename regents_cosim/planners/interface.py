@@ -2,13 +2,18 @@
 
 Ten lines do:
 
-    class Cautious:
-        def reset(self, scene):
-            pass
+```python
+from regents_cosim import Control
 
-        def act(self, observation):
-            ahead = [other.seen_from(observation.ego)[0] for other in observation.others]
-            return Control(accel=-4.0 if any(0.0 < gap < 15.0 for gap in ahead) else 1.0, curvature=0.0)
+
+class Cautious:
+    def reset(self, scene):
+        pass
+
+    def act(self, observation):
+        ahead = [other.seen_from(observation.ego)[0] for other in observation.others]
+        return Control(accel=-4.0 if any(0.0 < gap < 15.0 for gap in ahead) else 1.0, curvature=0.0)
+```
 
 Such a planner runs in a process of its own (`host_process`), so it may be anything: torch, a C++ binding, a
 client of a server. One written in JAX (`jax_planner`) runs inside the compiled loop of the attack instead.

@@ -2,11 +2,17 @@
 
 Ten lines do:
 
+```python
+import jax.numpy as jnp
+from regents_cosim import Controls, JaxPlanner
+
+
 class Cautious(JaxPlanner):
-def step(self, memory, sight, ego):
-ahead = (sight.motion.x - ego.x) * jnp.cos(ego.yaw) + (sight.motion.y - ego.y) * jnp.sin(ego.yaw)
-near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
-return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
+    def step(self, memory, sight, ego):
+        ahead = (sight.motion.x - ego.x) * jnp.cos(ego.yaw) + (sight.motion.y - ego.y) * jnp.sin(ego.yaw)
+        near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
+        return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
+```
 """
 
 import re

@@ -17,13 +17,13 @@ AXES = {
 }
 # Peak memory is that of a process, so every point is one.
 POINT = """
-import json, resource, sys
+import json, sys
+from peak_memory import peak_bytes
 from timing import STILL, attack, dense_traffic, in_threads, job, seconds
 agents, steps, batch = json.loads(sys.argv[1])
 jobs = [job(dense_traffic(agents, steps, seed), "log_replay") for seed in range(batch)]
 took = seconds(lambda: in_threads(2, lambda j: attack(*j), jobs), rounds=3)
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-print(json.dumps([1e3 * took / STILL.iterations / batch, peak]))
+print(json.dumps([1e3 * took / STILL.iterations / batch, peak_bytes() / 2**20]))
 """
 
 

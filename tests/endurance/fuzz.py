@@ -14,7 +14,6 @@ import multiprocessing
 import os
 import random
 import re
-import resource
 import subprocess
 import sys
 import tempfile
@@ -30,6 +29,7 @@ from pathlib import Path
 from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import printable
 from tests.endurance.readers import Reader, readers
+from tests.peak_memory import peak_bytes
 
 LONGEST_S = 2.0  # of processor time for one input,
 LONGEST_S_PER_MB = 1.0  # and this much more for a megabyte of it
@@ -306,13 +306,13 @@ def _bound_memory() -> None:
 def _run(reader: Reader, task: _Task, number: int, folder: Path, at: Sequence[float]) -> Tally:
     tally, path = Tally(reader.name), place(reader, folder)
     start = time.monotonic()
-    most = peak()
+    most = peak_bytes()
     for index in range(task.first, task.first + task.count):
         data = input_of(reader, task.seed, index)
         at[0], at[1], at[2] = number, index, time.monotonic()
         began = time.process_time()
         verdict, how = try_one(reader, path, data)
-        took, grown = time.process_time() - began, max(peak() - most, 0)
+        took, grown = time.process_time() - began, max(peak_bytes() - most, 0)
         most += grown
         failures = [how] if verdict == "failed" else []
         tally.count(verdict, failures + past_limits(took, grown, len(data)), took, grown, str(index))
@@ -328,11 +328,6 @@ def past_limits(took_s: float, grown: int, size: int) -> list[str]:
     if grown > MOST_BYTES:
         found.append(f"more than {MOST_BYTES // 10**6} MB")
     return found
-
-
-def peak() -> int:
-    """The most memory that this process has had [bytes]."""
-    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 # --- the parent -----------------------------------------------------------------------------------

@@ -1,22 +1,24 @@
 """Any table of tracks, CSV or Parquet, with a TOML file that says what its columns are.
 
-    dt = 0.04                 # [s], only where time counts frames
-    time = "ms"               # s (default), ms, us, ns or frames
-    position = "m"            # m (default) or ft
-    heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (degrees clockwise from +y);
-                              # without it the unit that agrees best with the motion, which is said
-    anchor = "centre"         # centre (default) or front, of the bumper
-    ego = "17"                # optional
-    map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0)
+```toml
+dt = 0.04                 # [s], only where time counts frames
+time = "ms"               # s (default), ms, us, ns or frames
+position = "m"            # m (default) or ft
+heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (degrees clockwise from +y);
+                          # without it the unit that agrees best with the motion, which is said
+anchor = "centre"         # centre (default) or front, of the bumper
+ego = "17"                # optional
+map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0)
 
-    [columns]                 # ours = theirs; id, time, x and y are needed
-    id = "track"
-    time = "stamp"
-    x = "east"
-    y = "north"               # also heading, speed, length, width, kind
+[columns]                 # ours = theirs; id, time, x and y are needed
+id = "track"
+time = "stamp"
+x = "east"
+y = "north"               # also heading, speed, length, width, kind
 
-    [kinds]                   # theirs = ours
-    "2" = "car"
+[kinds]                   # theirs = ours
+"2" = "car"
+```
 
 The file lies beside the table under the same name (`tracks.csv`, `tracks.toml`) or is named with
 `--columns`. Without it the columns must be called id, time, x, y and so on. A column of speeds is

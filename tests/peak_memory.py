@@ -1,0 +1,20 @@
+"""The most memory that this process has had.
+
+`ru_maxrss` of a process that another one started begins at the peak of that other one: the kernel hands it through
+fork and exec. What `/proc` calls the high water mark belongs to the program alone.
+"""
+
+import re
+import resource
+import sys
+from pathlib import Path
+
+_STATUS = Path("/proc/self/status")
+
+
+def peak_bytes() -> int:
+    """Of the program that asks, since it was started; where there is no /proc, what `getrusage` says."""
+    if _STATUS.exists():
+        return 1024 * int(re.search(r"VmHWM:\s+(\d+) kB", _STATUS.read_text())[1])
+    unit = 1 if sys.platform == "darwin" else 1024
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
