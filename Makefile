@@ -10,7 +10,7 @@ DEMO := -c sumo_nets/crossing/crossing.sumocfg --planner idm --count 10 --seed 0
 
 CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 
-.PHONY: demo browser test test-all lint bench clean
+.PHONY: demo browser test test-all lint docs bench wheel release-check clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -20,6 +20,10 @@ CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 
 .venv/installed-dev: .venv/installed
 	$(BIN)/python -m pip install --quiet --editable '.[dev]' torch==2.13.0
+	touch $@
+
+.venv/installed-docs: .venv/installed
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	touch $@
 
 demo: .venv/installed  ## from nothing to verified crashes, pictures and a report, in ./demo
@@ -49,8 +53,18 @@ lint: .venv/installed-dev
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 
+docs: .venv/installed-docs  ## the documentation, in site/index.html; any broken link is an error
+	$(BIN)/mkdocs build --quiet --strict
+
 bench: .venv/installed-dev  ## speed, as ratios in one run
 	$(BIN)/python -m pytest tests/benchmarks -o addopts='' --benchmark-only -s  # without the checks of shapes
 
+wheel: .venv/installed-dev
+	rm -rf dist
+	$(BIN)/hatchling build -t wheel
+
+release-check:  ## what would be released, in a clean environment outside the repository
+	PYTHON=$(PYTHON) .ci/release-check
+
 clean:
-	rm -rf .venv demo demo-regents build dist
+	rm -rf .venv demo demo-regents build dist site

@@ -115,9 +115,9 @@ def test_another_planner_may_get_away(tmp_path, who, code, found):
     """The ego of the case gains on the car ahead; constant velocity does not."""
     made = scene((0, 0, 10), (30, 0, 10))
     faster = scene((0, 0, 20), (30, 0, 10)).tracks
-    save_case(crashed(made, faster), tmp_path / "case")
+    case = save_case(crashed(made, faster), tmp_path)
     drive = ["--planner", "constant_velocity"] if who == "planner" else ["--ego", "track"]
-    done = regents("replay", tmp_path / "case", "--in", "mirror", *drive, "--json")
+    done = regents("replay", case, "--in", "mirror", *drive, "--json")
     (row,) = json.loads(done.stdout)
     assert (done.returncode, row["verified"]) == (code, code == 0)
     assert (row["expected"], row["found"]) == ("car01 at step 26", found)

@@ -6,23 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-ASK = "from peak_memory import peak_bytes; print(peak_bytes())"
+MB = 10**6
 
 
-def peak_of_a_child():
-    done = subprocess.run([sys.executable, "-c", ASK], cwd=Path(__file__).parent, capture_output=True, text=True)
+def peak_of_a_child(before="pass"):
+    code = f"from peak_memory import peak_bytes; {before}; print(peak_bytes())"
+    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return int(done.stdout)
 
 
 def test_a_child_does_not_inherit_its_parents_peak():
-    held = np.ones(25_000_000)  # 200 MB
+    held = np.ones(200 * MB // 8)
     assert peak_of_a_child() < held.nbytes / 2
 
 
 def test_what_a_process_had_and_gave_back_counts():
-    from peak_memory import peak_bytes
-
-    before = peak_bytes()
-    np.ones(before // 4)  # twice as many bytes
-    assert peak_bytes() > 1.5 * before
+    assert peak_of_a_child(f"held = b'1' * {100 * MB}; del held") > 100 * MB

@@ -3,30 +3,7 @@
 One compiled loop per scenario. It stops at the first collision of the ego with any background
 agent, or when the iterations are spent. Source: ReGentS section 3.2 (and KING section 3).
 
-Measured with `jax.profiler` on one iteration of KING, 30 agents in a bucket of 32, 80 steps, log_replay,
-2 cores: 0.61 ms at first, 0.27 ms now. What paid:
-
-- The loop hands the boxes on. What crosses the border of a pass is in memory; inside a pass XLA computed
-  the cosines and sines of all yaws again in eight places (0.2 ms).
-- `pull_back` needs only what a roll-out did, so nothing is rolled out for the sake of its gradient.
-- Rows are picked by one-hot products and a distance is differentiated by its closest points: indexed rows
-  and differentiated minima became loops of 400 to 700 operations over all agents (0.15 ms).
-- A search for one candidate works on its row alone: 0.07 ms.
-
-Compiling costs about as much as there are kernels. 366 of them took 4.1 s and 0.8 s of tracing, at a time when 294 took
-3.5 s and 0.4 s; these took 3.9 s and 0.65 s on a day when the 173 of today took 1.5 s and 0.4 s, iterations as
-fast as before (KING on idm; pairs measured in turn, least of three):
-
-- XLA's older emitters (`mirror.compiled`): half of the time.
-- One look, at the end of a pass, and one judgement of what it shows; the first pass does nothing else.
-- The two distances that are differentiated are one, and their sums over corners a product, which XLA does not repeat.
-- Pairs of agents are compared by one loop, not by two branches; the value of a distance is that of its closest points.
-- Where all agents are searched, nobody is rolled out for being left alone.
-- Running minima by fours instead of associative scans, which are faster than `cummin`; rows looked up unchecked.
-
-What did not: everything in one pass, with a differentiated roll-out (0.80 ms); XLA without its own
-threads (no change); a road field with its four neighbours in four places (a quarter of the memory,
-13 % slower); XLA's presets and optimisation levels (compile as long); barriers against repeated work (XLA drops them).
+What makes it fast, what was tried, and what it was measured to take: `docs/performance.md`.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,7 @@
 """Many descents side by side in one compiled loop, for accelerators.
 
 A lane whose search is over is given to the next one that waits. On a CPU this gains nothing
-over one descent per thread (0.29 to 0.35 ms per scenario from 1 lane to 128, measured with
-centre distances): there `attack` uses threads.
+over one descent per thread (`docs/performance.md`): there `attack` uses threads.
 """
 
 from collections import defaultdict

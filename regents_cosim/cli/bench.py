@@ -1,4 +1,4 @@
-"""`regents bench`: the tables of the README, on any traffic."""
+"""`regents bench`: the tables of `docs/results.md`, on any traffic."""
 
 import dataclasses
 from itertools import product
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Method = Literal["king", "regents", "focused", "random", "cma-es", "sumo-aggressive"]
 
-bench = App(name="bench", help="Measure, and print the tables of the README.")
+bench = App(name="bench", help="Measure, and print the tables of the documentation.")
 
 
 @bench.command

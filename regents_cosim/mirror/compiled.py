@@ -1,9 +1,8 @@
 """How the package's programs for the device are compiled.
 
 XLA's CPU backend has two emitters of code. Its default writes kernels through MLIR, which takes twice as long to
-compile: an attack's program 2.5 s and not 1.5 s, for iterations that are 5 to 10 % shorter when the ego only replays
-its log and no shorter when a planner drives it (KING, 32 agents, 2 cores, in turn; least of three). And it uses
-half of a 512-bit register unless it is told to use all: 7 to 20 % of an attack's time, and of AIM-BEV's drives.
+compile, for iterations that are hardly shorter. And it uses half of a 512-bit register unless it is told to use
+all. Both were measured: `docs/performance.md`.
 
 Products of matrices are in full single precision. On GPUs JAX's default cuts their factors to ten bits (TF32): a
 position at 100 m would be off by 5 cm.

@@ -13,10 +13,7 @@ in float32, in the ego's frame (x ahead, y to the left, from box centre to box c
 - answer: acceleration [m/s^2], curvature [1/m] positive to the left, cut off at 6 m/s^2 and 0.3 1/m.
 
 It runs inside the compiled loop where it can be translated (`torch_translation`), else in a process of
-its own, many scenes at a time. Measured with two layers of 64 among 11 others on a busy CPU, best of 60
-and of 12: a closed loop of 80 steps takes 0.5 ms translated, 20 ms by a callback from the compiled loop,
-61 ms by the process for one scene and 13 ms a scene for 32. A callback would win for a few scenes only,
-and a module that raises or hangs there takes the run with it.
+its own, many scenes at a time. How long each takes: `docs/performance.md`.
 
 A module that wants lanes, lights or memory needs `reset` and `act` around it (`interface`).
 """
