@@ -1,0 +1,21 @@
+"""Two planners among the same adversaries: which crashes the second one avoids, and which it adds.
+
+python compare_planners.py idm careful
+"""
+
+import sys
+from collections import Counter
+
+from regents_cosim import report
+from regents_cosim.evaluation.driving import drive_each
+from regents_cosim.shipped import suite_folder
+from regents_cosim.suite import load_cases
+
+first, second = sys.argv[1:] or ("constant_velocity", "idm")
+cases = load_cases(suite_folder("quickstart"))
+ends = zip(drive_each(cases, first), drive_each(cases, second), strict=True)
+counts = Counter((bool(one.hits), bool(other.hits)) for one, other in ends)
+print(f"{len(cases)} cases: {counts[True, False]} crashes of {first} that {second} avoids, "
+      f"{counts[False, True]} new ones, {counts[True, True]} of both")  # fmt: skip
+report(cases, "comparison.html", planners=[first, second])
+print("case by case: comparison.html")
