@@ -1,6 +1,6 @@
 """Ordinary SUMO traffic in, crashes out, each one confirmed by SUMO.
 
-python attack_sumo_traffic.py [your.sumocfg]
+Start it with `python attack_sumo_traffic.py`, or with a .sumocfg of yours behind that.
 """
 
 import sys

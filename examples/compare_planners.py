@@ -1,6 +1,6 @@
 """Two planners among the same adversaries: which crashes the second one avoids, and which it adds.
 
-python compare_planners.py idm careful
+Start it with `python compare_planners.py`, or with two planners of yours behind that.
 """
 
 import sys

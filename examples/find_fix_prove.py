@@ -1,6 +1,7 @@
 """Find a bug in a planner, fix it, prove that the fixed one is better.
 
-`my_planner.py` has both: `Planner` looks only at whose middle is in its lane; `Fixed` looks at whole cars, and a little ahead.
+`my_planner.py` has both: `Planner` looks only at those whose middle is in its lane; `Fixed` looks at whole cars, and
+a little ahead.
 """
 
 from pathlib import Path
@@ -18,6 +19,7 @@ def crashes(cases, planner):
 
 
 def main():
+    """Find, fix, prove."""
     # Find: attack ordinary traffic. What counts is a crash that a careful driver would have avoided.
     windows = record(network_config("merge"), count=8, seed=0)
     found = [case for case in attack(windows, REGENTS_FOCUSED, OLD) if case.attack.outcome == "collision"]
