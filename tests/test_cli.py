@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import log_files
@@ -211,7 +212,7 @@ def test_help(command):
 
 
 def test_version():
-    assert regents("--version").stdout.strip() == "0.1.0"
+    assert regents("--version").stdout.strip() == version("regents_cosim")
 
 
 # --- bad input ---------------------------------------------------------------------------------

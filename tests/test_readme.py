@@ -72,20 +72,6 @@ def test_on_your_own_traffic(tmp_path):
     assert (tmp_path / "crash.gif").stat().st_size > 10_000
 
 
-@pytest.mark.slow
-def test_with_highway_env(tmp_path):
-    """The commands, on one window, and the environments that they make cases for."""
-    (block,) = (block for block in blocks("bash") if "--from highway:merge-v1" in block)
-    record, attack, replay, _, evaluate = [line.split("#")[0].strip() for line in block.splitlines()]
-    run(f"{record} --count 1", tmp_path)
-    run(f"{attack} --no-pictures", tmp_path)
-    assert "yes" in run(replay, tmp_path)
-    assert "highway:idm on 1 cases in highway" in run(evaluate, tmp_path)
-    (example,) = (block for block in blocks("python") if "HighwayReplay" in block)
-    (tmp_path / "example.py").write_text(f"{example}print(observation.shape, env.reset(seed=0)[1]['case'])")
-    assert run(f"{BIN}/python example.py", tmp_path).startswith("(5, 5) merge-v1")
-
-
 @pytest.mark.parametrize("place", re.findall(r"\]\((?!http)([^)]+)\)", README))
 def test_files_that_it_shows_exist(place):
     assert (ROOT / place).is_file()

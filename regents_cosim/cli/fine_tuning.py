@@ -2,7 +2,7 @@
 
 Only evasions of what is in view can be learnt: the planner sees 19 m.
 
-Who teaches, and what it gave, was measured: `docs/results.md`.
+Who teaches, and what it gave, was measured: `docs/how-to/aim-bev.md`.
 """
 
 import dataclasses
