@@ -2,7 +2,9 @@
 
 import hashlib
 import shlex
+import subprocess
 import sys
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -16,6 +18,25 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
+
+
+@cache
+def revision() -> str:
+    """The commit of the checkout that this package runs from, `+` behind it where files differ; empty without one."""
+    root = Path(__file__).parents[1]
+    if not (root / ".git").exists():
+        return ""
+    try:
+        commit = _git(root, "rev-parse", "HEAD").strip()
+        changed = _git(root, "status", "--porcelain", "--untracked-files=no", "--", "regents_cosim", "sumo_nets")
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return f"{commit}{'+' if changed.strip() else ''}"
+
+
+def _git(root: Path, *words: str) -> str:
+    done = subprocess.run(["git", "-C", str(root), *words], capture_output=True, text=True, timeout=10, check=True)
+    return done.stdout
 
 
 def command() -> str:

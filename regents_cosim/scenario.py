@@ -201,6 +201,10 @@ class ActTime:
     decisions: int
 
 
+HARMLESS_SHARE = "harmless_share"  # settings of a harmless neighbour: the share of an attack that is left in it
+CAREFUL_COMPLETION = "careful_completion"  # and how far a careful driver gets there, a share of the recorded way
+
+
 @dataclass(frozen=True)
 class AttackRecord:
     """How an attack went."""
@@ -218,6 +222,12 @@ class AttackRecord:
     planner_error: str = ""  # how the planner failed, with its own traceback
     act_time: ActTime | None = None
     rollouts: int = 0  # of the traffic, made by all searches on its window together; 0: not counted
+
+    @property
+    def careful_completion(self) -> float | None:
+        """How far a careful driver gets in a harmless neighbour of a crash; None for every other case."""
+        found = self.settings.get(CAREFUL_COMPLETION)
+        return float(found) if isinstance(found, int | float) and HARMLESS_SHARE in self.settings else None
 
 
 Side = Literal["own", "shoulder", "oncoming"]  # of the road; oncoming: any lane that the ego may not use

@@ -8,7 +8,7 @@ from cyclopts import App, Parameter
 
 from regents_cosim.cli.options import Cases, Count, CountOrZero, Seed, Switch, Talk
 from regents_cosim.cli.shared import open_terminal
-from regents_cosim.errors import NEGATIVE_VERDICT, RegentsError
+from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 
 suites = App(name="suite", help="Make, look at, check and merge suites: folders of cases that planners are tested on.")
 
@@ -20,9 +20,11 @@ def build(
     nets: str = "all",
     highway: str = "",
     windows: Count = 25,
+    attacked: CountOrZero = 0,
     adversarial: CountOrZero = 80,
     unavoidable: CountOrZero = 5,
     ordinary: CountOrZero = 40,
+    harmless: Switch = True,
     planner: tuple[str, ...] = ("idm",),
     method: Literal["regents", "king", "focused"] = "focused",
     seed: Seed = 0,
@@ -43,16 +45,23 @@ def build(
         environments of highway-env, separated by commas, e.g. merge-v1,roundabout-v1
     windows
         of traffic, on each network and environment
+    attacked
+        of these windows, in even steps; 0: all. The others cost little, and are for the ordinary cases
     adversarial
         clean crashes that the planner could have avoided, balanced over kinds of collision and networks; the telling
         ones (by a lawful adversary, and a careful driver avoids them) before all others
     unavoidable
         crashes that nobody could have avoided, marked so
     ordinary
-        windows of recorded traffic that the planner drives without a collision, half of them behind somebody
+        windows of recorded traffic that the planner and the careful driver drive without a collision, and
+        constant_velocity does not, as far as there are such; half of them behind somebody
+    harmless
+        with each crash its harmless neighbour: the same scene with so little of the attack left that a careful driver
+        keeps 1 m from everybody and gets on. Who always brakes is held up there
     planner
-        that is attacked; may be given more than once. Crashes of others are near misses of a good one: they show
-        when it gets worse. The first has to drive the ordinary cases without a collision
+        that is attacked; may be given more than once, the best first. A crash is kept where the careful driver
+        (--planner careful) and all planners before it pass: the crashes of a bad planner are near misses of a good
+        one, and show when that gets worse. The first has to drive the ordinary cases without a collision
     method
         of the attack
     seed
@@ -78,7 +87,16 @@ def build(
     for name, count in counts.items():
         if count < (1 if name == "windows" else 0):
             raise RegentsError(f"--{name} {count}, expected {1 if name == 'windows' else 0} or more")
-    recipe = Recipe(networks, _words(highway), **counts, planners=planner, method=method, seed=seed)
+    recipe = Recipe(
+        networks,
+        _words(highway),
+        **counts,
+        attacked=attacked,
+        harmless=harmless,
+        planners=planner,
+        method=method,
+        seed=seed,
+    )
     scenarios = run_build(recipe, terminal.say)
     write_suite(output, scenarios, seed)
     rows = [dataclasses.asdict(card(scenario, content_hash(scenario)[:12])) for scenario in scenarios]
@@ -125,14 +143,14 @@ def check(suite: Cases, *, replay: bool = False, talk: Talk = Talk()) -> int:
         replay every case in the simulator that it is from as well, and compare every position
     """
     from regents_cosim.evaluation.suites import check_suite
-    from regents_cosim.planners.find import BUILT_IN
+    from regents_cosim.planners.find import is_built_in
     from regents_cosim.reports.tables import CHECKED
 
     terminal = open_terminal(talk)
     with terminal.waiting("checking"):
         rows = list(check_suite(suite, replay))
     bad = [row for row in rows if row.problem]
-    foreign = sorted({row.planner for row in rows if row.planner} - BUILT_IN)
+    foreign = sorted({row.planner for row in rows if row.planner and not is_built_in(row.planner)})
     if foreign:
         terminal.say(
             f"attacked with planners that do not come with regents_cosim: {', '.join(foreign)} "
@@ -179,6 +197,50 @@ def judge(
     note = summary([after for _, after in judged], {})
     terminal.show(f"{len(rows)} crashes judged, of {len(judged)} cases in {folder}", rows, note, JUDGED)
     return 0
+
+
+@suites.command
+def rank(
+    suite: Cases,
+    *,
+    planner: tuple[str, ...],
+    act_timeout: float = 10.0,
+    compile_cache: Switch = True,
+    talk: Talk = Talk(),
+) -> int:
+    """How often planners crash in a suite, and whether each crashes more often than the one named before it.
+
+    Who never crashes because it never moves is held up in the harmless cases. Pairs are compared on the same cases, by
+    McNemar's exact test. Drives in the mirror.
+
+    Parameters
+    ----------
+    suite
+        a folder of cases
+    planner
+        as often as there are planners, the best first
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.driving import drive_each
+    from regents_cosim.evaluation.ranking import rank_rows
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import RANKED
+    from regents_cosim.suite import load_cases
+
+    terminal = open_terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    cases = load_cases(suite)
+    driven = [
+        (name, list(terminal.each(drive_each(cases, name, act_timeout), f"driving {name}", len(cases))))
+        for name in planner
+    ]
+    rows = [dataclasses.asdict(row) for row in rank_rows(driven)]
+    terminal.show(f"{len(rows)} planners in the {len(cases)} cases of {suite}", rows, essential=RANKED)
+    return PLANNER_FAILED if any(drive.error for _, drives in driven for drive in drives) else 0
 
 
 @suites.command

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from regents_cosim.errors import CaseError
 from regents_cosim.files import Header, load_header, load_suite
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import AttackRecord, Scenario
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,8 @@ class Card:
 
     case: str
     network: str  # or environment of highway-env, or log
-    kind: str  # of its collision; "no_collision" for an attack that found none, "ordinary" for recorded traffic
+    kind: str  # of its collision; "no_collision" for an attack that found none, "ordinary" for recorded traffic,
+    # "harmless" for the neighbour of a crash
     clean: bool | None  # no flaw spoils it as a test; None: not judged
     avoidable: bool | None  # None: not judged
     planner: str | None  # that was attacked
@@ -41,6 +42,8 @@ class Card:
         """Who attacks, whom, and how that was found."""
         if self.method is None:
             return "none: recorded traffic"
+        if self.kind == "harmless":
+            return f"none: the harmless neighbour of a crash ({self.method} against {self.planner})"
         return (
             f"{self.adversary or 'nobody in particular'} ({self.kind}, found by {self.method} against {self.planner})"
         )
@@ -61,7 +64,7 @@ def card(case: Header | Scenario, digest: str) -> Card:
     return Card(
         case=case.id,
         network=case.provenance.file.removeprefix("highway:").partition(".")[0],
-        kind="ordinary" if attack is None else hit.kind if hit else "no_collision",
+        kind=_kind(attack),
         telling=judgement.telling if judgement else None,
         clean=judgement.clean if judgement else None,
         avoidable=avoidability.avoidable if avoidability else None,
@@ -73,6 +76,14 @@ def card(case: Header | Scenario, digest: str) -> Card:
         offences=", ".join(offence.name for offence in law.adversary) if law else None,
         preventable_by=", ".join(judgement.preventable_by) if judgement and judgement.drivers else None,
     )
+
+
+def _kind(attack: AttackRecord | None) -> str:
+    if attack is None:
+        return "ordinary"
+    if attack.careful_completion is not None:
+        return "harmless"
+    return attack.collision.kind if attack.collision and attack.outcome == "collision" else "no_collision"
 
 
 def suite_cases(suite: Path) -> tuple[str, ...]:

@@ -24,6 +24,8 @@ from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import CollisionKind, Scenario, Tracks
 from regents_cosim.verdicts.leaving_road import corners_off_road
 
+_AS_FAR = 0.8  # as a careful driver, where nothing is to be feared
+
 
 @dataclass(frozen=True)
 class Drive:
@@ -46,6 +48,12 @@ class Drive:
     max_drac_m_s2: float | None = None
     min_gap_m: float | None = None
     telling: bool = False  # the crash of the case as it was attacked is telling: a careful driver passes it
+    careful_completion: float | None = None  # of a harmless neighbour of a crash: how far a careful driver gets
+
+    @property
+    def held_up(self) -> bool:
+        """In a harmless case it gets less than 80 % as far as a careful driver."""
+        return self.careful_completion is not None and self.completion < _AS_FAR * self.careful_completion
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,8 @@ class DrivingRow:
     n: int
     telling_cases: int  # whose crash, as it was attacked, is telling: a careful driver passes them
     telling_collisions: int  # of these, those in which the planner collides
+    harmless_cases: int  # neighbours of crashes, in which nothing is to be feared
+    held_up: int  # of these, those in which the planner gets less than 80 % as far as a careful driver
     route_completion_percent: float
     completion_interval_percent: tuple[float, float]
     collisions: int
@@ -138,6 +148,8 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
         n=len(drives),
         telling_cases=sum(drive.telling for drive in drives),
         telling_collisions=sum(drive.telling and drive.hits is not None for drive in drives),
+        harmless_cases=sum(drive.careful_completion is not None for drive in drives),
+        held_up=sum(drive.held_up for drive in drives),
         route_completion_percent=_percent(fmean(completions)),
         completion_interval_percent=_interval(mean_interval(completions)),
         collisions=collisions,
@@ -160,7 +172,7 @@ def nowhere(scenario: Scenario, error: str, trace: str = "") -> Drive:
     """A drive that could not be made."""
     return Drive(
         scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0,
-        error=error, trace=trace, telling=_tells(scenario),
+        error=error, trace=trace, telling=_tells(scenario), careful_completion=_careful_completion(scenario),
     )  # fmt: skip
 
 
@@ -185,7 +197,12 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
         **asdict(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None)),
         kind=collision_kind(scenario.agents, tracks, *contact) if contact else None,
         telling=_tells(scenario),
+        careful_completion=_careful_completion(scenario),
     )
+
+
+def _careful_completion(scenario: Scenario) -> float | None:
+    return scenario.attack.careful_completion if scenario.attack else None
 
 
 def _tells(scenario: Scenario) -> bool:

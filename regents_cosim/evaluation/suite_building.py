@@ -1,7 +1,15 @@
-"""`regents suite build`: from traffic to a suite, by a recipe that gives the same suite every time."""
+"""`regents suite build`: from traffic to a suite, by a recipe that gives the same suite every time.
 
+The planners of a recipe are a ladder, the best first, with the careful driver (`--planner careful`) on top. A crash
+that is found for one of them is kept where all above it pass: so it shows what this one lacks, and tells when a better
+one gets worse. Each crash that is chosen brings its harmless neighbour (`evaluation.harmless`).
+"""
+
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +19,12 @@ from regents_cosim.attacks.presets import METHODS
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.cards import Card, card
 from regents_cosim.evaluation.curation import choose_adversarial, choose_ordinary
-from regents_cosim.evaluation.driving import drive_each
+from regents_cosim.evaluation.driving import Drive, drive_each
+from regents_cosim.evaluation.harmless import harmless_neighbour
+from regents_cosim.evaluation.scores import is_telling
 from regents_cosim.files import content_hash
 from regents_cosim.frames import wrap
+from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import AttackRecord, Scenario
 from regents_cosim.shipped import network
 from regents_cosim.sources.record import record
@@ -23,6 +34,8 @@ _SEEN_AHEAD_M = 40.0  # centre to centre
 _IN_LANE_M = 1.6  # to either side: half a lane
 _SAME_WAY_RAD = np.deg2rad(30.0)
 _FOLLOWS_SHARE = 0.5  # of the horizon
+_CAREFUL = "careful"  # planner above all others of a ladder
+_BLIND = "constant_velocity"
 
 
 @dataclass(frozen=True)
@@ -32,32 +45,50 @@ class Recipe:
     nets: tuple[str, ...]  # shipped SUMO networks, or .sumocfg files
     highway: tuple[str, ...] = ()  # environments of highway-env
     windows: int = 25  # of traffic, for each of them
+    attacked: int = 0  # of these; 0: all
     adversarial: int = 80
     unavoidable: int = 5
     ordinary: int = 40
-    planners: tuple[str, ...] = (
-        "idm",
-    )  # attacked in turn; the first has to drive the ordinary cases without collision
+    harmless: bool = True  # each crash with the neighbour of it in which nothing is to be feared
+    planners: tuple[str, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
     method: str = "focused"
     seed: int = 0
 
 
 def build(recipe: Recipe, tell: Callable[[str], None] = lambda line: None) -> list[Scenario]:
     """The cases of the suite, by name. Raises RegentsError where traffic cannot be recorded or no case is left."""
-    windows = [scenario for source in _sources(recipe) for scenario in _recorded(source, recipe, tell)]
-    crashes = _crashes(windows, recipe, tell)
-    ordinary = _collision_free(windows, recipe)
+    recorded_by_source = [_recorded(source, recipe, tell) for source in _sources(recipe)]
+    crashes = _crashes([one for its in recorded_by_source for one in _spread(its, recipe.attacked)], recipe, tell)
+    ordinary = _collision_free([one for its in recorded_by_source for one in its], recipe)
     adversarial = choose_adversarial(_cards(crashes), recipe.adversarial, recipe.unavoidable, recipe.seed)
-    followers = {scenario.id for scenario in ordinary if follows(scenario)}
-    recorded = choose_ordinary(_cards(ordinary), followers, recipe.ordinary, recipe.seed)
+    recorded = _chosen_ordinary(ordinary, recipe)
     by_name = {scenario.id: scenario for scenario in (*crashes, *ordinary)}
-    names = sorted(one.case for one in (*adversarial, *recorded))
-    if not names:
+    chosen = [by_name[one.case] for one in (*adversarial, *recorded)]
+    if not chosen:
         raise RegentsError("no case is left for the suite: ask for more --windows, or other traffic")
+    neighbours = _neighbours([by_name[one.case] for one in adversarial]) if recipe.harmless else []
     telling = sum(one.telling is True for one in adversarial)
-    found = f"{len(adversarial)} of {len(crashes)} crashes ({telling} telling)"
+    found = f"{len(adversarial)} of {len(crashes)} crashes ({telling} telling), {len(neighbours)} harmless neighbours"
     tell(f"chosen: {found}, {len(recorded)} of {len(ordinary)} ordinary cases")
-    return [_lean(by_name[name]) for name in names]
+    return sorted(map(_lean, (*chosen, *neighbours)), key=lambda case: case.id)
+
+
+def _spread(windows: Sequence[Scenario], count: int) -> Sequence[Scenario]:
+    """So many of them, in even steps; all where that is 0."""
+    if not 0 < count < len(windows):
+        return windows
+    return [windows[number * len(windows) // count] for number in range(count)]
+
+
+def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[Card]:
+    """Those first that ask something of a planner: that a blind one does not survive."""
+    drives = drive_each(ordinary, _BLIND)
+    asking = {scenario.id for scenario, drive in zip(ordinary, drives, strict=True) if not _passes(drive)}
+    followers = {scenario.id for scenario in ordinary if follows(scenario)}
+    cards = _cards(ordinary)
+    first = choose_ordinary([c for c in cards if c.case in asking], followers, recipe.ordinary, recipe.seed)
+    rest = [c for c in cards if c.case not in asking]
+    return [*first, *choose_ordinary(rest, followers, recipe.ordinary - len(first), recipe.seed)]
 
 
 def follows(scenario: Scenario) -> bool:
@@ -81,25 +112,62 @@ def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None]) -
 
 
 def _crashes(windows: Sequence[Scenario], recipe: Recipe, tell: Callable[[str], None]) -> list[Scenario]:
+    kept: list[Scenario] = []
+    above = [_CAREFUL]
+    for planner in recipe.planners:
+        found = _found(windows, planner, recipe.method, tell)
+        tell(f"judging {len(found)} crashes of {planner}")
+        kept += _passed_by(above, list(judge_each(found)))
+        tell(f"kept {len(kept)} crashes, which {' and '.join(above)} pass{'es' if len(above) == 1 else ''}")
+        above.append(planner)
+    return kept
+
+
+def _found(windows: Sequence[Scenario], planner: str, method: str, tell: Callable[[str], None]) -> list[Scenario]:
+    """What an attack finds for one planner."""
     found: list[Scenario] = []
     lost: list[AttackRecord] = []
-    for planner in recipe.planners:
-        for number, results in enumerate(attack_each(windows, METHODS[recipe.method], planner), start=1):
-            found += [case for case in results if case.attack and case.attack.outcome == "collision"]
-            lost += [case.attack for case in results if case.attack and case.attack.planner_error]
-            if number % 25 == 0 or number == len(windows):
-                tell(f"attacked {planner} in {number} of {len(windows)} windows: {len(found)} crashes")
+    for number, results in enumerate(attack_each(windows, METHODS[method], planner), start=1):
+        found += [case for case in results if case.attack and case.attack.outcome == "collision"]
+        lost += [case.attack for case in results if case.attack and case.attack.planner_error]
+        if number % 25 == 0 or number == len(windows):
+            tell(f"attacked {planner} in {number} of {len(windows)} windows: {len(found)} crashes")
     if lost:
         first = lost[0].planner_error.partition("\n")[0]
         tell(f"a planner failed in {len(lost)} windows, the first is {lost[0].case}: {first}")
-    tell(f"judging {len(found)} crashes")
-    return list(judge_each(found))
+    return found
+
+
+def _passed_by(planners: Sequence[str], crashes: list[Scenario]) -> list[Scenario]:
+    """The crashes that all of these pass, and those that are proven unavoidable, which nobody does."""
+    for planner in planners:
+        drives = drive_each(crashes, planner)
+        crashes = [case for case, drive in zip(crashes, drives, strict=True) if _unavoidable(case) or _passes(drive)]
+    return crashes
+
+
+def _passes(drive: Drive) -> bool:
+    return not drive.error and drive.hits is None
+
+
+def _unavoidable(case: Scenario) -> bool:
+    found = case.judgement.avoidability if case.judgement else None
+    return found is not None and not found.avoidable and not is_telling(case)
 
 
 def _collision_free(windows: Sequence[Scenario], recipe: Recipe) -> list[Scenario]:
-    """Those that the first planner drives without a collision: a test that it fails from the start teaches nothing."""
-    drives = drive_each(windows, recipe.planners[0])
-    return [scenario for scenario, drive in zip(windows, drives, strict=True) if not drive.error and drive.hits is None]
+    """Those that the careful driver and the first planner drive without a collision.
+
+    A test that they fail from the start teaches nothing.
+    """
+    return _passed_by([_CAREFUL, recipe.planners[0]], list(windows))
+
+
+def _neighbours(crashes: Sequence[Scenario]) -> list[Scenario]:
+    """The harmless neighbours of crashes, where they have one."""
+    with Wheel(_CAREFUL) as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
+        return [neighbour for neighbour in found if neighbour is not None]
 
 
 def _cards(scenarios: Sequence[Scenario]) -> list[Card]:

@@ -10,7 +10,7 @@ from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.baseline import FILE, Baseline, load_baseline, save_baseline
 from regents_cosim.files import HEADER, MANIFEST, Suite, add_case, content_hash, is_ours, load_case, load_suite
 from regents_cosim.locks import writing
-from regents_cosim.provenance import command, versions
+from regents_cosim.provenance import command, revision, versions
 from regents_cosim.scenario import Scenario
 from regents_cosim.suite_code import code_for_pytest
 from regents_cosim.swap import restore
@@ -95,10 +95,16 @@ def _replace(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline: B
     target = folder.resolve()
     target.parent.mkdir(parents=True, exist_ok=True)
     with new_folder(target, is_ours) as fresh:
+        notes = Suite((), command(), seed, _versions())
         for scenario in scenarios:
-            add_case(scenario, fresh, Suite((), command(), seed, versions()))
+            add_case(scenario, fresh, notes)
         if baseline is not None and baseline.planners:
             save_baseline(fresh / FILE, baseline)
+
+
+def _versions() -> dict[str, str]:
+    """Of all that decides what a suite holds, the commit of a checkout among them."""
+    return versions() | ({"revision": revision()} if revision() else {})
 
 
 def merge(suites: Sequence[Path]) -> tuple[list[Scenario], Baseline]:

@@ -31,12 +31,19 @@ BRIDGES: dict[str, str] = {
     "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
     "exec": "regents_cosim.planners.exec_planner:ExecPlanner",
     "highway": "regents_cosim.replays.highway_ego:HighwayEgo",
+    "idm": "regents_cosim.planners.idm_settings:idm_with",
     "sumo": "regents_cosim.replays.sumo_ego:SumoEgo",
     "torch": "regents_cosim.planners.torch_bridge:TorchPlanner",
 }
 
 # All that a case may name: what these load comes with the package, or with SUMO and highway-env.
 BUILT_IN = frozenset({*OURS, "sumo", "highway:idm", "highway:mdp", "highway:random"})
+_OURS_WITH_NUMBERS = ("idm:",)  # and these with whatever settings: nothing but numbers follows
+
+
+def is_built_in(name: str) -> bool:
+    """Whether a case may name this planner."""
+    return name in BUILT_IN or name.startswith(_OURS_WITH_NUMBERS)
 
 
 def planner_of(case: Scenario, named: str | None = None) -> str:
@@ -56,7 +63,7 @@ def attacked_planners(case: Scenario) -> tuple[str, ...]:
     if case.attack is None:
         raise PlannerError(f"case {case.id} was never attacked, and names no planner: name one with --planner")
     names = (case.attack.planner, *str(case.attack.settings.get("against", "")).split())
-    foreign = next((name for name in names if name not in BUILT_IN), None)
+    foreign = next((name for name in names if not is_built_in(name)), None)
     if foreign is not None:
         raise PlannerError(
             f"case {case.id} was attacked with planner {foreign!r}, which does not come with regents_cosim; what a "
@@ -78,7 +85,7 @@ def find_attribute(name: str) -> Any:
     if not module_name:
         raise PlannerError(
             f"planner {name!r} not found, expected one of {', '.join(sorted({*OURS, *known}))}, sumo, "
-            "aim-bev:WEIGHTS, highway:AGENT, torch:MODULE, exec:COMMAND, "
+            "idm:SETTING=NUMBER, aim-bev:WEIGHTS, highway:AGENT, torch:MODULE, exec:COMMAND, "
             "`package.module:attribute` or `file.py:attribute`"
         )
     found = getattr(import_named(module_name, f"planner {name!r}", installed=name in known), attribute, None)

@@ -11,7 +11,7 @@ import numpy as np
 
 from regents_cosim.boxes import Boxes, distance
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.planners.find import BUILT_IN
+from regents_cosim.planners.find import is_built_in
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
@@ -321,7 +321,7 @@ def _commands(case: Scenario, drivers: list[str], driven: bool, folder: Path | N
     found = [("Watch it in SUMO", f"regents replay {place} --in sumo --gui")]
     if case.evasion is not None:
         found.append(("Watch the way out", f"regents replay {place} --in sumo --gui --ego evasion"))
-    names = [name if driven or name in BUILT_IN else None for name in drivers]
+    names = [name if driven or is_built_in(name) else None for name in drivers]
     again = [
         (f"Drive it again with {name}", f"regents replay {place} --in mirror --planner {shlex.quote(name)}")
         if name

@@ -17,10 +17,11 @@ INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_pe
 ATTACKED = ("case", "outcome", "telling", "clean", "avoidable", "SUMO_verified")
 REPLAYED = ("case", "verified", "found")
 DRIVEN = (
-    "source", "n", "telling_collisions", "route_completion_percent", "collisions", "collision_rate_percent",
+    "source", "n", "telling_collisions", "held_up", "route_completion_percent", "collisions", "collision_rate_percent",
     "driving_score_percent",
 )  # fmt: skip
 COMPARED = ("case", "verdict", "now")
+RANKED = ("planner", "n", "crashes", "crash_percent", "held_up", "only_this", "only_before", "p_value")
 LISTED = ("case", "kind", "telling", "clean", "avoidable")
 CHECKED = ("case", "problem")
 JUDGED = ("case", "telling", "before", "clean", "offences", "preventable_by")

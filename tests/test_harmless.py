@@ -1,0 +1,79 @@
+"""Harmless neighbours of crashes, and the rank of planners that they keep honest."""
+
+from dataclasses import replace
+
+import pytest
+from regression_cases import cuts_in, follows, pushes
+
+from regents_cosim.evaluation.cards import card
+from regents_cosim.evaluation.driving import drive_each, driving_row, score
+from regents_cosim.evaluation.harmless import harmless_neighbour
+from regents_cosim.evaluation.ranking import rank_rows
+from regents_cosim.files import content_hash, load_case, save_case
+from regents_cosim.replays.mirror import Wheel
+
+
+@pytest.fixture(scope="module")
+def neighbour():
+    with Wheel("careful") as careful:
+        return harmless_neighbour(pushes(), careful)
+
+
+def test_a_careful_driver_passes_with_room_and_gets_on(neighbour):
+    drive = score(neighbour, neighbour.tracks)
+    assert drive.hits is None
+    assert drive.min_gap_m >= 1.0
+    assert drive.completion == pytest.approx(neighbour.attack.careful_completion, abs=1e-3)
+    assert not drive.held_up
+    assert neighbour.id == "pushes-harmless"
+
+
+def test_it_is_the_nearest_to_the_crash_that_is_harmless(neighbour):
+    """With a quarter more of the attack left the careful driver has less than a metre, or crashes."""
+    share = neighbour.attack.settings["harmless_share"]
+    assert share in (0.0, 0.25, 0.5)
+    with Wheel("careful") as careful:
+        assert harmless_neighbour(pushes(), careful).attack == neighbour.attack
+
+
+def test_it_says_so_on_its_card_and_on_disk(neighbour, tmp_path):
+    again = load_case(save_case(neighbour, tmp_path))
+    assert content_hash(again) == content_hash(neighbour)
+    found = card(again, "")
+    assert (found.kind, found.adversary, found.telling) == ("harmless", None, None)
+    assert "harmless neighbour" in found.adversary_in_words
+    assert card(pushes(), "").kind == "side_swipe"
+
+
+def test_who_stands_is_held_up_in_harmless_cases_alone(neighbour):
+    """A planner that never moves crashes nowhere, and is no better for it."""
+    tracks = neighbour.tracks
+    still = replace(
+        tracks,
+        **{name: _row_held(getattr(tracks, name)) for name in ("x", "y")},
+        speed=_row_held(tracks.speed, to=0.0),
+    )
+    held = score(neighbour, still)
+    assert held.hits is None
+    assert held.held_up
+    row = driving_row("all", [held, score(follows(), follows().tracks)])
+    assert (row.n, row.harmless_cases, row.held_up) == (2, 1, 1)
+
+
+def _row_held(values, to=None):
+    held = values.copy()
+    held[0] = held[0, 0] if to is None else to
+    return held
+
+
+def test_a_rank_compares_each_planner_with_the_one_before():
+    """A cut-in that IDM brakes for and one that nobody gets away from."""
+    cases = [cuts_in("late", behind_leader=10.5, begin_s=4.0), pushes(), follows()]
+    planners = ("idm", "idm:time_headway=0.2", "constant_velocity")
+    rows = rank_rows([(name, list(drive_each(cases, name))) for name in planners])
+    assert [row.planner for row in rows] == list(planners)
+    assert rows[0].p_value is None
+    for row, before in zip(rows[1:], rows, strict=False):
+        assert row.crashes - before.crashes == row.only_this - row.only_before
+        assert 0.0 < row.p_value <= 1.0
+    assert rows[0].crashes < rows[1].crashes

@@ -1,0 +1,28 @@
+"""IDM with other numbers, by its name."""
+
+import pytest
+
+from regents_cosim.errors import PlannerError
+from regents_cosim.planners.find import is_built_in
+from regents_cosim.planners.idm import IDM
+from regents_cosim.planners.systems import find_planner
+
+
+def test_a_name_sets_numbers():
+    found = find_planner("idm:time_headway=0.2,max_accel=1.5")
+    assert isinstance(found, IDM)
+    assert (found.time_headway, found.max_accel, found.standstill_gap) == (0.2, 1.5, IDM().standstill_gap)
+
+
+@pytest.mark.parametrize(
+    "name", ["idm:", "idm:headway=1", "idm:time_headway", "idm:time_headway=nan", "idm:time_headway=-1"]
+)
+def test_what_it_does_not_have_is_refused_in_one_line(name):
+    with pytest.raises(PlannerError, match="expected") as refused:
+        find_planner(name)
+    assert str(refused.value).count("\n") == 0
+
+
+def test_a_case_may_name_it():
+    assert is_built_in("idm:time_headway=0.2")
+    assert not is_built_in("idm.py:IDM")
