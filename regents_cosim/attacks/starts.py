@@ -2,54 +2,36 @@
 
 A descent that starts from the log is stuck where the two would have to meet at another time, or where the candidate
 would have to take another turn: the gradient pulls straight across, where a median, the law or other traffic forbids
-it. Along each way that the candidate may take (`verdicts.ways`: its turns, its changes of lane, its logged path) a grid
-of speeds is driven, all of them with what bends allow. Those that meet the ego, while that stays on the track that it
-drives unattacked, are starts. The first are those that a driver in the ego's place could see coming: steady for the
-last seconds, gentle, from the side.
+it. Along each line that the candidate may take (`drive_lines`) the places and steps are marked at which it would touch
+the ego, while that stays on the track that it drives unattacked (the path-time space of Kant and Zucker 1986). Those
+of many speed profiles (`speed_profiles`) that enter a marked place are starts. The first are those that a driver in
+the ego's place would see coming for some seconds: gentle, from the side.
 """
 
-import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import shapely
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.descent import to_actions
+from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, lines_ahead
 from regents_cosim.attacks.job import Job
+from regents_cosim.attacks.speed_profiles import drive, profiles
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.frames import wrap
 from regents_cosim.limits import ALONG_RAD, MOST_ACCEL_M_S2
 from regents_cosim.mirror.actions import fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.world import scene_origin
-from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.planners.route import evenly, logged_path
-from regents_cosim.roadmap import RoadMap
-from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours
-from regents_cosim.verdicts.ways import OVER_LIMIT, Way, ways_ahead
+from regents_cosim.planners.reference.parameters import FORESIGHT
+from regents_cosim.scenario import Agent, Scenario, Tracks
 
-_SPACING_M = 0.5  # of the points of a way
-_SMOOTH_POINTS = 9  # lanes have kinks where they meet
-_BEND_ACCEL = 3.0  # [m/s^2] sideways, that a driver takes in a bend (Treiber and Kesting 2013: 2 to 3 in cities)
-_BEND_BRAKE = 2.0  # [m/s^2] with which it slows down for one
-_HARDEST_BRAKE = 4.5  # [m/s^2] of all starts; emergencies are left to the descent
-_BRAKES = (-4.0, -2.5, -1.5, -0.75)  # [m/s^2]
-_SLOWER = (0.0, 0.25, 0.5, 0.75)  # shares of the speed at first that braking ends at
-_GAINS = (0.75, 1.5, 2.5)  # [m/s^2]
-_FASTER_M_S = (1.0, 2.0, 4.0, 6.0, 9.0, 13.0)
-_PULLING_OUT_M_S = 4.0  # for one that stands or crawls, the shares above are of this speed
-_MOST_CHANGED_FROM = 2  # ways from which lanes are changed
-_CHANGE_BEGINS_S = (0.0, 1.0, 2.5)
-_CHANGE_LASTS_S = (4.0, 7.0, 10.0)
-_SHORTEST_CHANGE_M = 12.0
-_RED = "ru"  # SUMO's letters: red, and red with yellow
 _EARLIEST_S = 1.5  # a crash before that is none that anyone could react to
-_STEADY_S = 3.0  # before the crash: long enough to foresee it
+_NEEDED_S = 3.0  # a careful driver who sees it coming for so long avoids it
+_TURN_OVER_S = 0.3  # by which a turn is told
 _LEADS = 0.9  # of the ego's length ahead of its centre: the ego runs into its rear
 _SEEN_S = 2.0  # before the crash: what a careful driver needs to see, to decide and to brake
 _ALIKE = np.array([0.6, 2.0, np.deg2rad(30.0)])  # contacts that differ by less are alike: s, m, rad
@@ -134,115 +116,11 @@ class _Others:
 
 
 @dataclass(frozen=True, eq=False)
-class _Line:
-    """A way as an evenly spaced line."""
-
-    points: Float[np.ndarray, "point 2"]  # [m] every `_SPACING_M`
-    heading: Float[np.ndarray, " point"]  # [rad] continuous
-    limit: float  # [m/s] where it begins
-    shows_m: float = 0.0  # so far along, a change of lane can be noticed
-    lights: tuple[tuple[float, Bool[np.ndarray, " time"]], ...] = ()  # stop lines [m] along it, and when they are red
-
-    def at(self, way: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places [m, m] and headings [rad] so many metres along."""
-        along = np.arange(len(self.points)) * _SPACING_M
-        return tuple(np.interp(way, along, values) for values in (*self.points.T, self.heading))  # pyright: ignore
-
-
-def _ways(scenario: Scenario, agent: int) -> Iterator[_Line]:
-    """The lawful ways ahead, with changes of lane from several places on; and the logged path."""
-    tracks = scenario.tracks
-    first = int(np.argmax(tracks.valid[agent]))
-    speed, fastest = float(tracks.speed[agent, first]), float(tracks.speed[agent].max())
-    reach_m = 2.0 * fastest * tracks.steps * scenario.dt + 50.0
-    ways = ways_ahead(scenario, agent)
-    logged = _line(_prolonged(logged_path(tracks, agent), reach_m), np.inf)
-    taken = next((way for way in ways if way.logged), None)
-    yield logged if taken is None else replace(logged, lights=_lights(scenario, taken, logged))
-    for index, way in enumerate(ways):
-        if way.changes > 1:
-            continue
-        line = _line(_prolonged(way.points, reach_m), max(lane.speed_limit for lane in way.lanes[:2]))
-        line = replace(line, lights=_lights(scenario, way, line))
-        yield line
-        if way.changes == 0 and index < _MOST_CHANGED_FROM:
-            yield from _changing(scenario.road, line, way, max(speed, _PULLING_OUT_M_S))
-
-
-def _changing(road: RoadMap, line: _Line, way: Way, speed: float) -> Iterator[_Line]:
-    """The way, with a change to a neighbour that begins sooner or later and takes longer or less long."""
-    along = np.arange(len(line.points)) * _SPACING_M
-    across = np.stack([-np.sin(line.heading), np.cos(line.heading)], axis=1)
-    for begin_s, lasting_s in itertools.product(_CHANGE_BEGINS_S, _CHANGE_LASTS_S):
-        begin_m, length_m = begin_s * speed, max(lasting_s * speed, _SHORTEST_CHANGE_M)
-        if begin_m + length_m > along[-1]:
-            continue
-        place = int(begin_m / _SPACING_M)
-        for aside in _neighbours_aside(road, way, line.points[place], across[place]):
-            done = np.clip((along - begin_m) / length_m, 0.0, 1.0)
-            shift = aside * (done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi))
-            shows_m = float(along[np.argmax(np.abs(shift) > CAREFUL.wandering_m)])
-            changed = _line(line.points + shift[:, None] * across, line.limit)
-            yield replace(changed, shows_m=shows_m, lights=line.lights)
-
-
-def _lights(scenario: Scenario, way: Way, line: _Line) -> tuple[tuple[float, Bool[np.ndarray, " time"]], ...]:
-    """The stop lines that the way passes."""
-    signals = {signal.id: signal for signal in scenario.signals}
-    drawn = shapely.LineString(line.points)
-    found = []
-    for lane, onward in itertools.pairwise(way.lanes):
-        link = next((link for link in scenario.road.exits[lane.id] if link.target == onward.id), None)
-        if link is not None and link.signal in signals:
-            shown = [signals[link.signal].letters(step)[link.link] for step in range(scenario.tracks.steps)]
-            at_m = float(drawn.project(shapely.Point(lane.centre[-1])))
-            found.append((at_m, np.array([letter in _RED for letter in shown])))
-    return tuple(found)
-
-
-def _neighbours_aside(
-    road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], left: Float[np.ndarray, " 2"]
-) -> list[float]:
-    """How far to the left of a place on the way [m] the middles are of the lanes that one may change to from there."""
-    lines, at = lane_lines(road), shapely.Point(place)
-    here = min(way.lanes, key=lambda lane: lines[lane.id].distance(at))
-    found = [
-        np.array(lines[other].interpolate(lines[other].project(at)).coords[0]) for other in neighbours(road)[here.id]
-    ]
-    return [float((other - place) @ left) for other in found]
-
-
-def _prolonged(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:
-    """The line, straight on to that length."""
-    left = reach_m - float(np.hypot(*np.diff(points, axis=0).T).sum())
-    ahead = points[-1] - points[-2]
-    return np.vstack([points, points[-1] + max(left, 1.0) * ahead / np.hypot(*ahead)])
-
-
-def _line(points: Float[np.ndarray, "point 2"], limit: float) -> _Line:
-    even = evenly(points, _SPACING_M)
-    smooth = np.stack([_smooth(even[:, axis]) for axis in (0, 1)], axis=1)
-    even = evenly(smooth, _SPACING_M)
-    step = np.gradient(even, axis=0)
-    return _Line(even, np.unwrap(np.arctan2(step[:, 1], step[:, 0])), limit)
-
-
-def _smooth(values: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Twice the mean of the neighbours, the ends where they are."""
-    half = _SMOOTH_POINTS // 2
-    for _ in range(2):
-        before, after = 2.0 * values[0] - values[half:0:-1], 2.0 * values[-1] - values[-2 : -half - 2 : -1]
-        padded = np.concatenate([before, values, after])
-        values = np.convolve(padded, np.full(_SMOOTH_POINTS, 1.0 / _SMOOTH_POINTS), mode="valid")
-    return values
-
-
-@dataclass(frozen=True, eq=False)
 class _Drives:
-    """Drives of one candidate from where it enters, [drive, time], and what was wanted of each."""
+    """Drives of one candidate from where it enters that meet the ego, [drive, time]."""
 
-    runs_red: Bool[np.ndarray, "drive time"]  # by then it has passed a red light
-    settles: Int[np.ndarray, " drive"]  # the step from which on it goes on as it does, and shows where to
+    meets: Int[np.ndarray, " drive"]  # the step, after it entered
+    shows_s: Float[np.ndarray, " drive"]  # after it entered: it has left its lane visibly
     gentle: Float[np.ndarray, " drive"]  # [m/s^2] the acceleration before
     x: Float[np.ndarray, "drive time"]
     y: Float[np.ndarray, "drive time"]
@@ -252,128 +130,90 @@ class _Drives:
 
 def _meetings(scenario: Scenario, agent: int, ego: Tracks) -> Iterator[Start]:
     """All drives that meet the ego, late enough that a driver could react."""
-    me, dt = scenario.agents[agent], scenario.dt
     first = int(np.argmax(scenario.tracks.valid[agent]))
-    drives = _drives(scenario, agent, first)
     own = ego.x[0, first:], ego.y[0, first:], ego.yaw[0, first:]  # [time] each
-    hits = _overlaps(drives, own, (me.length, me.width), (scenario.ego.length, scenario.ego.width))
-    hits &= scenario.tracks.valid[agent, first:]
-    meets = np.argmax(hits, axis=1)
-    late = hits.any(axis=1) & ((first + meets) * dt >= _EARLIEST_S)
-    late &= ~drives.runs_red[np.arange(len(meets)), meets]
-    late &= _hardest_turn(drives, meets, dt) <= MOST_ACCEL_M_S2
-    contact = _contact(drives, meets, own)
-    promise = _promise(drives, meets, own, scenario)
-    for row in np.flatnonzero(late).tolist():
+    drives = _drives(scenario, agent, first, own)
+    if drives is None:
+        return
+    contact = _contact(drives, own)
+    promise = _promise(drives, own, scenario)
+    for row in range(len(drives.meets)):
         x, y, yaw, speed = (
             np.concatenate([np.full(first, values[row, 0]), values[row]])
             for values in (drives.x, drives.y, drives.yaw, drives.speed)
         )
-        when = (first + int(meets[row])) * dt
-        met = (when, float(contact[row, 0]), float(contact[row, 1]))
-        yield Start(x, y, yaw, speed, first + int(meets[row]), met, float(promise[row]))
+        meets = first + int(drives.meets[row])
+        met = (meets * scenario.dt, float(contact[row, 0]), float(contact[row, 1]))
+        yield Start(x, y, yaw, speed, meets, met, float(promise[row]))
 
 
-def _hardest_turn(drives: _Drives, meets: Int[np.ndarray, " drive"], dt: float) -> Float[np.ndarray, " drive"]:
+def _drives(scenario: Scenario, agent: int, first: int, own: tuple[np.ndarray, ...]) -> _Drives | None:
+    """Those along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
+    me, dt, tracks = scenario.agents[agent], scenario.dt, scenario.tracks
+    marked = [
+        (line, touched)
+        for line in lines_ahead(scenario, agent)
+        if (touched := _touched(line, own, me, scenario.ego) & tracks.valid[agent, first:]).any()
+    ]
+    if not marked:
+        return None
+    begun, lines = float(tracks.speed[agent, first]), [line for line, _ in marked]
+    wanted = profiles(lines, begun, float(tracks.speed[agent].max()))
+    speed, travelled = drive(lines, begun, wanted, len(own[0]), dt)
+    found = []
+    for index, (line, touched) in enumerate(marked):
+        rows = np.flatnonzero(wanted.line == index)
+        hits = _on(touched, travelled[rows])
+        meets = np.argmax(hits, axis=1)
+        kept = hits.any(axis=1) & ((first + meets) * dt >= _EARLIEST_S)
+        kept &= ~_runs_red(line, travelled[rows] + 0.5 * me.length, meets, first)
+        rows, meets = rows[kept], meets[kept]
+        shows_s = (travelled[rows] < line.shows_m).sum(axis=1) * dt
+        found.append(_Drives(meets, shows_s, np.abs(wanted.accel[rows]), *line.at(travelled[rows]), speed[rows]))
+    drives = _Drives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Drives)))
+    gentle = _hardest_turn(drives, dt) <= MOST_ACCEL_M_S2
+    return _Drives(*(getattr(drives, f.name)[gentle] for f in fields(_Drives)))
+
+
+def _on(touched: Bool[np.ndarray, "point time"], travelled: Float[np.ndarray, "drive time"]) -> np.ndarray:
+    """Whether drives along a line are at a marked place, [drive, time]."""
+    place = np.minimum(np.rint(travelled / SPACING_M).astype(int), len(touched) - 1)
+    return touched[place, np.arange(touched.shape[1])]
+
+
+def _touched(line: DriveLine, own: tuple[np.ndarray, ...], me: Agent, ego: Agent) -> Bool[np.ndarray, "point time"]:
+    """The places on a line at which an agent would touch the ego at each step; asked only of those that are near."""
+    mine, its = (me.length, me.width), (ego.length, ego.width)
+    reach = 0.5 * (np.hypot(*mine) + np.hypot(*its))
+    near = np.hypot(line.points[:, :1] - own[0], line.points[:, 1:] - own[1]) < reach
+    point, step = np.nonzero(near)
+    one = Boxes(*line.points[point].T, line.heading[point], *mine)
+    near[point, step] = overlap(one, Boxes(*(values[step] for values in own), *its))
+    return near
+
+
+def _runs_red(
+    line: DriveLine, front: Float[np.ndarray, "drive time"], meets: Int[np.ndarray, " drive"], first: int
+) -> Bool[np.ndarray, " drive"]:
+    """Whether drives along the line pass a red light before they meet the ego, the fronts being so far along [m]."""
+    run = np.zeros(front.shape, bool)
+    for stop in line.stop_lines:
+        passes = (front[:, 1:] > stop.at_m) & (front[:, :-1] <= stop.at_m)
+        run[:, 1:] |= passes & stop.red[first + 1 : first + front.shape[1]]
+    return (run & (np.arange(front.shape[1]) <= meets[:, None])).any(axis=1)
+
+
+def _hardest_turn(drives: _Drives, dt: float) -> Float[np.ndarray, " drive"]:
     """The greatest acceleration sideways [m/s^2] before each meets the ego; the fast turn hard into their lane."""
     sideways = 0.5 * (drives.speed[:, 1:] + drives.speed[:, :-1]) * np.abs(np.diff(drives.yaw)) / dt
-    before = np.arange(sideways.shape[1]) < meets[:, None]
+    before = np.arange(sideways.shape[1]) < drives.meets[:, None]
     return np.max(sideways, axis=1, initial=0.0, where=before)
 
 
-def _overlaps(
-    drives: _Drives, own: tuple[np.ndarray, ...], mine: tuple[float, float], ego: tuple[float, float]
-) -> Bool[np.ndarray, "drive time"]:
-    """Where the boxes overlap; asked only of those that are near."""
-    reach = 0.5 * (np.hypot(*mine) + np.hypot(*ego))
-    near = np.hypot(drives.x - own[0], drives.y - own[1]) < reach
-    row, step = np.nonzero(near)
-    one = Boxes(drives.x[near], drives.y[near], drives.yaw[near], *mine)
-    hits = np.zeros(near.shape, bool)
-    x, y, yaw = (values[step] for values in own)
-    hits[row, step] = overlap(one, Boxes(x, y, yaw, *ego))
-    return hits
-
-
-def _drives(scenario: Scenario, agent: int, first: int) -> _Drives:
-    """A grid of speeds along every way."""
-    speed = scenario.tracks.speed[agent]
-    lines = list(_ways(scenario, agent))
-    changes = [_changes(float(speed[first]), _most(line.limit, float(speed.max()))) for line in lines]
-    way = np.repeat(np.arange(len(lines)), [len(some) for some in changes])
-    change = np.vstack(changes)
-    driven, travelled = _driven(lines, way, float(speed[first]), change, len(speed) - first, scenario.dt)
-    places = [line.at(travelled[way == index]) for index, line in enumerate(lines)]
-    x, y, yaw = (np.vstack(values) for values in zip(*places, strict=True))
-    accel, wanted = change.T
-    gap = np.abs(wanted - speed[first])
-    changing_s = np.divide(gap, np.abs(accel), out=np.zeros_like(accel), where=accel != 0.0)
-    shows = (travelled < np.array([line.shows_m for line in lines])[way][:, None]).sum(axis=1)
-    settles = np.maximum(shows, np.ceil(changing_s / scenario.dt).astype(int))
-    half_length = 0.5 * scenario.agents[agent].length
-    runs_red = np.vstack(
-        [_runs_red(line, travelled[way == index] + half_length, first) for index, line in enumerate(lines)]
-    )
-    return _Drives(runs_red, settles, np.abs(accel), x, y, yaw, driven)
-
-
-def _runs_red(line: _Line, front: Float[np.ndarray, "drive time"], first: int) -> Bool[np.ndarray, "drive time"]:
-    """Whether a drive along the line has passed a red light by then, its front being so far along [m]."""
-    run = np.zeros(front.shape, bool)
-    for at_m, red in line.lights:
-        passes = (front[:, 1:] > at_m) & (front[:, :-1] <= at_m) & red[first + 1 :]
-        run[:, 1:] |= passes
-    return np.logical_or.accumulate(run, axis=1)
-
-
-def _most(limit: float, logged: float) -> float:
-    """The top speed of drives on a way [m/s]."""
-    return max(OVER_LIMIT * limit, logged) if np.isfinite(limit) else 1.3 * max(logged, _PULLING_OUT_M_S)
-
-
-def _changes(speed: float, most: float) -> Float[np.ndarray, "drive 2"]:
-    """Accelerations [m/s^2], and the speeds [m/s] at which they end."""
-    slower = [(brake, share * max(speed, _PULLING_OUT_M_S)) for brake in _BRAKES for share in _SLOWER]
-    faster = [(gain, speed + more) for gain in _GAINS for more in _FASTER_M_S]
-    changes = [(0.0, speed), *(pair for pair in slower if pair[1] < speed), *(p for p in faster if p[1] <= most)]
-    return np.array(changes)
-
-
-def _driven(
-    lines: Sequence[_Line], way: Int[np.ndarray, " drive"], begun: float, change: np.ndarray, steps: int, dt: float
-) -> tuple[Float[np.ndarray, "drive time"], Float[np.ndarray, "drive time"]]:
-    """Speeds [m/s] and distances [m] of all drives, slower than wanted where the way bends."""
-    accel, wanted = change.T
-    allowed = np.concatenate([_allowed_in_bends(line) for line in lines])
-    ends = np.cumsum([len(line.points) for line in lines])
-    begins = (ends - [len(line.points) for line in lines])[way]
-    last = ends[way] - 1
-    speed, travelled = [np.full(len(change), begun)], [np.zeros(len(change))]
-    for _ in range(steps - 1):
-        now = speed[-1]
-        slower, faster = np.maximum(now + accel * dt, np.minimum(wanted, now)), np.minimum(now + accel * dt, wanted)
-        aim = np.where(accel < 0.0, slower, np.where(accel > 0.0, np.maximum(faster, np.minimum(now, wanted)), wanted))
-        ahead = np.minimum(begins + (travelled[-1] / _SPACING_M).astype(int) + 1, last)
-        aim = np.clip(np.minimum(aim, allowed[ahead]), now - _HARDEST_BRAKE * dt, now + _GAINS[-1] * dt)
-        speed.append(np.maximum(aim, 0.0))
-        travelled.append(travelled[-1] + 0.5 * (now + speed[-1]) * dt)
-    return np.stack(speed, axis=1), np.stack(travelled, axis=1)
-
-
-def _allowed_in_bends(line: _Line) -> Float[np.ndarray, " point"]:
-    """Speed [m/s] at every point that its bend allows, and those ahead within gentle braking."""
-    curvature = np.abs(np.gradient(line.heading)) / _SPACING_M
-    gained = 2.0 * _BEND_BRAKE * _SPACING_M * np.arange(len(curvature))
-    square = _BEND_ACCEL / np.maximum(curvature, 1e-4) + gained
-    return np.sqrt(np.minimum.accumulate(square[::-1])[::-1] - gained)
-
-
-def _contact(
-    drives: _Drives, meets: Int[np.ndarray, " drive"], own: tuple[np.ndarray, ...]
-) -> Float[np.ndarray, "drive 2"]:
+def _contact(drives: _Drives, own: tuple[np.ndarray, ...]) -> Float[np.ndarray, "drive 2"]:
     """How far ahead of the ego's centre [m] a drive meets it, and at which angle to its heading [rad]."""
-    turn = wrap(drives.yaw[np.arange(len(meets)), meets] - own[2][meets])
-    return np.stack([_ahead(drives, meets, own), turn], axis=1)
+    turn = wrap(drives.yaw[np.arange(len(drives.meets)), drives.meets] - own[2][drives.meets])
+    return np.stack([_ahead(drives, drives.meets, own), turn], axis=1)
 
 
 def _ahead(
@@ -385,17 +225,46 @@ def _ahead(
     return (drives.x[rows, step] - x) * np.cos(yaw) + (drives.y[rows, step] - y) * np.sin(yaw)
 
 
-def _promise(
-    drives: _Drives, meets: Int[np.ndarray, " drive"], own: tuple[np.ndarray, ...], scenario: Scenario
-) -> Float[np.ndarray, " drive"]:
+def _promise(drives: _Drives, own: tuple[np.ndarray, ...], scenario: Scenario) -> Float[np.ndarray, " drive"]:
     """How likely a careful driver foresees the crash and the planner does not, by rules of thumb.
 
     Who runs the same way is suspected only while its centre is ahead of the ego's.
     """
-    ahead, turn = _contact(drives, meets, own).T
-    seen_from = np.maximum(meets - round(_SEEN_S / scenario.dt), 0)
-    foreseen = np.clip((meets - drives.settles) * scenario.dt / _STEADY_S, -0.5, 1.0)
+    ahead, turn = _contact(drives, own).T
+    seen_from = np.maximum(drives.meets - round(_SEEN_S / scenario.dt), 0)
     crossing = np.abs(turn) > ALONG_RAD
     unseen = ~crossing & (np.minimum(ahead, _ahead(drives, seen_from, own)) <= 0.0)
     leads = ~crossing & (ahead > _LEADS * scenario.ego.length)
-    return foreseen - 0.1 * drives.gentle + 0.5 * crossing - 1.0 * unseen - 0.4 * leads
+    foreseen = np.clip(_foreseen_s(drives, own, scenario) / _NEEDED_S, 0.0, 1.0)
+    return 1.5 * foreseen - 0.1 * drives.gentle + 0.5 * crossing - 1.0 * unseen - 0.4 * leads
+
+
+def _foreseen_s(drives: _Drives, own: tuple[np.ndarray, ...], scenario: Scenario) -> Float[np.ndarray, " drive"]:
+    """For how long before the crash a careful driver would have seen it coming [s].
+
+    That is: were the candidate to go on with its speed and its turn, it would be where the ego then is, or would be
+    half a second sooner or later; and it crosses the ego's way, or shows that it leaves its lane.
+    """
+    dt, rows = scenario.dt, np.arange(len(drives.meets))
+    near_m = 0.5 * (scenario.ego.length + scenario.ego.width)
+    lasts, foreseen = np.ones(len(rows), bool), np.zeros(len(rows))
+    for before in range(2, round(_NEEDED_S / dt) + 1, 2):
+        step = drives.meets - before
+        at, past = np.maximum(step, 0), np.maximum(step - round(_TURN_OVER_S / dt), 0)
+        x, y, yaw, speed = (values[rows, at] for values in (drives.x, drives.y, drives.yaw, drives.speed))
+        turned = (yaw - drives.yaw[rows, past]) * before / np.maximum(at - past, 1)
+        chord = speed * before * dt * np.sinc(0.5 * turned / np.pi)
+        there = x + chord * np.cos(yaw + 0.5 * turned), y + chord * np.sin(yaw + 0.5 * turned)
+        late = [np.clip(drives.meets + shift, 0, len(own[0]) - 1) for shift in _slack(dt)]
+        away = np.min([np.hypot(there[0] - own[0][when], there[1] - own[1][when]) for when in late], axis=0)
+        angle = np.abs(wrap(yaw + turned - own[2][drives.meets]))
+        suspected = ((angle > FORESIGHT.along_rad) & (angle < FORESIGHT.against_rad)) | (step * dt >= drives.shows_s)
+        lasts &= (step >= 0) & (away < near_m) & suspected
+        foreseen[lasts] = before * dt
+    return foreseen
+
+
+def _slack(dt: float) -> list[int]:
+    """Steps by which the ego may be earlier or later."""
+    spacing = FORESIGHT.spacing_s / dt
+    return [round(spacing * index) for index in range(-FORESIGHT.slack, FORESIGHT.slack + 1)]

@@ -71,6 +71,8 @@ class Traffic:
     """length of a window [s]; of a log that is shorter, all of it"""
     radius: float = 100.0
     """agents that never come closer to the ego are left out [m]"""
+    prefer: Literal["conflicts", "none"] = "conflicts"
+    """which egos come first: those whose path another vehicle can cross or join within the window, or any"""
 
 
 @Parameter(name="*")

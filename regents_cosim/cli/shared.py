@@ -60,6 +60,7 @@ def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, termi
             seed=traffic.seed,
             horizon_s=traffic.horizon,
             radius_m=traffic.radius,
+            prefer=traffic.prefer,
             executor=pool,
             tell=terminal.say,
         )
@@ -86,6 +87,7 @@ def _record_log(traffic: Traffic, terminal: "Terminal") -> "list[Scenario]":
             horizon_s=traffic.horizon,
             stride_s=traffic.stride,
             radius_m=traffic.radius,
+            prefer=traffic.prefer,
             beside=Beside(traffic.map, traffic.columns),
             tell=terminal.say,
         )

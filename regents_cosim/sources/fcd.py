@@ -32,7 +32,7 @@ from regents_cosim.sources.motion import smooth_pieces
 from regents_cosim.sources.recording import Names, Recording, Slot, left_out
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, VehicleType, read_types
-from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.windows import Origin, Prefer, Windows, choose_windows, draw_slots
 from regents_cosim.sources.xml_input import children, unpacked_limit
 
 STEP_S = 0.1
@@ -52,6 +52,7 @@ def record_fcd(
     seed: int = 0,
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
+    prefer: Prefer = "conflicts",
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
     """Up to `count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same.
@@ -62,7 +63,7 @@ def record_fcd(
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """
-    windows = Windows(count, seed, horizon_s, radius_m)
+    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer)
     require_file(log, "FCD log")
     road = read_road_map(net)
     known = read_types(routes_or_types)

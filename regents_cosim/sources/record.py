@@ -10,6 +10,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.sources.windows import Prefer
 
 _HIGHWAY = "highway:"
 
@@ -23,6 +24,7 @@ def record(
     seed: int = 0,
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
+    prefer: Prefer = "conflicts",
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -49,7 +51,14 @@ def record(
     given = source if isinstance(source, SumoInput) else SumoInput(config=Path(source))
     if fcd is None:
         return record_sumo(
-            given, count=count, seed=seed, horizon_s=horizon_s, radius_m=radius_m, executor=executor, tell=tell
+            given,
+            count=count,
+            seed=seed,
+            horizon_s=horizon_s,
+            radius_m=radius_m,
+            prefer=prefer,
+            executor=executor,
+            tell=tell,
         )
     if given.net is None:
         raise RegentsError("an fcd-output needs the network it was made on: give it with -n NAME.net.xml")
@@ -62,5 +71,6 @@ def record(
         seed=seed,
         horizon_s=horizon_s,
         radius_m=radius_m,
+        prefer=prefer,
         tell=tell,
     )

@@ -16,7 +16,7 @@ from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input
 from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of, require_size
-from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.windows import Origin, Prefer, Windows, choose_windows, draw_slots
 from regents_cosim.sumo_process import running_sumo
 from regents_cosim.workers import result_of, run_isolated, submit
 
@@ -31,6 +31,7 @@ def record_sumo(
     seed: int = 0,
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
+    prefer: Prefer = "conflicts",
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -44,7 +45,7 @@ def record_sumo(
     Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words
     where it refuses, NoWindowError where no window is found.
     """
-    windows = Windows(count, seed, horizon_s, radius_m)
+    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer)
     options = read_input(source)
     _require_microscopic(options)
     require_bounded((*options.routes, *options.additional), options.others.values())

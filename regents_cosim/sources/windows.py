@@ -3,11 +3,13 @@
 Pure: the same recordings, road and seed give the same Scenarios.
 """
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from typing import Literal
+from itertools import chain, islice, pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -21,13 +23,17 @@ from regents_cosim.provenance import command, versions
 from regents_cosim.ranges import SEED, Range
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Provenance, Scenario, Tracks
+from regents_cosim.sources.conflicts import Conflicts
 from regents_cosim.sources.motion import smooth_pieces, speeds
 from regents_cosim.sources.recording import Recording
+
+Prefer = Literal["conflicts", "none"]
 
 MAX_AGENTS = 64  # the ego included
 _NEAR_M = 50.0  # within which the ego needs company
 _MOVING_MPS = 1.0
 _LEAST_WAY_M = 5.0  # that the ego covers
+_MOST_ASKED = 24  # vehicles of a slot that are asked for conflicts
 _RANGES = {
     "count": Range(1, 1_000_000, "windows wanted", whole=True),
     "seed": SEED,
@@ -46,6 +52,7 @@ class Windows:
     horizon_s: float = 8.0
     radius_m: float = 100.0  # agents that never come closer to the ego are left out
     company: int = 2  # moving vehicles near the ego at the same instant
+    prefer: Prefer = "conflicts"  # egos whose path others can cross or join, before the rest; or none before others
 
     def __post_init__(self) -> None:
         for name, one in _RANGES.items():
@@ -77,9 +84,11 @@ def draw_slots(total: int, windows: Windows) -> list[int]:
     """Which of `total` consecutive slots to record, spread evenly over them and drawn by seed.
 
     Reading every vehicle at every step costs as much as simulating it, so a third of the time
-    is read at most, unless there are only a few slots.
+    is read at most, unless there are only a few slots. Where egos with a conflict are preferred,
+    there is more to choose from.
     """
-    wanted = min(total, max(4, min(-(-3 * windows.count // 2), total // 3)))
+    spare = 3.0 if windows.prefer == "conflicts" else 1.5
+    wanted = min(total, max(4, min(math.ceil(spare * windows.count), total // 3)))
     bounds = np.linspace(0, total, wanted + 1).astype(int)
     rng = np.random.default_rng(windows.seed)
     return [int(rng.integers(low, high)) for low, high in pairwise(bounds)]
@@ -98,6 +107,7 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
     - overlaps no other box at any instant,
     - keeps its centre on the drivable area (buses on their own lanes do not).
 
+    Those come first whose path another vehicle can cross or join (`conflicts`), unless `windows.prefer` is "none".
     Others with a jump or a gap keep their longest smooth piece. Raises NoWindowError with the
     number of vehicles that fail each rule where there is no window at all.
     """
@@ -108,11 +118,34 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
         slot: _egos(scenes[slot], road, windows, rng.permutation(len(scenes[slot].recording.ids)), refused)
         for slot in rng.permutation(len(scenes)).tolist()
     }
-    found = sorted(islice(_in_rounds(queues), windows.count))
+    found = sorted(islice(_preferred(queues, scenes, road, windows), windows.count))
     if not found:
         raise NoWindowError(_why_none(recordings, refused, windows))
     taken: Counter[str] = Counter()
     return [make_scenario(scenes[slot], ego, road, origin, windows, taken) for slot, ego in found]
+
+
+def _preferred(
+    queues: dict[int, Iterator[int]], scenes: Sequence["Scene"], road: RoadMap, windows: Windows
+) -> Iterator[tuple[int, int]]:
+    """In rounds over the slots: egos with a possible conflict, and then the rest."""
+    if windows.prefer == "none":
+        yield from _in_rounds(queues)
+        return
+    others: dict[int, list[int]] = {slot: [] for slot in queues}
+    first = {slot: _with_conflict(queue, scenes[slot], road, others[slot]) for slot, queue in queues.items()}
+    yield from _in_rounds(first)
+    yield from _in_rounds({slot: chain(left, queues[slot]) for slot, left in others.items()})
+
+
+def _with_conflict(egos: Iterator[int], scene: "Scene", road: RoadMap, others: list[int]) -> Iterator[int]:
+    """Those with a possible conflict; the rest is put into `others`. In a large city not all are asked."""
+    conflicts = scene.conflicts(road)
+    for ego in islice(egos, _MOST_ASKED):
+        if conflicts.possible_for(ego):
+            yield ego
+        else:
+            others.append(ego)
 
 
 def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:
@@ -152,6 +185,10 @@ class Scene:
             speed = np.where(valid, recording.speed, 0.0)
         motor = np.array([kind.kind in VEHICLE_KINDS for kind in recording.types], bool)
         return cls(recording, valid, speed, motor)
+
+    def conflicts(self, road: RoadMap) -> Conflicts:
+        """The possible conflicts of its vehicles."""
+        return Conflicts(self.recording, self.valid, self.speed, road)
 
     def distances(self, ego: int) -> Float[np.ndarray, "vehicle time"]:
         """From the ego's centre to all others' [m]; infinite where one of them is absent, and to itself."""

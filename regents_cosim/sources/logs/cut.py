@@ -24,7 +24,7 @@ from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.sources.motion import jumps
 from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import Origin, Scene, Windows, make_scenario, refusal
+from regents_cosim.sources.windows import Origin, Prefer, Scene, Windows, make_scenario, refusal
 
 _STRIDE = Range(0.1, 1e6, "seconds from one window to the next")
 _COMPANY = 1
@@ -79,26 +79,34 @@ def cut(scene: LoggedScene, asked: LogWindows, origin: Origin, refused: Counter[
     for first_step in traffic.windows(ego, stride):
         slot = traffic.slot(first_step)
         road = road or build_road(scene)
-        chosen = _ego(slot, ego, road, np.random.default_rng([asked.windows.seed, int(first_step)]), refused)
+        chosen = _ego(
+            slot, ego, road, np.random.default_rng([asked.windows.seed, int(first_step)]), refused, asked.windows.prefer
+        )
         if chosen is not None:
             slot = traffic.without_bridges(slot, chosen)
             chosen = slot.recording.ids.index(chosen)
             yield _aimed(make_scenario(slot, chosen, road, origin, asked.windows, taken), scene)
 
 
-def _ego(slot: Scene, wanted: str | None, road: RoadMap, rng: np.random.Generator, refused: Counter[str]) -> str | None:
+def _ego(
+    slot: Scene, wanted: str | None, road: RoadMap, rng: np.random.Generator, refused: Counter[str], prefer: Prefer
+) -> str | None:
     ids = slot.recording.ids
     if wanted is not None:
         if wanted in ids and slot.recording.valid[ids.index(wanted)].all():
             return wanted
         refused["were not there throughout"] += 1
         return None
+    conflicts, first = slot.conflicts(road), None
     for index in rng.permutation(len(ids)).tolist():
         reason = refusal(slot, index, road, _COMPANY)
-        if reason is None:
+        if reason is not None:
+            refused[reason] += 1
+            continue
+        if prefer == "none" or conflicts.possible_for(index):
             return ids[index]
-        refused[reason] += 1
-    return None
+        first = ids[index] if first is None else first
+    return first
 
 
 def _aimed(scenario: Scenario, scene: LoggedScene) -> Scenario:

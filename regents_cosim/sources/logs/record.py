@@ -13,7 +13,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import ALONE, Beside, LogFormat, find_logs, read_log
 from regents_cosim.sources.logs.scene import LoggedScene
-from regents_cosim.sources.windows import Origin, Windows
+from regents_cosim.sources.windows import Origin, Prefer, Windows
 
 _MANY = 5
 
@@ -28,6 +28,7 @@ def record_log(
     horizon_s: float = 8.0,
     stride_s: float | None = None,
     radius_m: float = 100.0,
+    prefer: Prefer = "conflicts",
     beside: Beside = ALONE,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -38,7 +39,7 @@ def record_log(
     to make are told once. Raises LogError for what cannot be read, NoWindowError where there is no
     window.
     """
-    asked = LogWindows(Windows(count, seed, horizon_s, radius_m), stride_s, ego)
+    asked = LogWindows(Windows(count, seed, horizon_s, radius_m, prefer=prefer), stride_s, ego)
     refused: Counter[str] = Counter()
     told: set[str] = set()
     found = list(islice(_each(find_logs(path, format), asked, beside, refused, told, tell), count))

@@ -1,0 +1,187 @@
+"""Possible conflicts: can another road user lawfully cross or join the path of an ego within a window?
+
+A window in which the ego drives alone out of a junction tells nothing about its planner: whatever the others do, none
+can come into its way. From where each of them is first seen, the lanes that lead on are followed. Where they lead onto
+the path that the ego drives, it is asked whether the other could be there when the ego comes by, with accelerations of
+ordinary traffic and without running a red light. Only lanes, lights and kinematics are asked, no planner and no search.
+A map whose lanes do not connect has no conflicts, and height is left out of account.
+
+The term is that of traffic engineering: a point that two movements have in common (Highway Capacity Manual).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+
+from regents_cosim.frames import wrap
+from regents_cosim.limits import ALONG_RAD
+from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.sources.recording import Recording
+
+_REACH_M = 2.0  # from the middle of a lane
+_AROUND_M = 80.0  # of the ego's path, where others may begin
+_LONGEST_M = 120.0
+_MOST_WAYS = 16
+_OFF_PATH_M = 2.5  # a way that joins or crosses a path was so far from it before
+_ON_PATH_M = 1.5
+_FIRST_S = 4.0  # before that no one has come into the way and been seen to do so
+_GAIN = 2.5  # [m/s^2] of ordinary drivers (Treiber and Kesting 2013)
+_BRAKE = 3.0  # [m/s^2]
+_OVER_LIMIT = 1.2
+_STEP_M = 1.0
+_RED = "ru"  # SUMO's letters: red, and red with yellow
+
+
+@dataclass(frozen=True, eq=False)
+class _OwnPath:
+    """The path of the ego, and when it is where."""
+
+    line: shapely.LineString
+    travelled: Float[np.ndarray, " time"]  # [m]
+    dt: float
+
+    @property
+    def lasts_s(self) -> float:
+        """How long it drives."""
+        return (len(self.travelled) - 1) * self.dt
+
+    def time_s(self, along_m: float) -> float:
+        """When it is so far along."""
+        return float(np.searchsorted(self.travelled, along_m)) * self.dt
+
+
+@dataclass(frozen=True, eq=False)
+class _WayOn:
+    """Lanes one after another from where a vehicle is first seen."""
+
+    points: Float[np.ndarray, "point 2"]  # [m] every metre
+    lights: tuple[tuple[float, Connection], ...]  # the distance of the stop line [m]
+    limit: float  # [m/s] the highest
+
+
+class Conflicts:
+    """Of the vehicles of one Recording; what leads on from each is found once."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        valid: Bool[np.ndarray, "vehicle time"],
+        speed: Float[np.ndarray, "vehicle time"],
+        road: RoadMap,
+    ) -> None:
+        self._recording, self._valid, self._speed, self._road = recording, valid, speed, road
+        self._ways: dict[int, list[_WayOn]] = {}
+
+    def possible_for(self, ego: int) -> bool:
+        """Whether another vehicle could cross or join the path of `ego`, which is there throughout."""
+        if not self._road.connections:
+            return False
+        x, y = self._recording.x[ego], self._recording.y[ego]
+        travelled = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+        own = _OwnPath(shapely.LineString(np.stack([x, y], axis=-1)), travelled, self._recording.dt)
+        shapely.prepare(own.line)
+        return any(self._may_meet(other, way, own) for other in self._near(ego, own) for way in self._ways_of(other))
+
+    def _near(self, ego: int, own: _OwnPath) -> Iterator[int]:
+        """The others that are first seen near the path, the nearest first."""
+        rows = np.flatnonzero(self._valid.any(axis=1))
+        first = self._first[rows]
+        begun = shapely.points(self._recording.x[rows, first], self._recording.y[rows, first])
+        away = shapely.distance(own.line, begun)
+        order = np.argsort(away, kind="stable")
+        yield from (int(rows[i]) for i in order if away[i] <= _AROUND_M and rows[i] != ego)
+
+    @cached_property
+    def _first(self) -> np.ndarray:
+        return np.argmax(self._valid, axis=1)
+
+    def _may_meet(self, other: int, way: _WayOn, own: _OwnPath) -> bool:
+        """Whether the way leads onto the path, at a time at which the other can be there."""
+        away = shapely.distance(own.line, shapely.points(way.points))
+        joins = np.flatnonzero((np.maximum.accumulate(away) > _OFF_PATH_M) & (away < _ON_PATH_M))
+        if not len(joins):
+            return False
+        passes_s = own.time_s(float(own.line.project(shapely.Point(way.points[joins[0]]))))
+        if not _FIRST_S <= passes_s < own.lasts_s or not self._valid[other, round(passes_s / own.dt)]:
+            return False
+        return self._may_arrive(other, way, float(joins[0]) * _STEP_M, passes_s)
+
+    def _may_arrive(self, other: int, way: _WayOn, at_m: float, time_s: float) -> bool:
+        """Whether it can be so far along its way at that time, past the lights before."""
+        first = int(self._first[other])
+        begun, speed = first * self._recording.dt, float(self._speed[other, first])
+        most = max(_OVER_LIMIT * way.limit, speed)
+        soonest, latest = _arrives(at_m, speed, most)
+        stops = [(stop_m, link) for stop_m, link in way.lights if stop_m <= at_m]
+        return soonest <= time_s - begun <= latest and all(
+            self._may_go(link, begun + _arrives(stop_m, speed, most)[0], time_s) for stop_m, link in stops
+        )
+
+    def _may_go(self, link: Connection, since_s: float, until_s: float) -> bool:
+        """Whether the light lets it pass at some step between two times."""
+        signal = next((one for one in self._recording.signals if one.id == link.signal), None)
+        steps = range(int(since_s / self._recording.dt), int(until_s / self._recording.dt) + 1)
+        return signal is None or any(signal.letters(step)[link.link] not in _RED for step in steps)
+
+    def _ways_of(self, vehicle: int) -> list[_WayOn]:
+        if vehicle not in self._ways:
+            self._ways[vehicle] = list(self._found_ways(vehicle))
+        return self._ways[vehicle]
+
+    def _found_ways(self, vehicle: int) -> Iterator[_WayOn]:
+        first = int(self._first[vehicle])
+        x, y, yaw = (values[vehicle, first] for values in (self._recording.x, self._recording.y, self._recording.yaw))
+        begun = _lane_under(self._road, shapely.Point(x, y), float(yaw))
+        waiting = [] if begun is None else [((begun[0],), (), begun[1])]
+        found = 0
+        while waiting and found + len(waiting) < _MOST_WAYS:
+            lanes, links, along = waiting.pop(0)
+            onward = self._road.exits[lanes[-1].id]
+            so_far = sum(lane.length for lane in lanes) - along
+            if so_far >= _LONGEST_M or not onward:
+                found += 1
+                yield _way_on(lanes, links, along)
+                continue
+            waiting += [((*lanes, self._road.lane[link.target]), (*links, link), along) for link in onward]
+        yield from (_way_on(*one) for one in waiting)
+
+
+def _lane_under(road: RoadMap, place: shapely.Point, yaw: float) -> tuple[Lane, float] | None:
+    """The nearest lane that runs that way, and how far along it the place is [m]."""
+    near = road.centre_lines.query(place, predicate="dwithin", distance=_REACH_M)
+    found = []
+    for index in near.tolist():
+        line = road.centre_lines.geometries[index]
+        along = float(line.project(place))
+        ends = (line.interpolate(min(along, line.length - 0.1)), line.interpolate(min(along + 0.5, line.length)))
+        heading = np.arctan2(ends[1].y - ends[0].y, ends[1].x - ends[0].x)
+        if abs(float(wrap(heading - yaw))) < ALONG_RAD:
+            found.append((float(line.distance(place)), index, along))
+    if not found:
+        return None
+    _, index, along = min(found)
+    return road.lanes[index], along
+
+
+def _way_on(lanes: tuple[Lane, ...], links: tuple[Connection, ...], along: float) -> _WayOn:
+    line = shapely.LineString(np.concatenate([lane.centre for lane in lanes]))
+    at = np.arange(along, min(along + _LONGEST_M, line.length), _STEP_M)
+    points = shapely.get_coordinates(shapely.line_interpolate_point(line, at)).reshape(-1, 2)
+    ends = np.cumsum([lane.length for lane in lanes]) - along
+    lights = tuple((float(end), link) for end, link in zip(ends, links, strict=False) if link.signal is not None)
+    return _WayOn(points, lights, max(lane.speed_limit for lane in lanes))
+
+
+def _arrives(distance_m: float, speed: float, most: float) -> tuple[float, float]:
+    """The soonest and the latest that one can be so far on [s]; infinite where it can stop before."""
+    gaining = (most**2 - speed**2) / (2.0 * _GAIN)
+    if distance_m <= gaining:
+        soonest = (np.sqrt(speed**2 + 2.0 * _GAIN * distance_m) - speed) / _GAIN
+    else:
+        soonest = (most - speed) / _GAIN + (distance_m - gaining) / most
+    left = speed**2 - 2.0 * _BRAKE * distance_m
+    return float(soonest), np.inf if left <= 0.0 else float((speed - np.sqrt(left)) / _BRAKE)
