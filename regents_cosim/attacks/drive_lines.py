@@ -1,4 +1,4 @@
-"""The lines that a candidate may drive along lawfully: its logged path, every way ahead, and changes to neighbour lanes.
+"""The lines that a candidate may drive along lawfully: its logged path, every way ahead, and changes of lane.
 
 They come from `verdicts.ways`, are smoothed, and carry what a driver on them has to mind: the limit, and the lights.
 """

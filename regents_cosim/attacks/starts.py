@@ -10,6 +10,7 @@ the ego's place would see coming for some seconds: gentle, from the side.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +28,7 @@ from regents_cosim.mirror.actions import fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.planners.reference.parameters import FORESIGHT
-from regents_cosim.scenario import Agent, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 
 _EARLIEST_S = 1.5  # a crash before that is none that anyone could react to
 _NEEDED_S = 3.0  # a careful driver who sees it coming for so long avoids it
@@ -130,66 +131,93 @@ class _Drives:
 
 def _meetings(scenario: Scenario, agent: int, ego: Tracks) -> Iterator[Start]:
     """All drives that meet the ego, late enough that a driver could react."""
-    first = int(np.argmax(scenario.tracks.valid[agent]))
-    own = ego.x[0, first:], ego.y[0, first:], ego.yaw[0, first:]  # [time] each
-    drives = _drives(scenario, agent, first, own)
+    pair = _Pair.of(scenario, agent, ego)
+    drives = _drives(scenario, agent, pair)
     if drives is None:
         return
-    contact = _contact(drives, own)
-    promise = _promise(drives, own, scenario)
+    contact = _contact(drives, pair.own)
+    promise = _promise(drives, pair.own, scenario)
     for row in range(len(drives.meets)):
         x, y, yaw, speed = (
-            np.concatenate([np.full(first, values[row, 0]), values[row]])
+            np.concatenate([np.full(pair.first, values[row, 0]), values[row]])
             for values in (drives.x, drives.y, drives.yaw, drives.speed)
         )
-        meets = first + int(drives.meets[row])
+        meets = pair.first + int(drives.meets[row])
         met = (meets * scenario.dt, float(contact[row, 0]), float(contact[row, 1]))
         yield Start(x, y, yaw, speed, meets, met, float(promise[row]))
 
 
-def _drives(scenario: Scenario, agent: int, first: int, own: tuple[np.ndarray, ...]) -> _Drives | None:
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """The candidate and the ego, from the step on at which the candidate is first seen."""
+
+    first: int
+    there: Bool[np.ndarray, " time"]  # the candidate in its log
+    own: tuple[np.ndarray, ...]  # x, y [m] and yaw [rad] of the ego, [time] each
+    mine: tuple[float, float]  # length and width of the candidate [m]
+    its: tuple[float, float]  # and of the ego
+
+    @classmethod
+    def of(cls, scenario: Scenario, agent: int, ego: Tracks) -> "_Pair":
+        valid, me = scenario.tracks.valid[agent], scenario.agents[agent]
+        first = int(np.argmax(valid))
+        own = ego.x[0, first:], ego.y[0, first:], ego.yaw[0, first:]
+        size = scenario.ego.length, scenario.ego.width
+        return cls(first, valid[first:], own, (me.length, me.width), size)
+
+    def touch(self, x: np.ndarray, y: np.ndarray, yaw: np.ndarray) -> Bool[np.ndarray, "row time"]:
+        """Whether the candidate touches the ego at places [row time]; asked only of those that are near."""
+        reach = 0.5 * (np.hypot(*self.mine) + np.hypot(*self.its))
+        hits = (np.hypot(x - self.own[0], y - self.own[1]) < reach) & self.there
+        row, step = np.nonzero(hits)
+        mx, my, heading = (np.broadcast_to(values, hits.shape)[row, step] for values in (x, y, yaw))
+        ex, ey, towards = (values[step] for values in self.own)
+        hits[row, step] = overlap(Boxes(mx, my, heading, *self.mine), Boxes(ex, ey, towards, *self.its))
+        return hits
+
+
+def _drives(scenario: Scenario, agent: int, pair: _Pair) -> _Drives | None:
     """Those along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
-    me, dt, tracks = scenario.agents[agent], scenario.dt, scenario.tracks
-    marked = [
-        (line, touched)
-        for line in lines_ahead(scenario, agent)
-        if (touched := _touched(line, own, me, scenario.ego) & tracks.valid[agent, first:]).any()
-    ]
+    marked = [(line, _touched(line, pair)) for line in lines_ahead(scenario, agent)]
+    marked = [(line, touched) for line, touched in marked if touched.any()]
     if not marked:
         return None
-    begun, lines = float(tracks.speed[agent, first]), [line for line, _ in marked]
-    wanted = profiles(lines, begun, float(tracks.speed[agent].max()))
-    speed, travelled = drive(lines, begun, wanted, len(own[0]), dt)
+    logged, lines = scenario.tracks.speed[agent], [line for line, _ in marked]
+    wanted = profiles(lines, float(logged[pair.first]), float(logged.max()))
+    driven = drive(lines, float(logged[pair.first]), wanted, len(pair.there), scenario.dt)
     found = []
     for index, (line, touched) in enumerate(marked):
         rows = np.flatnonzero(wanted.line == index)
-        hits = _on(touched, travelled[rows])
-        meets = np.argmax(hits, axis=1)
-        kept = hits.any(axis=1) & ((first + meets) * dt >= _EARLIEST_S)
-        kept &= ~_runs_red(line, travelled[rows] + 0.5 * me.length, meets, first)
-        rows, meets = rows[kept], meets[kept]
-        shows_s = (travelled[rows] < line.shows_m).sum(axis=1) * dt
-        found.append(_Drives(meets, shows_s, np.abs(wanted.accel[rows]), *line.at(travelled[rows]), speed[rows]))
-    drives = _Drives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Drives)))
-    gentle = _hardest_turn(drives, dt) <= MOST_ACCEL_M_S2
-    return _Drives(*(getattr(drives, f.name)[gentle] for f in fields(_Drives)))
+        rows = rows[_enters(touched, driven[1][rows])]
+        speed, travelled = (values[rows] for values in driven)
+        found.append(_along(line, speed, travelled, np.abs(wanted.accel[rows]), pair, scenario.dt))
+    return _Drives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Drives)))
 
 
-def _on(touched: Bool[np.ndarray, "point time"], travelled: Float[np.ndarray, "drive time"]) -> np.ndarray:
-    """Whether drives along a line are at a marked place, [drive, time]."""
+def _touched(line: DriveLine, pair: _Pair) -> Bool[np.ndarray, "point time"]:
+    """The places on a line at which the candidate would touch the ego at each step."""
+    return pair.touch(line.points[:, :1], line.points[:, 1:], line.heading[:, None])
+
+
+def _enters(touched: Bool[np.ndarray, "point time"], travelled: Float[np.ndarray, "drive time"]) -> Any:
+    """Whether drives along a line come to a marked place, [drive]."""
     place = np.minimum(np.rint(travelled / SPACING_M).astype(int), len(touched) - 1)
-    return touched[place, np.arange(touched.shape[1])]
+    return touched[place, np.arange(touched.shape[1])].any(axis=1)
 
 
-def _touched(line: DriveLine, own: tuple[np.ndarray, ...], me: Agent, ego: Agent) -> Bool[np.ndarray, "point time"]:
-    """The places on a line at which an agent would touch the ego at each step; asked only of those that are near."""
-    mine, its = (me.length, me.width), (ego.length, ego.width)
-    reach = 0.5 * (np.hypot(*mine) + np.hypot(*its))
-    near = np.hypot(line.points[:, :1] - own[0], line.points[:, 1:] - own[1]) < reach
-    point, step = np.nonzero(near)
-    one = Boxes(*line.points[point].T, line.heading[point], *mine)
-    near[point, step] = overlap(one, Boxes(*(values[step] for values in own), *its))
-    return near
+def _along(
+    line: DriveLine, speed: np.ndarray, travelled: np.ndarray, accel: np.ndarray, pair: _Pair, dt: float
+) -> _Drives:
+    """Those of some drives along a line [drive, time] that may be starts."""
+    x, y, yaw = line.at(travelled)
+    hits = pair.touch(x, y, yaw)
+    meets = np.argmax(hits, axis=1)
+    shows_s = (travelled < line.shows_m).sum(axis=1) * dt
+    drives = _Drives(meets, shows_s, accel, x, y, yaw, speed)
+    kept = hits.any(axis=1) & ((pair.first + meets) * dt >= _EARLIEST_S)
+    kept &= ~_runs_red(line, travelled + 0.5 * pair.mine[0], meets, pair.first)
+    kept &= _hardest_turn(drives, dt) <= MOST_ACCEL_M_S2
+    return _Drives(*(getattr(drives, f.name)[kept] for f in fields(_Drives)))
 
 
 def _runs_red(

@@ -55,6 +55,7 @@ def table1(
     seed: Seed = 0,
     nets: tuple[str, ...] = (),
     logs: tuple[Path, ...] = (),
+    prefer: Literal["conflicts", "none"] = "conflicts",
     planners: tuple[str, ...] = ("idm",),
     methods: tuple[Method, ...] = (),
     equal_protocol: bool = False,
@@ -86,6 +87,8 @@ def table1(
         shipped networks, or .sumocfg files; all shipped ones by default
     logs
         logged traffic (files, or folders of them) in place of networks; `count` windows of each
+    prefer
+        which egos come first: those whose path another vehicle can cross or join within the window, or any
     planners
         systems under test; log_replay is the open loop, in which the ego replays its track
     methods
@@ -144,7 +147,10 @@ def table1(
     terminal = open_terminal(talk)
     if compile_cache:
         keep_compiled_programs()
-    traffic = logged_traffic(logs, count, seed, terminal) if logs else network_traffic(nets, count, seed, terminal)
+    if logs:
+        traffic = logged_traffic(logs, count, seed, terminal, prefer)
+    else:
+        traffic = network_traffic(nets, count, seed, terminal, prefer)
     windows = [scenario for found in traffic.values() for scenario in found]
     require_places(windows, tuned_on)
     runs, found = [], make_table([])

@@ -11,6 +11,7 @@ from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 if TYPE_CHECKING:
     from regents_cosim.replays.verify import Replay
     from regents_cosim.scenario import Scenario
+    from regents_cosim.sources.windows import Prefer
     from regents_cosim.terminal import Terminal
 
 _log = logging.getLogger(__name__)
@@ -102,14 +103,16 @@ def _files(names: str) -> tuple[Path, ...]:
     return tuple(Path(name.strip()) for name in names.split(",") if name.strip())
 
 
-def network_traffic(nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal") -> "dict[str, list[Scenario]]":
+def network_traffic(
+    nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal", prefer: "Prefer" = "conflicts"
+) -> "dict[str, list[Scenario]]":
     """Windows of SUMO networks, by network: of all shipped ones where none is named."""
     from regents_cosim.shipped import NETWORKS, network
     from regents_cosim.sources.record import record as run_record
 
     configs = {net: network(net) for net in nets or NETWORKS}
     return {
-        net: run_record(config, count=count, seed=seed)
+        net: run_record(config, count=count, seed=seed, prefer=prefer)
         for net, config in terminal.each(configs.items(), "recording traffic", len(configs))
     }
 
@@ -121,12 +124,14 @@ def one_of_each_shape(windows: "list[Scenario]") -> "list[Scenario]":
     return list({(padded_agents(len(w.agents)), w.tracks.steps): w for w in windows}.values())
 
 
-def logged_traffic(logs: tuple[Path, ...], count: int, seed: int, terminal: "Terminal") -> "dict[Path, list[Scenario]]":
+def logged_traffic(
+    logs: tuple[Path, ...], count: int, seed: int, terminal: "Terminal", prefer: "Prefer" = "conflicts"
+) -> "dict[Path, list[Scenario]]":
     """Windows of logs, by log."""
     from regents_cosim.sources.logs.record import record_log
 
     return {
-        log: record_log(log, count=count, seed=seed, tell=terminal.say)
+        log: record_log(log, count=count, seed=seed, prefer=prefer, tell=terminal.say)
         for log in terminal.each(logs, "reading logs", len(logs))
     }
 

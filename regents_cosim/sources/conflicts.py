@@ -1,4 +1,4 @@
-"""Possible conflicts: can another road user lawfully cross or join the path of an ego within a window?
+"""Possible conflicts: where another road user can lawfully cross or join the path of an ego within a window.
 
 A window in which the ego drives alone out of a junction tells nothing about its planner: whatever the others do, none
 can come into its way. From where each of them is first seen, the lanes that lead on are followed. Where they lead onto
@@ -12,6 +12,7 @@ The term is that of traffic engineering: a point that two movements have in comm
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 import shapely
@@ -91,7 +92,7 @@ class Conflicts:
         rows = np.flatnonzero(self._valid.any(axis=1))
         first = self._first[rows]
         begun = shapely.points(self._recording.x[rows, first], self._recording.y[rows, first])
-        away = shapely.distance(own.line, begun)
+        away = np.atleast_1d(shapely.distance(own.line, begun))
         order = np.argsort(away, kind="stable")
         yield from (int(rows[i]) for i in order if away[i] <= _AROUND_M and rows[i] != ego)
 
@@ -155,7 +156,7 @@ def _lane_under(road: RoadMap, place: shapely.Point, yaw: float) -> tuple[Lane, 
     near = road.centre_lines.query(place, predicate="dwithin", distance=_REACH_M)
     found = []
     for index in near.tolist():
-        line = road.centre_lines.geometries[index]
+        line = cast("shapely.LineString", road.centre_lines.geometries[index])
         along = float(line.project(place))
         ends = (line.interpolate(min(along, line.length - 0.1)), line.interpolate(min(along + 0.5, line.length)))
         heading = np.arctan2(ends[1].y - ends[0].y, ends[1].x - ends[0].x)

@@ -8,8 +8,8 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 from itertools import chain, islice, pairwise
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
