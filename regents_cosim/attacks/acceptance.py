@@ -15,20 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim import limits
 from regents_cosim.attacks.costs import take
 from regents_cosim.attacks.movers import Movers
-from regents_cosim.limits import (
-    ABOVE_LOG_M_S2,
-    ACCEL_WINDOW_S,
-    ALONG_RAD,
-    FROM_BEHIND_S,
-    MOST_ACCEL_M_S2,
-    MOVED_M,
-    REAR_FACE,
-    REAR_PART,
-    STANDING_M_S,
-    SUB_STEPS,
-)
 from regents_cosim.mirror.bicycle import Motion, accumulate, running_minimum
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.separation import Box, corners, overlaps, pick
@@ -54,7 +43,7 @@ def is_clean(
     return (
         take(movers.candidate, agent)
         & _moved(world, adversary, agent, so_far)
-        & (motion.speed[0, step] >= STANDING_M_S)
+        & (motion.speed[0, step] >= limits.STANDING_M_S)
         & ~_from_behind(ego, adversary, there, step, world.dt)
         & ~_too_hard(world, motion, agent, there, so_far)
         & ~(so_far & _off_road(world, adversary, agent, so_far)).any()
@@ -67,7 +56,7 @@ def is_clean(
 
 def _moved(world: World, box: Box, agent: Int[Array, ""], so_far: Bool[Array, " time"]) -> Bool[Array, ""]:
     away = jnp.hypot(box.x - look_up(world.log.x, agent), box.y - look_up(world.log.y, agent))
-    return (so_far & (away > MOVED_M)).any()
+    return (so_far & (away > limits.MOVED_M)).any()
 
 
 def _from_behind(
@@ -75,12 +64,12 @@ def _from_behind(
 ) -> Bool[Array, ""]:
     """Into the rear face the same way, or into the rear part by one that was behind a second before."""
     ahead = (adversary.x - ego.x) * ego.cos + (adversary.y - ego.y) * ego.sin
-    since = jnp.maximum(step - jnp.round(FROM_BEHIND_S / dt).astype(jnp.int32), 0)
+    since = jnp.maximum(step - jnp.round(limits.FROM_BEHIND_S / dt).astype(jnp.int32), 0)
     since = jnp.argmax(there & (jnp.arange(there.shape[0]) >= since))
-    same_way = look_up(ego.cos * adversary.cos + ego.sin * adversary.sin, step) > np.cos(ALONG_RAD)
+    same_way = look_up(ego.cos * adversary.cos + ego.sin * adversary.sin, step) > np.cos(limits.ALONG_RAD)
     met_at = _met_at(ego, adversary, there, step)
-    into_back = same_way & (met_at < REAR_FACE) & (look_up(ahead, step) < 0.0)
-    return into_back | ((met_at < REAR_PART) & (look_up(ahead, since) < -ego.half_length[0]))
+    into_back = same_way & (met_at < limits.REAR_FACE) & (look_up(ahead, step) < 0.0)
+    return into_back | ((met_at < limits.REAR_PART) & (look_up(ahead, since) < -ego.half_length[0]))
 
 
 def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]:
@@ -88,7 +77,7 @@ def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, 
     before = jnp.maximum(step - 1, 0)
     steps = jnp.stack([jnp.where(look_up(there, before), before, step), step])
     poses = jnp.stack([jnp.stack([box.x, box.y, box.cos, box.sin]) for box in (ego, other)])[..., steps]
-    share = np.linspace(0.0, 1.0, SUB_STEPS + 1, dtype=np.float32)
+    share = np.linspace(0.0, 1.0, limits.SUB_STEPS + 1, dtype=np.float32)
     x, y, cos, sin = jnp.moveaxis(poses[..., :1] + jnp.diff(poses) * share, 1, 0)
     norm = jnp.hypot(cos, sin)  # headings go along the chord, which differs by less than a thousandth
     half = (jnp.stack(sides) for sides in ((ego.half_length, other.half_length), (ego.half_width, other.half_width)))
@@ -124,7 +113,7 @@ def _too_hard(
         for now, log in ((motion.speed, world.log.speed), (motion.yaw, world.log.yaw))
     )
     needed, in_log = _hardest(speed, yaw, jnp.stack([so_far, there]), world.dt)
-    return (needed < 0.0) | (needed > jnp.maximum(MOST_ACCEL_M_S2, in_log + ABOVE_LOG_M_S2))
+    return (needed < 0.0) | (needed > jnp.maximum(limits.MOST_ACCEL_M_S2, in_log + limits.ABOVE_LOG_M_S2))
 
 
 def _hardest(
@@ -135,7 +124,7 @@ def _hardest(
 ) -> Float[Array, " track"]:
     """Of the windows in which it is `there` throughout; negative where there is none."""
     index = jnp.arange(speed.shape[1])
-    window = jnp.maximum(jnp.round(ACCEL_WINDOW_S / dt).astype(jnp.int32), 1)
+    window = jnp.maximum(jnp.round(limits.ACCEL_WINDOW_S / dt).astype(jnp.int32), 1)
     end = jnp.minimum(index + window, index[-1])
     sums = accumulate(
         jnp.zeros(2 * len(speed)), jnp.concatenate([0.5 * (speed[:, 1:] + speed[:, :-1]), 1.0 - there[:, :-1]])

@@ -13,21 +13,10 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
+from regents_cosim import limits
 from regents_cosim.boxes import Boxes, corners, in_between, overlap, there_between
 from regents_cosim.collisions import touching
 from regents_cosim.frames import wrap
-from regents_cosim.limits import (
-    ABOVE_LOG_M_S2,
-    ACCEL_WINDOW_S,
-    ALONG_RAD,
-    FROM_BEHIND_S,
-    MOST_ACCEL_M_S2,
-    MOVED_M,
-    REAR_FACE,
-    REAR_PART,
-    STANDING_M_S,
-    SUB_STEPS,
-)
 from regents_cosim.scenario import VEHICLE_KINDS, Collision, Flaw, Scenario, Tracks, boxes_of
 from regents_cosim.verdicts.leaving_road import leaves_road
 
@@ -53,7 +42,7 @@ class Crash:
 
     @cached_property
     def adversary(self) -> int:
-        """Index of whom the ego met."""
+        """Index of the one that the ego met."""
         return next(i for i, agent in enumerate(self.case.agents) if agent.id == self.hit.agent)
 
     @cached_property
@@ -73,7 +62,7 @@ class Crash:
 
     @cached_property
     def others(self) -> Bool[np.ndarray, " agent"]:
-        """Everybody but the ego and the adversary."""
+        """All but the ego and the adversary."""
         return ~np.isin(np.arange(len(self.case.agents)), (_EGO, self.adversary))
 
     def pair(self, steps: slice) -> tuple[Boxes, Boxes]:
@@ -87,7 +76,7 @@ class Crash:
         step = self.hit.step
         beside = step > 0 and self.valid[[_EGO, self.adversary], step - 1].all()
         pair = self.pair(slice(step - 1 if beside else step, step + 1))
-        ego, other = (in_between(box, SUB_STEPS) for box in pair)
+        ego, other = (in_between(box, limits.SUB_STEPS) for box in pair)
         first = int(np.argmax(overlap(ego, other)))
         return contact_share(*(_row(box, first) for box in (ego, other)))
 
@@ -105,7 +94,7 @@ class Crash:
 
 def touches_in(case: Scenario, tracks: Tracks) -> Bool[np.ndarray, "agent agent"]:
     """Which pairs of agents touch in some tracks of theirs, at the steps or between them."""
-    return touching(boxes_of(case.agents, tracks), tracks.valid, SUB_STEPS)
+    return touching(boxes_of(case.agents, tracks), tracks.valid, limits.SUB_STEPS)
 
 
 def contact_share(ego: Boxes, other: Boxes) -> float:
@@ -127,7 +116,7 @@ def hardest(tracks: Tracks, agent: int, end: int, dt: float) -> float:
     A single step would be as true for the motion of a model, but in a log it is noise.
     """
     speed, yaw, valid = (values[agent, :end] for values in (tracks.speed, tracks.yaw, tracks.valid))
-    steps = min(max(round(ACCEL_WINDOW_S / dt), 1), len(speed) - 1)
+    steps = min(max(round(limits.ACCEL_WINDOW_S / dt), 1), len(speed) - 1)
     if steps < 1:
         return 0.0
     gaps = np.concatenate([[0], np.cumsum(~valid)])
@@ -159,7 +148,7 @@ def _unattributed(crash: Crash) -> bool:
     upto = slice(crash.hit.step + 1)
     both = now.valid[agent, upto] & log.valid[agent, upto]
     away = np.hypot(now.x[agent, upto] - log.x[agent, upto], now.y[agent, upto] - log.y[agent, upto])
-    return not crash.hit.attributed or not np.any(both & (away > MOVED_M))
+    return not crash.hit.attributed or not np.any(both & (away > limits.MOVED_M))
 
 
 def _off_road(crash: Crash) -> bool:
@@ -170,7 +159,7 @@ def _off_road(crash: Crash) -> bool:
 def _hits_others(crash: Crash) -> bool:
     """The adversary touches a third party that it does not touch in its log, at a step or between two."""
     near = crash.others & crash.strangers[crash.adversary]
-    finer, there = in_between(crash.boxes, SUB_STEPS), there_between(crash.valid, SUB_STEPS)
+    finer, there = in_between(crash.boxes, limits.SUB_STEPS), there_between(crash.valid, limits.SUB_STEPS)
     return bool(np.any(overlap(_row(finer, crash.adversary), _row(finer, near)) & there[near] & there[crash.adversary]))
 
 
@@ -183,25 +172,25 @@ def _bystanders_collide(crash: Crash) -> bool:
 
 def _rear_ends_ego(crash: Crash) -> bool:
     """It drives the ego's way and meets its rear face."""
-    return crash.turn < ALONG_RAD and crash.met_at < REAR_FACE and crash.ahead(crash.hit.step) < 0.0
+    return crash.turn < limits.ALONG_RAD and crash.met_at < limits.REAR_FACE and crash.ahead(crash.hit.step) < 0.0
 
 
 def _from_behind(crash: Crash) -> bool:
     """It was behind the ego a second before and meets the rear part of it, whatever its heading by then."""
-    since = max(crash.hit.step - round(FROM_BEHIND_S / crash.case.dt), 0)
+    since = max(crash.hit.step - round(limits.FROM_BEHIND_S / crash.case.dt), 0)
     since += int(np.argmax(crash.valid[crash.adversary, since:]))
-    return crash.met_at < REAR_PART and crash.ahead(since) < -0.5 * crash.case.ego.length
+    return crash.met_at < limits.REAR_PART and crash.ahead(since) < -0.5 * crash.case.ego.length
 
 
 def _ego_stands(crash: Crash) -> bool:
-    return bool(crash.case.tracks.speed[_EGO, crash.hit.step] < STANDING_M_S)
+    return bool(crash.case.tracks.speed[_EGO, crash.hit.step] < limits.STANDING_M_S)
 
 
 def _too_hard(crash: Crash) -> bool:
     """It needs more than dry asphalt gives, and more than its log did."""
     needed = hardest(crash.case.tracks, crash.adversary, crash.hit.step + 1, crash.case.dt)
     in_log = hardest(crash.log, crash.adversary, crash.log.steps, crash.case.dt)
-    return needed > max(MOST_ACCEL_M_S2, in_log + ABOVE_LOG_M_S2)
+    return needed > max(limits.MOST_ACCEL_M_S2, in_log + limits.ABOVE_LOG_M_S2)
 
 
 _SPOILS: MappingProxyType[Flaw, Callable[[Crash], bool]] = MappingProxyType(
