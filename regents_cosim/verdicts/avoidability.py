@@ -1,14 +1,14 @@
-"""Could the ego have avoided the crash? A bank of manoeuvres, tried against everybody else's fixed tracks.
+"""Could the ego have avoided the crash? A bank of manoeuvres, tried against the fixed tracks of all others.
 
-Sound: a collision counts as avoidable only with a track of the ego that comes nobody nearer than
+Sound: a collision counts as avoidable only with a track of the ego that comes no one nearer than
 0.1 m up to the end of the horizon, by the exact boxes, and keeps to the road. To be late is not
 to evade: for 2 s beyond the horizon the one that was hit goes straight on, and the manoeuvre must
 clear it there too. Not complete: where the whole bank fails, another manoeuvre might have worked.
 
-Fixed means that nobody makes way: the adversary and everybody else drive as in the attacked
+Fixed means that no one makes way: the adversary and all others drive as in the attacked
 case. A follower who does not brake for a braking ego spoils that manoeuvre, though a real one
 would have braked; that makes the verdict strict. And an adversary that was sent to where the ego
-would be is not sent anew; that makes it lenient towards egos that do anything else early.
+would be is not sent again; that makes it lenient towards egos that do anything else early.
 `last_onset_step` tells the early escapes from the late ones.
 """
 

@@ -1,6 +1,6 @@
 """Fault: who is to blame for a collision, by a table of rules; the first that matches decides.
 
-The safe distance and the duty of whoever cuts in follow RSS, Responsibility-Sensitive Safety (Shalev-Shwartz, Shammah
+The safe distance and the duty of one that cuts in follow RSS, Responsibility-Sensitive Safety (Shalev-Shwartz, Shammah
 and Shashua 2017, "On a formal model of safe and scalable self-driving cars"); the rest follows the Vienna Conventions
 of 1968 on Road Traffic and on Road Signs and Signals. What the two did against the law is measured by `offences`,
 whatever their logs did. No rule decides what the data does not tell, such as who had priority at a crossing of a map
@@ -51,7 +51,7 @@ def safe_distance(follower: float, leader: float, limits: SafeDistance = SafeDis
 # --- what a rule may ask ---------------------------------------------------------------------------
 
 _EGO = 0
-_MERGED_S = 2.0  # whoever came into the lane no longer ago has cut in
+_MERGED_S = 2.0  # one that came into the lane no longer ago has cut in
 _STOOD_S = 1.0
 _AGAINST_RAD = np.deg2rad(135.0)
 _LATE_S = 1.0  # an offence that ended longer before the crash did not lead to it
@@ -69,7 +69,7 @@ class Crash:
 
     @cached_property
     def other(self) -> int:
-        """Index of whom the ego met."""
+        """Index of the one that the ego met."""
         return next(i for i, agent in enumerate(self.scenario.agents) if agent.id == self.hit.agent)
 
     @cached_property
@@ -237,7 +237,7 @@ def _speeding(crash: Crash) -> Verdict | None:
 
 
 def _by_each(crash: Crash, found: dict[int, str]) -> Verdict | None:
-    """Blame those of whom something was found."""
+    """Blame those of which something was found."""
     if not found:
         return None
     blamed: Blamed = "both" if len(found) == 2 else "ego" if _EGO in found else "adversary"
@@ -245,7 +245,7 @@ def _by_each(crash: Crash, found: dict[int, str]) -> Verdict | None:
 
 
 def _cut_in(crash: Crash) -> Verdict | None:
-    """Somebody came into the lane of somebody behind, closer than the safe distance."""
+    """One came into the lane of the other, in front of it, closer than the safe distance."""
     found = _followed(crash)
     if found is None:
         return None
@@ -267,7 +267,7 @@ def _cut_in(crash: Crash) -> Verdict | None:
 
 
 def _side_swipe(crash: Crash) -> Verdict | None:
-    """Two that lately drove the same way, side by side: whoever moved sideways more."""
+    """Two that lately drove the same way, side by side: the one that moved sideways more."""
     if crash.turn(crash.lately) > ALONG_RAD or crash.hit.kind not in ("side_swipe", "t_bone"):
         return None
     moved = {agent: crash.drifted(agent) for agent in (_EGO, crash.other)}
@@ -284,7 +284,7 @@ _SIDEWAYS_M = 0.5
 
 
 def _rear_end(crash: Crash) -> Verdict | None:
-    """Whoever follows keeps the distance, and stops before whoever stands."""
+    """One that follows keeps the distance, and stops before one that stands."""
     found = _followed(crash)
     if found is None:
         return None

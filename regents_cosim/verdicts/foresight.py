@@ -1,8 +1,8 @@
 """What a careful driver sees coming, at every step of the ego's own drive at once.
 
-Everybody is expected to go on with the present speed and turn, the ego along its own path. The ego and who leads in its
-way are expected to brake on as they do, until they stand; to expect that of who crosses would be careless. A risk is an
-overlap of the two within some seconds. Suspected of it are those that cross, those in the way that the ego is
+All others are expected to go on with the present speed and turn, the ego along its own path. The ego and who leads in
+its way are expected to brake on as they do, until they stand; to expect that of who crosses would be careless. A risk
+is an overlap of the two within some seconds. Suspected of it are those that cross, those in the way that the ego is
 about to sweep, and those beside it that have left the middle of every lane which runs their way: who keeps to a lane
 is expected to go on doing so.
 
@@ -76,7 +76,7 @@ class _Place:
 
 
 def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int, foresight: Foresight) -> _Pairs:
-    """Whom the ego could meet at all within the time that is looked ahead."""
+    """Those that the ego could meet at all within the time that is looked ahead."""
     tracks = scenario.tracks
     x, y, speed, valid = (values[:, :steps] for values in (tracks.x, tracks.y, tracks.speed, tracks.valid))
     size = np.array([np.hypot(agent.length, agent.width) for agent in scenario.agents])[:, None]
@@ -202,7 +202,7 @@ def _suspected(
     meets_turn: Float[np.ndarray, " pair"],
     foresight: Foresight,
 ) -> Bool[np.ndarray, " pair"]:
-    """Of whom the meeting is expected, among those that would go on to meet the ego."""
+    """Those of which the meeting is expected, of those that would meet the ego if they went on."""
     same_way = meets_turn < FORESIGHT.along_rad
     crosses = ~same_way & (meets_turn <= FORESIGHT.against_rad)
     wanders = _wanders(scenario, pairs, ~crosses)

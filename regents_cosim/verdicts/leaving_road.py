@@ -3,7 +3,7 @@
 No corner may be more than 0.3 m further off the road than it has been nearest to it so far. One that began on the road
 may be 0.3 m off it, always. One that began off it, of a parked vehicle or on a map that lacks a forecourt, need not be
 on the road at once, but may not go further away; what it has gained it keeps, and once it is on the road it counts
-like the others. So nobody crosses a lawn because of having been parked beside it.
+like the others. So to have been parked beside a lawn is no leave to cross it.
 
 What a body sweeps may be as far off the road as its furthest corner may; more than 0.05 m^2 beyond that is too much:
 traffic islands and the corners of blocks, which pass between the corners of the box.

@@ -39,7 +39,7 @@ class Bank:
     """The grid of manoeuvres: every way along with every way aside, from every onset."""
 
     accels: tuple[float, ...] = (-ACCEL_LIMIT, -4.0, -2.0, -1.0, 2.0)  # [m/s^2]
-    lasting_s: tuple[float | None, ...] = (1.0, 2.0, None)  # None: to the end; nobody gains speed for so long
+    lasting_s: tuple[float | None, ...] = (1.0, 2.0, None)  # None: to the end; no car gains speed for so long
     shifts: tuple[float, ...] = (0.9, 1.8, 3.5)  # [m] half a car, a car, a lane
     lateral_accels: tuple[float, ...] = (1.0, 4.0, 6.5)  # [m/s^2] 4.2 is what full braking leaves
     # (up to so early, spacing); none begins earlier than the last of these

@@ -1,4 +1,4 @@
-"""What a manoeuvre of the ego is held against: everybody else's fixed tracks, and the edge of the road."""
+"""What a manoeuvre of the ego is held against: the fixed tracks of all others, and the edge of the road."""
 
 import numpy as np
 import shapely
@@ -18,7 +18,7 @@ _BEYOND_M = 100.0  # around the ego's track: the road that manoeuvres are held a
 
 
 class Others:
-    """Whom a manoeuvre may not touch, and where they are up to a little beyond the horizon.
+    """Those that a manoeuvre may not touch, and where they are up to a little beyond the horizon.
 
     Left out are only those who overlap the ego already when they first appear (`collisions`).
     """
@@ -67,7 +67,7 @@ class Others:
         return fan
 
     def _touched(self, fan: Fan, agent: int, steps: np.ndarray, reach: float) -> Bool[np.ndarray, " manoeuvre"]:
-        """Which manoeuvres overlap `agent` at one of `steps` after the onset; nobody overlaps beyond `reach` [m]."""
+        """Which manoeuvres overlap `agent` at one of `steps` after the onset; none does beyond `reach` [m]."""
         x, y, yaw, z = (values[agent, fan.onset + steps] for values in (self._x, self._y, self._yaw, self._z))
         row, step = np.nonzero((fan.x[:, steps] - x) ** 2 + (fan.y[:, steps] - y) ** 2 <= reach**2)
         at = row, steps[step]

@@ -43,7 +43,7 @@ _FOLLOW_M_S = 5.0
 _SAME = 1e-6
 
 
-Measure = Callable[[Drive, Drive | None], Act | None]  # of a drive, and of whom it met; None: nothing
+Measure = Callable[[Drive, Drive | None], Act | None]  # of a drive, and of the one that it met; None: nothing
 
 
 def law_of(attacked: Scenario) -> Law | None:

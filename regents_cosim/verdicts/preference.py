@@ -13,7 +13,7 @@ From the most preferred on:
    is needed; then what goes on until the danger is over; then what takes the least share of the tyres' friction,
    steers less, brakes less, begins later.
 
-To hold the speed, to speed up, or to brake less than the ego did itself is no answer to anything: it meets nobody by
+To hold the speed, to speed up, or to brake less than the ego did itself is no answer to anything: it meets no one by
 the accident of its timing, and counts among what takes knowledge ahead.
 """
 

@@ -1,4 +1,4 @@
-"""Failure to give way: two in one junction, of whom one had to let the other pass by the network's own right of way."""
+"""Failure to give way: one of two in a junction had to let the other pass, by the network's own right of way."""
 
 from typing import NamedTuple
 

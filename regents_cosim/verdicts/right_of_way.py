@@ -1,4 +1,4 @@
-"""Who has to give way to whom in a junction, by the network itself: the `request` rows of SUMO's junctions.
+"""Which has to give way to which in a junction, by the network itself: the `request` rows of SUMO's junctions.
 
 Source: SUMO's network format, https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html (Requests): for each link of a
 junction, in the order of its `intLanes`, the bits of `response` say to which links it has to give way, the first link
@@ -28,7 +28,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Priorities:
-    """The links of all junctions by lane, and whom each gives way to."""
+    """The links of all junctions by lane, and the links that each gives way to."""
 
     links: dict[str, Link]  # by the lanes inside junctions that are part of them
     gives_way: dict[Link, frozenset[int]]  # to the links of these indices

@@ -94,7 +94,7 @@ def proven_unavoidable(attacked: Scenario, since: int) -> bool:
 
 
 def _escapes(ego: "_Ego", danger: "_Danger", since: int, last: int) -> bool:
-    """Whether a steady acceleration of the point mass meets nobody and keeps to the road: then no proof is possible."""
+    """Whether a steady acceleration of the point mass meets no one and keeps to the road: then no proof is possible."""
     way = np.exp(2j * np.pi * np.arange(_TRIED) / _TRIED)
     accel = ego.accel * np.concatenate([[0.0], *(share * way for share in (1.0, 0.8, 0.5))])
     free = np.ones(len(accel), bool)
@@ -225,13 +225,13 @@ class _Danger:
         return cls(attacked, since, agents, road, np.asarray(~off.any(axis=0)))
 
     def for_certain(self, ego: _Ego, layer: _Layer, step: int) -> Bool[np.ndarray, " cell"]:
-        """In which cells the ego touches somebody or leaves the road, wherever in the cell it is and as it may turn."""
+        """In which cells the ego touches another one or leaves the road, wherever in the cell and however it turns."""
         found = self.touched(ego, layer, step)
         found[~found] = self.beside_road(ego, layer.take(~found))
         return found
 
     def touched(self, ego: _Ego, layer: _Layer, step: int) -> Bool[np.ndarray, " cell"]:
-        """In which cells it touches somebody."""
+        """In which cells it touches another one."""
         touched = np.zeros(len(layer.places), bool)
         half = 0.5 * ego.size - ego.off - layer.slack
         if half.min() <= 0.0:
