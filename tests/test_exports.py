@@ -25,7 +25,7 @@ from regents_cosim.exports.export import export
 from regents_cosim.exports.stays import stays
 from regents_cosim.files import load_case
 from regents_cosim.frames import SumoPose, from_sumo, wrap
-from regents_cosim.roadmap import Lane
+from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Tracks
 from regents_cosim.shipped import shipped
 from regents_cosim.sources.fcd import record_fcd
@@ -291,6 +291,15 @@ def test_a_map_from_elsewhere_has_its_lanes_for_a_road(highway, tmp_path):
     assert len(roads) == len(highway.road.lanes)
     lengths = sorted(float(road.get("length")) for road in roads)
     assert lengths == pytest.approx(sorted(lane.length for lane in highway.road.lanes), abs=0.1)
+
+
+def test_a_map_without_lanes_goes_into_a_table_and_not_to_sumo_s_replayer(tmp_path):
+    bare = replace(platoon(), road=RoadMap((), (), platoon().road.drivable))
+    with (export(bare, "csv", tmp_path / "table")[0]).open() as file:
+        assert {row["lane"] for row in csv.DictReader(file)} == {""}
+    with pytest.raises(RegentsError, match="its map has no lanes"):
+        export(bare, "fcd", tmp_path / "fcd")
+    assert not (tmp_path / "fcd").exists()
 
 
 def test_the_opendrive_road_lies_where_the_tracks_are(xosc):

@@ -397,6 +397,14 @@ def test_a_crash_of_a_map_without_a_network_happens_on_its_bare_lanes(in_sumo):
     assert seen.signals == ()
 
 
+def test_a_crash_of_a_map_without_lanes_happens_in_sumo_all_the_same(in_sumo):
+    made = t_bone()
+    bare = dataclasses.replace(made, road=RoadMap((), (), made.road.drivable), signals=())
+    seen = in_sumo(bare)
+    assert np.allclose(seen.tracks.x, made.tracks.x, atol=1e-9, rtol=0)
+    assert first_contact(made.agents, seen.tracks) == first_contact(made.agents, made.tracks)
+
+
 def test_sumo_drives_nobody_on_bare_lanes(in_sumo):
     made = t_bone()
     bare = dataclasses.replace(made, road=dataclasses.replace(made.road, sumo_net=None))

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from regents_cosim.errors import require
 from regents_cosim.exports.stays import lanes_along, poses, stays
 from regents_cosim.frames import Pose, to_sumo
 from regents_cosim.replays.bare_network import lane_names, network_of
@@ -31,8 +32,13 @@ _GUI_DELAY_MS = 100.0
 def write_fcd(scenario: Scenario, folder: Path) -> None:
     """Write `case.net.xml.gz`, `types.add.xml`, `fcd.xml.gz`, `view.xml` and `case.sumocfg` into `folder`.
 
-    A map that does not come from SUMO becomes a network of bare lanes, without lights.
+    A map that does not come from SUMO becomes a network of bare lanes, without lights. Raises ScenarioError where it
+    has none.
     """
+    require(
+        bool(scenario.road.lanes),
+        f"case {scenario.id}: its map has no lanes, on which SUMO's replayer places vehicles (export it --to csv)",
+    )
     (folder / "case.net.xml.gz").write_bytes(network_of(scenario.road))
     _write(folder / "types.add.xml", _additional(scenario))
     (folder / "fcd.xml.gz").write_bytes(gzip.compress(_bytes(_log(scenario)), mtime=0))

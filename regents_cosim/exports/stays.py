@@ -44,9 +44,12 @@ def poses(scenario: Scenario, stay: Stay) -> Float[np.ndarray, "time 4"]:
 def lanes_along(scenario: Scenario, points: Float[np.ndarray, "time 2"], z: Float[np.ndarray, " time"]) -> list[str]:
     """The lane under each point [m] of a way at heights `z` [m]; where there is none, that of the last point with one.
 
-    Ways that never meet a lane that runs along them count as on the lane nearest to each point.
+    Ways that never meet a lane that runs along them count as on the lane nearest to each point. Empty names on a map
+    without lanes.
     """
     road = scenario.road
+    if not road.lanes:
+        return [""] * len(points)
     found = [lane.id if lane else "" for lane in match_lanes(road, points, z)] if len(points) > 1 else [""]
     if not any(found):
         near = road.centre_lines.query_nearest(shapely.points(points), all_matches=False)[1]

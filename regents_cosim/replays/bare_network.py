@@ -1,7 +1,8 @@
 """A SUMO network of bare lanes, for maps that do not come from SUMO: to place vehicles on, not to drive by.
 
-Every lane is an edge between two dead ends; there are no junctions, connections or lights. It is written
-here because netconvert, which makes real networks, does not come with libsumo.
+Every lane is an edge between two dead ends; there are no junctions, connections or lights. A map without lanes gets
+one across it, as SUMO takes no network without an edge. It is written here because netconvert, which makes real
+networks, does not come with libsumo.
 
 Source of the format: SUMO's documentation, "SUMO Road Networks".
 """
@@ -16,6 +17,7 @@ from regents_cosim.roadmap import Lane, RoadMap
 
 _FASTEST_M_S = 60.0  # SUMO takes no infinite limit
 _LEAST_M = 0.1  # of a lane's length
+_WIDTH_M = 3.2  # SUMO's default
 BARE_EDGE = "0"  # the first one
 
 
@@ -33,16 +35,23 @@ def lane_names(road: RoadMap) -> dict[str, str]:
 
 def _bare(road: RoadMap) -> bytes:
     net = ET.Element("net", version="1.20")
-    points = np.concatenate([lane.centre for lane in road.lanes])
+    lanes = road.lanes or (_across(road),)
+    points = np.concatenate([lane.centre for lane in lanes])
     bounds = ",".join(f"{value:.2f}" for value in (*points.min(axis=0), *points.max(axis=0)))
     ET.SubElement(net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!")
-    for number, lane in enumerate(road.lanes):
+    for number, lane in enumerate(lanes):
         net.append(_edge(str(number), lane))
-    for number, lane in enumerate(road.lanes):
+    for number, lane in enumerate(lanes):
         net.append(_dead_end(f"{number}from", lane.centre[0], ""))
         net.append(_dead_end(f"{number}to", lane.centre[-1], f"{number}_0"))
     ET.indent(net)
     return ET.tostring(net, encoding="utf-8", xml_declaration=True)
+
+
+def _across(road: RoadMap) -> Lane:
+    """A lane from one corner of the drivable area to the opposite one."""
+    west, south, east, north = road.drivable.bounds
+    return Lane("across", np.array([[west, south], [east, north]]), _WIDTH_M, _FASTEST_M_S)
 
 
 def _edge(name: str, lane: Lane) -> ET.Element:
