@@ -17,14 +17,20 @@ from regents_cosim.mirror.bicycle import CURVATURE_LIMIT, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.separation import Box, corners, overlaps
 from regents_cosim.mirror.world import World
-from regents_cosim.planners.reference.foresight import Course, curvature_of, further, is_risk
+from regents_cosim.planners.reference.foresight import (
+    EGO_TIMES_S,
+    Course,
+    Place,
+    curvature_of,
+    further,
+    is_risk,
+    place_of,
+)
 from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
 
-_EGO_TIMES_S = FORESIGHT.ego_times_s.astype(np.float32)
 _BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
 _OFF_ROAD = 0.5  # of the blurred map, as in `acceptance`
 _SAME_WAY = np.float32(np.cos(np.deg2rad(45.0)))
-_ALONG = np.float32(np.cos(FORESIGHT.along_rad))
 
 
 class _Path(eqx.Module):
@@ -100,7 +106,7 @@ def _acts(
     risk = is_risk(
         ego,
         course,
-        *_place(world, path, own, other, course),
+        _place(world, path, other, course),
         lanes.away(other.x, other.y, other.yaw) > CAREFUL.wandering_m,
     )
     risk &= _row(world.valid, adversary) & (now <= step)
@@ -127,7 +133,7 @@ def _ego_going_on(world: World, path: _Path, own: Motion) -> Box:
     """The ego [time ahead] along its path."""
     since, passed = _since(world, own.x.shape[0])
     braking = _braking(own.speed, since, passed)
-    way = further(own.speed[:, None], braking[:, None], _EGO_TIMES_S)
+    way = further(own.speed[:, None], braking[:, None], EGO_TIMES_S)
     x, y, yaw, z = path.at(path.driven[:, None] + way)
     return Box(x, y, jnp.cos(yaw), jnp.sin(yaw), world.half_length[0], world.half_width[0], z)
 
@@ -150,19 +156,14 @@ def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) 
     )
 
 
-def _place(
-    world: World, path: _Path, own: Motion, other: Motion, course: Course
-) -> tuple[Bool[Array, " time"], Bool[Array, " time"], Bool[Array, " time"]]:
-    """At every step: is the adversary ahead along the path, in the way, and does it lead there."""
+def _place(world: World, path: _Path, other: Motion, course: Course) -> Place:
+    """Of the adversary at every step."""
     dx, dy = other.x[:, None] - path.x, other.y[:, None] - path.y
     nearest = jnp.argmin(dx**2 + dy**2, axis=-1)
     dx, dy, yaw = other.x - path.x[nearest], other.y - path.y[nearest], path.yaw[nearest]
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
-    turn_cos = jnp.cos(other.yaw - yaw)
-    breadth = jnp.abs(jnp.sin(other.yaw - yaw)) * course.half_length + jnp.abs(turn_cos) * course.half_width
-    ahead = path.driven[nearest] + dx * cos + dy * sin > path.driven
-    in_way = ahead & (jnp.abs(dy * cos - dx * sin) - breadth < world.half_width[0])
-    return ahead, in_way, in_way & (turn_cos > _ALONG)
+    ahead_m = path.driven[nearest] + dx * cos + dy * sin - path.driven
+    return place_of(course, ahead_m, dy * cos - dx * sin, other.yaw - yaw, world.half_width[0])
 
 
 def _braked(own: Float[Array, " time"], acts: Int[Array, ""], dt: Float[Array, ""]) -> Float[Array, " time"]:

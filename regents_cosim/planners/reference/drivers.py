@@ -1,12 +1,13 @@
 """The reference drivers as planners: IDM on the route until the model sees a danger, then its emergency braking.
 
-They steer as IDM does, and brake alone: swerves belong to the verdict (`verdicts.reference_drivers`). The mirror lets
-no planner brake harder than `mirror.bicycle.ACCEL_LIMIT`, 6 m/s^2, less than the 0.774 g of the regulation's driver.
+They steer as IDM does, and brake alone: swerves belong to the verdict (`verdicts.reference_drivers`). They may brake
+with the regulation's 0.774 g, harder than the mirror lets other planners (`mirror.bicycle.ACCEL_LIMIT`).
 """
+
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import Controls, Motion
@@ -15,12 +16,18 @@ from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.idm import IDM, Memory, Sight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
-from regents_cosim.planners.reference.foresight import Course, curvature_of, further, is_risk
+from regents_cosim.planners.reference.foresight import (
+    EGO_TIMES_S,
+    Course,
+    breadth,
+    curvature_of,
+    further,
+    is_risk,
+    place_of,
+)
 from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
 from regents_cosim.planners.reference.safety_models import FUZZY, RSS, Beside, fuzzy_braking, rss_braking
 
-_ALONG = np.float32(np.cos(FORESIGHT.along_rad))
-_EGO_TIMES_S = FORESIGHT.ego_times_s.astype(np.float32)
 _CALM_S = 1.0  # without a danger, until the emergency is over
 
 
@@ -54,6 +61,7 @@ class State(eqx.Module):
 class ReferencePlanner(JaxPlanner):
     """What the three have in common; `wanted` says how hard each model would brake for each of the others."""
 
+    most_braking_m_s2: ClassVar[float] = CAREFUL.most_braking_m_s2
     idm: IDM = IDM()
     evaluation_s: float = 0.0
     delay_s: float = 0.75
@@ -122,20 +130,16 @@ class Careful(ReferencePlanner):
     def wanted(self, memory: State, seen: Seen, ego: Motion) -> Float[Array, " agent"]:
         """Full braking for whom it expects to meet."""
         along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
-        traffic = seen.traffic
-        cos, sin = jnp.cos(seen.turn), jnp.abs(jnp.sin(seen.turn))
-        breadth = sin * traffic.half_length + jnp.abs(cos) * traffic.half_width
-        ahead = seen.along > along
-        in_way = ahead & (jnp.abs(seen.across - across) - breadth < memory.idm.half_width)
-        box = self._going_on(memory, ego, along, across)
-        risk = is_risk(box, _courses(memory, traffic), ahead, in_way, in_way & (cos > _ALONG), seen.wanders)
+        courses = _courses(memory, seen.traffic)
+        place = place_of(courses, seen.along - along, seen.across - across, seen.turn, memory.idm.half_width)
+        risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.wanders)
         return jnp.where(risk, self.most, 0.0)
 
     def _going_on(self, memory: State, ego: Motion, along: Array, across: Array) -> Box:
         """The ego along its route, as far beside it as it is now; once it brakes, as if it let go."""
         lost = jnp.maximum(memory.own[0] - ego.speed, 0.0) / (memory.own.shape[0] * memory.dt)
         braking = jnp.where(memory.braking > 0.0, 0.0, lost)
-        x, y, cos, sin = route_poses(memory.idm, along + further(ego.speed, braking, _EGO_TIMES_S))
+        x, y, cos, sin = route_poses(memory.idm, along + further(ego.speed, braking, EGO_TIMES_S))
         idm = memory.idm
         return Box(x - across * sin, y + across * cos, cos, sin, idm.half_length, idm.half_width)
 
@@ -153,15 +157,14 @@ def _courses(memory: State, traffic: Traffic) -> Course:
 def _beside(memory: State, seen: Seen, ego: Motion) -> Beside:
     along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
     traffic = seen.traffic
-    cos, sin = jnp.cos(seen.turn), jnp.sin(seen.turn)
-    breadth = jnp.abs(sin) * traffic.half_length + jnp.abs(cos) * traffic.half_width
     aside = seen.across - across
+    reach = breadth(seen.turn, traffic.half_length, traffic.half_width)
     return Beside(
         gap_m=seen.idm.rear - along - memory.idm.half_length,
         passing_m=seen.idm.front - along + memory.idm.half_length,
-        beside_m=jnp.abs(aside) - breadth - memory.idm.half_width,
+        beside_m=jnp.abs(aside) - reach - memory.idm.half_width,
         speed=seen.idm.speed,
-        towards=-jnp.sign(aside) * traffic.motion.speed * sin,
+        towards=-jnp.sign(aside) * traffic.motion.speed * jnp.sin(seen.turn),
         ahead=seen.along > along,
     )
 

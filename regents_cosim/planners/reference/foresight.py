@@ -15,6 +15,7 @@ from regents_cosim.planners.reference.parameters import FORESIGHT
 
 _TIMES = len(FORESIGHT.times_s)
 _TIMES_S = FORESIGHT.times_s.astype(np.float32)
+EGO_TIMES_S = FORESIGHT.ego_times_s.astype(np.float32)  # at which `is_risk` wants to know where the ego would be
 _SLACK = FORESIGHT.slack
 _SHIFTED = np.arange(_TIMES)[:, None] + np.arange(-_SLACK, _SLACK + 1)  # the ego's instants for each of the others'
 _EGO_AT, _EVER = np.maximum(_SHIFTED, 0), _SHIFTED >= 0
@@ -50,28 +51,41 @@ def further(speed: Array, braking: Array, time: Array | np.ndarray) -> Array:
     return (speed - 0.5 * braking * until) * until
 
 
-def is_risk(
-    ego: Box,
-    course: Course,
-    ahead: Bool[Array, "*axes"],
-    in_way: Bool[Array, "*axes"],
-    leads: Bool[Array, "*axes"],
-    wanders: Bool[Array, "*axes"],
-) -> Bool[Array, "*axes"]:
-    """Who is expected to meet the ego, and is suspected of it. `ego` [*axes time] at `FORESIGHT.ego_times_s` from now.
+class Place(eqx.Module):
+    """Where agents are as seen from the ego's path."""
 
-    `ahead`: their centres are, along the ego's path; `in_way`: they reach into what it will sweep; `leads`: and run
-    its way; `wanders`: they have left the middle of every lane that runs theirs.
+    ahead: Bool[Array, "*axes"]  # their centres, of the ego's
+    in_way: Bool[Array, "*axes"]  # and they reach into what the ego will sweep
+    leads: Bool[Array, "*axes"]  # and run its way
+
+
+def breadth(turn: Array, half_length: Array, half_width: Array) -> Array:
+    """How far bodies reach to either side of their centres [m], turned off the ego's way by so much [rad]."""
+    return jnp.abs(jnp.sin(turn)) * half_length + jnp.abs(jnp.cos(turn)) * half_width
+
+
+def place_of(course: Course, ahead_m: Array, aside_m: Array, turn: Array, ego_half_width: Array) -> Place:
+    """That of agents whose centres are so far ahead of the ego's along its path, and aside of it."""
+    ahead = ahead_m > 0.0
+    reach = breadth(turn, course.half_length, course.half_width)
+    in_way = ahead & (jnp.abs(aside_m) - reach < ego_half_width)
+    return Place(ahead, in_way, in_way & (jnp.cos(turn) > _ALONG))
+
+
+def is_risk(ego: Box, course: Course, place: Place, wanders: Bool[Array, "*axes"]) -> Bool[Array, "*axes"]:
+    """Who is expected to meet the ego, and is suspected of it. `ego` [*axes time] at `EGO_TIMES_S` from now.
+
+    `wanders`: they have left the middle of every lane that runs their way.
     """
-    hit, cos = _meetings(ego, _going_on(course, leads))
+    hit, cos = _meetings(ego, _going_on(course, place.leads))
     meets_s = jnp.where(hit.any(axis=-1), FORESIGHT.spacing_s * (jnp.argmax(hit, axis=-1) // (2 * _SLACK + 1)), jnp.inf)
     first = hit & jnp.equal(jnp.cumsum(hit, axis=-1), 1)
     turn = jnp.where(first, cos, 0.0).sum(axis=-1)  # cosine of that between the two when they would meet
     same_way = turn > _ALONG
     crosses = ~same_way & (turn >= _AGAINST)
-    keeps_ahead = in_way & same_way & ~wanders
-    suspected = jnp.where(keeps_ahead, meets_s <= FORESIGHT.lead_s, crosses | in_way | wanders)
-    return jnp.isfinite(meets_s) & suspected & (ahead | ~same_way)
+    keeps_ahead = place.in_way & same_way & ~wanders
+    suspected = jnp.where(keeps_ahead, meets_s <= FORESIGHT.lead_s, crosses | place.in_way | wanders)
+    return jnp.isfinite(meets_s) & suspected & (place.ahead | ~same_way)
 
 
 def _going_on(course: Course, leads: Bool[Array, "*axes"]) -> Box:
