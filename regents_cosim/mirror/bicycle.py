@@ -133,10 +133,10 @@ def controls_between(motion: Motion, dt: Float[Array, ""] | float) -> Controls:
     return Controls(jnp.diff(motion.speed, axis=1) / dt, curvature)
 
 
-def clip(controls: Controls) -> Controls:
-    """Controls within the limits of the mirror."""
+def clip(controls: Controls, most_braking: float = ACCEL_LIMIT) -> Controls:
+    """Controls within the limits of the mirror, braking by at most `most_braking` [m/s^2]."""
     return Controls(
-        jnp.clip(controls.accel, -ACCEL_LIMIT, ACCEL_LIMIT),
+        jnp.clip(controls.accel, -most_braking, ACCEL_LIMIT),
         jnp.clip(controls.curvature, -CURVATURE_LIMIT, CURVATURE_LIMIT),
     )
 

@@ -6,14 +6,14 @@ step runs in a loop. Gradients do not pass through the ego: its actions are cons
 attack, as in the code of both papers, and that is what lets any planner be attacked.
 """
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import Controls, Motion, clip
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, clip
 from regents_cosim.mirror.dynamics import roll_out, step
 from regents_cosim.mirror.reactions import Progress, begin, place, react
 from regents_cosim.mirror.world import World
@@ -32,6 +32,8 @@ class Traffic(eqx.Module):
 @runtime_checkable
 class LoopPlanner(Protocol):
     """A planner that runs inside the compiled loop. Memory and sight are pytrees of its own."""
+
+    most_braking_m_s2: ClassVar[float]  # the loop lets it brake no harder
 
     def look(self, memory: Any, traffic: Traffic) -> Any:
         """What it makes of the others: leaves [time, ...], row k from step k of `traffic` alone."""
@@ -65,6 +67,8 @@ class EgoTrack(eqx.Module):
 class Held(eqx.Module):
     """In a planner's place: the ego stays on the `EgoTrack` that is its memory, whatever the others do."""
 
+    most_braking_m_s2: ClassVar[float] = ACCEL_LIMIT
+
     def look(self, memory: EgoTrack, traffic: Traffic) -> Any:
         """Nothing."""
         return ()
@@ -93,7 +97,7 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
     def advance(carry: tuple[Motion, Any], sight_now: Any) -> tuple[tuple[Motion, Any], tuple[Motion, Controls]]:
         ego, recalled = carry
         control, recalled = planner.step(recalled, sight_now, ego)
-        control = _limited(control)
+        control = _limited(planner, control)
         return (move_ego(world, ego, control), recalled), (ego, control)
 
     decisions = jax.tree.map(lambda values: values[:-1], sight)
@@ -171,12 +175,13 @@ def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> 
     """The planner's control and next memory from one instant of `traffic` [agent, 1], within the limits."""
     sight = jax.tree.map(lambda values: values[0], planner.look(memory, traffic))
     control, memory = planner.step(memory, sight, ego)
-    return _limited(control), memory
+    return _limited(planner, control), memory
 
 
-def _limited(control: Controls) -> Controls:
-    """A planner's answer within the limits; what is not finite stays, for the host to see (`jax_planner`)."""
-    return jax.tree.map(lambda said, cut: jnp.where(jnp.isfinite(said), cut, said), control, clip(control))
+def _limited(planner: LoopPlanner, control: Controls) -> Controls:
+    """A planner's answer within its limits; what is not finite stays, for the host to see (`jax_planner`)."""
+    within = clip(control, planner.most_braking_m_s2)
+    return jax.tree.map(lambda said, cut: jnp.where(jnp.isfinite(said), cut, said), control, within)
 
 
 def move_ego(world: World, ego: Motion, control: Controls) -> Motion:

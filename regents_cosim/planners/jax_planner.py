@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -30,7 +30,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic, decide, others
 from regents_cosim.mirror.world import World, scene_origin
@@ -65,6 +65,8 @@ class JaxPlanner(eqx.Module):
     of equal shapes over scenarios saves compilations.
     """
 
+    most_braking_m_s2: ClassVar[float] = ACCEL_LIMIT  # the loop clips its answers to that
+
     def init(self, scene: LoopScene) -> Any:
         """Memory at the first step, any pytree."""
         return ()
@@ -83,7 +85,8 @@ class JaxPlanner(eqx.Module):
     def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
         """Scalar controls for one step and the next memory.
 
-        They are clipped to the mirror's limits; what is not finite is an error of the planner's.
+        They are clipped to the mirror's limits and `most_braking_m_s2`; what is not finite is an error of the
+        planner's.
         """
         raise NotImplementedError
 
