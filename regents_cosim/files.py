@@ -307,6 +307,8 @@ def _judgement_content(judgement: Judgement) -> bytes:
     """What is hashed of a judgement: what older cases do not say, only where it is known."""
     values = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
     _drop_unknown(values, ("law", "drivers", "unavoidable"))
+    for drive in values.get("drivers", ()):
+        _drop_unknown(drive, ("rear_ended_by",))
     if (avoidability := values.get("avoidability")) is not None:
         _drop_unknown(avoidability, ("in_time", "perceived_step"))
         if (gentlest := avoidability.get("gentlest")) is not None:

@@ -327,6 +327,7 @@ class ReferenceDrive:
     perceives_s: float | None = None  # when the danger can be seen; None: never
     acts_s: float | None = None  # when its reaction begins
     shift_m: float = 0.0  # it swerves by so much while it brakes, positive to the left
+    rear_ended_by: tuple[str, ...] = ()  # others that replay their log into its back: noted, not counted
 
 
 # In time: by an answer to what was to be seen. Not in time: only with knowledge of what comes. Never: that is proven.

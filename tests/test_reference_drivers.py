@@ -13,6 +13,7 @@ from test_avoidability import braking_lead, moved
 from regents_cosim.suite import load_cases
 from regents_cosim.verdicts.emergency_braking import Brakes, braked_speed
 from regents_cosim.verdicts.reference_drivers import CAREFUL_BRAKES, reference_drives, reference_track
+from regents_cosim.verdicts.words import drive_words
 
 QUICKSTART = Path(__file__).parents[1] / "scenarios" / "quickstart"
 TIME = DT * np.arange(81)
@@ -68,10 +69,14 @@ def test_a_swerve_where_braking_does_not_do():
     assert abs(narrowed.shift_m) in (0.9, 1.8)
 
 
-def test_followers_that_replay_their_log_do_not_count_but_third_parties_do():
+def test_followers_that_replay_their_log_are_noted_and_third_parties_count():
     gap = 35.4
     assert careful(braking_lead(gap)).avoids
-    assert careful(braking_lead(gap, (-4.6 - 3.0, 0, 15))).avoids
+    assert careful(braking_lead(gap)).rear_ended_by == ()
+    followed = careful(braking_lead(gap, (-4.6 - 3.0, 0, 15)))
+    assert followed.avoids
+    assert followed.rear_ended_by == ("car02",)
+    assert "(car02, replaying a log, runs into its back)" in drive_words(followed)
     crosses = braking_lead(gap)
     stopped_at = float(reference_track(crosses).x[0, -1])
     made = scene((0, 0, 15), (gap + 4.6, 0, 15), (stopped_at + 3.0, 30.0, 0), road=straight_road(1))

@@ -1,4 +1,6 @@
-"""Whom a drive of the ego meets among everybody else's fixed tracks, up to a little beyond the horizon."""
+"""Which road users a drive of the ego meets on their fixed tracks, up to a little beyond the horizon."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool
@@ -18,8 +20,16 @@ def beyond_steps(scenario: Scenario) -> int:
     return scenario.tracks.steps + round(BEYOND_S / scenario.dt)
 
 
+@dataclass(frozen=True, eq=False)
+class Met:
+    """Which road users a drive overlaps: those that count against it, and those that only run into its back."""
+
+    counts: Bool[np.ndarray, " agent"]
+    from_behind: Bool[np.ndarray, " agent"]
+
+
 class OthersAround:
-    """Everybody but the ego; the adversary goes straight on beyond the horizon, the others are gone then."""
+    """All but the ego; the adversary goes straight on beyond the horizon, the others are gone then."""
 
     def __init__(self, scenario: Scenario, adversary: int) -> None:
         tracks, ahead = scenario.tracks, scenario.dt * np.arange(1, round(BEYOND_S / scenario.dt) + 1)
@@ -34,8 +44,8 @@ class OthersAround:
         self._size = np.array([(agent.length, agent.width) for agent in scenario.agents])
         self._adversary, self._heights = adversary, scenario.heights
 
-    def meets(self, drive: Drive) -> Bool[np.ndarray, " agent"]:
-        """Whom the drive overlaps, those left out that run into its rear: a log does not brake for what is new in it.
+    def met_by(self, drive: Drive) -> Met:
+        """Which the drive overlaps; those that run into its back do not count: a log brakes for nothing new in it.
 
         The adversary counts however it meets the ego.
         """
@@ -52,6 +62,7 @@ class OthersAround:
         at, step = (met, step[touches[first]]), step[touches[first]]
         ahead = dx[at] * np.cos(drive.yaw[step]) + dy[at] * np.sin(drive.yaw[step])
         from_behind = (np.abs(wrap(self._yaw[at] - drive.yaw[step])) < _SAME_WAY_RAD) & (ahead < 0.0)
-        found = np.zeros(len(self._x), bool)
-        found[met[(met == self._adversary) | ~from_behind]] = True
-        return found
+        counts, behind = np.zeros((2, len(self._x)), bool)
+        counts[met] = (met == self._adversary) | ~from_behind
+        behind[met] = ~counts[met]
+        return Met(counts, behind)

@@ -1,9 +1,9 @@
 """Whether a reference driver in the ego's place would have avoided the crash.
 
-Each drives the ego's own drive, among everybody else's fixed tracks, until it has perceived the danger and reacted to
+Each drives the ego's own drive, among the fixed tracks of all others, until it has perceived the danger and reacted to
 it; then it brakes along the ego's own path. It *avoids* the crash where it overlaps neither the adversary,
-up to 2 s beyond the horizon (it goes straight on), nor a third party. None of them is the truth: a verdict
-names the driver that it rests on.
+up to 2 s beyond the horizon (it goes straight on), nor a third party. Followers that replay their log into its back
+are noted, not counted. None of them is the truth: a verdict names the driver that it rests on.
 
 The danger is the one that the ego crashes with. An alarm over another road user that comes to nothing would shift the
 ego in time and so out of a crash that hangs on it, for no merit of the driver's: none is counted here.
@@ -30,7 +30,7 @@ from regents_cosim.scenario import Collision, ReferenceDrive, Scenario, Tracks
 from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.emergency_braking import Brakes, Drive, braked_speed, driven
 from regents_cosim.verdicts.foresight import risks
-from regents_cosim.verdicts.others_around import OthersAround, beyond_steps
+from regents_cosim.verdicts.others_around import Met, OthersAround, beyond_steps
 from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
 
 CAREFUL_BRAKES = Brakes(most=CAREFUL.most_braking_m_s2, jerk=CAREFUL.jerk_m_s3)
@@ -72,8 +72,9 @@ def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, Drive]
     speed = braked_speed(attacked.tracks.speed[0], acts, CAREFUL_BRAKES, dt, steps)
     drives = {shift: driven(attacked, path, speed, acts, shift, CAREFUL.swerve_m_s2) for shift in CAREFUL.swerves_m}
     for shift, drive in drives.items():
-        if not around.meets(drive).any() and (shift == 0.0 or _keeps_to_road(attacked, drive, acts)):
-            return replace(seen, avoids=True, shift_m=shift), drive
+        met = around.met_by(drive)
+        if not met.counts.any() and (shift == 0.0 or _keeps_to_road(attacked, drive, acts)):
+            return replace(seen, avoids=True, shift_m=shift, rear_ended_by=_names(attacked, met)), drive
     return seen, drives[0.0]
 
 
@@ -85,8 +86,15 @@ def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> Referen
     if braked.acts is None:
         return ReferenceDrive(model.driver, False, perceives_s, acts_s)
     drive = driven(attacked, path, braked.speed, braked.acts, 0.0, CAREFUL.swerve_m_s2)
-    avoids = not OthersAround(attacked, adversary).meets(drive).any()
-    return ReferenceDrive(model.driver, avoids, perceives_s, acts_s)
+    met = OthersAround(attacked, adversary).met_by(drive)
+    if met.counts.any():
+        return ReferenceDrive(model.driver, False, perceives_s, acts_s)
+    return ReferenceDrive(model.driver, True, perceives_s, acts_s, rear_ended_by=_names(attacked, met))
+
+
+def _names(attacked: Scenario, met: Met) -> tuple[str, ...]:
+    """Of those that run into its back."""
+    return tuple(attacked.agents[index].id for index in np.flatnonzero(met.from_behind).tolist())
 
 
 def _adversary(attacked: Scenario, hit: Collision) -> int:

@@ -43,7 +43,8 @@ def drive_words(drive: ReferenceDrive) -> str:
     swerves = f" and swerves {abs(drive.shift_m):.1f} m to the {'left' if drive.shift_m > 0 else 'right'}"
     acts = "goes on as the planner did" if drive.acts_s is None else f"brakes{swerves if drive.shift_m else ''}"
     since = "" if drive.acts_s is None else f" from {drive.acts_s:.1f} s"
-    return f"{DRIVERS[drive.driver]} {acts}{since} and {'avoids it' if drive.avoids else 'crashes'}"
+    behind = f" ({', '.join(drive.rear_ended_by)}, replaying a log, runs into its back)" if drive.rear_ended_by else ""
+    return f"{DRIVERS[drive.driver]} {acts}{since} and {'avoids it' if drive.avoids else 'crashes'}{behind}"
 
 
 def offences_words(offences: Sequence[Offence]) -> str:
