@@ -207,7 +207,9 @@ def _suspected(
     crosses = ~same_way & (meets_turn <= FORESIGHT.against_rad)
     wanders = _wanders(scenario, pairs, ~crosses)
     leads = place.in_way & same_way & ~wanders
-    suspected = np.where(leads, meets_s <= foresight.lead_s, crosses | place.in_way | wanders)
+    brakes_hard = _braking(scenario, pairs, foresight.over_s) > CAREFUL.lead_braking_m_s2
+    ahead_s = np.where(brakes_hard, foresight.ahead_s, foresight.lead_s)
+    suspected = np.where(leads, meets_s <= ahead_s, crosses | place.in_way | wanders)
     return suspected & (place.ahead | ~same_way)
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import CURVATURE_LIMIT
 from regents_cosim.mirror.separation import Box, overlaps
-from regents_cosim.planners.reference.parameters import FORESIGHT
+from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
 
 _TIMES = len(FORESIGHT.times_s)
 _TIMES_S = FORESIGHT.times_s.astype(np.float32)
@@ -84,7 +84,8 @@ def is_risk(ego: Box, course: Course, place: Place, wanders: Bool[Array, "*axes"
     same_way = turn > _ALONG
     crosses = ~same_way & (turn >= _AGAINST)
     keeps_ahead = place.in_way & same_way & ~wanders
-    suspected = jnp.where(keeps_ahead, meets_s <= FORESIGHT.lead_s, crosses | place.in_way | wanders)
+    ahead_s = jnp.where(course.braking > CAREFUL.lead_braking_m_s2, FORESIGHT.ahead_s, FORESIGHT.lead_s)
+    suspected = jnp.where(keeps_ahead, meets_s <= ahead_s, crosses | place.in_way | wanders)
     return jnp.isfinite(meets_s) & suspected & (place.ahead | ~same_way)
 
 

@@ -13,11 +13,13 @@ class Careful:
 
     Source: UN R157, Annex 4, Appendix 3 (Annex 3 in the 01 series), performance models: a lane change is perceived
     0.375 m from the middle of the lane; 0.4 s to evaluate the risk; 0.75 s until the deceleration begins; 0.774 g,
-    built up in 0.6 s (12.65 m/s^3); a cut-in is a danger below 2 s to collision. The rest is ours: what it looks at on
+    built up in 0.6 s (12.65 m/s^3); a cut-in is a danger below 2 s to collision, a leader once it brakes by more than
+    5 m/s^2. The rest is ours: what it looks at on
     roads that are no motorway, and swerves of half a car and a car.
     """
 
     wandering_m: float = 0.375
+    lead_braking_m_s2: float = 5.0
     evaluation_s: float = 0.4
     delay_s: float = 0.75
     most_braking_m_s2: float = 0.774 * GRAVITY_M_S2
@@ -31,7 +33,7 @@ class Foresight:
     """How far ahead of the present it looks."""
 
     ahead_s: float = 4.0
-    lead_s: float = 2.0  # for who keeps to the ego's own lane
+    lead_s: float = 2.0  # for who keeps to the ego's own lane, and does not brake hard
     spacing_s: float = 0.25
     slack: int = 2  # spacings by which the ego may be earlier or later than expected
     over_s: float = 0.3  # of the past, by which turn and braking are told
