@@ -23,14 +23,15 @@ def guided(name: str, count: int, seed: int, keep: Path | None) -> None:
     import atheris
 
     with atheris.instrument_imports(include=["regents_cosim"]):
-        from tests.endurance.fuzz import Tally, mutated, past_limits, peak, place, try_one
+        from tests.endurance.fuzz import Tally, mutated, past_limits, place, try_one
         from tests.endurance.readers import readers
+    from tests.peak_memory import peak_bytes
 
     warnings.simplefilter("error", RuntimeWarning)
     warnings.filterwarnings("ignore", category=UserWarning)
     reader = readers()[name]
     folder, corpus = Path(tempfile.mkdtemp()), Path(tempfile.mkdtemp())
-    path, tally, most, start = place(reader, folder), Tally(name), peak(), time.monotonic()
+    path, tally, most, start = place(reader, folder), Tally(name), peak_bytes(), time.monotonic()
     for number, content in enumerate(reader.seeds):
         (corpus / f"seed{number}").write_bytes(content)
 
@@ -39,7 +40,7 @@ def guided(name: str, count: int, seed: int, keep: Path | None) -> None:
         began, content = time.process_time(), reader.wrap(data)
         verdict, how = try_one(reader, path, content)
         failures = [how] if verdict == "failed" else []
-        took, grown = time.process_time() - began, max(peak() - most, 0)
+        took, grown = time.process_time() - began, max(peak_bytes() - most, 0)
         most += grown
         tally.count(verdict, [*failures, *past_limits(took, grown, len(content))], took, grown, str(tally.inputs))
         if len(tally.kept) > len(known) and keep:
