@@ -109,18 +109,17 @@ def file_of(block: Block) -> str | None:
 
 
 def run_page(page: Path, folder: Path) -> None:
-    """All blocks of a page, one after the other, in one folder."""
+    """First the files of a page are written, then all else runs in one folder, one after the other."""
     for block in blocks(page):
-        text = (
-            block.text.replace("CASE", load_suite(folder / "suite").cases[0].case)
-            if "CASE" in block.text
-            else block.text
-        )
         if name := file_of(block):
-            (folder / name).write_text(text)
-        elif block.language == "bash":
+            (folder / name).write_text(block.text)
+    for block in blocks(page):
+        text = block.text
+        if "CASE" in text:
+            text = text.replace("CASE", load_suite(folder / "suite").cases[0].case)
+        if block.language == "bash":
             shell(text, folder)
-        elif block.language == "python":
+        elif block.language == "python" and not file_of(block):
             (folder / "example.py").write_text(text)
             shell("python example.py", folder)
 
