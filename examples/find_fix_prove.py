@@ -12,7 +12,7 @@ from regents_cosim.evaluation.driving import drive_each
 
 PLANNERS = Path(__file__).with_name("my_planner.py")
 # A short search: a window is done with its first crash, and few descents follow the drives that are tried first.
-SHORT = replace(REGENTS_FOCUSED, adversaries="one", nearest=4, attempts=1, iterations=100)
+SHORT = replace(REGENTS_FOCUSED, adversaries="one", attempts=1, iterations=100)
 OLD, NEW = f"{PLANNERS}:Planner", f"{PLANNERS}:Fixed"
 
 
@@ -27,7 +27,7 @@ def crashes(cases, planner):
 def main():
     """Find, fix, prove."""
     # Find: attack ordinary traffic. What counts is a crash that a careful driver would have avoided.
-    windows = record(network_config("merge"), count=4, seed=0)
+    windows = record(network_config("merge"), count=8, seed=0)
     found = [case for case in attack(windows, SHORT, OLD) if case.attack.outcome == "collision"]
     print(f"the old planner crashes in {len(found)} attacks")
 
