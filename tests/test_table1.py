@@ -189,7 +189,7 @@ def test_columns_of_equal_protocol():
     given = {"adversaries": "one", "attempts": 3}
     found = {column.name: column.config for column in columns((), (), (), True, given)}
     assert list(found)[:2] == ["king", "regents"]
-    assert len(found) == 7
+    assert len(found) == 8
     equal = [config for name, config in found.items() if name not in ("king", "regents")]
     assert len({config.protocol for config in equal}) == 1
     assert dict(found["focused"].protocol)["attempts"] == 3

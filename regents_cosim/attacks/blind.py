@@ -1,27 +1,28 @@
 """Searches that know the cost and not its gradient: random search and CMA-ES, to compare the descent with.
 
-Same cost, same candidates, same acceptance, and as many roll-outs as the descent may make updates. A change of the
-actions has ten numbers: accelerations and curvatures at five times, linear in between, added to those that a descent
-would begin with: the logged ones, in later attempts those of another timing. Patience ends a search as it does there.
+Same cost, same candidates, same acceptance, same bounds of the actions, and as many roll-outs as the descent may make
+updates. A change of the actions has ten numbers: accelerations and curvatures at five times, linear in between, added
+to those that a descent would begin with: the logged ones, or those of a drive along a lawful way. Patience ends a
+search as it does there.
 
 Source: Hansen 2016, "The CMA Evolution Strategy: A Tutorial" (package `cmaes`).
 """
 
 import zlib
 from collections.abc import Sequence
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Protocol
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from cmaes import CMA
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attacks.descent import PROGRESS, ExtraCost, Found, Search
+from regents_cosim.attacks.descent import PROGRESS, Descent, ExtraCost, Found, Seen, within_bounds
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.search import set_up
+from regents_cosim.attacks.search import descend, set_up
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
@@ -80,34 +81,36 @@ def search_blindly(
     most: int,
     extra_cost: ExtraCost | None,
 ) -> list[Ended]:
-    """Try changes for each job until one is accepted or so many roll-outs are spent."""
+    """Look at what each job begins with, then try changes of it until one is accepted or `most` roll-outs are spent."""
     return [Ended(_search(scenario, job, planner, config, most, extra_cost)) for scenario, job in jobs]
 
 
 def _search(
     scenario: Scenario, job: Job, planner: LoopPlanner, config: AttackConfig, most: int, extra_cost: ExtraCost | None
 ) -> Found:
+    compiled = config.compiled()
+    # A look is that of our descent, by the same program: a planner that collides in the log is not attacked.
+    looks = replace(compiled, optimiser="adam")
+    begun = descend(job.world, planner, job.memory, looks, job.movers, jnp.int32(0), job.start, extra_cost)
+    if most == 0 or config.optimiser == "none" or bool(begun.accepted) or not bool(begun.any_candidate):
+        return begun
     seed = zlib.crc32(f"{scenario.id} {int(job.movers.first)}".encode())
     sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
-    compiled = config.compiled()
     history = np.zeros((compiled.iterations, 3), np.float32)
-    best, least, tried = np.zeros(2 * _KNOTS), np.inf, 0
+    best, least, tried, done = np.zeros(2 * _KNOTS), np.inf, 0, False
     nearest, nearest_at = np.inf, 0  # the ego's cost when it last came down, and the roll-out of that
-    # The start itself comes first: a planner that collides in the log is not attacked.
-    _, _, accepted = _try(job, planner, compiled, extra_cost, jnp.zeros((_BATCH, 2 * _KNOTS)))
-    while not accepted.any() and tried < most and bool(job.movers.candidate.any()):
-        if config.patience and tried - nearest_at > config.patience:
-            break
+    while not done and tried < most and (not config.patience or tried - nearest_at <= config.patience):
         changes = sampler.ask()[: most - tried]
         padded = np.pad(changes, ((0, _BATCH - len(changes)), (0, 0)))
         totals, terms, accepted = (
             np.asarray(values)[: len(changes)]
             for values in _try(job, planner, compiled, extra_cost, jnp.asarray(padded, jnp.float32))
         )
-        chosen = int(np.argmax(accepted)) if accepted.any() else int(np.argmin(totals))
-        if accepted.any() or totals[chosen] < least:
+        done = bool(accepted.any())
+        chosen = int(np.argmax(accepted)) if done else int(np.argmin(totals))
+        if done or totals[chosen] < least:
             best, least = changes[chosen], float(totals[chosen])
-        made = chosen + 1 if accepted.any() else len(changes)
+        made = chosen + 1 if done else len(changes)
         history[tried : tried + made] = terms[:made]
         tried += made
         if terms[:made, 0].min() < (1.0 - PROGRESS) * nearest:
@@ -127,15 +130,23 @@ def _try(
     extra_cost: ExtraCost | None,
     changes: Float[Array, "change coordinate"],
 ) -> tuple[Float[Array, " change"], Float[Array, "change term"], Bool[Array, " change"]]:
-    """Cost, its terms, and whether it is accepted, of every change."""
+    """Cost, its terms, and whether it is accepted, of every change; rolled out side by side.
 
-    def one(change: Float[Array, " coordinate"]) -> tuple[Array, Array, Array]:
-        descent, search = _state(job, planner, config, extra_cost, change)
-        total, costs = descent.cost(search.seen.boxes, search.seen.motion, search.actions)
+    Whether one is accepted is asked one by one: side by side, all would be judged for the sake of the few that crash.
+    """
+    descent = set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost)
+    begun = descent.begin()
+
+    def one(change: Float[Array, " coordinate"]) -> tuple[Array, Array, Controls, Seen]:
+        actions = _changed(descent, change)
+        seen = descent.look(actions, begun.seen)
+        total, costs = descent.cost(seen.boxes, seen.motion, actions)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
-        return jnp.where(jnp.isfinite(total), total, jnp.inf), terms, search.accepted
+        return jnp.where(jnp.isfinite(total), total, jnp.inf), terms, actions, seen
 
-    return jax.vmap(one)(changes)
+    totals, terms, actions, seen = jax.vmap(one)(changes)
+    accepted = jax.lax.map(lambda made: descent.accepts(replace(begun, actions=made[0], seen=made[1])), (actions, seen))
+    return totals, terms, accepted
 
 
 @compiled
@@ -148,26 +159,25 @@ def _end(
     tried: Int[Array, ""],
     history: Float[Array, "iteration term"],
 ) -> Found:
-    descent, search = _state(job, planner, config, extra_cost, change)
-    return descent.result(eqx.tree_at(lambda now: (now.iterations, now.history), search, (tried, history)))
+    descent = set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost)
+    search = descent.seeing(replace(descent.begin(), actions=_changed(descent, change)))
+    return descent.result(replace(search, iterations=tried, history=history))
 
 
-def _state(
-    job: Job, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None, change: Array
-) -> tuple[Any, Search]:
-    """The descent at the actions that the search begins with plus `change`."""
-    begun = set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost)
-    first = begun.first()
+def _changed(descent: Descent, change: Float[Array, " coordinate"]) -> Controls:
+    """What the search begins with plus `change`, within the bounds of the configuration and of the law."""
+    first = descent.first()
     steps = first.accel.shape[1]
     knots, times = jnp.linspace(0.0, steps - 1.0, _KNOTS), jnp.arange(steps)
-    accel, curvature = (
-        jnp.clip(own + unit * jnp.interp(times, knots, part), -1.0, 1.0)
-        for own, unit, part in zip(
-            (first.accel, first.curvature), _UNIT, (change[:_KNOTS], change[_KNOTS:]), strict=True
+    moved = Controls(
+        *(
+            own + unit * jnp.interp(times, knots, part)
+            for own, unit, part in zip(
+                (first.accel, first.curvature), _UNIT, (change[:_KNOTS], change[_KNOTS:]), strict=True
+            )
         )
     )
-    actions = Controls(accel, curvature)
-    if config.law == "strict":
-        actions = begun.not_too_fast(actions)
-    descent = set_up(job.world, planner, job.memory, config, job.movers, actions, extra_cost)
-    return descent, descent.seeing(descent.begin())
+    clipped = jax.tree.map(lambda values: jnp.clip(values, -1.0, 1.0), moved)
+    if descent.config.law == "strict":
+        clipped = descent.not_too_fast(clipped)
+    return within_bounds(clipped, descent.logged(), descent.own_motion(clipped).speed, descent.config)

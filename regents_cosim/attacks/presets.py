@@ -70,7 +70,7 @@ class AttackConfig:
     behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which somebody is behind
     pull_standing: bool = True  # steps at which the ego stands pull as well
     accept: Literal["any", "clean", "telling"] = "any"  # which collisions end a search
-    optimiser: Literal["adam", "random", "cma-es"] = "adam"  # who lowers the cost; the blind ones to compare with
+    optimiser: Literal["adam", "random", "cma-es", "none"] = "adam"  # who lowers the cost; others to compare with
     starts: int = 0  # drives on other ways that are looked at for each candidate before it is searched; 0: none
     attempts: int = 1  # descents for each candidate; the last begins with the log, those before with such drives
     law: Literal["any", "strict"] = "any"  # does the adversary keep to its own lanes and turns, and to the speed limit
@@ -200,4 +200,14 @@ FOCUSED_COST = replace(REGENTS_FOCUSED, law="any", accept="clean", starts=0, att
 RANDOM = replace(REGENTS_FOCUSED, method="random", optimiser="random", iterations=1000, attempts=1, patience=0)
 CMA_ES = replace(RANDOM, method="cma-es", optimiser="cma-es")
 
-METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, RANDOM, CMA_ES)}
+# A look at every start and at the log, and no search: what the protocol finds by itself.
+STARTS = replace(REGENTS_FOCUSED, method="starts", optimiser="none")
+
+METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES)}
+
+
+def with_ten_times(config: AttackConfig) -> AttackConfig:
+    """The same method with ten times the roll-outs: twice the candidates, five times the starts and the attempts."""
+    return replace(
+        config, nearest=2 * config.nearest, starts=5 * config.starts, attempts=5 * config.attempts, adversaries="one"
+    )

@@ -1,14 +1,13 @@
 """`regents bench`: the tables of `docs/results.md`, on any traffic."""
 
 import dataclasses
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
 from regents_cosim.cli.options import Cases, Count, CountOrZero, Search, Seed, Switch, Talk
-from regents_cosim.cli.runs import aggressive_run, attack_run, columns, write_table
+from regents_cosim.cli.runs import columns, places_run, runs_again, write_table
 from regents_cosim.cli.shared import (
     logged_traffic,
     network_traffic,
@@ -20,7 +19,7 @@ from regents_cosim.errors import RegentsError
 if TYPE_CHECKING:
     from regents_cosim.scenario import Scenario
 
-Method = Literal["king", "regents", "focused", "random", "cma-es", "sumo-aggressive"]
+Method = Literal["king", "regents", "focused", "random", "cma-es", "starts", "sumo-aggressive"]
 
 bench = App(name="bench", help="Measure, and print the tables of the documentation.")
 
@@ -60,6 +59,8 @@ def table1(
     methods: tuple[Method, ...] = (),
     equal_protocol: bool = False,
     tuned_on: tuple[str, ...] = (),
+    ceiling: tuple[Literal["king", "regents", "focused", "random", "cma-es"], ...] = (),
+    ceiling_count: Count | None = None,
     as_published: bool = False,
     searches: tuple[Literal["joint", "per-candidate"], ...] = (),
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
@@ -86,21 +87,27 @@ def table1(
     nets
         shipped networks, or .sumocfg files; all shipped ones by default
     logs
-        logged traffic (files, or folders of them) in place of networks; `count` windows of each
+        logged traffic (files, or folders of them), `count` windows of each; in place of networks, or beside those that
+        `nets` names
     prefer
         which egos come first: those whose path another vehicle can cross or join within the window, or any
     planners
         systems under test; log_replay is the open loop, in which the ego replays its track
     methods
-        king and regents of the papers, focused (the three by default); random, cma-es and sumo-aggressive to
-        compare with
+        king and regents of the papers, focused (the three by default); random, cma-es, starts (a look at what
+        focused begins with, and no search) and sumo-aggressive to compare with
     equal_protocol
-        let king, regents, focused, random and cma-es search by the rules of focused (per candidate, the same number of
-        candidates, attempts and roll-outs, the same crashes accepted, the same reactions), beside king and regents as
-        in their papers: what is left between them is due to the methods
+        let king, regents, focused, random, cma-es and starts search by the rules of focused (per candidate, the same
+        number of candidates, attempts and roll-outs, the same crashes accepted, the same reactions), beside king and
+        regents as in their papers: what is left between them is due to the methods
     tuned_on
         places (names of networks or files; * stands for any letters) that had a say in a method: the others, which
         had none, are shown apart
+    ceiling
+        methods that try again, by the rules of focused with ten times the roll-outs, the windows in which no column
+        has a telling crash
+    ceiling_count
+        such windows of each network or log that are tried again at most; all by default
     as_published
         do as the public ReGentS code where it departs from its paper (king and regents only)
     searches
@@ -124,7 +131,8 @@ def table1(
     replan_every
         iterations between two closed loops of the planners
     output
-        folder for table1.md, table1.json and table1.png
+        folder for table1.md, table1.json and table1.png, and for the runs: what is there already is not made again, so
+        that a table that was interrupted goes on, and one of more places takes over those that it has
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
@@ -147,20 +155,20 @@ def table1(
     terminal = open_terminal(talk)
     if compile_cache:
         keep_compiled_programs()
-    if logs:
-        traffic = logged_traffic(logs, count, seed, terminal, prefer)
-    else:
-        traffic = network_traffic(nets, count, seed, terminal, prefer)
-    windows = [scenario for found in traffic.values() for scenario in found]
-    require_places(windows, tuned_on)
-    runs, found = [], make_table([])
-    for planner, column in product(planners, wanted):
-        if column.config is None:
-            runs.append(aggressive_run(windows, planner, runs, terminal))
-        else:
-            runs.append(attack_run(windows, planner, column, terminal))
-        found = make_table(runs, tuned_on)
-        if output is not None:  # after every run: a table that is interrupted keeps its columns
+    networks = network_traffic(nets, count, seed, terminal, prefer) if nets or not logs else {}
+    places = [found for found in (*networks.values(), *logged_traffic(logs, count, seed, terminal, prefer).values()) if found]
+    require_places([window for found in places for window in found], tuned_on)
+    runs, again, found = [], [], make_table([])
+    for planner in planners:
+        before = runs
+        for here in places_run(places, planner, wanted, output, terminal):
+            runs = [*before, *here]
+            found = make_table(runs, tuned_on, again)
+            if output is not None:  # after every place: a table that is interrupted keeps those
+                write_table(found, output)
+        again += runs_again(places, ceiling, runs[len(before) :], ceiling_count, output, terminal)
+        found = make_table(runs, tuned_on, again)
+        if output is not None:
             write_table(found, output)
     grids = [(part.title.lstrip("# "), part.rows()) for part in sections(found)]
     terminal.publish(markdown(found), as_json(found), grids)

@@ -12,7 +12,7 @@ from regents_cosim.cli.shared import verify_in_sumo
 from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from regents_cosim.attacks.presets import AttackConfig
     from regents_cosim.evaluation.scores import MethodScores, Protocol, Results, Run
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _OF_PAPERS = ("king", "regents")
 _PRESETS = (*_OF_PAPERS, "focused")
-_ALL = (*_PRESETS, "random", "cma-es")
+_ALL = (*_PRESETS, "random", "cma-es", "starts")
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,75 @@ def _config(method: str, given: "Mapping[str, Any]") -> "AttackConfig | None":
     return None if method == METHOD else Search(method, **given).config()  # pyright: ignore[reportArgumentType]
 
 
+def places_run(
+    places: "Sequence[list[Scenario]]",
+    planner: str,
+    wanted: "Sequence[Column]",
+    output: Path | None,
+    terminal: "Terminal",
+) -> "Iterator[list[Run]]":
+    """The runs of all columns, place by place: after each, those on the places so far."""
+    from regents_cosim.evaluation.kept_runs import joined
+
+    done: list[list[Run]] = [[] for _ in wanted]
+    for windows in places:
+        here: list[Run] = []
+        for column, runs in zip(wanted, done, strict=True):
+            here.append(_one_run(windows, planner, column, here, output, terminal))
+            runs.append(here[-1])
+        yield [joined(runs) for runs in done]
+
+
+def runs_again(
+    windows: "Sequence[list[Scenario]]",
+    methods: "Sequence[str]",
+    runs: "Sequence[Run]",
+    most: int | None,
+    output: Path | None,
+    terminal: "Terminal",
+) -> "Iterator[Run]":
+    """Ten times the budget for the windows of each place in which no run has a telling crash, `most` of each at most.
+
+    One method after the other, each where those before it found nothing.
+    """
+    from regents_cosim.attacks.presets import METHODS, OURS, with_ten_times
+    from regents_cosim.evaluation.ceiling import unsolved
+
+    (planner,) = {run.planner for run in runs}
+    for place in windows:
+        left, made = [*unsolved(place, runs)][:most], []
+        for method in methods:
+            left = unsolved(left, made)
+            if left:
+                config = with_ten_times(METHODS[method].by_protocol_of(OURS))
+                column = Column(f"{method} with ten times the roll-outs", config)
+                made.append(_one_run(left, planner, column, made, output, terminal))
+                yield made[-1]
+
+
+def _one_run(
+    windows: "list[Scenario]",
+    planner: str,
+    column: Column,
+    others: "list[Run]",
+    output: Path | None,
+    terminal: "Terminal",
+) -> "Run":
+    """A method on the windows of one place: the run that `output` keeps of it, else a new one."""
+    from regents_cosim.evaluation.kept_runs import keep, kept, run_folder
+
+    folder = run_folder(output, column.name, planner, column.config, windows) if output else None
+    run = kept(folder) if folder else None
+    if run is None:
+        if column.config is None:
+            run = aggressive_run(windows, planner, others, terminal)
+        else:
+            run = attack_run(windows, planner, column, terminal)
+        if folder:
+            keep(run, folder)
+    return run
+
+
 def attack_run(windows: "list[Scenario]", planner: str, column: Column, terminal: "Terminal") -> "Run":
     """An attack on all `windows`."""
     from regents_cosim.attacks.attack import attack_each
@@ -131,14 +200,15 @@ def _judged(
     terminal: "Terminal",
     protocol: "Protocol" = (),
 ) -> "Run":
-    from regents_cosim.evaluation.scores import Run
+    from regents_cosim.evaluation.scores import InSumo, Run
     from regents_cosim.verdicts.judgement import judge_each
 
     cases = [case for results in found for case in results]
     judged = iter(list(terminal.each(judge_each(cases), "judging", len(cases))))
     windows = [[next(judged) for _ in results] for results in found]
     replays = verify_in_sumo([case for results in windows for case in results], "local", terminal)
-    return Run(method, planner, rollouts, windows, list(replays.values()), seconds, protocol)
+    in_sumo = [InSumo(one.case, one.verified, one.reports_same_pair) for one in replays.values()]
+    return Run(method, planner, rollouts, windows, in_sumo, seconds, protocol)
 
 
 def _name(config: "AttackConfig") -> str:

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean, median
-from typing import get_args
+from typing import NamedTuple, get_args
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.evaluation.deviation import deviation
@@ -12,13 +12,20 @@ from regents_cosim.evaluation.driving import driving_row, score
 from regents_cosim.evaluation.failures import count_reasons, failing_offences
 from regents_cosim.evaluation.realism import realism
 from regents_cosim.evaluation.statistics import percent, percent_interval
-from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import OffenceName, Scenario
 
 Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
 Interval = tuple[float, float]
 Protocol = tuple[tuple[str, object], ...]  # settings that it is, by name (`AttackConfig.protocol`)
 Counted = Callable[[Scenario], Iterable[str]]
+
+
+class InSumo(NamedTuple):
+    """What SUMO made of a crash."""
+
+    case: str
+    verified: bool  # the same contact at the same step in SUMO's positions
+    listed: bool  # SUMO's own list of collisions has the pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +36,7 @@ class Run:
     planner: str
     rollouts: int  # for a window, at most
     windows: Sequence[Results]
-    replays: Sequence[Replay] = ()  # of the crashes in SUMO
+    in_sumo: Sequence[InSumo] = ()  # of the crashes
     seconds: float = 0.0  # of the search, all cores
     protocol: Protocol = ()  # by which it searched; of runs without a search empty
 
@@ -95,7 +102,7 @@ def scores(run: Run, source: str = "all", files: Collection[str] | None = None) 
     """Scores of a run, or of its windows from `files` alone, which together are called `source`."""
     windows = [results for results in run.windows if files is None or results[0].provenance.file in files]
     kept = {case.id for results in windows for case in results}
-    replays = [replay for replay in run.replays if replay.case in kept]
+    in_sumo = [one for one in run.in_sumo if one.case in kept]
     judged = [results for results in windows if not collided_before(results)]
     crashes = [case for results in judged for case in results if case.judgement]
     n, drives = len(judged), [score(results[0], results[0].tracks) for results in windows]
@@ -153,8 +160,8 @@ def scores(run: Run, source: str = "all", files: Collection[str] | None = None) 
         max_drac_p95_m_s2=driven.max_drac_p95_m_s2,
         deviation_m=_mean([one.mean_m for one in map(deviation, crashes) if one]),
         realism_distance={q.name: round(q.distance_traffic, 3) for q in natural.quantities} if natural else {},
-        verified_in_sumo=sum(replay.verified for replay in replays),
-        in_sumos_list=sum(replay.reports_same_pair for replay in replays),
+        verified_in_sumo=sum(one.verified for one in in_sumo),
+        in_sumos_list=sum(one.listed for one in in_sumo),
         failures={str(reason): number for reason, number in count_reasons(judged).items()},
         failing_offences=dict(Counter(name for results in judged for name in failing_offences(results))),
         seconds=round(run.seconds, 1),
@@ -200,7 +207,8 @@ def rollouts_at_most(config: AttackConfig) -> int:
     """How many closed loops of the planner a window may take."""
     if config.search == "joint":
         return config.iterations
-    return config.nearest * (config.starts + config.attempts * config.iterations)
+    updates = 1 if config.optimiser == "none" else config.iterations
+    return config.nearest * (config.starts + config.attempts * updates)
 
 
 def in_words(protocol: Protocol) -> str:

@@ -13,6 +13,7 @@ from pathlib import PurePath
 from typing import get_args
 
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.ceiling import Ceiling, ceiling
 from regents_cosim.evaluation.scores import (
     MethodScores,
     Results,
@@ -58,12 +59,14 @@ class Table1:
     by_say: tuple[MethodScores, ...]  # of the places that had a say in the method, and of those that had none
     by_source: tuple[MethodScores, ...]
     comparisons: tuple[Comparison, ...]
+    ceilings: tuple[Ceiling, ...] = ()  # of each planner: of all windows, and by whether their places had a say
 
 
-def table1(runs: Sequence[Run], tuned_on: Sequence[str] = ()) -> Table1:
+def table1(runs: Sequence[Run], tuned_on: Sequence[str] = (), again: Sequence[Run] = ()) -> Table1:
     """Scores of every run, of all windows and source by source, and every pair of methods compared.
 
     `tuned_on` names the places that had a say: those on which the methods were tried out while they were made.
+    `again` are runs with ten times the budget, on windows in which no method found a telling crash.
     """
     sources = sorted({_file(results) for run in runs for results in run.windows})
     groups = _by_say(sources, tuned_on)
@@ -77,6 +80,11 @@ def table1(runs: Sequence[Run], tuned_on: Sequence[str] = ()) -> Table1:
             if first.planner == second.planner
             for places, files in ({ALL: None} | groups).items()
             for count in _COUNTS
+        ),
+        ceilings=tuple(
+            ceiling(planner, places, runs, again, files)
+            for planner in dict.fromkeys(run.planner for run in again)
+            for places, files in ({ALL: None} | groups).items()
         ),
     )
 
@@ -150,6 +158,7 @@ def sections(table: Table1) -> list[Section]:
             Section(f"### {planner}", ("", *methods), _rows(columns)),
             Section("Crashes by what the road users did against the law:", ("", *methods), _offences(columns)),
             *_said(table, planner, methods),
+            *_ceilings(table, planner, methods),
             *_comparisons(table, planner),
             Section(
                 "By source, windows with a telling crash / a crash / clean / actionable:",
@@ -213,6 +222,31 @@ def _said(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:
     groups = [one for one in table.by_say if one.planner == planner]
     title = "Windows with a telling crash, where places had a say in the method (they were tuned on) and where not:"
     return [Section(title, ("", "n", *methods), _grouped(groups, methods, _telling))] if groups else []
+
+
+def _ceilings(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:
+    """What any method finds, and the shares of it that each does."""
+    found = [one for one in table.ceilings if one.planner == planner]
+    if not found:
+        return []
+    title = (
+        "The ceiling: windows in which any column finds a telling crash, or "
+        f"{' or '.join(found[0].methods)} (of those where none does), and what each column finds of them:"
+    )
+    head = ("", "n", "any column", "tried again", "found then", "ceiling", *methods)
+    cells = [
+        [one.places, str(one.n), str(one.solved), f"{one.tried} of {one.n - one.solved}", str(one.more)]
+        + [_of_ceiling(one, one.share)]
+        + [_of_ceiling(one, one.of_ceiling.get(method)) for method in methods]
+        for one in found
+    ]
+    return [Section(title, head, cells)]
+
+
+def _of_ceiling(one: Ceiling, share: float | None) -> str:
+    """Estimated where not all windows were tried again."""
+    about = "" if one.tried == one.n - one.solved else "about "
+    return "-" if share is None else f"{about}{100.0 * share:.0f} %"
 
 
 def _comparisons(table: Table1, planner: str) -> list[Section]:
