@@ -229,7 +229,7 @@ class _Attack:
     def unattacked(self, scenario: Scenario, world: World, memory: Any, drives: Drives) -> Tracks | None:
         """The ego's track [1, time] among the traffic as it was recorded; None where it fails or collides there."""
         job = Job(world, memory[0] if isinstance(self.planner, Several) else memory, Movers.only(0, len(world.valid)))
-        background = roll_out_background(world, world.controls)
+        background = _undisturbed(world)
         reacting = world.vehicle if self.config.background == "reactive" else None
         (driven,) = drives([Request(scenario, job, Traffic(background, reacting))])
         if isinstance(driven, DriveError):
@@ -493,6 +493,11 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
 @compiled
 def _candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     return published.candidates(world, config) if config.as_published else candidates(world, config)
+
+
+@compiled
+def _undisturbed(world: World) -> Motion:
+    return roll_out_background(world, world.controls)
 
 
 @compiled
