@@ -156,7 +156,8 @@ def table1(
     if compile_cache:
         keep_compiled_programs()
     networks = network_traffic(nets, count, seed, terminal, prefer) if nets or not logs else {}
-    places = [found for found in (*networks.values(), *logged_traffic(logs, count, seed, terminal, prefer).values()) if found]
+    recordings = logged_traffic(logs, count, seed, terminal, prefer) if logs else {}
+    places = [found for found in (*networks.values(), *recordings.values()) if found] or [[]]
     require_places([window for found in places for window in found], tuned_on)
     runs, again, found = [], [], make_table([])
     for planner in planners:
@@ -166,7 +167,7 @@ def table1(
             found = make_table(runs, tuned_on, again)
             if output is not None:  # after every place: a table that is interrupted keeps those
                 write_table(found, output)
-        again += runs_again(places, ceiling, runs[len(before) :], ceiling_count, output, terminal)
+        again += runs_again(places, planner, ceiling, runs[len(before) :], ceiling_count, output, terminal)
         found = make_table(runs, tuned_on, again)
         if output is not None:
             write_table(found, output)

@@ -100,7 +100,8 @@ def places_run(
 
 
 def runs_again(
-    windows: "Sequence[list[Scenario]]",
+    places: "Sequence[list[Scenario]]",
+    planner: str,
     methods: "Sequence[str]",
     runs: "Sequence[Run]",
     most: int | None,
@@ -114,9 +115,8 @@ def runs_again(
     from regents_cosim.attacks.presets import METHODS, OURS, with_ten_times
     from regents_cosim.evaluation.ceiling import unsolved
 
-    (planner,) = {run.planner for run in runs}
-    for place in windows:
-        left, made = [*unsolved(place, runs)][:most], []
+    for windows in places:
+        left, made = unsolved(windows, runs)[:most], []
         for method in methods:
             left = unsolved(left, made)
             if left:
