@@ -179,6 +179,7 @@ def test_places_that_had_a_say_are_shown_apart():
     pairs = {(one.places, one.count): one.only_first for one in table.comparisons}
     assert (pairs["all", "telling"], pairs["had a say", "telling"], pairs["had no say", "telling"]) == (2, 1, 1)
     assert "Windows of places that had no say in which" in markdown(table)
+    assert {one.source for one in table1([Run("king", "idm", 1, windows)], ("grid", "city_*")).by_say} == {"had a say"}
     cases = [case for results in windows for case in results]
     require_places(cases, ("grid", "city_*"))
     with pytest.raises(RegentsError, match="--tuned-on merge: no window is from there"):

@@ -99,11 +99,12 @@ def require_places(windows: Sequence[Scenario], tuned_on: Sequence[str]) -> None
 
 
 def _by_say(sources: Sequence[str], tuned_on: Sequence[str]) -> dict[str, set[str]]:
-    """The files of the places that had a say, and of the others; nothing where none is named."""
+    """The files of the places that had a say, and of the others, where there are any; nothing where none is named."""
     if not tuned_on:
         return {}
     had = {file for file in sources if any(_is_called(file, name) for name in tuned_on)}
-    return {HAD_A_SAY: had, HAD_NO_SAY: set(sources) - had}
+    groups = {HAD_A_SAY: had, HAD_NO_SAY: set(sources) - had}
+    return {say: files for say, files in groups.items() if files}
 
 
 def _is_called(file: str, name: str) -> bool:
