@@ -345,6 +345,7 @@ class Judgement:
     law: Law | None = None
     drivers: tuple[ReferenceDrive, ...] = ()
     unavoidable: bool | None = None  # proven: no drive from `perceived_step` on avoids it; False: one does
+    usual: float | None = None  # [percent] of continuations of the moment, that take at least the adversary's effort
 
     @property
     def clean(self) -> bool:

@@ -131,8 +131,9 @@ def table1(
     replan_every
         iterations between two closed loops of the planners
     output
-        folder for table1.md, table1.json and table1.png, and for the runs: what is there already is not made again, so
-        that a table that was interrupted goes on, and one of more places takes over those that it has
+        folder for table1.md, table1.json, table1.png and usual.png (telling crashes by how usual the adversary is), and
+        for the runs: what is there already is not made again, so that a table that was interrupted goes on, and one of
+        more places takes over those that it has
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """

@@ -176,10 +176,12 @@ def aggressive_run(windows: "list[Scenario]", planner: str, others: "list[Run]",
 
 
 def write_table(table: "Table1", folder: Path) -> None:
-    """The table as Markdown, JSON and a picture."""
+    """The table as Markdown, JSON and two pictures: shares of windows, and telling crashes by how usual they are."""
     from regents_cosim.atomic import explain_write, write_atomic
+    from regents_cosim.evaluation.scores import USUAL
     from regents_cosim.evaluation.table1 import as_json, markdown
     from regents_cosim.reports.bars import Share, draw_bars
+    from regents_cosim.reports.curve import draw_curve
 
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -189,6 +191,9 @@ def write_table(table: "Table1", folder: Path) -> None:
         groups = {_label(row, several): _shares(row) for row in table.scores}
         bars = {label: [Share(*share) for share in shares] for label, shares in groups.items()}
         draw_bars("Windows that end in a crash", ("success", "actionable", "telling"), bars, folder / "table1.png")
+        lines = {_label(row, several): list(row.telling_by_usual.values()) for row in table.scores}
+        title = "Windows with a telling crash [%] whose adversary is at least so usual"
+        draw_curve(title, lines, [f"{least} %" for least in USUAL], folder / "usual.png")
 
 
 def _judged(

@@ -17,6 +17,7 @@ from regents_cosim.scenario import OffenceName, Scenario
 Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
 Interval = tuple[float, float]
 Protocol = tuple[tuple[str, object], ...]  # settings that it is, by name (`AttackConfig.protocol`)
+USUAL = tuple(range(0, 101, 5))  # percent: success is counted by how usual the adversary is at least
 Counted = Callable[[Scenario], Iterable[str]]
 
 
@@ -85,6 +86,9 @@ class MethodScores:
     offences: dict[str, int]  # crashes whose adversary did that ...
     ego_offences: dict[str, int]  # ... and whose ego did ...
     offences_told: dict[str, int]  # ... of those in which it can be told
+    usual_percent: float | None  # median rank of the adversaries among continuations of the same moment
+    usual_unknown: int  # crashes of which it is not known
+    telling_by_usual: dict[str, float]  # percent of windows with a telling crash whose adversary is at least so usual
     evade_before_s: float | None  # median time from the last evasion that avoids it to the contact
     at_fault: dict[str, int]
     min_ttc_p5_s: float | None
@@ -154,6 +158,9 @@ def scores(run: Run, source: str = "all", files: Collection[str] | None = None) 
         offences=_count(crashes, adversary_offences),
         ego_offences=_count(crashes, ego_offences),
         offences_told=_count(crashes, told_offences),
+        usual_percent=_median([rank for case in crashes if (rank := _usual(case)) is not None]),
+        usual_unknown=sum(_usual(case) is None for case in crashes),
+        telling_by_usual={str(least): percent(count_windows(judged, telling_from(least)), n) for least in USUAL},
         evade_before_s=_median([s for case in crashes if (s := _evade_before_s(case)) is not None]),
         at_fault=dict(Counter(c.judgement.fault.at_fault for c in crashes if c.judgement and c.judgement.fault)),
         min_ttc_p5_s=driven.min_ttc_p5_s,
@@ -181,6 +188,11 @@ def collides_before(case: Scenario) -> bool:
 def is_telling(case: Scenario) -> bool:
     """Whether the crash is known to tell something about the planner."""
     return case.judgement is not None and case.judgement.telling is True
+
+
+def telling_from(least: float) -> Callable[[Scenario], bool]:
+    """Whether a crash tells something, and its adversary is at least so usual [percent]; not where that is unknown."""
+    return lambda case: is_telling(case) and (_usual(case) or 0.0) >= least
 
 
 def is_crash(case: Scenario) -> bool:
@@ -252,6 +264,10 @@ def _count(crashes: Sequence[Scenario], what: Counted) -> dict[str, int]:
 
 def _lawful(case: Scenario) -> bool | None:
     return case.judgement.law.lawful if case.judgement and case.judgement.law else None
+
+
+def _usual(case: Scenario) -> float | None:
+    return case.judgement.usual if case.judgement else None
 
 
 def _proven_unavoidable(case: Scenario) -> bool:

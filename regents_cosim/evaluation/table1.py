@@ -158,6 +158,7 @@ def sections(table: Table1) -> list[Section]:
         found += [
             Section(f"### {planner}", ("", *methods), _rows(columns)),
             Section("Crashes by what the road users did against the law:", ("", *methods), _offences(columns)),
+            Section(_BY_USUAL, ("at least", *methods), _by_usual(columns)),
             *_said(table, planner, methods),
             *_ceilings(table, planner, methods),
             *_comparisons(table, planner),
@@ -204,6 +205,7 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "avoidable in time": lambda c: f"{c.avoidable_in_time_percent} %",
         "proven unavoidable": lambda c: f"{c.proven_unavoidable_percent} %",
         "last evasion before contact": lambda c: _unit(c.evade_before_s, "s"),
+        "usual (percentile, median)": _usual,
         "kinds": lambda c: ", ".join(f"{n} {kind.replace('_', ' ')}" for kind, n in sorted(c.kinds.items())) or "-",
         "impact": lambda c: _unit(c.impact_m_s, "m/s"),
         "at fault": lambda c: ", ".join(f"{who} {n}" for who, n in sorted(c.at_fault.items())) or "-",
@@ -305,6 +307,19 @@ def _offences(columns: Sequence[MethodScores]) -> list[list[str]]:
     return rows + [
         [f"the ego: {name.replace('_', ' ')}", *(_told(c.ego_offences, name, c) for c in columns)] for name in done
     ]
+
+
+_BY_USUAL = "Windows with a telling crash whose adversary is at least so usual (percentile among continuations):"
+_SHOWN_USUAL = (0, 5, 10, 25, 50, 75)  # of `scores.USUAL`; the JSON and the picture have all
+
+
+def _by_usual(columns: Sequence[MethodScores]) -> list[list[str]]:
+    """The curve of success over how usual the adversary is."""
+    return [[f"{least} %", *(f"{c.telling_by_usual[str(least)]} %" for c in columns)] for least in _SHOWN_USUAL]
+
+
+def _usual(c: MethodScores) -> str:
+    return _unit(c.usual_percent, "%") + _not_known(c.usual_unknown)
 
 
 def _told(offences: dict[str, int], name: str, c: MethodScores) -> str:

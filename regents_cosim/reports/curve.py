@@ -1,5 +1,6 @@
-"""How a training went: one line per measure over its epochs."""
+"""Lines over an even axis: how a training went over its epochs, how a share falls over a threshold."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -7,33 +8,44 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.reports.canvas import Canvas
-from regents_cosim.reports.palette import ADVERSARY, EGO, FAINT_INK, HAIRLINE, INK, OTHER, PANEL
+from regents_cosim.reports.palette import (
+    ADVERSARY,
+    EGO,
+    EVASION,
+    FAINT_INK,
+    HAIRLINE,
+    INK,
+    OTHER,
+    PANEL,
+    SECOND,
+    SIGNAL_AMBER,
+)
 
 _SIZE = (720, 400)
 _LEFT, _TOP, _RIGHT, _BOTTOM = 64, 56, 24, 44  # margins [px]
-_COLOURS = (EGO, ADVERSARY, OTHER)
+_COLOURS = (EGO, ADVERSARY, OTHER, EVASION, SECOND, SIGNAL_AMBER, INK)
 _TICKS = 4
 _ZOOM = 2
 
 
-def draw_curve(title: str, lines: Mapping[str, Sequence[float]], path: Path) -> None:
-    """Write a PNG of up to three `lines`, each a value per epoch, on one axis that begins at 0."""
+def draw_curve(title: str, lines: Mapping[str, Sequence[float]], places: Sequence[str], path: Path) -> None:
+    """Write a PNG of `lines`, each a value for every one of `places`, on one axis that begins at 0."""
     canvas = Canvas.blank(_SIZE, _ZOOM, PANEL)
     canvas.text((_LEFT, 24), title, 15, INK, bold=True)
-    epochs = max(map(len, lines.values()))
-    highest = 1.05 * max(max(values) for values in lines.values())
+    last = max(len(places) - 1, 1)
+    highest = 1.05 * max(max(values) for values in lines.values()) or 1.0
     for tick in range(_TICKS + 1):
         value = highest * tick / _TICKS
         _, y = _place(0.0, value / highest)
         canvas.line(np.array([[_LEFT, y], [_SIZE[0] - _RIGHT, y]]), HAIRLINE, 1)
         canvas.text((_LEFT - 8, y + 4), f"{value:.2g}", 11, FAINT_INK, anchor="rs")
-    for epoch in sorted({0, (epochs - 1) // 2, epochs - 1}):
-        x, y = _place(epoch / max(epochs - 1, 1), 0.0)
-        canvas.text((x, y + 18), f"epoch {epoch + 1}", 11, FAINT_INK, anchor="ms")
+    for place in sorted({0, (len(places) - 1) // 2, len(places) - 1}):
+        x, y = _place(place / last, 0.0)
+        canvas.text((x, y + 18), places[place], 11, FAINT_INK, anchor="ms")
     name_x = float(_LEFT)
-    for (name, values), colour in zip(lines.items(), _COLOURS, strict=False):
+    for (name, values), colour in zip(lines.items(), itertools.cycle(_COLOURS), strict=False):
         name_x += canvas.text((name_x, 46), name, 12, colour) + 20
-        share = np.arange(len(values)) / max(epochs - 1, 1)
+        share = np.arange(len(values)) / last
         points = np.array([_place(x, y / highest) for x, y in zip(share, values, strict=True)])
         canvas.line(points, colour, 2)
         for point in points:

@@ -99,6 +99,7 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
         "lawful": judged.law.lawful if judged and judged.law else None,
         "offences": ", ".join(offence.name for offence in judged.law.adversary) if judged and judged.law else None,
         "preventable_by": ", ".join(judged.preventable_by) if judged and judged.drivers else None,
+        "usual_percent": judged.usual if judged else None,
         "SUMO_verified": replay.verified if replay else None,
     }
 
@@ -106,7 +107,7 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
 def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
     """A crash that was judged again; `before`: whether it was telling by its older judgement."""
     row = attack_row(after, None)
-    shown = ("case", "kind", "telling", "clean", "avoidable", "lawful", "offences", "preventable_by")
+    shown = ("case", "kind", "telling", "clean", "avoidable", "lawful", "offences", "preventable_by", "usual_percent")
     was = before.judgement.telling if before.judgement else None
     return {**{name: row[name] for name in shown}, "before": was}
 

@@ -13,6 +13,7 @@ from regents_cosim.verdicts.manoeuvres import BANK, Bank
 from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.reference_drivers import careful_drive, reference_drives
 from regents_cosim.verdicts.unavoidable import unavoidable
+from regents_cosim.verdicts.usual import usual
 
 
 def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
@@ -31,6 +32,7 @@ def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
         law=law_of(attacked),
         drivers=reference_drives(attacked),
         unavoidable=unavoidable(attacked, avoidable),
+        usual=usual(attacked),
     )
     return replace(attacked, judgement=judgement, evasion=evasion)
 
