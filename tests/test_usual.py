@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from scenes import DT, scene
 from test_fault import moving
 
+from regents_cosim.cli.runs import write_table
 from regents_cosim.evaluation.scores import USUAL, Run, scores
+from regents_cosim.evaluation.table1 import table1
 from regents_cosim.files import load_case, save_case
 from regents_cosim.scenario import Scenario
 from regents_cosim.shipped import network
@@ -120,3 +122,11 @@ def test_success_falls_with_how_usual_an_adversary_has_to_be():
     assert list(found.telling_by_usual) == [str(least) for least in USUAL]
     assert [found.telling_by_usual[str(least)] for least in (0, 5, 40, 45)] == [100.0, 50.0, 50.0, 0.0]
     assert (found.usual_percent, found.usual_unknown) == (40.0, 1)
+
+
+def test_the_table_draws_success_by_how_usual_it_is(tmp_path):
+    from test_table1 import KINGS
+
+    write_table(table1([KINGS]), tmp_path)
+    assert (tmp_path / "usual.png").stat().st_size > 1000
+    assert "at least so usual" in (tmp_path / "table1.md").read_text()

@@ -190,7 +190,7 @@ def is_telling(case: Scenario) -> bool:
     return case.judgement is not None and case.judgement.telling is True
 
 
-def telling_from(least: float) -> Callable[[Scenario], bool]:
+def telling_from(least: int) -> Callable[[Scenario], bool]:
     """Whether a crash tells something, and its adversary is at least so usual [percent]; not where that is unknown."""
     return lambda case: is_telling(case) and (_usual(case) or 0.0) >= least
 
