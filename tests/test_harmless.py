@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from regression_cases import cuts_in, follows, pushes
 
@@ -23,13 +24,14 @@ def test_a_careful_driver_passes_with_room_and_gets_on(neighbour):
     drive = score(neighbour, neighbour.tracks)
     assert drive.hits is None
     assert drive.min_gap_m >= 1.0
+    assert (np.diff(neighbour.tracks.speed[0]) / neighbour.dt).min() >= -3.01
     assert drive.completion == pytest.approx(neighbour.attack.careful_completion, abs=1e-3)
     assert not drive.held_up
     assert neighbour.id == "pushes-harmless"
 
 
 def test_it_is_the_nearest_to_the_crash_that_is_harmless(neighbour):
-    """With a quarter more of the attack left the careful driver has less than a metre, or crashes."""
+    """With a quarter more of the attack left the careful driver has less than a metre, brakes hard, or crashes."""
     share = neighbour.attack.settings["harmless_share"]
     assert share in (0.0, 0.25, 0.5)
     with Wheel("careful") as careful:
