@@ -312,7 +312,7 @@ def _judgement_content(judgement: Judgement) -> bytes:
     if (avoidability := values.get("avoidability")) is not None:
         _drop_unknown(avoidability, ("in_time", "perceived_step"))
         if (gentlest := avoidability.get("gentlest")) is not None:
-            _drop_unknown(gentlest, ("side", "runs_red"))
+            _drop_unknown(gentlest, ("side", "runs_red", "driver"))
     return msgspec.json.encode(values)
 
 

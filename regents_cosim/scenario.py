@@ -230,6 +230,7 @@ class AttackRecord:
         return float(found) if isinstance(found, int | float) and HARMLESS_SHARE in self.settings else None
 
 
+ReferenceDriver = Literal["careful", "fuzzy", "rss"]
 Side = Literal["own", "shoulder", "oncoming"]  # of the road; oncoming: any lane that the ego may not use
 
 
@@ -245,6 +246,7 @@ class Manoeuvre:
     friction_share: float  # of what the tyres can do, the greatest along the manoeuvre; the gentlest has the least
     side: Side | None = None  # where it takes the ego; None: not known
     runs_red: bool | None = None  # it passes a red light where the ego's own drive did not; None: not known
+    driver: ReferenceDriver | None = None  # whose drive it is, built up as its brakes do; None: one of the bank
 
 
 @dataclass(frozen=True)
@@ -258,9 +260,11 @@ class Avoidability:
     tried: int  # manoeuvres
     evading: int  # of them reach the horizon without touching anybody, on the road
     last_onset_step: int | None  # the latest at which one of them may begin
-    gentlest: Manoeuvre | None  # of those that a careful driver would rather do than the others
+    gentlest: (
+        Manoeuvre | None
+    )  # the careful driver's where that avoids it; else what it would rather do than the others
     in_time: bool | None = None  # it answers what was to be seen, after a time to react; else it takes knowledge ahead
-    perceived_step: int | None = None  # from which on the adversary can be seen to depart from its log
+    perceived_step: int | None = None  # from which on the danger can be seen (`verdicts.perception`)
 
 
 @dataclass(frozen=True)
@@ -315,9 +319,6 @@ class Law:
         return None if "oncoming_lanes" in self.unknown else True
 
 
-ReferenceDriver = Literal["careful", "fuzzy", "rss"]
-
-
 @dataclass(frozen=True)
 class ReferenceDrive:
     """What a reference driver does in the ego's place, among the tracks of the attacked case."""
@@ -368,6 +369,14 @@ class Judgement:
         return tuple(drive.driver for drive in self.drivers if drive.avoids)
 
     @property
+    def into_evasion(self) -> tuple[str, ...]:
+        """Who replays a log into the back of the drive that avoids it: noted, not counted."""
+        best = self.avoidability.gentlest if self.avoidability else None
+        if best is None or best.driver is None:
+            return ()
+        return next((drive.rear_ended_by for drive in self.drivers if drive.driver == best.driver), ())
+
+    @property
     def telling(self) -> bool | None:
         """Clean, by a lawful adversary, and a careful driver avoids it; None where that is not known."""
         if not self.clean:
@@ -398,7 +407,7 @@ class Scenario:
     attack: AttackRecord | None = None
     original: Tracks | None = None  # before the attack
     judgement: Judgement | None = None  # of the collision
-    evasion: Tracks | None = None  # [1, time] how the ego could have avoided it: the gentlest manoeuvre, to the horizon
+    evasion: Tracks | None = None  # [1, time] how the ego could have avoided it, by `Avoidability.gentlest`
 
     def __post_init__(self) -> None:
         require_file_name(self.id, "case id")
@@ -500,17 +509,43 @@ class Scenario:
         )
 
     def evaded(self) -> "Scenario":
-        """The attacked scenario with an ego that avoids the collision, everybody else as they were.
+        """The attacked scenario with an ego that avoids the collision, all others as they were.
 
-        Its attack then counts as one that found no collision, which is what a replay expects.
-        Raises ScenarioError where no such drive is known.
+        Left out are followers that would replay their log into its back: a log brakes for nothing new. Its attack
+        then counts as one that found no collision, which is what a replay expects. Raises ScenarioError where no such
+        drive is known.
         """
         if self.evasion is None or self.attack is None:
             raise ScenarioError(
                 f"case {self.id} has no evasion, expected an avoidable collision (`regents attack` judges them)"
             )
         attack = replace(self.attack, outcome="no_collision", collision=None)
-        return replace(self, tracks=_with_ego(self.tracks, self.evasion), attack=attack)
+        evaded = replace(self, tracks=_with_ego(self.tracks, self.evasion), attack=attack)
+        behind = self.judgement.into_evasion if self.judgement else ()
+        if not behind:
+            return evaded
+        kept = evaded.keeping(np.array([agent.id not in behind for agent in self.agents]))
+        return replace(kept, judgement=self.judgement, evasion=self.evasion)
+
+    def keeping(self, kept: Bool[np.ndarray, " agent"]) -> "Scenario":
+        """The case with the `kept` agents only; what was judged of it is forgotten."""
+        agents = tuple(agent for agent, stays in zip(self.agents, kept, strict=True) if stays)
+        names, record = {agent.id for agent in agents}, self.attack
+        return replace(
+            self,
+            agents=agents,
+            tracks=_rows(self.tracks, kept),
+            original=self.original and _rows(self.original, kept),
+            overlaps=tuple(pair for pair in self.overlaps if names.issuperset(pair.agents)),
+            attack=record and replace(record, candidates=tuple(name for name in record.candidates if name in names)),
+            judgement=None,
+            evasion=None,
+        )
+
+
+def _rows(tracks: Tracks, kept: Bool[np.ndarray, " agent"]) -> Tracks:
+    given = {item.name: getattr(tracks, item.name) for item in fields(tracks)}
+    return Tracks(**{name: values[kept] for name, values in given.items() if values is not None})
 
 
 def _with_ego(tracks: Tracks, ego: Tracks) -> Tracks:

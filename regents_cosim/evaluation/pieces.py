@@ -1,10 +1,9 @@
 """A part of a case: some of its steps, some of its agents."""
 
 from collections.abc import Collection
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool
 
 from regents_cosim.scenario import Overlap, Scenario, Signal, Tracks
 
@@ -29,29 +28,12 @@ def cut(scenario: Scenario, begin: int, end: int) -> Scenario:
         judgement=None,
         evasion=None,
     )
-    return keep(shorter, np.asarray(there))
+    return shorter.keeping(np.asarray(there))
 
 
 def without(scenario: Scenario, names: Collection[str]) -> Scenario:
     """The case without the agents of these ids."""
-    return keep(scenario, np.array([agent.id not in names for agent in scenario.agents]))
-
-
-def keep(scenario: Scenario, kept: Bool[np.ndarray, " agent"]) -> Scenario:
-    """The case with the `kept` agents only; what was judged of it is forgotten."""
-    agents = tuple(agent for agent, stays in zip(scenario.agents, kept, strict=True) if stays)
-    names = {agent.id for agent in agents}
-    record = scenario.attack
-    return replace(
-        scenario,
-        agents=agents,
-        tracks=_rows(scenario.tracks, kept),
-        original=scenario.original and _rows(scenario.original, kept),
-        overlaps=tuple(pair for pair in scenario.overlaps if names.issuperset(pair.agents)),
-        attack=record and replace(record, candidates=tuple(name for name in record.candidates if name in names)),
-        judgement=None,
-        evasion=None,
-    )
+    return scenario.keeping(np.array([agent.id not in names for agent in scenario.agents]))
 
 
 def _cut(tracks: Tracks, begin: int, end: int) -> Tracks:
@@ -59,11 +41,6 @@ def _cut(tracks: Tracks, begin: int, end: int) -> Tracks:
     if tracks.accel is None or tracks.curvature is None:
         return Tracks(**parts)
     return Tracks(**parts, accel=tracks.accel[:, begin:end], curvature=tracks.curvature[:, begin:end])
-
-
-def _rows(tracks: Tracks, kept: Bool[np.ndarray, " agent"]) -> Tracks:
-    given = {item.name: getattr(tracks, item.name) for item in fields(tracks)}
-    return Tracks(**{name: values[kept] for name, values in given.items() if values is not None})
 
 
 def _cut_signal(signal: Signal, begin: int, end: int) -> Signal:

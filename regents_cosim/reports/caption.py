@@ -21,6 +21,7 @@ from regents_cosim.reports.palette import (
 )
 from regents_cosim.reports.scene import Scene, draw_burst
 from regents_cosim.scenario import Collision, CollisionKind, Judgement, Manoeuvre, Outcome
+from regents_cosim.verdicts.words import DRIVERS, behind_words, braking_words
 
 HEADER_PX = 66
 FOOTER_PX = 38
@@ -105,20 +106,28 @@ def way_out(judgement: Judgement, dt: float) -> str:
     found = judgement.avoidability
     if found is None or found.gentlest is None or found.last_onset_step is None:
         return "proven unavoidable" if judgement.unavoidable else "no way out known"
-    how = manoeuvre_words(found.gentlest, dt)
+    how = manoeuvre_words(found.gentlest, dt) + behind_words(judgement.into_evasion)
     if judgement.escape == "not in time":
         return f"avoidable only with knowledge of what comes: {how}"
-    return f"avoidable until {found.last_onset_step * dt:.1f} s: {how}"
+    return f"avoidable until {found.last_onset_step * dt:.1f} s{_not_careful(judgement)}: {how}"
+
+
+def _not_careful(judgement: Judgement) -> str:
+    """That the careful driver crashes too, where it was asked."""
+    crashes = any(drive.driver == "careful" and not drive.avoids for drive in judgement.drivers)
+    return ", though not by a careful driver" if crashes else ""
 
 
 def manoeuvre_words(manoeuvre: Manoeuvre, dt: float) -> str:
     """What a manoeuvre does, in a few words."""
     words = []
-    if manoeuvre.accel:
+    if manoeuvre.driver:
+        words.append(f"{DRIVERS[manoeuvre.driver]} {braking_words(manoeuvre.shift)}")
+    elif manoeuvre.accel:
         verb = "brake" if manoeuvre.accel < 0 else "speed up"
         lasting = "" if manoeuvre.lasting_s is None else f" for {manoeuvre.lasting_s:g} s"
         words.append(f"{verb} {abs(manoeuvre.accel):.1f} m/s2{lasting}")
-    if manoeuvre.shift:
+    if manoeuvre.shift and not manoeuvre.driver:
         side = "left" if manoeuvre.shift > 0 else "right"
         words.append(f"steer {abs(manoeuvre.shift):.1f} m to the {side}")
     where = {"shoulder": " onto the shoulder", "oncoming": " into lanes of others"}.get(manoeuvre.side or "", "")

@@ -18,7 +18,7 @@ from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.scene import contact_point
 from regents_cosim.reports.verdict import FAULTS, NOT_JUDGED, Crash, Verdict
 from regents_cosim.scenario import Collision, Escape, Flaw, Scenario, Tracks
-from regents_cosim.verdicts.words import drive_words, offences_words, telling_words
+from regents_cosim.verdicts.words import behind_words, drive_words, offences_words, telling_words
 
 Change = Literal["broken", "fixed", "unchanged"]
 _MOST_COSTS = 240  # iterations drawn
@@ -273,7 +273,9 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
             said.append(("To be seen", f"from {found.perceived_step * case.dt:.1f} s"))
         if found.gentlest is not None:
             way = manoeuvre_words(found.gentlest, case.dt).replace("m/s2", "m/s²")
-            said.append(("Way out", f"{way}: {100 * found.gentlest.friction_share:.0f} % of the friction"))
+            behind = behind_words(judgement.into_evasion)
+            share = "" if found.gentlest.driver else f": {100 * found.gentlest.friction_share:.0f} % of the friction"
+            said.append(("Way out", f"{way}{share}{behind}"))
         if found.last_onset_step is not None:
             said.append(("Last chance", f"{found.last_onset_step * case.dt:.1f} s"))
     if judgement.fault is not None:

@@ -12,12 +12,12 @@ would be is not sent again; that makes it lenient towards egos that do anything 
 `last_onset_step` tells the early escapes from the late ones.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.scenario import Avoidability, Scenario, Tracks
+from regents_cosim.scenario import Avoidability, Manoeuvre, Scenario, Tracks
 from regents_cosim.verdicts.manoeuvres import BANK, Bank, Fan, fans
 from regents_cosim.verdicts.obstacles import Others, Road
 from regents_cosim.verdicts.perception import perceived_step, reacts_step
@@ -27,37 +27,64 @@ _MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere 
 
 
 def avoidability(attacked: Scenario, bank: Bank = BANK) -> tuple[Avoidability, Tracks | None]:
-    """Whether a manoeuvre that begins before the collision avoids it, and the one that a careful driver would do.
+    """Whether a manoeuvre of the bank that begins before the collision avoids it, and which one is preferred.
 
     That one is the first by `preference`, and comes with its track [1, time]. Raises ScenarioError where there is no
     collision.
     """
-    hit = attacked.attack.collision if attacked.attack else None
-    if hit is None:
-        raise ScenarioError(f"case {attacked.id} holds no collision, expected one that the ego may avoid")
-    perceived = perceived_step(attacked, [agent.id for agent in attacked.agents].index(hit.agent))
-    reacts = reacts_step(perceived, attacked.dt)
-    others, road = Others(attacked, hit, _MARGIN_M), Road(attacked)
-    steps = attacked.tracks.steps + round(FOR_GOOD_S / attacked.dt)
-    tried, evading = 0, list[Fan]()
-    for fan in fans(bank, attacked, hit.step, steps, also=(perceived, reacts)):
-        tried += len(fan)
-        left = road.keeping_to_it(others.untouched_by(fan))
-        evading += [left] if len(left) else []
-    if not evading:
-        return Avoidability(False, tried, 0, None, None, False, perceived), None
-    preference = Preference(attacked, hit, bank, perceived, reacts)
-    fan, index = preference.first(evading)
-    one = fan.take(np.array([index]))
-    verdict = Avoidability(
-        avoidable=True,
-        tried=tried,
-        evading=sum(map(len, evading)),
-        last_onset_step=evading[0].onset,
-        gentlest=replace(
-            one.manoeuvre(0, bank), side=preference.side(one)[0], runs_red=bool(preference.runs_red(one)[0])
-        ),
-        in_time=bool(fan.onset >= reacts and preference.answers(one)[0]),
-        perceived_step=perceived,
-    )
-    return verdict, one.tracks(0, attacked)
+    tried = Tried.of(attacked, bank)
+    return tried.preferred() if tried.evading else (tried.verdict, None)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """The manoeuvres of a bank that avoid a crash, and of how many."""
+
+    preference: Preference
+    attacked: Scenario
+    bank: Bank
+    count: int
+    evading: list[Fan]  # by onset, the last first; none of them empty
+
+    @classmethod
+    def of(cls, attacked: Scenario, bank: Bank = BANK) -> "Tried":
+        """Try them all. Raises ScenarioError where there is no collision."""
+        hit = attacked.attack.collision if attacked.attack else None
+        if hit is None:
+            raise ScenarioError(f"case {attacked.id} holds no collision, expected one that the ego may avoid")
+        perceived = perceived_step(attacked, [agent.id for agent in attacked.agents].index(hit.agent))
+        reacts = reacts_step(perceived, attacked.dt)
+        others, road = Others(attacked, hit, _MARGIN_M), Road(attacked)
+        steps = attacked.tracks.steps + round(FOR_GOOD_S / attacked.dt)
+        count, evading = 0, list[Fan]()
+        for fan in fans(bank, attacked, hit.step, steps, also=(perceived, reacts)):
+            count += len(fan)
+            left = road.keeping_to_it(others.untouched_by(fan))
+            evading += [left] if len(left) else []
+        return cls(Preference(attacked, hit, bank, perceived, reacts), attacked, bank, count, evading)
+
+    @property
+    def verdict(self) -> Avoidability:
+        """What is known before one of them is preferred."""
+        return Avoidability(
+            avoidable=bool(self.evading),
+            tried=self.count,
+            evading=sum(map(len, self.evading)),
+            last_onset_step=self.evading[0].onset if self.evading else None,
+            gentlest=None,
+            in_time=False,
+            perceived_step=self.preference.perceived,
+        )
+
+    def preferred(self) -> tuple[Avoidability, Tracks]:
+        """The verdict with the one that a careful driver would rather do than the others, and its track [1, time]."""
+        fan, index = self.preference.first(self.evading)
+        one = fan.take(np.array([index]))
+        in_time = fan.onset >= self.preference.reacts and self.preference.answers(one)[0]
+        gentlest = self.placed(one, one.manoeuvre(0, self.bank))
+        return replace(self.verdict, gentlest=gentlest, in_time=bool(in_time)), one.tracks(0, self.attacked)
+
+    def placed(self, one: Fan, manoeuvre: Manoeuvre) -> Manoeuvre:
+        """The only manoeuvre of a fan, with the side of the road where it leads and whether it passes a red light."""
+        red = bool(self.preference.runs_red(one)[0])
+        return replace(manoeuvre, side=self.preference.side(one)[0], runs_red=red)

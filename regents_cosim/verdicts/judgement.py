@@ -9,22 +9,23 @@ from regents_cosim.scenario import Judgement, Scenario
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.fault import fault
-from regents_cosim.verdicts.manoeuvres import BANK, Bank
+from regents_cosim.verdicts.manoeuvres import Bank
 from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.reference_drivers import careful_drive, reference_drives
 from regents_cosim.verdicts.unavoidable import unavoidable
 from regents_cosim.verdicts.usual import usual
+from regents_cosim.verdicts.way_out import way_out
 
 
-def judge(attacked: Scenario, bank: Bank = BANK) -> Scenario:
+def judge(attacked: Scenario, bank: Bank | None = None) -> Scenario:
     """The scenario with the judgement of its crash, and the track that avoids it; unchanged where there is none.
 
-    It counts as avoidable where a manoeuvre of `bank` avoids it.
+    That track is the one of `way_out`; where a `bank` is given, of its manoeuvres alone.
     """
     found = flaws(attacked)
     if found is None:
         return attacked
-    avoidable, evasion = avoidability(attacked, bank)
+    avoidable, evasion = way_out(attacked) if bank is None else avoidability(attacked, bank)
     judgement = Judgement(
         flaws=found,
         avoidability=avoidable,

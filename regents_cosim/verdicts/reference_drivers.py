@@ -44,10 +44,16 @@ def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
     return _careful(attacked, hit)[0], *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
 
 
-def careful_drive(attacked: Scenario) -> ReferenceDrive | None:
-    """What the careful driver alone does about it; None where there is no crash."""
+def careful_answer(attacked: Scenario) -> tuple[ReferenceDrive, Drive] | None:
+    """What the careful driver alone does about it, and its drive, beyond the horizon too; None without a crash."""
     hit = attacked.attack.collision if attacked.attack else None
-    return None if hit is None else _careful(attacked, hit)[0]
+    return None if hit is None else _careful(attacked, hit)
+
+
+def careful_drive(attacked: Scenario) -> ReferenceDrive | None:
+    """The same without the drive."""
+    answer = careful_answer(attacked)
+    return None if answer is None else answer[0]
 
 
 def reference_track(attacked: Scenario) -> Tracks:

@@ -40,11 +40,21 @@ def advice(judgement: Judgement) -> str | None:
 
 def drive_words(drive: ReferenceDrive) -> str:
     """What a reference driver does, and how it ends."""
-    swerves = f" and swerves {abs(drive.shift_m):.1f} m to the {'left' if drive.shift_m > 0 else 'right'}"
-    acts = "goes on as the planner did" if drive.acts_s is None else f"brakes{swerves if drive.shift_m else ''}"
+    acts = "goes on as the planner did" if drive.acts_s is None else braking_words(drive.shift_m)
     since = "" if drive.acts_s is None else f" from {drive.acts_s:.1f} s"
-    behind = f" ({', '.join(drive.rear_ended_by)}, replaying a log, runs into its back)" if drive.rear_ended_by else ""
-    return f"{DRIVERS[drive.driver]} {acts}{since} and {'avoids it' if drive.avoids else 'crashes'}{behind}"
+    ends = "avoids it" if drive.avoids else "crashes"
+    return f"{DRIVERS[drive.driver]} {acts}{since} and {ends}{behind_words(drive.rear_ended_by)}"
+
+
+def braking_words(shift_m: float) -> str:
+    """What a reference driver does about a danger: it brakes, and may swerve [m, positive to the left] meanwhile."""
+    side = "left" if shift_m > 0 else "right"
+    return f"brakes and swerves {abs(shift_m):.1f} m to the {side}" if shift_m else "brakes"
+
+
+def behind_words(names: Sequence[str]) -> str:
+    """Those that replay their log into its back, in brackets; nothing where there are none."""
+    return f" ({', '.join(names)}, replaying a log, runs into its back)" if names else ""
 
 
 def offences_words(offences: Sequence[Offence]) -> str:

@@ -1,0 +1,76 @@
+"""The evasion that is shown: the careful driver's own drive where that avoids the crash, else one of the bank.
+
+A verdict that a careful driver avoids a crash and an evasion that is none of its drives would be two answers to one
+question. So where it avoids (`reference_drivers`), the evasion is its drive, from where it acts, and the crash is
+avoidable in time: it knows no more than what is to be seen. Followers that replay a log into its back are noted and do
+not count, as in its verdict. The bank of manoeuvres (`avoidability`) tells the last chance, and the way out where the
+careful driver crashes too.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from regents_cosim.planners.reference.parameters import CAREFUL
+from regents_cosim.scenario import Avoidability, Manoeuvre, ReferenceDrive, Scenario, Tracks
+from regents_cosim.verdicts.avoidability import Tried
+from regents_cosim.verdicts.emergency_braking import Drive
+from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, Fan
+from regents_cosim.verdicts.reference_drivers import careful_answer
+
+
+def way_out(attacked: Scenario) -> tuple[Avoidability, Tracks | None]:
+    """Whether the crash can be avoided, and how a careful driver does; with the track [1, time] of that.
+
+    Raises ScenarioError where there is no collision.
+    """
+    tried, answer = Tried.of(attacked), careful_answer(attacked)
+    if answer is not None and answer[0].avoids:
+        return _careful(attacked, tried, *answer)
+    return tried.preferred() if tried.evading else (tried.verdict, None)
+
+
+def _careful(attacked: Scenario, tried: Tried, drive: ReferenceDrive, way: Drive) -> tuple[Avoidability, Tracks]:
+    perceives, acts = _step(drive.perceives_s, attacked.dt), _step(drive.acts_s, attacked.dt)
+    one, bank = _as_fan(way, acts, drive.shift_m), tried.verdict
+    track = one.tracks(0, attacked)
+    manoeuvre = Manoeuvre(
+        onset_step=acts,
+        accel=-CAREFUL.most_braking_m_s2,
+        lasting_s=None,
+        lateral_accel=float(np.sign(drive.shift_m)) * CAREFUL.swerve_m_s2,
+        shift=drive.shift_m,
+        friction_share=_friction_share(track, acts),
+        driver=drive.driver,
+    )
+    verdict = replace(
+        bank,
+        avoidable=True,
+        last_onset_step=max(acts, bank.last_onset_step or 0),
+        gentlest=tried.placed(one, manoeuvre),
+        in_time=True,
+        perceived_step=min(perceives, tried.preference.perceived),
+    )
+    return verdict, track
+
+
+def _step(seconds: float | None, dt: float) -> int:
+    """Of an instant of a drive that avoids its crash: that has perceived it, and acts."""
+    assert seconds is not None
+    return round(seconds / dt)
+
+
+def _as_fan(way: Drive, acts: int, shift_m: float) -> Fan:
+    """The drive as the only manoeuvre of a fan, to be placed as those of the bank are."""
+    x, y, yaw, speed = (values[None, acts:] for values in (way.x, way.y, way.yaw, way.speed))
+    braking, aside = np.zeros(1, int), np.full(1, int(shift_m != 0.0))
+    return Fan(acts, braking, aside, np.full(1, np.nan), x, y, yaw, speed)
+
+
+def _friction_share(track: Tracks, onset: int) -> float:
+    """The greatest from the onset on, of sliding tyres, as of the bank; more than 1 takes tyres at their best."""
+    assert track.accel is not None
+    assert track.curvature is not None
+    speed = 0.5 * (track.speed[0, 1:] + track.speed[0, :-1])
+    used = np.hypot(track.accel[0], speed**2 * track.curvature[0])[onset:]
+    return float(used.max() / (FRICTION * GRAVITY))
