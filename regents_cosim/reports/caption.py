@@ -21,7 +21,7 @@ from regents_cosim.reports.palette import (
 )
 from regents_cosim.reports.scene import Scene, draw_burst
 from regents_cosim.scenario import Collision, CollisionKind, Judgement, Manoeuvre, Outcome
-from regents_cosim.verdicts.words import DRIVERS, behind_words, braking_words
+from regents_cosim.verdicts.words import DRIVERS, braking_words
 
 HEADER_PX = 66
 FOOTER_PX = 38
@@ -106,10 +106,17 @@ def way_out(judgement: Judgement, dt: float) -> str:
     found = judgement.avoidability
     if found is None or found.gentlest is None or found.last_onset_step is None:
         return "proven unavoidable" if judgement.unavoidable else "no way out known"
-    how = manoeuvre_words(found.gentlest, dt) + behind_words(judgement.into_evasion)
+    how = manoeuvre_words(found.gentlest, dt) + _behind(len(judgement.into_evasion))
     if judgement.escape == "not in time":
         return f"avoidable only with knowledge of what comes: {how}"
     return f"avoidable until {found.last_onset_step * dt:.1f} s{_not_careful(judgement)}: {how}"
+
+
+def _behind(followers: int) -> str:
+    """In few words what `drive_words` says with names: a picture has one line for all."""
+    if not followers:
+        return ""
+    return f" ({'a replayed log hits' if followers == 1 else f'{followers} replayed logs hit'} its back)"
 
 
 def _not_careful(judgement: Judgement) -> str:

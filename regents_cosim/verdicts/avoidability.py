@@ -23,7 +23,7 @@ from regents_cosim.verdicts.obstacles import Others, Road
 from regents_cosim.verdicts.perception import perceived_step, reacts_step
 from regents_cosim.verdicts.preference import FOR_GOOD_S, Preference
 
-_MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
+MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
 
 
 def avoidability(attacked: Scenario, bank: Bank = BANK) -> tuple[Avoidability, Tracks | None]:
@@ -54,7 +54,7 @@ class Tried:
             raise ScenarioError(f"case {attacked.id} holds no collision, expected one that the ego may avoid")
         perceived = perceived_step(attacked, [agent.id for agent in attacked.agents].index(hit.agent))
         reacts = reacts_step(perceived, attacked.dt)
-        others, road = Others(attacked, hit, _MARGIN_M), Road(attacked)
+        others, road = Others(attacked, hit, MARGIN_M), Road(attacked)
         steps = attacked.tracks.steps + round(FOR_GOOD_S / attacked.dt)
         count, evading = 0, list[Fan]()
         for fan in fans(bank, attacked, hit.step, steps, also=(perceived, reacts)):

@@ -13,8 +13,9 @@ From the most preferred on:
    is needed; then what goes on until the danger is over; then what takes the least share of the tyres' friction,
    steers less, brakes less, begins later.
 
-To hold the speed, to speed up, or to brake less than the ego did itself is no answer to anything: it meets no one by
-the accident of its timing, and counts among what takes knowledge ahead.
+To hold the speed, to speed up, to brake less than the ego did itself, or to brake in lane for so short a while that no
+more than 2 m/s are lost is no answer to anything: it meets no one by the accident of its timing, and counts among what
+takes knowledge ahead.
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,6 +37,8 @@ FOR_GOOD_S = 3.0  # beyond the horizon: what is out of harm's way then needs no 
 
 _LEFT_M = 0.3  # what a corner may be outside of an area and still count as inside, as for the road
 _FASTER_M_S = 0.1  # than the ego itself: no answer
+_DENT_M_S = 2.0  # to lose no more speed than that is timing
+_TO_THE_END_S = 100.0  # longer than any horizon
 _BESIDE_M = 0.5  # of its own way: no longer in its lane
 _AHEAD_S = 4.0  # of a collision: the careful driver's foresight
 _SOON_S = 2.5  # of a collision: NHTSA's test of collision warnings wants them 2.0 to 2.4 s ahead at the latest
@@ -120,11 +123,13 @@ class Preference:
         return self._until - round(seconds / self._attacked.dt)
 
     def answers(self, fan: Fan) -> Bool[np.ndarray, " manoeuvre"]:
-        """Which brake or steer, and are never faster than the ego itself was up to the collision."""
-        accel = np.array([accel for accel, _ in self._bank.along])[fan.along]
+        """Which brake (for good, or by more than a little) or steer, and are never faster than the ego itself was."""
+        lost = np.array(
+            [-accel * (_TO_THE_END_S if lasting is None else lasting) for accel, lasting in self._bank.along]
+        )
         own = self._attacked.tracks.speed[0, fan.onset : self._until + 1]
         slower = np.all(fan.speed[:, : len(own)] <= own + _FASTER_M_S, axis=1)
-        return slower & ((accel < 0.0) | (fan.aside != 0))
+        return slower & ((lost[fan.along] > _DENT_M_S) | (fan.aside != 0))
 
     def in_lane(self, fan: Fan) -> Bool[np.ndarray, " manoeuvre"]:
         """Which keep to the way that the ego drove; where that was beyond its tyres, to brake may lead off it."""

@@ -5,6 +5,10 @@ question. So where it avoids (`reference_drivers`), the evasion is its drive, fr
 avoidable in time: it knows no more than what is to be seen. Followers that replay a log into its back are noted and do
 not count, as in its verdict. The bank of manoeuvres (`avoidability`) tells the last chance, and the way out where the
 careful driver crashes too.
+
+A drive that passes by a hair is no example to anyone (of 52 stills looked at, the 7 that showed none that one believes
+were all such swerves in the last moment). Where the careful driver keeps less than the room of every witness, an answer
+of the bank that keeps it and is in time comes first.
 """
 
 from dataclasses import replace
@@ -13,9 +17,10 @@ import numpy as np
 
 from regents_cosim.planners.reference.parameters import CAREFUL
 from regents_cosim.scenario import Avoidability, Manoeuvre, ReferenceDrive, Scenario, Tracks
-from regents_cosim.verdicts.avoidability import Tried
+from regents_cosim.verdicts.avoidability import MARGIN_M, Tried
 from regents_cosim.verdicts.emergency_braking import Drive
 from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, Fan
+from regents_cosim.verdicts.others_around import OthersAround
 from regents_cosim.verdicts.reference_drivers import careful_answer
 
 
@@ -25,9 +30,18 @@ def way_out(attacked: Scenario) -> tuple[Avoidability, Tracks | None]:
     Raises ScenarioError where there is no collision.
     """
     tried, answer = Tried.of(attacked), careful_answer(attacked)
-    if answer is not None and answer[0].avoids:
-        return _careful(attacked, tried, *answer)
-    return tried.preferred() if tried.evading else (tried.verdict, None)
+    careful = answer if answer is not None and answer[0].avoids else None
+    if careful is not None and _leaves_room(attacked, careful[1]):
+        return _careful(attacked, tried, *careful)
+    found = tried.preferred() if tried.evading else (tried.verdict, None)
+    return found if careful is None or found[0].in_time else _careful(attacked, tried, *careful)
+
+
+def _leaves_room(attacked: Scenario, way: Drive) -> bool:
+    """Whether a drive that avoids the crash comes no one nearer than a witness may."""
+    hit = attacked.attack.collision if attacked.attack else None
+    adversary = next(index for index, agent in enumerate(attacked.agents) if hit and agent.id == hit.agent)
+    return not OthersAround(attacked, adversary, MARGIN_M).met_by(way).counts.any()
 
 
 def _careful(attacked: Scenario, tried: Tried, drive: ReferenceDrive, way: Drive) -> tuple[Avoidability, Tracks]:
