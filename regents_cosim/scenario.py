@@ -264,7 +264,7 @@ class Avoidability:
         Manoeuvre | None
     )  # the careful driver's where that avoids it; else what it would rather do than the others
     in_time: bool | None = None  # it answers what was to be seen, after a time to react; else it takes knowledge ahead
-    perceived_step: int | None = None  # from which on the danger can be seen (`verdicts.perception`)
+    perceived_step: int | None = None  # from which on the danger can be seen: `verdicts.perception`, or way_out
 
 
 @dataclass(frozen=True)

@@ -48,8 +48,9 @@ def test_where_the_careful_driver_avoids_it_is_in_time_and_the_evasion_is_its_dr
         return
     assert judged.judgement.escape == "in time"
     assert not judged.judgement.unavoidable
-    assert near_miss_m(judged) > 0.0
-    if found.gentlest.driver is None:  # the careful driver passes by a hair, the bank does not
+    assert near_miss_m(judged) > 0.0, "the evasion itself touches no one"
+    if found.gentlest.driver is None:  # the careful driver swerves past by a hair, the bank does not
+        assert drive.shift_m
         assert near_miss_m(judged) == np.inf
         return
     assert found.gentlest.driver == "careful"

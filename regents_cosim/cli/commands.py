@@ -248,7 +248,7 @@ def replay(
         in SUMO the others follow their tracks, or only the adversary does and SUMO drives the rest (reactive)
     ego
         track: as in the case; planner: driven in closed loop by the planner (default where --planner is given);
-        evasion: by the gentlest manoeuvre that avoids the collision
+        evasion: by the drive that avoids the collision
     planner
         who drives the ego; default the planner that was attacked, if it is one of ours: what a case names is not run;
         also sumo, and highway-env's agents:

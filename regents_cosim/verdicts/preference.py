@@ -1,4 +1,6 @@
-"""Which evasion a careful driver would take: late enough to have seen why, and as little unusual as possible.
+"""Which manoeuvre of the bank comes first: late enough to have seen why, and as little unusual as possible.
+
+Asked where the careful driver's own drive (`way_out`) is not shown.
 
 From the most preferred on:
 

@@ -6,9 +6,9 @@ avoidable in time: it knows no more than what is to be seen. Followers that repl
 not count, as in its verdict. The bank of manoeuvres (`avoidability`) tells the last chance, and the way out where the
 careful driver crashes too.
 
-A drive that passes by a hair is no example to anyone (of 52 stills looked at, the 7 that showed none that one believes
-were all such swerves in the last moment). Where the careful driver keeps less than the room of every witness, an answer
-of the bank that keeps it and is in time comes first.
+A swerve in the last moment that passes by a hair is no example to anyone: of 52 stills looked at, 6 of the 7 whose
+evasion one does not believe were such. Where the careful driver swerves and keeps less than the room of every witness,
+an answer of the bank that keeps it and is in time is shown instead.
 """
 
 from dataclasses import replace
@@ -31,7 +31,7 @@ def way_out(attacked: Scenario) -> tuple[Avoidability, Tracks | None]:
     """
     tried, answer = Tried.of(attacked), careful_answer(attacked)
     careful = answer if answer is not None and answer[0].avoids else None
-    if careful is not None and _leaves_room(attacked, careful[1]):
+    if careful is not None and (not careful[0].shift_m or _leaves_room(attacked, careful[1])):
         return _careful(attacked, tried, *careful)
     found = tried.preferred() if tried.evading else (tried.verdict, None)
     return found if careful is None or found[0].in_time else _careful(attacked, tried, *careful)
