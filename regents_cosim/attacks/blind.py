@@ -132,8 +132,7 @@ def _try(
 ) -> tuple[Float[Array, " change"], Float[Array, "change term"], Bool[Array, " change"]]:
     """Cost, its terms, and whether it is accepted, of every change.
 
-    One after the other: side by side, roll-outs take three times as long on a CPU (loops over gathered rows), and all
-    would be judged for the sake of the few that crash.
+    One after the other: side by side, all would be judged for the sake of the few that crash.
     """
     descent = set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost)
     begun = descent.begin()
