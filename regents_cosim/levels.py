@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.boxes import CLEARANCE_M, Values
+from regents_cosim.prepared import prepared
 from regents_cosim.roadmap import Lane, RoadMap
 
 BAND_M = 1.5
@@ -120,9 +121,7 @@ def _drivable_of(road: RoadMap, level: int) -> BaseGeometry:
     own = shapely.union_all([strip for strip, is_own in pieces if is_own])
     others = shapely.union_all([strip for strip, is_own in pieces if not is_own])
     taken = shapely.difference(shapely.intersection(others.buffer(_SEAM_M, join_style="mitre"), crossings), own)
-    area = shapely.difference(road.drivable, taken)
-    shapely.prepare(area)
-    return area
+    return prepared(shapely.difference(road.drivable, taken))
 
 
 def _pieces(lane: Lane, z: float) -> Iterator[tuple[BaseGeometry, bool]]:

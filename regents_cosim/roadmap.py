@@ -10,6 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.errors import require
 from regents_cosim.names import require_id
+from regents_cosim.prepared import prepared
 
 MOST_COORDINATE_M = 2.1e7  # half way around the Earth, as in Web Mercator; UTM's northings end at 1e7
 
@@ -118,5 +119,4 @@ class RoadMap:
 
     def contains(self, points: Float[np.ndarray, "... 2"]) -> Bool[np.ndarray, "..."]:
         """Whether points [m] lie on the drivable area."""
-        shapely.prepare(self.drivable)
-        return shapely.contains_xy(self.drivable, points[..., 0], points[..., 1])
+        return shapely.contains_xy(prepared(self.drivable), points[..., 0], points[..., 1])

@@ -69,12 +69,12 @@ def _swept_off(
 
 def _beyond(area: BaseGeometry, swept: np.ndarray, reach: Float[np.ndarray, " part"]) -> list[BaseGeometry]:
     """The pieces of what is `swept` that are further than `reach` [m] off the area."""
-    shapely.prepare(area)
-    out = ~shapely.covers(area, swept)
+    margin = reach.max() + _AROUND_M
+    low_x, low_y, high_x, high_y = shapely.total_bounds(swept)
+    near = shapely.clip_by_rect(area, low_x - margin, low_y - margin, high_x + margin, high_y + margin)
+    shapely.prepare(near)  # a piece of its own: `area` may be asked by other threads now
+    out = ~shapely.covers(near, swept)
     if not out.any():
         return []
-    margin = reach.max() + _AROUND_M
-    low_x, low_y, high_x, high_y = shapely.total_bounds(swept[out])
-    near = shapely.clip_by_rect(area, low_x - margin, low_y - margin, high_x + margin, high_y + margin)
     grown = {one: near.buffer(one) for one in np.unique(reach[out]).tolist()}
     return [piece.difference(grown[one]) for piece, one in zip(swept[out], reach[out].tolist(), strict=True)]
