@@ -1,7 +1,7 @@
 """Areas that several threads may ask whether points are on them, and how far off.
 
 GEOS makes the index of a prepared geometry when it is first asked, without a lock: two threads that ask first at the
-same time crash the process. Here one thread makes it, before any other gets the area. To ask a prepared area about lines
+same time crash the process. Here one thread makes it, before any other gets the area. To ask one about lines
 and polygons (`covers`, `intersects` ...) is never safe in threads: for that, take a piece of the area of your own.
 """
 
