@@ -6,13 +6,13 @@ Start it with `python attack_sumo_traffic.py`, or with a .sumocfg of yours behin
 import sys
 from pathlib import Path
 
-from regents_cosim import REGENTS, attack, network_config, record, replay, save_case
+from regents_cosim import REGENTS_FOCUSED, attack, network_config, record, replay, save_case
 
 traffic = Path(sys.argv[1]) if len(sys.argv) > 1 else network_config("crossing")
 windows = record(traffic, count=4, seed=0)
 print(f"{len(windows)} windows of 8 s of {traffic.name}")
 
-for case in attack(windows, REGENTS, planner="idm"):
+for case in attack(windows, REGENTS_FOCUSED, planner="idm"):
     found = case.attack
     if found.outcome != "collision":
         print(f"{case.id}: {found.outcome}")

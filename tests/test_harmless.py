@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from regression_cases import cuts_in, follows, pushes
 
-from regents_cosim.evaluation.cards import card
+from regents_cosim.evaluation.cards import card, card_of, suite_cases
 from regents_cosim.evaluation.driving import drive_each, driving_row, score
 from regents_cosim.evaluation.harmless import harmless_neighbour
 from regents_cosim.evaluation.ranking import rank_rows
 from regents_cosim.files import content_hash, load_case, save_case
 from regents_cosim.replays.mirror import Wheel
+from regents_cosim.shipped import suite_folder
+from regents_cosim.suite import load_cases
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +81,24 @@ def test_a_rank_compares_each_planner_with_the_one_before():
         assert row.crashes - before.crashes == row.only_this - row.only_before
         assert 0.0 < row.p_value <= 1.0
     assert rows[0].crashes < rows[1].crashes
+
+
+@pytest.mark.slow
+def test_the_standard_suite_separates_the_ladder_it_was_made_with():
+    cases = load_cases(suite_folder("standard"))
+    ladder = ("careful", "idm", "idm:time_headway=0.2", "constant_velocity")
+    rows = rank_rows([(name, list(drive_each(cases, name))) for name in ladder])
+    assert (rows[0].crashes, rows[0].held_up) == (0, 0)
+    for row, before in zip(rows[1:], rows, strict=False):
+        assert row.crashes > before.crashes
+        assert row.p_value < 0.05
+
+
+def test_the_crashes_of_the_standard_suite_are_telling_and_most_have_harmless_neighbours():
+    """Not all: in some scenes the careful driver brakes hard even where nothing is left of the attack."""
+    folder = suite_folder("standard")
+    cards = [card_of(folder / name) for name in suite_cases(folder)]
+    crashes = [one for one in cards if one.kind not in ("ordinary", "harmless")]
+    calm = {one.case for one in cards if one.kind == "harmless"}
+    assert all(one.telling for one in crashes)
+    assert sum(f"{one.case}-harmless" in calm for one in crashes) >= 0.5 * len(crashes)
