@@ -1,6 +1,6 @@
 """Draws scenarios/report.png, the picture of the README: a case in the report, as Chromium shows it.
 
-python tests/report_picture.py scenarios/quickstart CASE SECONDS scenarios/report.png
+python tests/report_picture.py scenarios/standard CASE SECONDS scenarios/report.png
 """
 
 import io

@@ -109,7 +109,7 @@ def test_who_follows():
 def test_the_same_recipe_gives_the_same_suite(tmp_path):
     counts = {"windows": 2, "adversarial": 4, "unavoidable": 4, "ordinary": 2}
     planners = ("idm", "idm:time_headway=0.2")
-    recipe = Recipe(nets=("merge", "crossing"), **counts, planners=planners, method="regents")
+    recipe = Recipe(nets=("merge", "crossing"), **counts, planners=planners)
     first, again = (build(recipe) for _ in range(2))
     assert [content_hash(one) for one in first] == [content_hash(one) for one in again]
     assert {one.attack is None for one in first} == {True, False}
