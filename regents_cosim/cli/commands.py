@@ -525,8 +525,8 @@ def train_aim_bev(
         error = f"loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m"
         terminal.say(f"epoch {len(done)} of {config.epochs}: {error}")
         lines = {"loss [m]": [e.loss_m for e in done], "held back [m]": [e.held_back_m for e in done]}
-        epochs = [f"epoch {number}" for number in range(1, len(done) + 1)]
-        draw_curve("AIM-BEV: error of the waypoints", lines, epochs, output.with_suffix(".png"))
+        names = [f"epoch {number}" for number in range(1, len(done) + 1)]
+        draw_curve("AIM-BEV: error of the waypoints", lines, names, output.with_suffix(".png"))
         if fine_tune.finetune is None:
             saved = checkpoint_path(output)
             keep(f"epoch {len(done)} of {config.epochs} is saved; to go on: the same command with --resume {saved}")
