@@ -54,7 +54,7 @@ lint: .venv/installed-dev
 	$(BIN)/lint-imports
 
 docs: .venv/installed-docs  ## the documentation, in site/index.html; any broken link is an error
-	$(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 bench: .venv/installed-dev  ## speed, as ratios in one run
 	$(BIN)/python -m pytest tests/benchmarks -o addopts='' --benchmark-only -s  # without the checks of shapes
