@@ -1,4 +1,4 @@
-"""A planner for a straight road: keeps its lane, its speed, and its distance to whoever is ahead."""
+"""A planner for a straight road: keeps its lane, its speed, and its distance to the vehicle ahead."""
 
 from math import sin, sqrt
 
@@ -15,7 +15,7 @@ class Planner:
         """Nothing is kept from step to step."""
 
     def act(self, observation):
-        """The gentlest that keeps its distance to everybody ahead."""
+        """The gentlest that keeps its distance to all that are ahead."""
         ego = observation.ego
         ahead = [other for other in observation.others if self.in_my_way(other, ego)]
         return Control(accel=min([follow(ego, other) for other in ahead], default=speed_up(ego)), curvature=0.0)
