@@ -20,5 +20,6 @@ FROM_BEHIND_S = 1.0  # before the contact they were still behind the ego
 
 GRAVITY_M_S2 = 9.81
 MOST_ACCEL_M_S2 = 0.8 * GRAVITY_M_S2  # braking and steering together: what tyres hold on dry asphalt
+OVER_LIMIT = 1.2  # times the speed limit: what is no speeding
 ABOVE_LOG_M_S2 = 0.05 * GRAVITY_M_S2  # or so much more than the same road user's log
 ACCEL_WINDOW_S = 0.3  # over which accelerations are taken: shorter peaks are noise of the tracks

@@ -130,6 +130,9 @@ class Tracks:
         return self.x.shape[1]
 
 
+RED = "ru"  # of the letters of a Signal: red, and red with yellow
+
+
 @dataclass(frozen=True)
 class Signal:
     """One traffic light: which letters it shows from which step on.

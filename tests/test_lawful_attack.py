@@ -24,6 +24,7 @@ from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.cli import run as regents
 from regents_cosim.errors import RegentsError
+from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import Held, roll_out_background
@@ -31,7 +32,6 @@ from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.verdicts.judgement import judge
-from regents_cosim.verdicts.ways import OVER_LIMIT
 
 FEW = replace(REGENTS_FOCUSED, iterations=40, nearest=2, starts=6)
 TURN = straight("a", 60.0, 1.7, np.pi, 12.0)  # on the inner of two lanes to the west, beside the ego's road

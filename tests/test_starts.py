@@ -17,13 +17,13 @@ from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.starts import followed, starts
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.frames import wrap
-from regents_cosim.limits import MOST_ACCEL_M_S2
+from regents_cosim.limits import MOST_ACCEL_M_S2, OVER_LIMIT
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.scenario import Signal, Tracks
 from regents_cosim.verdicts.offences import law_of
-from regents_cosim.verdicts.ways import OVER_LIMIT, lawful_area, lawful_lanes
+from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
 WINDOWS = ("crossing-00218", "signals-00218", slow("grid-00064"), slow("signals-00064"), slow("merge-00064"))
 

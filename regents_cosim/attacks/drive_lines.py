@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.planners.reference.parameters import CAREFUL
 from regents_cosim.planners.route import evenly, logged_path
 from regents_cosim.roadmap import RoadMap
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours
 from regents_cosim.verdicts.ways import Way, ways_ahead
 
@@ -26,7 +26,6 @@ _MOST_CHANGED_FROM = 4  # ways from which lanes are changed
 _CHANGE_BEGINS_S = (0.0, 1.0, 2.5, 4.0)
 _CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
-_RED = "ru"  # SUMO's letters: red, and red with yellow
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +111,7 @@ def _stop_lines(scenario: Scenario, way: Way, line: DriveLine) -> tuple[StopLine
         if link is not None and link.signal in signals:
             shown = [signals[link.signal].letters(step)[link.link] for step in range(scenario.tracks.steps)]
             at_m = float(drawn.project(shapely.Point(lane.centre[-1])))
-            found.append(StopLine(at_m, np.array([letter in _RED for letter in shown])))
+            found.append(StopLine(at_m, np.array([letter in RED for letter in shown])))
     return tuple(found)
 
 

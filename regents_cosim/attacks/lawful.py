@@ -12,10 +12,11 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.boxes import Boxes, corners
+from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.mirror.road_field import MARGIN_M, blur_areas
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.ways import OVER_LIMIT, lawful_area, lawful_lanes
+from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
 _AROUND_EGO_M = 40.0  # of its track: a candidate that is further away is no danger yet
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.attacks.drive_lines import PULLING_OUT_M_S, SPACING_M, DriveLine
-from regents_cosim.verdicts.ways import OVER_LIMIT
+from regents_cosim.limits import OVER_LIMIT
 
 _BEND_ACCEL = 3.0  # [m/s^2] sideways, that a driver takes in a bend (Treiber and Kesting 2013: 2 to 3 in cities)
 _BEND_BRAKE = 2.0  # [m/s^2] with which it slows down for one

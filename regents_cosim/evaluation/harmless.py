@@ -16,7 +16,7 @@ from regents_cosim.scenario import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRec
 from regents_cosim.verdicts.clean import touches_in
 
 _SHARES = (0.75, 0.5, 0.25, 0.0)  # of the attack that is left; the nearest to the crash is taken
-_ROOM_M = 1.0  # between the careful driver and everybody else, all the time
+_ROOM_M = 1.0  # between the careful driver and all others, all the time
 # What the shipped IDM calls comfortable. A cruise control may brake by 3.5 m/s^2 (ISO 15622); most drivers find 3.4
 # comfortable (AASHTO Green Book, stopping sight distance). The careful driver goes beyond where it sees a risk alone.
 _CALM_BRAKING_M_S2 = 3.0
@@ -26,7 +26,7 @@ _GETS_ON = 0.5  # of the recorded way at least: where it stands, standing is no 
 def harmless_neighbour(crash: Scenario, careful: Wheel) -> Scenario | None:
     """The scene of a crash with the greatest share of its attack that is harmless; None where no share is.
 
-    Harmless: the careful driver at the wheel keeps 1 m from everybody, never brakes by more than 3 m/s^2 and
+    Harmless: the careful driver at the wheel keeps 1 m from all others, never brakes by more than 3 m/s^2 and
     gets on, and no two others touch that did not in the log. The case holds the careful driver's drive, and notes how
     far it gets.
     """

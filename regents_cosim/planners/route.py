@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.frames import wrap
 from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import RED, Scenario, Tracks
 
 SPACING_M = 1.0
 _EXTENSION_M = 120.0  # beyond the logged path: a planner may be faster than its log
@@ -125,7 +125,7 @@ def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | Non
         link = _link(scenario.road, before, after)
         if link is not None and link.signal in signals:
             letters = [signals[link.signal].letters(k)[link.link] for k in range(scenario.tracks.steps)]
-            stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", "ru"))
+            stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", RED))
             found.append(StopLine(index * SPACING_M, stop, red))
     return tuple(found)
 

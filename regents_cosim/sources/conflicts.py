@@ -19,8 +19,9 @@ import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim.frames import wrap
-from regents_cosim.limits import ALONG_RAD
+from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.scenario import RED
 from regents_cosim.sources.recording import Recording
 
 _REACH_M = 2.0  # from the middle of a lane
@@ -32,9 +33,7 @@ _ON_PATH_M = 1.5
 _FIRST_S = 4.0  # before that no one has come into the way and been seen to do so
 _GAIN = 2.5  # [m/s^2] of ordinary drivers (Treiber and Kesting 2013)
 _BRAKE = 3.0  # [m/s^2]
-_OVER_LIMIT = 1.2
 _STEP_M = 1.0
-_RED = "ru"  # SUMO's letters: red, and red with yellow
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +114,7 @@ class Conflicts:
         """Whether it can be so far along its way at that time, past the lights before."""
         first = int(self._first[other])
         begun, speed = first * self._recording.dt, float(self._speed[other, first])
-        most = max(_OVER_LIMIT * way.limit, speed)
+        most = max(OVER_LIMIT * way.limit, speed)
         soonest, latest = _arrives(at_m, speed, most)
         stops = [(stop_m, link) for stop_m, link in way.lights if stop_m <= at_m]
         return soonest <= time_s - begun <= latest and all(
@@ -126,7 +125,7 @@ class Conflicts:
         """Whether the light lets it pass at some step between two times."""
         signal = next((one for one in self._recording.signals if one.id == link.signal), None)
         steps = range(int(since_s / self._recording.dt), int(until_s / self._recording.dt) + 1)
-        return signal is None or any(signal.letters(step)[link.link] not in _RED for step in steps)
+        return signal is None or any(signal.letters(step)[link.link] not in RED for step in steps)
 
     def _ways_of(self, vehicle: int) -> list[_WayOn]:
         if vehicle not in self._ways:

@@ -33,7 +33,8 @@ def record(
     `source` is a .sumocfg, a SumoInput, or `highway:` and the id of an environment of highway-env,
     whose ego `policy` drives: idm, mdp, random, `package.module:attribute` or `file.py:attribute`.
     With `fcd`, an fcd-output of SUMO, nothing is run: the network and the vehicle types come from
-    `source`. `tell` is told what is left out or assumed. Raises RegentsError for bad input, NoWindowError where
+    `source`. `prefer` says which egos come first, as for `windows.choose_windows`; in highway-env there is one
+    alone. `tell` is told what is left out or assumed. Raises RegentsError for bad input, NoWindowError where
     there is no window.
     """
     if isinstance(source, str) and source.startswith(_HIGHWAY):

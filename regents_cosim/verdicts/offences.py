@@ -14,15 +14,15 @@ from jaxtyping import Bool, Float
 from regents_cosim.boxes import corners
 from regents_cosim.frames import wrap
 from regents_cosim.levels import beyond_road
-from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M
+from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.roadmap import Lane, RoadMap
-from regents_cosim.scenario import Law, Offence, OffenceName, Scenario
+from regents_cosim.scenario import RED, Law, Offence, OffenceName, Scenario
 from regents_cosim.verdicts.drive import Act, Drive, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.oncoming import oncoming
 from regents_cosim.verdicts.priority import gives_no_way
 from regents_cosim.verdicts.right_of_way import priorities
-from regents_cosim.verdicts.ways import OFF_WAY_M, OVER_LIMIT
+from regents_cosim.verdicts.ways import OFF_WAY_M
 
 _BODY_SHARE = 0.17  # of a body on oncoming lanes: 0.3 m of a car 1.8 m wide
 _STEPS = 2
@@ -187,9 +187,9 @@ def _red_light(drive: Drive, partner: Drive | None) -> Act | None:
     for step, before, after in drive.entered:
         for link in drive.scenario.road.exits[before.id]:
             light = lights.get(link.signal) if link.signal and link.target == after.id else None
-            if light is not None and light.letters(step)[link.link] in "ru":
+            if light is not None and light.letters(step)[link.link] in RED:
                 since = step
-                while since > 0 and light.letters(since - 1)[link.link] in "ru":
+                while since > 0 and light.letters(since - 1)[link.link] in RED:
                     since -= 1
                 return Act(step, 1, (step - since + 1) * drive.scenario.dt)
     return None

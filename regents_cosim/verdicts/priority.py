@@ -3,11 +3,12 @@
 from typing import NamedTuple
 
 from regents_cosim.roadmap import Lane
+from regents_cosim.scenario import RED
 from regents_cosim.verdicts.drive import Act, Drive
 from regents_cosim.verdicts.right_of_way import priorities
 
 _LATELY_S = 6.0  # who came into the junction longer ago was not to wait any more
-_FREE, _STOP = "G", "ru"  # letters: goes first; may not go at all
+_FREE, _STOP = "G", RED  # letters: goes first; may not go at all
 
 
 class _Movement(NamedTuple):

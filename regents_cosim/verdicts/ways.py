@@ -21,6 +21,7 @@ from shapely.ops import substring
 
 from regents_cosim.frames import wrap
 from regents_cosim.levels import drivable_at
+from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Scenario
@@ -28,7 +29,6 @@ from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces, neighbou
 from regents_cosim.verdicts.oncoming import OTHER_WAY_INSIDE_RAD, OTHER_WAY_RAD
 
 OFF_WAY_M = 1.6  # the centre may be so far from the middle of its way through a junction
-OVER_LIMIT = 1.2  # times the limit: what is no speeding
 MOST_WAYS = 12
 
 _BEHIND_M = 20.0  # of where it begins; a lorry is 16 m long
