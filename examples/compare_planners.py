@@ -7,7 +7,7 @@ import sys
 from collections import Counter
 
 from regents_cosim import report
-from regents_cosim.evaluation.driving import drive_each
+from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.shipped import suite_folder
 from regents_cosim.suite import load_cases
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from regents_cosim import REGENTS_FOCUSED, attack, network_config, record, report
-from regents_cosim.evaluation.driving import drive_each
+from regents_cosim.evaluation.drives.driving import drive_each
 
 PLANNERS = Path(__file__).with_name("my_planner.py")
 # A short search: a window is done with its first crash, and few descents follow the drives that are tried first.

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from regents_cosim.attacks.presets import REGENTS as REGENTS
     from regents_cosim.attacks.presets import REGENTS_FOCUSED as REGENTS_FOCUSED
     from regents_cosim.attacks.presets import AttackConfig as AttackConfig
-    from regents_cosim.evaluation.report import report as report
     from regents_cosim.files import load_case as load_case
     from regents_cosim.files import save_case as save_case
     from regents_cosim.mirror.bicycle import Controls as Controls
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from regents_cosim.planners.interface import Waypoints as Waypoints
     from regents_cosim.planners.jax_planner import JaxPlanner as JaxPlanner
     from regents_cosim.replays.replay import replay as replay
+    from regents_cosim.reports.report import report as report
     from regents_cosim.scenario import Scenario as Scenario
     from regents_cosim.shipped import network_config as network_config
     from regents_cosim.sources.logs.formats import LogFormat as LogFormat
@@ -53,7 +53,7 @@ _HOMES = {
     "record": "sources.record",
     "record_log": "sources.logs.record",
     "replay": "replays.replay",
-    "report": "evaluation.report",
+    "report": "reports.report",
     "save_case": "files",
 }
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -3,7 +3,7 @@
     pytest --regents-suite scenarios/standard --regents-planner my_package.planner:Mine
 
 Loading it imports neither NumPy nor JAX; without `--regents-suite` it does nothing. What a regression
-is says `evaluation.regression`; here are only the hooks. Needs pytest 8.3 or newer.
+is says `evaluation.regression.comparison`; here are only the hooks. Needs pytest 8.3 or newer.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator
 
-    from regents_cosim.evaluation.baseline import Baseline, Driven
-    from regents_cosim.evaluation.drives_ahead import DrivesAhead
-    from regents_cosim.evaluation.driving import Drive
-    from regents_cosim.evaluation.regression import Verdict
+    from regents_cosim.evaluation.drives.driving import Drive
+    from regents_cosim.evaluation.regression.baseline import Baseline, Driven
+    from regents_cosim.evaluation.regression.comparison import Verdict
+    from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
     from regents_cosim.scenario import Scenario
 
 _RUN = "regents-run"
@@ -137,7 +137,7 @@ def _option(config: pytest.Config, name: str) -> str:
 
 
 def _drives_ahead(config: pytest.Config, planner: str, margin: bool = False) -> DrivesAhead:
-    from regents_cosim.evaluation.drives_ahead import DrivesAhead
+    from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
 
     alone = 1 if _is_worker(config) else None  # xdist has a process for each core already
     return DrivesAhead(planner, _where(config), _act_timeout_s(config), alone, margin)
@@ -186,10 +186,10 @@ class _Run:
         config.args += [str(suite / "suite.json") for suite in self.cases if suite / "suite.json" not in named]
 
     def _read(self) -> None:
-        from regents_cosim.evaluation.baseline import load_baseline, require_one_home
-        from regents_cosim.evaluation.cards import suite_cases
-        from regents_cosim.evaluation.regression import thresholds_measurable
-        from regents_cosim.evaluation.thresholds import parse_thresholds
+        from regents_cosim.evaluation.regression.baseline import load_baseline, require_one_home
+        from regents_cosim.evaluation.regression.comparison import thresholds_measurable
+        from regents_cosim.evaluation.regression.thresholds import parse_thresholds
+        from regents_cosim.evaluation.suites.cards import suite_cases
         from regents_cosim.shipped import require_own
 
         self.cases = {suite.resolve(): suite_cases(suite) for suite in _suites(self.config)}
@@ -205,7 +205,7 @@ class _Run:
         thresholds_measurable(self.thresholds, self.margin)
 
     def _baseline_files(self) -> dict[Path, Path]:
-        from regents_cosim.evaluation.baseline import FILE
+        from regents_cosim.evaluation.regression.baseline import FILE
 
         given, from_ini = self.config.option.regents_baseline, self.config.getini("regents_baseline")
         one = _from_here(self.config, given) if given else Path(from_ini[0]) if from_ini else None
@@ -244,7 +244,7 @@ class _Run:
 
     def judge(self, suite: Path, case: str) -> Verdict:
         """What the planner does in a case now, held against what was accepted."""
-        from regents_cosim.evaluation.regression import judge_drive
+        from regents_cosim.evaluation.regression.comparison import judge_drive
 
         baseline = self.baselines[self.baseline_files[suite]].of(self.planner, self.where)
         return judge_drive(case, self.drives.of(suite / case), baseline.get(case), self.thresholds)
@@ -272,7 +272,7 @@ class _Run:
         if not _is_worker(self.config) and _VERDICT in vars(report):
             import msgspec
 
-            from regents_cosim.evaluation.regression import Verdict
+            from regents_cosim.evaluation.regression.comparison import Verdict
 
             suite, values = vars(report)[_VERDICT]
             verdict = msgspec.convert(values, Verdict)
@@ -293,8 +293,8 @@ class _Run:
                 pytest.exit("interrupted while outcomes were being accepted", returncode=pytest.ExitCode.INTERRUPTED)
 
     def _save(self) -> None:
-        from regents_cosim.evaluation.baseline import update_baseline
-        from regents_cosim.evaluation.cards import suite_cases
+        from regents_cosim.evaluation.regression.baseline import update_baseline
+        from regents_cosim.evaluation.suites.cards import suite_cases
 
         for file in self.baselines:
             suites = [suite for suite, its in self.baseline_files.items() if its == file]
@@ -308,7 +308,7 @@ class _Run:
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """What is worth knowing besides the failures."""
-        from regents_cosim.evaluation.regression import changes, tally, unused
+        from regents_cosim.evaluation.regression.comparison import changes, tally, unused
 
         if not self.verdicts:
             return
@@ -359,7 +359,7 @@ class CaseItem(pytest.Item):
 
     def _mark(self) -> None:
         from regents_cosim.errors import CaseError
-        from regents_cosim.evaluation.cards import card_of
+        from regents_cosim.evaluation.suites.cards import card_of
 
         try:
             card = card_of(self.folder)
@@ -386,7 +386,7 @@ class CaseItem(pytest.Item):
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """Case, adversary, what happened, baseline and now, and how to see it; no traceback of ours."""
         from regents_cosim.errors import RegentsError
-        from regents_cosim.evaluation.regression import explain
+        from regents_cosim.evaluation.regression.comparison import explain
 
         if isinstance(excinfo.value, _RegressionError):
             folder = _relative(self.folder, self.config.invocation_params.dir)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from regents_cosim.evaluation.encounters import Approach
+from regents_cosim.evaluation.drives.encounters import Approach
 
 CENTRE = ":centre_"  # lanes of the one junction where ways meet
 DT = 0.1

@@ -176,7 +176,7 @@ WITHOUT_TORCH = """
 import sys
 sys.modules["torch"] = None  # importing it raises
 from scenes import scene
-from regents_cosim.evaluation.driving import drive_each
+from regents_cosim.evaluation.drives.driving import drive_each
 (drive,) = drive_each([scene((0, 3.2, 10.0), (40, 3.2, 10.0), (-20, 0.0, 10.0))], "aim-bev")
 assert drive.hits is None, drive
 assert drive.completion > 0.8, drive

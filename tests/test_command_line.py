@@ -6,7 +6,7 @@ import re
 import pytest
 
 from regents_cosim.cli import run
-from regents_cosim.evaluation.baseline import Baseline, Driven
+from regents_cosim.evaluation.regression.baseline import Baseline, Driven
 from regents_cosim.exports.export import export
 from regents_cosim.files import load_case
 from regents_cosim.shipped import suite_folder

@@ -15,8 +15,8 @@ from params import slow
 
 from regents_cosim.atomic import clear_leftovers, is_temporary, new_folder, write_atomic
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.baseline import load_baseline
-from regents_cosim.evaluation.suites import write_suite
+from regents_cosim.evaluation.regression.baseline import load_baseline
+from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.files import find_cases, load_suite
 from regents_cosim.locks import LOCK, writing
 

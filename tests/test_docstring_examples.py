@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from scenes import scene
 
-from regents_cosim.evaluation.driving import drive_each
+from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.shipped import shipped
 
 ROOT = Path(__file__).parents[1]

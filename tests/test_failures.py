@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import scene
 
-from regents_cosim.evaluation.failures import count_reasons, failing_offences, failure_reason, may_reach
+from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences, failure_reason, may_reach
 from regents_cosim.scenario import (
     AttackRecord,
     Avoidability,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.evaluation.driving import drive_each
+from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.replays.replay import replay
 from regents_cosim.sources.highway import RecordingJob, record_episodes
 from regents_cosim.sources.windows import Windows

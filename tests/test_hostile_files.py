@@ -22,7 +22,7 @@ from test_files import attacked, judged
 
 from regents_cosim.array_files import load_arrays
 from regents_cosim.errors import CaseError, InputError, ScenarioError
-from regents_cosim.evaluation.encounters import Way, crossing, followings, joining
+from regents_cosim.evaluation.drives.encounters import Way, crossing, followings, joining
 from regents_cosim.files import load_case, load_suite, save_case
 from regents_cosim.polygon_file import load_polygons
 from regents_cosim.scenario import Agent, Tracks

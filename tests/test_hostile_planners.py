@@ -18,7 +18,7 @@ from scenes import scene
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.evaluation.driving import drive_each
+from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.planners.host_messages import SUMMARY_LIMIT, TRACE_LIMIT, shortened
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess

@@ -10,11 +10,11 @@ from scenes import scene
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import METHODS, REGENTS
 from regents_cosim.errors import DriveError
-from regents_cosim.evaluation.driving import drive_each
-from regents_cosim.evaluation.margin import with_margin
-from regents_cosim.evaluation.report import drive_for_report, report_of
+from regents_cosim.evaluation.drives.driving import drive_each
+from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import replay_each
+from regents_cosim.reports.report import drive_for_report, report_of
 from regents_cosim.scenario import AttackRecord
 
 FILE = Path(__file__).with_name("jax_planners.py")

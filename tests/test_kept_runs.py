@@ -6,10 +6,10 @@ import pytest
 from test_table1 import LAWFUL, WINDOWS, crashed, missed
 
 from regents_cosim.attacks.presets import KING, OURS, REGENTS, with_ten_times
+from regents_cosim.benchmarks.ceiling import ceiling, unsolved
+from regents_cosim.benchmarks.kept_runs import joined, keep, kept, run_folder
 from regents_cosim.errors import CaseError
-from regents_cosim.evaluation.ceiling import ceiling, unsolved
-from regents_cosim.evaluation.kept_runs import joined, keep, kept, run_folder
-from regents_cosim.evaluation.scores import InSumo, Run, rollouts_at_most, scores
+from regents_cosim.evaluation.crashes.scores import InSumo, Run, rollouts_at_most, scores
 from regents_cosim.scenario import ReferenceDrive
 
 KINGS = Run("king", "idm", 500, WINDOWS, [InSumo("b", True, False)], 2.0, KING.protocol)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scenes import scene
 
-from regents_cosim.evaluation.driving import drive_each, driving_rows
-from regents_cosim.evaluation.metrics import driving_score, infraction_score, off_road_share, route_completion
+from regents_cosim.evaluation.drives.driving import drive_each, driving_rows
+from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.statistics import mean_interval
 
 ROUTE = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0]])

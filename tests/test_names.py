@@ -14,8 +14,8 @@ from scenes import platoon, scene
 
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, ScenarioError
-from regents_cosim.evaluation.baseline import Baseline, Driven, load_baseline
-from regents_cosim.evaluation.suites import check_suite, merge, write_suite
+from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline
+from regents_cosim.evaluation.suites.folders import check_suite, merge, write_suite
 from regents_cosim.files import Header, SuiteEntry, content_hash, find_cases, load_case, load_suite, save_case
 from regents_cosim.map_files import MapFiles
 from regents_cosim.names import MOST_BYTES, distinct_word, file_name, require_file_name, require_id, word

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 import regression_cases
 
-from regents_cosim.evaluation import cards, drives_ahead, regression
-from regents_cosim.evaluation.baseline import load_baseline
+from regents_cosim.evaluation.regression import comparison as regression
+from regents_cosim.evaluation.regression import drives_ahead
+from regents_cosim.evaluation.regression.baseline import load_baseline
+from regents_cosim.evaluation.suites import cards
 from regents_cosim.files import load_case, load_suite, save_suite
 from regents_cosim.planners import constant_velocity, idm
 from regents_cosim.shipped import shipped

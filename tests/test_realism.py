@@ -6,8 +6,8 @@ import shapely
 from scenes import scene, straight_road
 from test_fault import TIME, crashed, lane_change, moving
 
-from regents_cosim.evaluation.deviation import deviation
-from regents_cosim.evaluation.realism import Limits, motion, off_road_steps, quantity, realism
+from regents_cosim.evaluation.crashes.deviation import deviation
+from regents_cosim.evaluation.crashes.realism import Limits, motion, off_road_steps, quantity, realism
 
 
 def test_motion_by_hand():

@@ -17,10 +17,16 @@ from hypothesis import strategies as st
 
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.evaluation.baseline import Baseline, Driven, load_baseline, require_one_home, save_baseline
-from regents_cosim.evaluation.margin import attack_margin, weakened
-from regents_cosim.evaluation.regression import changes, judge_drive, markdown
-from regents_cosim.evaluation.thresholds import METRICS, parse_thresholds
+from regents_cosim.evaluation.reduction.margin import attack_margin, weakened
+from regents_cosim.evaluation.regression.baseline import (
+    Baseline,
+    Driven,
+    load_baseline,
+    require_one_home,
+    save_baseline,
+)
+from regents_cosim.evaluation.regression.comparison import changes, judge_drive, markdown
+from regents_cosim.evaluation.regression.thresholds import METRICS, parse_thresholds
 from regents_cosim.replays.mirror import Wheel
 
 SAFE = Driven(
@@ -201,7 +207,7 @@ def test_a_run_that_is_killed_leaves_a_baseline_that_is_whole(tmp_path):
     file = tmp_path / "baseline.json"
     code = f"""
 from pathlib import Path
-from regents_cosim.evaluation.baseline import Baseline, Driven, save_baseline
+from regents_cosim.evaluation.regression.baseline import Baseline, Driven, save_baseline
 driven = {{f"case{{i}}": Driven("a" * 64, "no_collision", metrics={{"score": 0.5}}) for i in range(300)}}
 print("ready", flush=True)
 while True:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 from params import slow
 
-from regents_cosim.evaluation.driving import Drive
-from regents_cosim.evaluation.report import report_of
+from regents_cosim.evaluation.drives.driving import Drive
 from regents_cosim.reports.html import html_page
+from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import Avoidability, Fault, Judgement, Manoeuvre, Tracks
 from regents_cosim.shipped import shipped
 from regents_cosim.suite import load_cases

@@ -6,9 +6,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scenes import scene
 
-from regents_cosim.evaluation.driving import drive_each, driving_rows
-from regents_cosim.evaluation.encounters import Approach, Way, joining
-from regents_cosim.evaluation.safety import (
+from regents_cosim.evaluation.drives.driving import drive_each, driving_rows
+from regents_cosim.evaluation.drives.encounters import Approach, Way, joining
+from regents_cosim.evaluation.drives.safety import (
     Safety,
     arrival_time,
     crossing_ttc,

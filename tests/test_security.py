@@ -18,9 +18,8 @@ from regents_cosim import user_code
 from regents_cosim.bounded import gunzip_bounded
 from regents_cosim.cli import run
 from regents_cosim.errors import InputError, LogError, PlannerError, RegentsError, SumoError
-from regents_cosim.evaluation.driving import drive_each
-from regents_cosim.evaluation.report import report_of
-from regents_cosim.evaluation.suites import check_suite, write_suite
+from regents_cosim.evaluation.drives.driving import drive_each
+from regents_cosim.evaluation.suites.folders import check_suite, write_suite
 from regents_cosim.exports.export import export
 from regents_cosim.files import content_hash, find_cases, load_case, save_case
 from regents_cosim.mirror.kept_programs import private_folder
@@ -28,6 +27,7 @@ from regents_cosim.planners import find
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.planners.find import find_attribute, make_planner
 from regents_cosim.reports.html import html_page
+from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import AttackRecord
 from regents_cosim.shipped import network_config, shipped
 from regents_cosim.sources.logs.unpickle import unpickle

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from ssm_lanes import crosses, drives_of, joins, lanes_of
 
-from regents_cosim.evaluation.encounters import Way, crossing, joining
-from regents_cosim.evaluation.safety import (
+from regents_cosim.evaluation.drives.encounters import Way, crossing, joining
+from regents_cosim.evaluation.drives.safety import (
     crossing_ttc,
     deceleration_to_join,
     deceleration_to_yield,

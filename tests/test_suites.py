@@ -13,11 +13,11 @@ from scenes import platoon, scene
 
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.baseline import Baseline, Driven, load_baseline, save_baseline
-from regents_cosim.evaluation.cards import Card, card_of
-from regents_cosim.evaluation.curation import choose_adversarial, choose_ordinary
-from regents_cosim.evaluation.suite_building import Recipe, build, follows
-from regents_cosim.evaluation.suites import write_suite
+from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline, save_baseline
+from regents_cosim.evaluation.suites.building import Recipe, build, follows
+from regents_cosim.evaluation.suites.cards import Card, card_of
+from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
+from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.files import content_hash, load_case, load_suite
 from regents_cosim.suite import SuiteWriter
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from regents_cosim.benchmarks.transfer import PLACES, transfer
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.transfer import PLACES, transfer
 from regents_cosim.files import load_case
 from regents_cosim.frames import wrap
 from regents_cosim.replays.replay import SumoDrive, drive_in_sumo, drive_in_sumo_each, replay

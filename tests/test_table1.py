@@ -12,11 +12,11 @@ from PIL import Image
 from scenes import scene
 
 from regents_cosim.attacks.presets import KING, RANDOM, REGENTS, REGENTS_FOCUSED
+from regents_cosim.benchmarks.table1 import as_json, compare, markdown, require_places, table1
 from regents_cosim.cli.runs import columns
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.scores import Run, rollouts_at_most, scores
-from regents_cosim.evaluation.table1 import as_json, compare, markdown, require_places, table1
+from regents_cosim.evaluation.crashes.scores import Run, rollouts_at_most, scores
 from regents_cosim.reports.bars import Share, draw_bars
 from regents_cosim.scenario import (
     AttackRecord,

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.evaluation.baseline import Driven
-from regents_cosim.evaluation.cards import Card
-from regents_cosim.evaluation.regression import Verdict, explain
+from regents_cosim.evaluation.regression.baseline import Driven
+from regents_cosim.evaluation.regression.comparison import Verdict, explain
+from regents_cosim.evaluation.suites.cards import Card
 from regents_cosim.scenario import Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.verdicts.words import advice, offences_words, telling_words
 

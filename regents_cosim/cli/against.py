@@ -11,12 +11,10 @@ from typing import Any
 
 from regents_cosim.cli.options import Against
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
-from regents_cosim.evaluation.baseline import FILE, Baseline, Driven, load_baseline, update_baseline
-from regents_cosim.evaluation.cards import suite_cases
-from regents_cosim.evaluation.drives_ahead import driven
-from regents_cosim.evaluation.driving import Drive
-from regents_cosim.evaluation.margin import with_margin
-from regents_cosim.evaluation.regression import (
+from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.reduction.margin import with_margin
+from regents_cosim.evaluation.regression.baseline import FILE, Baseline, Driven, load_baseline, update_baseline
+from regents_cosim.evaluation.regression.comparison import (
     Verdict,
     changes,
     judge_drive,
@@ -27,7 +25,9 @@ from regents_cosim.evaluation.regression import (
     thresholds_measurable,
     unused,
 )
-from regents_cosim.evaluation.thresholds import Threshold, parse_thresholds
+from regents_cosim.evaluation.regression.drives_ahead import driven
+from regents_cosim.evaluation.regression.thresholds import Threshold, parse_thresholds
+from regents_cosim.evaluation.suites.cards import suite_cases
 from regents_cosim.files import content_hash
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.reports.tables import COMPARED

@@ -35,7 +35,7 @@ def reconstruction(*, count: Count = 20, seed: Seed = 0, nets: tuple[str, ...] =
     nets
         shipped networks, or .sumocfg files; all shipped ones by default
     """
-    from regents_cosim.evaluation.reconstruction import reconstruction_row
+    from regents_cosim.benchmarks.reconstruction import reconstruction_row
 
     terminal = open_terminal(talk)
     traffic = network_traffic(nets, count, seed, terminal)
@@ -137,8 +137,8 @@ def table1(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.evaluation.table1 import as_json, markdown, require_places, sections
-    from regents_cosim.evaluation.table1 import table1 as make_table
+    from regents_cosim.benchmarks.table1 import as_json, markdown, require_places, sections
+    from regents_cosim.benchmarks.table1 import table1 as make_table
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
     given = {
@@ -212,7 +212,7 @@ def replan(
     from time import perf_counter
 
     from regents_cosim.attacks.attack import attack as run_attack
-    from regents_cosim.evaluation.replanning import replan_row
+    from regents_cosim.benchmarks.replanning import replan_row
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
     terminal = open_terminal(talk)
@@ -245,7 +245,7 @@ def logs(paths: tuple[Path, ...], *, count: Count = 8, talk: Talk = Talk()) -> i
     count
         windows per scene at most
     """
-    from regents_cosim.evaluation.log_benchmark import log_rows
+    from regents_cosim.benchmarks.log_benchmark import log_rows
 
     terminal = open_terminal(talk)
     with terminal.waiting("reading and fitting"):
@@ -285,7 +285,7 @@ def highway(
     """
     from regents_cosim.attacks.attack import attack_each
     from regents_cosim.attacks.presets import METHODS
-    from regents_cosim.evaluation.transfer import highway_row
+    from regents_cosim.benchmarks.transfer import highway_row
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import IN_HIGHWAY
     from regents_cosim.sources.record import record as run_record
@@ -323,8 +323,8 @@ def transfer(cases: Cases, *, planner: str | None = None, talk: Talk = Talk()) -
     planner
         who drives there; default the planner that was attacked, if it is one of ours: what a case names is not run
     """
-    from regents_cosim.evaluation.transfer import PLACES
-    from regents_cosim.evaluation.transfer import transfer as run_transfer
+    from regents_cosim.benchmarks.transfer import PLACES
+    from regents_cosim.benchmarks.transfer import transfer as run_transfer
     from regents_cosim.reports.tables import TRANSFERRED
     from regents_cosim.suite import load_cases
 
@@ -375,7 +375,7 @@ def cross(
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.attacks.attack import attack_each
-    from regents_cosim.evaluation.cross import cross_rows
+    from regents_cosim.benchmarks.cross import cross_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.planners.find import attacked_planners
     from regents_cosim.reports.tables import CROSSED

@@ -360,7 +360,7 @@ def evaluate(
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.cli.against import Comparison
-    from regents_cosim.evaluation.driving import drive_each, driving_rows
+    from regents_cosim.evaluation.drives.driving import drive_each, driving_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import DRIVEN
     from regents_cosim.suite import load_cases
@@ -410,8 +410,8 @@ def report(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.evaluation.report import check_report, drive_for_report, judge_rest, report_of, save_report
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.report import check_report, drive_for_report, judge_rest, report_of, save_report
     from regents_cosim.reports.tables import SCORED
     from regents_cosim.suite import load_cases
 
@@ -554,7 +554,7 @@ def gallery(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.evaluation.gallery.make import make_gallery
+    from regents_cosim.benchmarks.gallery.make import make_gallery
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import ATTACKED, attack_row
 

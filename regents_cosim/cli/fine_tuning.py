@@ -15,8 +15,8 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.scratch import scratch_folder
 
 if TYPE_CHECKING:
-    from regents_cosim.evaluation.driving import Drive
-    from regents_cosim.evaluation.mixture import Mixture
+    from regents_cosim.evaluation.drives.driving import Drive
+    from regents_cosim.evaluation.training.mixture import Mixture
     from regents_cosim.scenario import Scenario
     from regents_cosim.terminal import Terminal
 
@@ -51,7 +51,7 @@ def course(cases: Path, suite: Path, options: FineTune) -> Course:
 
 def _parts(scenarios: "list[Scenario]", others: Path | None, option: str) -> "tuple[list[Scenario], ...]":
     """What to train on, to choose by, and to judge by: the cases of `others` where those are named."""
-    from regents_cosim.evaluation.before_after import hold_back
+    from regents_cosim.evaluation.training.before_after import hold_back
     from regents_cosim.suite import load_cases
 
     rest, judged_by = hold_back(scenarios) if others is None else (scenarios, load_cases(others))
@@ -66,7 +66,7 @@ def _parts(scenarios: "list[Scenario]", others: Path | None, option: str) -> "tu
 
 def crashes_of(weights: Path, adversarial: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":
     """What AIM-BEV with these weights is to learn from. Raises RegentsError where there is nothing."""
-    from regents_cosim.evaluation.failed_drives import failed_drives, teachable
+    from regents_cosim.evaluation.training.failed_drives import failed_drives, teachable
     from regents_cosim.planners.aim_bev.train import drive_all
 
     drives = terminal.each(drive_all(adversarial, weights), "looking for crashes", len(adversarial))
@@ -89,7 +89,7 @@ def learnt_path(output: Path) -> Path:
 
 def keep_best(before: Path, learnt: Path, output: Path, chosen_by: Cases, terminal: "Terminal") -> None:
     """Write the mixture of both weights to `output` that drives the cases to choose by best."""
-    from regents_cosim.evaluation.mixture import SHARES, best
+    from regents_cosim.evaluation.training.mixture import SHARES, best
     from regents_cosim.planners.aim_bev.interpolate import interpolate
     from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 
@@ -106,7 +106,7 @@ def keep_best(before: Path, learnt: Path, output: Path, chosen_by: Cases, termin
 
 
 def _driven(share: float, weights: Path, cases: Cases, terminal: "Terminal") -> "Mixture":
-    from regents_cosim.evaluation.mixture import mixture
+    from regents_cosim.evaluation.training.mixture import mixture
 
     found = mixture(share, _drives(cases.adversarial, weights, terminal), _drives(cases.ordinary, weights, terminal))
     terminal.say(
@@ -118,7 +118,7 @@ def _driven(share: float, weights: Path, cases: Cases, terminal: "Terminal") -> 
 
 def show_before_after(before: Path, after: Path, judged_by: Cases, terminal: "Terminal") -> None:
     """The table that says whether the training helped."""
-    from regents_cosim.evaluation.before_after import before_after
+    from regents_cosim.evaluation.training.before_after import before_after
 
     rows = []
     for name, scenarios in vars(judged_by).items():
@@ -127,7 +127,7 @@ def show_before_after(before: Path, after: Path, judged_by: Cases, terminal: "Te
 
 
 def _drives(scenarios: "list[Scenario]", weights: Path, terminal: "Terminal") -> "list[Drive]":
-    from regents_cosim.evaluation.driving import score
+    from regents_cosim.evaluation.drives.driving import score
     from regents_cosim.planners.aim_bev.train import drive_all
 
     drives = terminal.each(drive_all(scenarios, weights), f"driving with {weights.stem}", len(scenarios))

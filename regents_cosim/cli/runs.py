@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from regents_cosim.attacks.presets import AttackConfig
-    from regents_cosim.evaluation.scores import MethodScores, Protocol, Results, Run
-    from regents_cosim.evaluation.table1 import Table1
+    from regents_cosim.benchmarks.table1 import Table1
+    from regents_cosim.evaluation.crashes.scores import MethodScores, Protocol, Results, Run
     from regents_cosim.scenario import Scenario
     from regents_cosim.terminal import Terminal
 
@@ -75,7 +75,7 @@ def _by_our_protocol(methods: "Sequence[str]", given: "Mapping[str, Any]") -> li
 
 
 def _config(method: str, given: "Mapping[str, Any]") -> "AttackConfig | None":
-    from regents_cosim.evaluation.aggressive import METHOD
+    from regents_cosim.benchmarks.aggressive import METHOD
 
     return None if method == METHOD else Search(method, **given).config()  # pyright: ignore[reportArgumentType]
 
@@ -88,7 +88,7 @@ def places_run(
     terminal: "Terminal",
 ) -> "Iterator[list[Run]]":
     """The runs of all columns, place by place: after each, those on the places so far."""
-    from regents_cosim.evaluation.kept_runs import joined
+    from regents_cosim.benchmarks.kept_runs import joined
 
     done: list[list[Run]] = [[] for _ in wanted]
     for windows in places:
@@ -113,7 +113,7 @@ def runs_again(
     One method after the other, each where those before it found nothing.
     """
     from regents_cosim.attacks.presets import METHODS, OURS, with_ten_times
-    from regents_cosim.evaluation.ceiling import unsolved
+    from regents_cosim.benchmarks.ceiling import unsolved
 
     for windows in places:
         left, made = unsolved(windows, runs)[:most], []
@@ -135,7 +135,7 @@ def _one_run(
     terminal: "Terminal",
 ) -> "Run":
     """A method on the windows of one place: the run that `output` keeps of it, else a new one."""
-    from regents_cosim.evaluation.kept_runs import keep, kept, run_folder
+    from regents_cosim.benchmarks.kept_runs import keep, kept, run_folder
 
     folder = run_folder(output, column.name, planner, column.config, windows) if output else None
     run = kept(folder) if folder else None
@@ -152,7 +152,7 @@ def _one_run(
 def attack_run(windows: "list[Scenario]", planner: str, column: Column, terminal: "Terminal") -> "Run":
     """An attack on all `windows`."""
     from regents_cosim.attacks.attack import attack_each
-    from regents_cosim.evaluation.scores import rollouts_at_most
+    from regents_cosim.evaluation.crashes.scores import rollouts_at_most
 
     config = column.config
     assert config is not None
@@ -165,7 +165,7 @@ def attack_run(windows: "list[Scenario]", planner: str, column: Column, terminal
 
 def aggressive_run(windows: "list[Scenario]", planner: str, others: "list[Run]", terminal: "Terminal") -> "Run":
     """SUMO's own drivers at their most dangerous, on the same windows as the `others`."""
-    from regents_cosim.evaluation.aggressive import METHOD, drive_aggressively
+    from regents_cosim.benchmarks.aggressive import METHOD, drive_aggressively
 
     nothing: list[Results] = [[] for _ in windows]
     before = next((run.windows for run in others if run.planner == planner), nothing)
@@ -178,8 +178,8 @@ def aggressive_run(windows: "list[Scenario]", planner: str, others: "list[Run]",
 def write_table(table: "Table1", folder: Path) -> None:
     """The table as Markdown, JSON and two pictures: shares of windows, and telling crashes by how usual they are."""
     from regents_cosim.atomic import explain_write, write_atomic
-    from regents_cosim.evaluation.scores import USUAL
-    from regents_cosim.evaluation.table1 import as_json, markdown
+    from regents_cosim.benchmarks.table1 import as_json, markdown
+    from regents_cosim.evaluation.crashes.scores import USUAL
     from regents_cosim.reports.bars import Share, draw_bars
     from regents_cosim.reports.curve import draw_curve
 
@@ -205,7 +205,7 @@ def _judged(
     terminal: "Terminal",
     protocol: "Protocol" = (),
 ) -> "Run":
-    from regents_cosim.evaluation.scores import InSumo, Run
+    from regents_cosim.evaluation.crashes.scores import InSumo, Run
     from regents_cosim.verdicts.judgement import judge_each
 
     cases = [case for results in found for case in results]

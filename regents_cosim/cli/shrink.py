@@ -44,8 +44,8 @@ def shrink(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.evaluation.shrink import shrink as run_shrink
-    from regents_cosim.evaluation.shrink import size
+    from regents_cosim.evaluation.reduction.shrink import shrink as run_shrink
+    from regents_cosim.evaluation.reduction.shrink import size
     from regents_cosim.files import load_suite
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.planners.find import planner_of

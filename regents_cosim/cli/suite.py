@@ -69,10 +69,10 @@ def build(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.evaluation.cards import card
-    from regents_cosim.evaluation.suite_building import Recipe
-    from regents_cosim.evaluation.suite_building import build as run_build
-    from regents_cosim.evaluation.suites import require_place, write_suite
+    from regents_cosim.evaluation.suites.building import Recipe
+    from regents_cosim.evaluation.suites.building import build as run_build
+    from regents_cosim.evaluation.suites.cards import card
+    from regents_cosim.evaluation.suites.folders import require_place, write_suite
     from regents_cosim.files import content_hash
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import LISTED
@@ -115,7 +115,7 @@ def list_cases(suite: Cases | None = None, *, shipped: bool = False, talk: Talk 
     shipped
         list the suites and SUMO networks that come with the package instead
     """
-    from regents_cosim.evaluation.cards import card_of, suite_cases
+    from regents_cosim.evaluation.suites.cards import card_of, suite_cases
     from regents_cosim.reports.tables import LISTED, shipped_rows
 
     if shipped == (suite is not None):
@@ -142,7 +142,7 @@ def check(suite: Cases, *, replay: bool = False, talk: Talk = Talk()) -> int:
     replay
         replay every case in the simulator that it is from as well, and compare every position
     """
-    from regents_cosim.evaluation.suites import check_suite
+    from regents_cosim.evaluation.suites.folders import check_suite
     from regents_cosim.planners.find import is_built_in
     from regents_cosim.reports.tables import CHECKED
 
@@ -180,7 +180,7 @@ def judge(
     output
         folder for the cases as they are judged now; by default the suite itself
     """
-    from regents_cosim.evaluation.suites import judge_into
+    from regents_cosim.evaluation.suites.folders import judge_into
     from regents_cosim.reports.picture import draw_still
     from regents_cosim.reports.tables import JUDGED, judged_row, summary
     from regents_cosim.shipped import require_own
@@ -224,8 +224,8 @@ def rank(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.evaluation.driving import drive_each
-    from regents_cosim.evaluation.ranking import rank_rows
+    from regents_cosim.evaluation.drives.driving import drive_each
+    from regents_cosim.evaluation.suites.ranking import rank_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import RANKED
     from regents_cosim.suite import load_cases
@@ -261,7 +261,7 @@ def merge(
     seed
         that the manifest notes
     """
-    from regents_cosim.evaluation.suites import merge_into
+    from regents_cosim.evaluation.suites.folders import merge_into
 
     if len(folders) < 2:
         raise RegentsError(f"{len(folders)} suites named, expected two or more to merge")

@@ -12,11 +12,11 @@ import msgspec
 from markupsafe import Markup, escape
 
 from regents_cosim.plain_text import printable
+from regents_cosim.reports.crash_groups import groups
 from regents_cosim.reports.packing import packed
 from regents_cosim.reports.page_case import PageCase
 from regents_cosim.reports.page_colours import DARK, LIGHT
 from regents_cosim.reports.page_map import page_maps
-from regents_cosim.reports.verdict import groups
 
 SCHEMA = 1
 _MOST_GROUPS = 6  # of crashes, in the summary

@@ -11,12 +11,13 @@ import numpy as np
 
 from regents_cosim.boxes import Boxes, distance
 from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.evaluation.crashes.verdict import Verdict
 from regents_cosim.planners.find import is_built_in
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
+from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, Crash
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.scene import contact_point
-from regents_cosim.reports.verdict import FAULTS, NOT_JUDGED, Crash, Verdict
 from regents_cosim.scenario import Collision, Escape, Flaw, Scenario, Tracks
 from regents_cosim.verdicts.words import behind_words, drive_words, offences_words, telling_words
 

@@ -24,8 +24,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.baseline import Baseline, Driven, load_baseline
-from regents_cosim.evaluation.suites import write_suite
+from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline
+from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.files import content_hash, load_case, load_suite
 from regents_cosim.scenario import Scenario
 from regents_cosim.shipped import network_config, shipped

@@ -16,8 +16,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.baseline import FILE, Baseline, Driven, load_baseline, update_baseline
-from regents_cosim.evaluation.suites import check_suite
+from regents_cosim.evaluation.regression.baseline import FILE, Baseline, Driven, load_baseline, update_baseline
+from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.files import content_hash, load_case, load_suite
 from regents_cosim.scenario import Scenario
 from regents_cosim.shipped import shipped

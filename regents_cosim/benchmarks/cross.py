@@ -1,0 +1,103 @@
+"""`regents bench cross`: whether adversaries that were found for one planner make others crash."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from regents_cosim.evaluation.drives.driving import Drive, drive_each
+from regents_cosim.evaluation.reduction.way_back import with_rows
+from regents_cosim.evaluation.statistics import percent, percent_interval
+from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.scenario import Scenario
+
+ALL = "all"  # in the place of a planner: every one of them
+
+
+@dataclass(frozen=True)
+class CrossRow:
+    """One planner among the adversaries of another.
+
+    Of windows in which a planner collides without any attack nothing can be learnt about it: they
+    are left out for it, and for `all` where one of the planners does. A crash of a planner is any
+    collision of its ego. Several adversaries of one window count each.
+    """
+
+    adversaries_of: str
+    planner: str
+    n: int  # adversaries, each of which made the planner crash that it was found for
+    crashes: int  # of the planner among them; of `all`: those that make every planner crash
+    crash_percent: float
+    interval_percent: tuple[float, float]  # 95 %, Wilson
+    windows: int  # without a collision before the attack
+    windows_crashed: int  # in which at least one adversary does
+    windows_percent: float
+    windows_interval_percent: tuple[float, float]
+    planner_errors: int  # drives that failed count as no crash
+
+
+def among_adversaries(attacked: Scenario) -> Scenario:
+    """The traffic after an attack for another planner to drive in: its ego has its recorded track again.
+
+    The track of the ego in an attacked case is what the attacked planner made of it, and says
+    where it crashes: nobody else is to follow it.
+    """
+    if attacked.original is None:
+        return attacked
+    is_ego = np.arange(len(attacked.agents)) == 0
+    return replace(attacked, tracks=with_rows(attacked.tracks, attacked.original, is_ego), judgement=None, evasion=None)
+
+
+def cross_rows(
+    attacked: Mapping[str, Sequence[Scenario]], planners: Sequence[str], act_timeout_s: float = ACT_TIMEOUT_S
+) -> list[CrossRow]:
+    """All rows: `attacked` holds the results of attacks by whom the adversaries were found for.
+
+    Raises PlannerError where a planner cannot be found.
+    """
+    originals = {case.attack.case: case for cases in attacked.values() for case in cases if case.attack}
+    crashes = {
+        name: [case for case in cases if case.attack and case.attack.outcome == "collision"]
+        for name, cases in attacked.items()
+    }
+    before = [case.before_attack() for case in originals.values()]
+    alone = {p: dict(zip(originals, _drives(before, p, act_timeout_s), strict=True)) for p in planners}
+    rows = []
+    for name, cases in crashes.items():
+        among = {p: _drives([among_adversaries(case) for case in cases], p, act_timeout_s) for p in planners}
+        tried = [case.attack for case in attacked[name] if case.attack]
+        windows = {record.case for record in tried if record.outcome != "already_colliding"}
+        rows += [_row(name, planner, cases, windows, alone, among) for planner in (*planners, ALL)]
+    return rows
+
+
+def _drives(scenarios: list[Scenario], planner: str, act_timeout_s: float) -> list[Drive]:
+    return list(drive_each(scenarios, planner, act_timeout_s))
+
+
+def _row(
+    name: str,
+    planner: str,
+    cases: list[Scenario],
+    windows: set[str],
+    alone: Mapping[str, Mapping[str, Drive]],
+    among: Mapping[str, list[Drive]],
+) -> CrossRow:
+    driven = list(among) if planner == ALL else [planner]
+    free = {window for window in windows if all(alone[one][window].hits is None for one in driven)}
+    counted = [index for index, case in enumerate(cases) if case.attack and case.attack.case in free]
+    crashed = [index for index in counted if all(among[one][index].hits is not None for one in driven)]
+    hit_windows = {case.attack.case for index in crashed if (case := cases[index]).attack}
+    return CrossRow(
+        adversaries_of=name,
+        planner=planner,
+        n=len(counted),
+        crashes=len(crashed),
+        crash_percent=percent(len(crashed), len(counted)),
+        interval_percent=percent_interval(len(crashed), len(counted)),
+        windows=len(free),
+        windows_crashed=len(hit_windows),
+        windows_percent=percent(len(hit_windows), len(free)),
+        windows_interval_percent=percent_interval(len(hit_windows), len(free)),
+        planner_errors=sum(bool(among[one][index].error) for one in driven for index in counted),
+    )

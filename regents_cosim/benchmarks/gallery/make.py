@@ -1,0 +1,47 @@
+"""The gallery as a folder: pictures, the page that shows them, and the cases behind them."""
+
+import io
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from regents_cosim.atomic import explain_write, write_atomic
+from regents_cosim.benchmarks.gallery.exhibits import exhibits, run
+from regents_cosim.benchmarks.gallery.field_picture import draw_fields
+from regents_cosim.benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
+from regents_cosim.benchmarks.gallery.index import FIELD_PICTURE, index_page, picture_name
+from regents_cosim.benchmarks.gallery.panels import draw_exhibit
+from regents_cosim.reports.canvas import Canvas
+from regents_cosim.scenario import Scenario
+from regents_cosim.suite import SuiteWriter
+
+
+def make_gallery(folder: Path) -> list[Scenario]:
+    """Write the gallery into `folder`; returns the attacked scenes, which are its cases.
+
+    Raises RegentsError where `folder` cannot be written.
+    """
+    cases = SuiteWriter(folder / "cases", seed=0)
+    with jax.default_device(jax.local_devices(backend="cpu")[0]):  # everywhere the same numbers
+        fields = [gradient_field(np.deg2rad(degrees)) for degrees in YAWS_DEG]
+        runs = [run(exhibit) for exhibit in exhibits()]
+    attacked = [scenario for made in runs for scenario in made.attacked.values()]
+    for scenario in attacked:
+        cases.add(scenario)
+    _save(draw_fields(fields), folder / FIELD_PICTURE)
+    for made in runs:
+        _save(draw_exhibit(made), folder / picture_name(made))
+    _write(folder / "README.md", index_page(fields, runs).encode())
+    return attacked
+
+
+def _save(picture: Canvas, path: Path) -> None:
+    buffer = io.BytesIO()
+    picture.finish().save(buffer, "PNG", optimize=True)
+    _write(path, buffer.getvalue())
+
+
+def _write(path: Path, content: bytes) -> None:
+    with explain_write(path.parent):
+        write_atomic(path, content)

@@ -1,0 +1,97 @@
+"""Runs of a table kept on disk as soon as they are made: a table that was interrupted goes on, or grows by places.
+
+Each run is a folder of cases beside `run.json`, which is written last. Its name says what was run: the method with its
+settings, the planner and the windows, so that a run of something else is never taken for it.
+"""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import msgspec
+
+from regents_cosim.atomic import explain_write, write_atomic
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.errors import CaseError
+from regents_cosim.evaluation.crashes.scores import InSumo, Run
+from regents_cosim.files import content_hash, load_case, save_case
+from regents_cosim.names import file_name, word
+from regents_cosim.scenario import Scenario
+
+_HEADER = "run.json"
+_NAME = 60  # letters of a method and a planner in a folder's name
+
+
+class _Header(msgspec.Struct, frozen=True):
+    """What the cases do not say."""
+
+    method: str
+    planner: str
+    rollouts: int
+    seconds: float
+    protocol: dict[str, str | int]
+    windows: list[list[str]]  # ids of the results of each
+    in_sumo: list[InSumo]
+
+
+def run_folder(
+    folder: Path, method: str, planner: str, config: AttackConfig | None, windows: Sequence[Scenario]
+) -> Path:
+    """Where the run of a method on these windows belongs."""
+    settings = asdict(config) if config else None
+    said = json.dumps([method, planner, settings, [content_hash(window) for window in windows]])
+    digest = hashlib.sha256(said.encode()).hexdigest()[:12]
+    return folder / "runs" / file_name(word(method, _NAME), word(planner, _NAME), digest)
+
+
+def keep(run: Run, folder: Path) -> None:
+    """Write a run. Raises RegentsError where that is not possible."""
+    header = _Header(
+        run.method,
+        run.planner,
+        run.rollouts,
+        run.seconds,
+        _plain(run.protocol),
+        [[case.id for case in results] for results in run.windows],
+        list(run.in_sumo),
+    )
+    with explain_write(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for results in run.windows:
+            for case in results:
+                save_case(case, folder)
+        write_atomic(folder / _HEADER, msgspec.json.encode(header))
+
+
+def kept(folder: Path) -> Run | None:
+    """The run that a folder keeps; None where it was never finished. Raises CaseError for damaged ones."""
+    path = folder / _HEADER
+    if not path.is_file():
+        return None
+    try:
+        header = msgspec.json.decode(path.read_bytes(), type=_Header)
+    except (OSError, msgspec.MsgspecError) as error:
+        raise CaseError(f"{path}: {error} (remove the folder to make the run again)") from error
+    windows = [[load_case(folder / name) for name in names] for names in header.windows]
+    protocol = tuple(header.protocol.items())
+    return Run(header.method, header.planner, header.rollouts, windows, header.in_sumo, header.seconds, protocol)
+
+
+def _plain(protocol: Sequence[tuple[str, object]]) -> dict[str, str | int]:
+    return {name: value if isinstance(value, int) else str(value) for name, value in protocol}
+
+
+def joined(runs: Sequence[Run]) -> Run:
+    """The runs of one method on several places as one."""
+    first = runs[0]
+    return Run(
+        first.method,
+        first.planner,
+        first.rollouts,
+        [results for run in runs for results in run.windows],
+        [one for run in runs for one in run.in_sumo],
+        sum(run.seconds for run in runs),
+        first.protocol,
+    )

@@ -1,0 +1,44 @@
+"""The crash of a drive, judged as that of an attack is: could this driver have avoided it, and whose fault was it."""
+
+from dataclasses import replace
+
+from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.evaluation.crashes.verdict import Verdict
+from regents_cosim.scenario import AttackRecord, Judgement, Scenario, Tracks
+from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.words import advice
+
+
+def verdict_of(judgement: Judgement | None) -> Verdict | None:
+    """What a judgement of a crash says, None where it has not been judged."""
+    if judgement is None:
+        return None
+    fault, law = judgement.fault, judgement.law
+    return Verdict(
+        at_fault=fault.at_fault if fault else None,
+        rule=fault.rule if fault else None,
+        escape=judgement.escape,
+        clean=judgement.clean,
+        telling=judgement.telling,
+        advice=advice(judgement),
+        offences=tuple(offence.name for offence in law.adversary) if law else None,
+        ego_offences=tuple(offence.name for offence in law.ego) if law else None,
+        preventable_by=judgement.preventable_by if judgement.drivers else None,
+    )
+
+
+def verdict_of_drive(case: Scenario, driver: str, tracks: Tracks) -> Verdict | None:
+    """That of the crash which `driver` has in `case` by `tracks`; None where it has none."""
+    driven = judged_drive(case, driver, tracks)
+    return verdict_of(driven.judgement) if driven else None
+
+
+def judged_drive(case: Scenario, driver: str, tracks: Tracks) -> Scenario | None:
+    """The case as `driver` drives it by `tracks`, and the judgement of its crash; None where it has none."""
+    contact = first_contact(case.agents, tracks)
+    if contact is None:
+        return None
+    hit = collision_at(case.agents, tracks, contact, case.dt, case.agents[contact[0]].role == "adversary")
+    attack = AttackRecord(case.id, "drive", driver, "collision", 0, hit)
+    log = case.tracks if case.original is None else case.original
+    return judge(replace(case, tracks=tracks, attack=attack, original=log, judgement=None, evasion=None))

@@ -1,0 +1,294 @@
+"""How a method fares on windows of traffic: the papers' counts, and those that say whether a crash means something."""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+from statistics import fmean, median
+from typing import NamedTuple, get_args
+
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.evaluation.crashes.deviation import deviation
+from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences
+from regents_cosim.evaluation.crashes.realism import realism
+from regents_cosim.evaluation.drives.driving import driving_row, score
+from regents_cosim.evaluation.statistics import percent, percent_interval
+from regents_cosim.scenario import OffenceName, Scenario
+
+Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
+Interval = tuple[float, float]
+Protocol = tuple[tuple[str, object], ...]  # settings that it is, by name (`AttackConfig.protocol`)
+USUAL = tuple(range(0, 101, 5))  # percent: success is counted by how usual the adversary is at least
+Counted = Callable[[Scenario], Iterable[str]]
+
+
+class InSumo(NamedTuple):
+    """What SUMO made of a crash."""
+
+    case: str
+    verified: bool  # the same contact at the same step in SUMO's positions
+    listed: bool  # SUMO's own list of collisions has the pair
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A method on some windows, its crashes judged."""
+
+    method: str
+    planner: str
+    rollouts: int  # for a window, at most
+    windows: Sequence[Results]
+    in_sumo: Sequence[InSumo] = ()  # of the crashes
+    seconds: float = 0.0  # of the search, all cores
+    protocol: Protocol = ()  # by which it searched; of runs without a search empty
+
+
+@dataclass(frozen=True)
+class MethodScores:
+    """Percentages of windows carry n and 95 % Wilson intervals; those of crashes are of all that were found."""
+
+    method: str
+    planner: str
+    source: str  # file that the traffic came from, or which of them together
+    protocol: str  # by which it searched, in words
+    rollouts: int  # for a window, at most
+    mean_rollouts: float | None  # for a window, made; None where the search did not count them
+    windows: int
+    colliding_before: int
+    n: int  # windows without a collision before the attack
+    telling: int  # windows with a crash that is clean, by a lawful adversary, and that a careful driver avoids
+    telling_percent: float
+    telling_interval: Interval
+    telling_unknown: int  # windows with none, but with a crash of which it is not known: maps without directions, say
+    successes: int  # with one after it, as the papers count
+    success_percent: float
+    success_interval: Interval
+    clean: int  # windows with a crash that nothing spoils
+    clean_percent: float
+    clean_interval: Interval
+    actionable: int  # windows with a crash that is clean and that the planner could have avoided
+    actionable_percent: float
+    actionable_interval: Interval
+    route_completion_percent: float  # of all windows, the ego stopping at a collision
+    infraction_score: float
+    driving_score_percent: float
+    collision_rate_percent: float
+    crashes: int
+    kinds: dict[str, int]
+    impact_m_s: float | None  # mean relative speed at the contact
+    flaws: dict[str, int]  # crashes that each of them spoils
+    avoidable_percent: float
+    avoidable_in_time_percent: float  # also by an answer to what was to be seen, 0.75 s after it was
+    proven_unavoidable_percent: float
+    avoided_by: dict[str, int]  # crashes that each reference driver avoids ...
+    driven_by: dict[str, int]  # ... of those that it drove
+    lawful: int  # crashes whose adversary broke no law
+    lawful_unknown: int
+    offences: dict[str, int]  # crashes whose adversary did that ...
+    ego_offences: dict[str, int]  # ... and whose ego did ...
+    offences_told: dict[str, int]  # ... of those in which it can be told
+    usual_percent: float | None  # median rank of the adversaries among continuations of the same moment
+    usual_unknown: int  # crashes of which it is not known
+    telling_by_usual: dict[str, float]  # percent of windows with a telling crash whose adversary is at least so usual
+    evade_before_s: float | None  # median time from the last evasion that avoids it to the contact
+    at_fault: dict[str, int]
+    min_ttc_p5_s: float | None
+    max_drac_p95_m_s2: float | None
+    deviation_m: float | None  # mean distance of the adversary to its log, up to the collision
+    realism_distance: dict[str, float]  # Wasserstein, adversaries against all background traffic of the windows
+    verified_in_sumo: int  # the same contact at the same step in SUMO's positions
+    in_sumos_list: int
+    failures: dict[str, int]  # why windows have no telling crash
+    failing_offences: dict[str, int]  # of the adversaries where that is why
+    seconds: float
+
+
+def scores(run: Run, source: str = "all", files: Collection[str] | None = None) -> MethodScores:
+    """Scores of a run, or of its windows from `files` alone, which together are called `source`."""
+    windows = [results for results in run.windows if files is None or results[0].provenance.file in files]
+    kept = {case.id for results in windows for case in results}
+    in_sumo = [one for one in run.in_sumo if one.case in kept]
+    judged = [results for results in windows if not collided_before(results)]
+    crashes = [case for results in judged for case in results if case.judgement]
+    n, drives = len(judged), [score(results[0], results[0].tracks) for results in windows]
+    driven = driving_row(source, drives)
+    telling, successes, clean, actionable = (
+        count_windows(judged, which) for which in (is_telling, is_crash, is_clean, is_actionable)
+    )
+    natural = realism(crashes)
+    return MethodScores(
+        method=run.method,
+        planner=run.planner,
+        source=source,
+        protocol=in_words(run.protocol),
+        rollouts=run.rollouts,
+        mean_rollouts=_mean_rollouts(judged),
+        windows=len(windows),
+        colliding_before=len(windows) - n,
+        n=n,
+        telling=telling,
+        telling_percent=percent(telling, n),
+        telling_interval=percent_interval(telling, n),
+        telling_unknown=sum(_unknown(results) for results in judged),
+        successes=successes,
+        success_percent=percent(successes, n),
+        success_interval=percent_interval(successes, n),
+        clean=clean,
+        clean_percent=percent(clean, n),
+        clean_interval=percent_interval(clean, n),
+        actionable=actionable,
+        actionable_percent=percent(actionable, n),
+        actionable_interval=percent_interval(actionable, n),
+        route_completion_percent=driven.route_completion_percent,
+        infraction_score=driven.infraction_score,
+        driving_score_percent=driven.driving_score_percent,
+        collision_rate_percent=driven.collision_rate_percent,
+        crashes=len(crashes),
+        kinds=dict(Counter(case.attack.collision.kind for case in crashes if case.attack and case.attack.collision)),
+        impact_m_s=_mean([c.attack.collision.relative_speed for c in crashes if c.attack and c.attack.collision]),
+        flaws=_count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),
+        avoidable_percent=percent(sum(_avoidable(case) for case in crashes), len(crashes)),
+        avoidable_in_time_percent=percent(
+            sum(bool(case.judgement and case.judgement.escape == "in time") for case in crashes), len(crashes)
+        ),
+        proven_unavoidable_percent=percent(sum(_proven_unavoidable(case) for case in crashes), len(crashes)),
+        avoided_by=_count(crashes, lambda case: case.judgement.preventable_by if case.judgement else ()),
+        driven_by=_count(crashes, lambda case: (d.driver for d in case.judgement.drivers) if case.judgement else ()),
+        lawful=sum(_lawful(case) is True for case in crashes),
+        lawful_unknown=sum(_lawful(case) is None for case in crashes),
+        offences=_count(crashes, adversary_offences),
+        ego_offences=_count(crashes, ego_offences),
+        offences_told=_count(crashes, told_offences),
+        usual_percent=_median([rank for case in crashes if (rank := _usual(case)) is not None]),
+        usual_unknown=sum(_usual(case) is None for case in crashes),
+        telling_by_usual={str(least): percent(count_windows(judged, telling_from(least)), n) for least in USUAL},
+        evade_before_s=_median([s for case in crashes if (s := _evade_before_s(case)) is not None]),
+        at_fault=dict(Counter(c.judgement.fault.at_fault for c in crashes if c.judgement and c.judgement.fault)),
+        min_ttc_p5_s=driven.min_ttc_p5_s,
+        max_drac_p95_m_s2=driven.max_drac_p95_m_s2,
+        deviation_m=_mean([one.mean_m for one in map(deviation, crashes) if one]),
+        realism_distance={q.name: round(q.distance_traffic, 3) for q in natural.quantities} if natural else {},
+        verified_in_sumo=sum(one.verified for one in in_sumo),
+        in_sumos_list=sum(one.listed for one in in_sumo),
+        failures={str(reason): number for reason, number in count_reasons(judged).items()},
+        failing_offences=dict(Counter(name for results in judged for name in failing_offences(results))),
+        seconds=round(run.seconds, 1),
+    )
+
+
+def collided_before(results: Results) -> bool:
+    """Whether the planner collides without any attack."""
+    return any(map(collides_before, results))
+
+
+def collides_before(case: Scenario) -> bool:
+    """Whether a result says so."""
+    return case.attack is not None and case.attack.outcome == "already_colliding"
+
+
+def is_telling(case: Scenario) -> bool:
+    """Whether the crash is known to tell something about the planner."""
+    return case.judgement is not None and case.judgement.telling is True
+
+
+def telling_from(least: int) -> Callable[[Scenario], bool]:
+    """Whether a crash tells something, and its adversary is at least so usual [percent]; not where that is unknown."""
+    return lambda case: is_telling(case) and (_usual(case) or 0.0) >= least
+
+
+def is_crash(case: Scenario) -> bool:
+    """Whether the attack made the ego collide."""
+    return case.attack is not None and case.attack.outcome == "collision"
+
+
+def is_clean(case: Scenario) -> bool:
+    """Whether nothing spoils the crash."""
+    return case.judgement is not None and case.judgement.clean
+
+
+def is_actionable(case: Scenario) -> bool:
+    """Whether the crash is clean and avoidable."""
+    return case.judgement is not None and case.judgement.actionable
+
+
+def count_windows(windows: Sequence[Results], which: Callable[[Scenario], bool]) -> int:
+    """In how many windows some result is of that kind."""
+    return sum(any(map(which, results)) for results in windows)
+
+
+def rollouts_at_most(config: AttackConfig) -> int:
+    """How many closed loops of the planner a window may take."""
+    if config.search == "joint":
+        return config.iterations
+    updates = 1 if config.optimiser == "none" else config.iterations
+    return config.nearest * (config.starts + config.attempts * updates)
+
+
+def in_words(protocol: Protocol) -> str:
+    """A protocol, as tables print it."""
+    return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in protocol) or "-"
+
+
+def adversary_offences(case: Scenario) -> set[str]:
+    """What the adversary of a crash did against the law."""
+    law = case.judgement.law if case.judgement else None
+    return {offence.name for offence in law.adversary} if law else set()
+
+
+def ego_offences(case: Scenario) -> set[str]:
+    """What the ego did."""
+    law = case.judgement.law if case.judgement else None
+    return {offence.name for offence in law.ego} if law else set()
+
+
+def told_offences(case: Scenario) -> set[str]:
+    """The offences that the data of a crash can tell of."""
+    law = case.judgement.law if case.judgement else None
+    return set(get_args(OffenceName)) - set(law.unknown) if law else set()
+
+
+def _unknown(results: Results) -> bool:
+    """Whether a window has no crash that is known to tell, and one of which it is not known."""
+    said = [case.judgement.telling for case in results if case.judgement]
+    return True not in said and None in said
+
+
+def _mean_rollouts(windows: Sequence[Results]) -> float | None:
+    made = [results[0].attack.rollouts for results in windows if results[0].attack]
+    return round(fmean(made), 1) if any(made) else None
+
+
+def _count(crashes: Sequence[Scenario], what: Counted) -> dict[str, int]:
+    """How many crashes have each of the words that `what` gives, sorted."""
+    return dict(sorted(Counter(word for case in crashes for word in what(case)).items()))
+
+
+def _lawful(case: Scenario) -> bool | None:
+    return case.judgement.law.lawful if case.judgement and case.judgement.law else None
+
+
+def _usual(case: Scenario) -> float | None:
+    return case.judgement.usual if case.judgement else None
+
+
+def _proven_unavoidable(case: Scenario) -> bool:
+    return bool(case.judgement and case.judgement.unavoidable)
+
+
+def _avoidable(case: Scenario) -> bool:
+    return bool(case.judgement and case.judgement.avoidability and case.judgement.avoidability.avoidable)
+
+
+def _evade_before_s(case: Scenario) -> float | None:
+    """How long before the contact the last evasion that avoids it begins."""
+    found = case.judgement.avoidability if case.judgement else None
+    if found is None or found.last_onset_step is None or case.attack is None or case.attack.collision is None:
+        return None
+    return (case.attack.collision.step - found.last_onset_step) * case.dt
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return round(fmean(values), 2) if values else None
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return round(median(values), 2) if values else None

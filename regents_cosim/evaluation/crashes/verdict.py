@@ -1,0 +1,44 @@
+"""What is known of one crash of one driver, and how urgent that makes it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from regents_cosim.scenario import Escape
+
+Blamed = Literal["ego", "adversary", "both", "nobody"]
+_BLAME: dict[Blamed | None, int] = {"ego": 0, "both": 0, "nobody": 1, None: 1, "adversary": 2}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is known of one crash of one driver; None where it is not judged."""
+
+    at_fault: Blamed | None
+    rule: str | None
+    escape: Escape | None  # whether the driver could have avoided it
+    clean: bool
+    telling: bool | None = None
+    advice: str | None = None  # what a reference driver does instead
+    offences: tuple[str, ...] | None = None  # of the adversary
+    ego_offences: tuple[str, ...] | None = None
+    preventable_by: tuple[str, ...] | None = None  # reference drivers that avoid it
+
+    @property
+    def urgency(self) -> tuple[int, int, int, int]:
+        """Sorts what to fix first: what tells something about the planner before the rest."""
+        return int(not self.telling), self.blame, int(not self.in_time), int(not self.clean)
+
+    @property
+    def blame(self) -> int:
+        """0 where the planner is to blame, alone or with others; 1 where that is open; 2 where the adversary is."""
+        return _BLAME[self.at_fault]
+
+    @property
+    def avoidable(self) -> bool | None:
+        """Whether a drive is known that avoids it."""
+        return None if self.escape is None else self.escape not in ("never", "unknown")
+
+    @property
+    def in_time(self) -> bool | None:
+        """Whether that answers what was to be seen, after a time to react; None where that is not known."""
+        return None if self.escape in (None, "avoidable") else self.escape == "in time"

@@ -1,0 +1,1 @@
+"""How well a planner drove: its collisions, its progress, and how close it came."""

@@ -1,0 +1,231 @@
+"""`regents evaluate`: how well a planner drives, case by case and in all."""
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from statistics import fmean
+
+import numpy as np
+from jaxtyping import Bool
+
+from regents_cosim.boxes import Boxes
+from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.errors import DriveError
+from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, off_road_share, route_completion
+from regents_cosim.evaluation.drives.safety import measure_drive
+from regents_cosim.evaluation.statistics import mean_interval, wilson
+from regents_cosim.logged import logged
+from regents_cosim.planners.driver import Drivers
+from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.replay import Simulator, check, replay_each
+from regents_cosim.scenario import CollisionKind, Scenario, Tracks
+from regents_cosim.verdicts.leaving_road import corners_off_road
+
+_AS_FAR = 0.8  # as a careful driver, where nothing is to be feared
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One case, driven."""
+
+    case: str
+    source: str  # file that the traffic came from
+    completion: float  # 0 to 1
+    infraction: float
+    score: float
+    hits: str | None  # agent that the ego collides with
+    step: int | None  # of the collision
+    off_road: float  # share of the way driven
+    kind: CollisionKind | None = None  # of the collision
+    act_s: tuple[float, ...] = ()  # time of each decision of a planner outside the mirror
+    error: str = ""  # how the planner failed; it got nowhere then
+    trace: str = ""  # of the planner that failed: its own
+    min_ttc_s: float | None = None  # surrogate safety: see `safety.Safety`
+    min_pet_s: float | None = None
+    max_drac_m_s2: float | None = None
+    min_gap_m: float | None = None
+    telling: bool = False  # the crash of the case as it was attacked is telling: a careful driver passes it
+    careful_completion: float | None = None  # of a harmless neighbour of a crash: how far a careful driver gets
+
+    @property
+    def held_up(self) -> bool:
+        """In a harmless case it gets less than 80 % as far as a careful driver."""
+        return self.careful_completion is not None and self.completion < _AS_FAR * self.careful_completion
+
+
+@dataclass(frozen=True)
+class DrivingRow:
+    """A planner's scores over cases, with 95 % intervals."""
+
+    source: str
+    n: int
+    telling_cases: int  # whose crash, as it was attacked, is telling: a careful driver passes them
+    telling_collisions: int  # of these, those in which the planner collides
+    harmless_cases: int  # neighbours of crashes, in which nothing is to be feared
+    held_up: int  # of these, those in which the planner gets less than 80 % as far as a careful driver
+    route_completion_percent: float
+    completion_interval_percent: tuple[float, float]
+    collisions: int
+    collision_rate_percent: float
+    collision_interval_percent: tuple[float, float]
+    infraction_score: float
+    driving_score_percent: float
+    driving_interval_percent: tuple[float, float]
+    off_road_percent: float  # of the way driven
+    planner_errors: int  # cases in which the planner failed: they count as no way driven
+    act_median_ms: float | None  # of planners outside the mirror
+    act_p99_ms: float | None
+    # Only 5 % of the drives in which it is defined are worse: the median of ordinary traffic says little of danger,
+    # and the worst of all is one drive. A collision counts as 0 s.
+    min_ttc_p5_s: float | None
+    min_pet_p5_s: float | None
+    max_drac_p95_m_s2: float | None
+
+
+def _went(drive: Drive) -> str:
+    """For the log: how a drive ended."""
+    hit = f"hits {drive.hits} at step {drive.step}" if drive.hits is not None else "no collision"
+    return f"drove {drive.case}: {drive.error or hit}"
+
+
+@logged(_went)
+def drive_each(
+    scenarios: Sequence[Scenario],
+    planner: str,
+    act_timeout_s: float = ACT_TIMEOUT_S,
+    where: Simulator = "mirror",
+    executor: Executor | None = None,
+    drivers: Drivers | None = None,
+) -> Iterator[Drive]:
+    """Let `planner` drive every case, in order, to the end of its horizon or its first collision.
+
+    SUMO runs in processes of its own, or those of `executor`. A case in which the planner or the
+    simulator fails says so. `drivers` are those of the planner for highway-env, where the caller
+    keeps them. Raises PlannerError where the planner cannot be found.
+    """
+    check(where, planner, act_timeout_s=act_timeout_s)
+    if where == "mirror":
+        with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
+        return
+    replays = replay_each(scenarios, where, planner, executor=executor, act_timeout_s=act_timeout_s, drivers=drivers)
+    for scenario, one in zip(scenarios, replays, strict=True):
+        yield score(scenario, one.replayed.tracks) if one.replayed else nowhere(scenario, one.reason, one.trace)
+
+
+def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
+    """Let the planner at the wheel drive one case to the end of its horizon or its first collision."""
+    return drive_and_keep(scenario, wheel)[0]
+
+
+def drive_and_keep(scenario: Scenario, wheel: Wheel) -> tuple[Drive, Tracks | None]:
+    """As `drive_case`, with the tracks of everybody; None where the planner failed."""
+    try:
+        lap = wheel.drive(scenario)
+    except DriveError as failure:
+        return nowhere(scenario, str(failure), failure.trace), None
+    return replace(score(scenario, lap.tracks), act_s=tuple(lap.act_seconds)), lap.tracks
+
+
+def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
+    """A row for each source of traffic, and one for all of them."""
+    sources = sorted({drive.source for drive in drives})
+    rows = [driving_row(source, [drive for drive in drives if drive.source == source]) for source in sources]
+    return rows if len(rows) == 1 else [*rows, driving_row("all", drives)]
+
+
+def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
+    """Means and rates of some drives."""
+    collisions = sum(drive.hits is not None for drive in drives)
+    act_s = [second for drive in drives for second in drive.act_s]
+    median, p99 = (round(1e3 * float(v), 3) for v in np.percentile(act_s, [50, 99])) if act_s else (None, None)
+    completions, scores = [drive.completion for drive in drives], [drive.score for drive in drives]
+    return DrivingRow(
+        source=source,
+        n=len(drives),
+        telling_cases=sum(drive.telling for drive in drives),
+        telling_collisions=sum(drive.telling and drive.hits is not None for drive in drives),
+        harmless_cases=sum(drive.careful_completion is not None for drive in drives),
+        held_up=sum(drive.held_up for drive in drives),
+        route_completion_percent=_percent(fmean(completions)),
+        completion_interval_percent=_interval(mean_interval(completions)),
+        collisions=collisions,
+        collision_rate_percent=_percent(collisions / len(drives)),
+        collision_interval_percent=_interval(wilson(collisions, len(drives))),
+        infraction_score=round(fmean(drive.infraction for drive in drives), 3),
+        driving_score_percent=_percent(fmean(scores)),
+        driving_interval_percent=_interval(mean_interval(scores)),
+        off_road_percent=_percent(fmean(drive.off_road for drive in drives)),
+        planner_errors=sum(bool(drive.error) for drive in drives),
+        act_median_ms=median,
+        act_p99_ms=p99,
+        min_ttc_p5_s=_percentile([drive.min_ttc_s for drive in drives], 5),
+        min_pet_p5_s=_percentile([drive.min_pet_s for drive in drives], 5),
+        max_drac_p95_m_s2=_percentile([drive.max_drac_m_s2 for drive in drives], 95),
+    )
+
+
+def nowhere(scenario: Scenario, error: str, trace: str = "") -> Drive:
+    """A drive that could not be made."""
+    return Drive(
+        scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0,
+        error=error, trace=trace, telling=_tells(scenario), careful_completion=_careful_completion(scenario),
+    )  # fmt: skip
+
+
+def score(scenario: Scenario, tracks: Tracks) -> Drive:
+    """The scores of an ego that has driven along `tracks`, to the end of the horizon or its first collision."""
+    contact = first_contact(scenario.agents, tracks)
+    end = tracks.steps if contact is None else contact[1] + 1
+    log = scenario.tracks if scenario.original is None else scenario.original
+    driven = np.stack([tracks.x[0, :end], tracks.y[0, :end]], axis=-1)
+    completion = route_completion(np.stack([log.x[0], log.y[0]], axis=-1), driven)
+    off_road = off_road_share(driven, _off_road(scenario, tracks)[:end])
+    infraction = infraction_score(scenario.agents[contact[0]].kind if contact else None, off_road)
+    return Drive(
+        case=scenario.id,
+        source=scenario.provenance.file,
+        completion=completion,
+        infraction=infraction,
+        score=driving_score(completion, infraction),
+        hits=scenario.agents[contact[0]].id if contact else None,
+        step=contact[1] if contact else None,
+        off_road=off_road,
+        **asdict(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None)),
+        kind=collision_kind(scenario.agents, tracks, *contact) if contact else None,
+        telling=_tells(scenario),
+        careful_completion=_careful_completion(scenario),
+    )
+
+
+def _careful_completion(scenario: Scenario) -> float | None:
+    return scenario.attack.careful_completion if scenario.attack else None
+
+
+def _tells(scenario: Scenario) -> bool:
+    return scenario.judgement is not None and scenario.judgement.telling is True
+
+
+def _off_road(scenario: Scenario, tracks: Tracks) -> Bool[np.ndarray, " time"]:
+    """At which steps a corner of the ego is more than 0.3 m off the road."""
+    ego = scenario.ego
+    size = np.float64(ego.length), np.float64(ego.width)
+    box = Boxes(tracks.x[0], tracks.y[0], tracks.yaw[0], *size, tracks.z[0])
+    return np.any(corners_off_road(scenario.road, box), axis=-1)
+
+
+def _interval(bounds: tuple[float, float]) -> tuple[float, float]:
+    """In percent, within what a share can be."""
+    return _percent(max(bounds[0], 0.0)), _percent(min(bounds[1], 1.0))
+
+
+def _percent(share: float) -> float:
+    return round(100.0 * share, 1)
+
+
+def _percentile(values: Sequence[float | None], percent: int) -> float | None:
+    defined = [value for value in values if value is not None]
+    return round(float(np.percentile(defined, percent)), 2) if defined else None

@@ -1,0 +1,74 @@
+"""Harmless neighbours: the scene of a crash, with so little of its attack left that a careful driver passes with room.
+
+A suite of crashes alone gives its best score to a planner that always brakes. So each crash has a neighbour in which
+nothing is to be feared: there a planner has to get on as well.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from regents_cosim.evaluation.drives.driving import Drive, drive_and_keep
+from regents_cosim.evaluation.reduction.margin import weakened
+from regents_cosim.names import file_name
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.scenario import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRecord, Scenario, Tracks
+from regents_cosim.verdicts.clean import touches_in
+
+_SHARES = (0.75, 0.5, 0.25, 0.0)  # of the attack that is left; the nearest to the crash is taken
+_ROOM_M = 1.0  # between the careful driver and all others, all the time
+# What the shipped IDM calls comfortable. A cruise control may brake by 3.5 m/s^2 (ISO 15622); most drivers find 3.4
+# comfortable (AASHTO Green Book, stopping sight distance). The careful driver goes beyond where it sees a risk alone.
+_CALM_BRAKING_M_S2 = 3.0
+_GETS_ON = 0.5  # of the recorded way at least: where it stands, standing is no fault
+
+
+def harmless_neighbour(crash: Scenario, careful: Wheel) -> Scenario | None:
+    """The scene of a crash with the greatest share of its attack that is harmless; None where no share is.
+
+    Harmless: the careful driver at the wheel keeps 1 m from all others, never brakes by more than 3 m/s^2 and
+    gets on, and no two others touch that did not in the log. The case holds the careful driver's drive, and notes how
+    far it gets.
+    """
+    for share in _SHARES:
+        scene = weakened(_unjudged(crash), share)
+        drive, tracks = drive_and_keep(scene, careful)
+        if tracks is not None and _passes(drive) and _calm(tracks, scene.dt) and not _others_touch(scene):
+            return replace(_noted(scene, crash, share, drive), tracks=tracks)
+    return None
+
+
+def _passes(drive: Drive) -> bool:
+    room = drive.min_gap_m is None or drive.min_gap_m >= _ROOM_M
+    return drive.hits is None and room and drive.completion >= _GETS_ON
+
+
+def _calm(tracks: Tracks, dt: float) -> bool:
+    braking = -np.diff(tracks.speed[0]) / dt
+    return bool(braking.max(initial=0.0) <= _CALM_BRAKING_M_S2 + 1e-3)  # single precision
+
+
+def _others_touch(scene: Scenario) -> bool:
+    assert scene.original is not None
+    new = touches_in(scene, scene.tracks) & ~touches_in(scene, scene.original)
+    return bool(new[1:, 1:].any())
+
+
+def _unjudged(crash: Scenario) -> Scenario:
+    return replace(crash, judgement=None, evasion=None)
+
+
+def _noted(scene: Scenario, crash: Scenario, share: float, drive: Drive) -> Scenario:
+    assert crash.attack is not None
+    kept = {name: crash.attack.settings[name] for name in ("dynamics",) if name in crash.attack.settings}
+    notes = {**kept, HARMLESS_SHARE: share, CAREFUL_COMPLETION: round(drive.completion, 4)}
+    record = AttackRecord(
+        case=crash.attack.case,
+        method=crash.attack.method,
+        planner=crash.attack.planner,
+        outcome="no_collision",
+        iterations=crash.attack.iterations,
+        candidates=crash.attack.candidates,
+        settings=notes,
+    )
+    return replace(scene, id=file_name(crash.id, "harmless"), attack=record)

@@ -1,0 +1,307 @@
+"""`regents shrink`: the least of an attacked case that still makes the planner crash.
+
+Four reductions, in turns until none of them gets any further:
+
+1. agents other than the adversary go back to their logged tracks,
+2. the adversary keeps less of its change: of all its controls, of its accelerations, of its steering,
+3. agents that do not matter are left out,
+4. the window begins later and ends soon after the crash; the planner starts afresh there.
+
+A reduction stays where the planner, driving in closed loop, still meets the same adversary in the same way, by the
+exact boxes, nothing spoils the crash that did not spoil it before, the adversary breaks no law that it kept, and every
+reference driver that avoided the crash still does: a telling crash stays telling. So a shrunk case shrinks no further.
+
+Source: delta debugging, Zeller and Hildebrandt 2002.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.evaluation.crashes.deviation import deviation
+from regents_cosim.evaluation.reduction.pieces import cut, without
+from regents_cosim.evaluation.reduction.way_back import WayBack, changed_agents, with_rows
+from regents_cosim.names import file_name
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.scenario import UNLAWFUL, Collision, Flaw, Scenario, Tracks
+from regents_cosim.verdicts.clean import flaws
+from regents_cosim.verdicts.judgement import judge
+
+LEAD_S = 2.0  # of the window before the crash, at least: the planner must have had something to decide
+_TAIL_S = 0.5  # and after it
+_SHARES = (0.0, 0.5, 0.75, 0.875, 0.9375)  # of the change that are tried
+_LESS_M = 0.005  # what counts as less deviation ...
+_LESS = 0.01  # ... and as a share of it
+
+
+@dataclass(frozen=True, eq=False)
+class Shrunk:
+    """A case before and after, the latter judged."""
+
+    attacked: Scenario
+    case: Scenario
+    drives: int  # closed loops that it took
+
+    @property
+    def begin(self) -> int:
+        """The step of the attacked case at which the shrunk one begins."""
+        later = self.case.provenance.begin_s - self.attacked.provenance.begin_s
+        return round(later / self.attacked.dt)
+
+    @property
+    def in_time(self) -> Scenario:
+        """The attacked case from where on it crashes at the same step as the shrunk one, to be seen beside it."""
+        hit = _collision(self.attacked)
+        begin = max(hit.step - _collision(self.case).step, 0)
+        from_there = cut(self.attacked, begin, self.attacked.tracks.steps - 1)
+        moved = replace(hit, step=hit.step - begin, time_s=round((hit.step - begin) * from_there.dt, 9))
+        return replace(from_there, attack=from_there.attack and replace(from_there.attack, collision=moved))
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much there is to look at in an attacked case."""
+
+    case: str
+    changed_agents: int  # more than 0.1 m from their logs somewhere
+    deviation_mean_m: float  # of the adversary, up to the crash
+    deviation_max_m: float
+    steps: int
+    agents: int
+    collision_step: int
+    kind: str
+    impact_m_s: float
+
+
+def size(attacked: Scenario) -> Size:
+    """The size of a case that ends in a collision."""
+    hit = _collision(attacked)
+    apart = deviation(attacked)
+    assert apart is not None
+    return Size(
+        case=attacked.id,
+        changed_agents=len(changed_agents(attacked)),
+        deviation_mean_m=round(apart.mean_m, 3),
+        deviation_max_m=round(apart.max_m, 3),
+        steps=attacked.tracks.steps,
+        agents=len(attacked.agents),
+        collision_step=hit.step,
+        kind=hit.kind,
+        impact_m_s=round(hit.relative_speed, 2),
+    )
+
+
+def shrink(attacked: Scenario, wheel: Wheel, lead_s: float = LEAD_S) -> Shrunk:
+    """The least of `attacked` in which the planner at the wheel still crashes.
+
+    The window begins `lead_s` before the crash at the latest. Raises RegentsError for a case
+    without a collision, or in which this planner does not crash; DriveError where it fails.
+    """
+    hit = _collision(attacked)
+    trial = _Trial(wheel, hit.agent)
+    case = trial.begin(attacked)
+    reductions: tuple[_Reduction, ...] = (_put_back, _deviate_less, _leave_out, lambda c, t: _shorten(c, t, lead_s))
+    before = None
+    while case is not before:
+        before = case
+        for reduce in reductions:
+            case = reduce(case, trial)
+    return Shrunk(attacked, judge(case), trial.drives)
+
+
+class _Trial:
+    """Closed loops, and whether they end in the crash that is to be kept."""
+
+    def __init__(self, wheel: Wheel, adversary: str) -> None:
+        self._wheel, self._adversary = wheel, adversary
+        self._kind, self._flaws = "", frozenset[Flaw]()
+        self._said = _Said(frozenset(), frozenset())
+        self.drives = 0
+
+    def begin(self, attacked: Scenario) -> Scenario:
+        """The case to begin with, under its new name. Raises RegentsError where the planner does not crash."""
+        tracks = self._drive(attacked)
+        found, own = first_contact(attacked.agents, tracks), first_contact(attacked.agents, attacked.tracks)
+        if found is None or attacked.agents[found[0]].id != self._adversary:
+            met = f"meets {attacked.agents[found[0]].id}" if found else "does not collide"
+            raise RegentsError(
+                f"case {attacked.id}: planner {self._wheel.planner!r} {met}, expected a crash with {self._adversary}: "
+                "nothing to shrink (name the planner that crashes here with --planner)"
+            )
+        case = _named(attacked, self._wheel.planner)
+        if found != own:
+            case = self._as_driven(case, tracks)
+        self._kind, self._flaws, self._said = _collision(case).kind, _flaws(case), _said(case)
+        return replace(case, judgement=None, evasion=None)
+
+    def crash(self, smaller: Scenario) -> Scenario | None:
+        """`smaller` as the planner drives it, where it crashes as before; None where it does not.
+
+        The drive is repeated in the case that it has made: a replay of that must show the same.
+        """
+        try:
+            driven = self._as_driven(smaller, self._drive(smaller))
+            if not self._is_kept(driven):
+                return None
+            again = first_contact(driven.agents, self._drive(driven))
+        except DriveError:
+            return None
+        return driven if again == first_contact(driven.agents, driven.tracks) else None
+
+    def _drive(self, case: Scenario) -> Tracks:
+        self.drives += 1
+        return self._wheel.drive(case).tracks
+
+    def _as_driven(self, case: Scenario, tracks: Tracks) -> Scenario:
+        contact = first_contact(case.agents, tracks)
+        record = case.attack
+        assert record is not None
+        hit = None
+        if contact is not None:
+            attributed = record.collision is not None and record.collision.attributed
+            hit = collision_at(case.agents, tracks, contact, case.dt, attributed)
+        return replace(case, tracks=tracks, attack=replace(record, collision=hit), judgement=None, evasion=None)
+
+    def _is_kept(self, driven: Scenario) -> bool:
+        hit = driven.attack.collision if driven.attack else None
+        if hit is None or (hit.agent, hit.kind) != (self._adversary, self._kind):
+            return False
+        return _flaws(driven) <= self._flaws and _said(driven).says_no_less_than(self._said)
+
+
+@dataclass(frozen=True)
+class _Said:
+    """What makes a clean crash telling."""
+
+    broken: frozenset[str]  # laws, by the adversary
+    avoided_by: frozenset[str]  # reference drivers
+
+    def says_no_less_than(self, other: "_Said") -> bool:
+        return self.broken <= other.broken and self.avoided_by >= other.avoided_by
+
+
+_Reduction = Callable[[Scenario, _Trial], Scenario]
+
+
+def _put_back(case: Scenario, trial: _Trial) -> Scenario:
+    """Others than the adversary on their logged tracks again."""
+    original = case.original
+    assert original is not None
+    away = [
+        agent.id
+        for row, agent in enumerate(case.agents)
+        if agent.role == "background"
+        and any(not np.array_equal(getattr(case.tracks, n)[row], getattr(original, n)[row]) for n in ("x", "y", "yaw"))
+    ]
+
+    def logged(case: Scenario, names: Sequence[str]) -> Scenario:
+        assert case.original is not None
+        chosen = np.array([agent.id in names for agent in case.agents])
+        return replace(case, tracks=with_rows(case.tracks, case.original, chosen))
+
+    return _greedily(case, away, logged, trial)
+
+
+def _deviate_less(case: Scenario, trial: _Trial) -> Scenario:
+    """The adversary closer to its log."""
+    found: Scenario | None = case
+    while found is not None:
+        case = found
+        tried = (trial.crash(smaller) for smaller in _closer(case) if _is_closer(smaller, case))
+        found = next((crash for crash in tried if crash and _is_closer(crash, case)), None)
+    return case
+
+
+def _closer(case: Scenario) -> Iterator[Scenario]:
+    """With less of the attack in the adversary's controls."""
+    way_back = WayBack(case, _adversary(case))
+    yield from (way_back.at(share, "both") for share in _SHARES[1:])
+    yield from (way_back.at(share, "curvature") for share in _SHARES)
+    yield from (way_back.at(share, "accel") for share in _SHARES)
+
+
+def _is_closer(smaller: Scenario, case: Scenario) -> bool:
+    """Whether the adversary deviates less, on average up to the crash of each."""
+    before, after = (found.mean_m if (found := deviation(one)) else 0.0 for one in (case, smaller))
+    return after < min(before - _LESS_M, (1.0 - _LESS) * before)
+
+
+def _leave_out(case: Scenario, trial: _Trial) -> Scenario:
+    """Without agents that do not matter, those that stay far from the ego first."""
+    tracks = case.tracks
+    away = np.hypot(tracks.x - tracks.x[0], tracks.y - tracks.y[0])
+    nearest = np.where(tracks.valid, away, np.inf).min(axis=1)
+    others = [row for row in np.argsort(-nearest, kind="stable") if case.agents[row].role == "background"]
+    return _greedily(case, [case.agents[row].id for row in others], without, trial)
+
+
+def _shorten(case: Scenario, trial: _Trial, lead_s: float) -> Scenario:
+    """A shorter window, of whole seconds: every length is compiled once."""
+    per_s = max(round(1.0 / case.dt), 1)
+    step, last = _collision(case).step, case.tracks.steps - 1
+    end = min(step + round(_TAIL_S * per_s), last)
+    windows = [(end - length, end) for length in range(per_s, end + 1, per_s)]
+    windows.append((0, min(-(-end // per_s) * per_s, last)))
+    for begin, until in windows:
+        if step - begin < min(round(lead_s * per_s), step) or until - begin >= last:
+            continue
+        found = trial.crash(cut(case, begin, until))
+        if found is not None:
+            return found
+    return case
+
+
+def _greedily(
+    case: Scenario, names: list[str], reduce: Callable[[Scenario, Sequence[str]], Scenario], trial: _Trial
+) -> Scenario:
+    """`case` reduced by as many of `names` as it takes: by all at once, else by each half in turn."""
+    if not names:
+        return case
+    found = trial.crash(reduce(case, names))
+    if found is not None or len(names) == 1:
+        return found or case
+    half = len(names) // 2
+    return _greedily(_greedily(case, names[:half], reduce, trial), names[half:], reduce, trial)
+
+
+def _named(attacked: Scenario, planner: str) -> Scenario:
+    """The case under the name of a shrunk one, with what it was shrunk from."""
+    record = attacked.attack
+    assert record is not None
+    if "shrunk_from" in record.settings and record.planner == planner:
+        return attacked
+    settings = record.settings | {"shrunk_from": attacked.id}
+    return replace(
+        attacked, id=file_name(attacked.id, "shrunk"), attack=replace(record, planner=planner, settings=settings)
+    )
+
+
+def _collision(attacked: Scenario) -> Collision:
+    record = attacked.attack
+    if record is None or record.outcome != "collision" or record.collision is None:
+        ended = f"its attack ended as {record.outcome}" if record else "it was never attacked"
+        raise RegentsError(
+            f"case {attacked.id} holds no collision to shrink: {ended} "
+            "(expected a case of `regents attack` that crashes)"
+        )
+    return record.collision
+
+
+def _adversary(case: Scenario) -> int:
+    hit = _collision(case).agent
+    return next(row for row, agent in enumerate(case.agents) if agent.id == hit)
+
+
+def _flaws(case: Scenario) -> frozenset[Flaw]:
+    found = flaws(case)
+    assert found is not None
+    return frozenset(found) - {"unattributed"}
+
+
+def _said(case: Scenario) -> _Said:
+    judged = judge(case).judgement
+    broken = {offence.name for offence in judged.law.adversary} & UNLAWFUL if judged and judged.law else ()
+    return _Said(frozenset(broken), frozenset(judged.preventable_by if judged else ()))

@@ -1,0 +1,1 @@
+"""Did a planner get worse than what was accepted."""

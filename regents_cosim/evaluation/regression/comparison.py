@@ -1,0 +1,176 @@
+"""Did a planner get worse? What it does now in every case, held against what was accepted.
+
+collides where the baseline did not, or fails        regression
+worse than a threshold allows                        regression
+no baseline, or one of another content of the case   missing: fails too
+no collision where the baseline has one              improved
+collides as the baseline does                        known failure: passes, and is named
+"""
+
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.regression.baseline import Driven
+from regents_cosim.evaluation.regression.thresholds import METRICS, Threshold, shown
+
+Status = Literal["same", "known_failure", "improved", "missing", "regression"]
+
+_ACCEPT = "(accept what it does now with --regents-update, or `regents evaluate --update`)"
+_SAID: dict[Status, str] = {
+    "regression": "regressed",
+    "missing": "no baseline",
+    "improved": "improved",
+    "known_failure": "known to fail",
+    "same": "as before",
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One case, judged."""
+
+    case: str
+    status: Status
+    reasons: tuple[str, ...]
+    before: Driven | None
+    now: Driven
+
+    def fails(self, strict: bool = False) -> bool:
+        """Whether it is reason to stop; `strict` wants improvements accepted as well."""
+        return self.status in ("regression", "missing") or (strict and self.status == "improved")
+
+
+def judge_drive(case: str, now: Driven, before: Driven | None, thresholds: Sequence[Threshold] = ()) -> Verdict:
+    """Hold what a planner did against what was accepted."""
+
+    def verdict(status: Status, *reasons: str) -> Verdict:
+        return Verdict(case, status, reasons, before, now)
+
+    if now.outcome == "planner_error":
+        return verdict("regression", f"failed: {now.failure}")
+    if before is None:
+        return verdict("missing", f"there is none for it {_ACCEPT}")
+    if before.hash != now.hash:
+        return verdict("missing", f"the case has changed since its baseline was accepted {_ACCEPT}")
+    if now.outcome == "collision" and before.outcome != "collision":
+        return verdict("regression", "collides where the baseline did not")
+    if now.outcome != before.outcome:
+        return verdict("improved", "no collision any more")
+    worse = tuple(filter(None, (threshold.violated(before.metrics, now.metrics) for threshold in thresholds)))
+    if worse:
+        return verdict("regression", *worse)
+    return verdict("known_failure" if now.outcome == "collision" else "same")
+
+
+def thresholds_measurable(thresholds: Iterable[Threshold], margin: bool) -> None:
+    """Raise RegentsError for a threshold on something that is not measured."""
+    if not margin and any(threshold.metric == "margin" for threshold in thresholds):
+        raise RegentsError("a threshold on margin needs the margin measured: add --regents-margin (--margin)")
+
+
+def describe(driven: Driven | None) -> str:
+    """What happened, on one line."""
+    if driven is None:
+        return "none"
+    if driven.outcome == "planner_error":
+        return f"failed: {driven.failure}"
+    happened = "no collision"
+    if driven.outcome == "collision":
+        happened = f"{driven.kind} collision with {driven.agent} at {driven.time_s:g} s (step {driven.step})"
+    told = {name: driven.metrics.get(name) for name in METRICS if name != "collision"}
+    return "; ".join(
+        [
+            happened,
+            *filter(None, [", ".join(f"{name} {shown(value)}" for name, value in told.items() if value is not None)]),
+        ]
+    )
+
+
+def reproduce(case: Path, planner: str, where: str) -> str:
+    """The command that shows the drive as a picture."""
+    words = ["regents", "replay", str(case), "--in", where, "--planner", planner, "--record", f"{case.name}.gif"]
+    return shlex.join(words)
+
+
+def explain(verdict: Verdict, case: Path, planner: str, where: str, adversary: str = "", advice: str = "") -> str:
+    """All that a person needs who sees it fail; `advice` is what a reference driver does in the planner's place."""
+    reasons = "; ".join(verdict.reasons)
+    lines = [
+        f"{'regression' if verdict.status == 'regression' else _SAID[verdict.status]}: {reasons}",
+        f"  case       {verdict.case}",
+        f"  planner    {planner} in {where}",
+        *([f"  adversary  {adversary}"] if adversary else []),
+        f"  baseline   {describe(verdict.before)}",
+        f"  now        {describe(verdict.now)}",
+        *([f"  instead    {advice}"] if advice else []),
+        f"  see it     {reproduce(case, planner, where)}",
+    ]
+    return "\n".join([*lines, *(["", verdict.now.trace] if verdict.now.trace else [])])
+
+
+def unused(before: Mapping[str, Driven], cases: Iterable[str]) -> list[str]:
+    """Cases of a baseline that the suite does not hold."""
+    return sorted(set(before) - set(cases))
+
+
+def changes(verdict: Verdict) -> str:
+    """What accepting a drive changes, on one line; empty where nothing."""
+    before, now = verdict.before, verdict.now
+    if before is None:
+        return f"{verdict.case}: new: {describe(now)}"
+    if before == now:
+        return ""
+    parts = [f"{name} {shown(before.metrics.get(name))} -> {shown(value)}" for name, value in now.metrics.items()
+             if before.metrics.get(name) != value or name not in before.metrics]  # fmt: skip
+    if (before.outcome, before.agent, before.step) != (now.outcome, now.agent, now.step):
+        parts.insert(0, f"{short(before)} -> {short(now)}")
+    if before.hash != now.hash:
+        parts.insert(0, f"case {_hashes(before, now)}")
+    return f"{verdict.case}: {', '.join(parts)}"
+
+
+def tally(verdicts: Sequence[Verdict]) -> str:
+    """How many of each, on one line, the worst first."""
+    counts = ((said, sum(v.status == status for v in verdicts)) for status, said in _SAID.items())
+    return f"{len(verdicts)} case{'' if len(verdicts) == 1 else 's'}: " + ", ".join(
+        f"{number} {said}" for said, number in counts if number
+    )
+
+
+def markdown(verdicts: Sequence[Verdict], suite: Path, planner: str, where: str, left: Sequence[str] = ()) -> str:
+    """A summary for a pull request: the verdict, then a table of all that is worth a look."""
+    failed = any(verdict.fails() for verdict in verdicts)
+    lines = [f"### regents: {planner} in {where}: {'regression' if failed else 'passed'}", "", tally(verdicts), ""]
+    order = list(_SAID)
+    told = sorted((v for v in verdicts if v.status != "same"), key=lambda v: (order.index(v.status), v.case))
+    if told:
+        lines += ["| case | verdict | baseline | now |", "|---|---|---|---|"]
+        for v in told:
+            why = f"{v.status.replace('_', ' ')}{': ' if v.reasons else ''}{'; '.join(v.reasons)}"
+            lines.append(f"| {_cell(v.case)} | {_cell(why)} | {_cell(short(v.before))} | {_cell(short(v.now))} |")
+        lines.append("")
+    if left:
+        lines += [f"Baseline entries without a case: {', '.join(map(_cell, left))}", ""]
+    worst = next((v for v in told if v.fails()), None)
+    if worst:
+        lines += ["See the first one:", "", "```", reproduce(suite / worst.case, planner, where), "```", ""]
+    return "\n".join(lines)
+
+
+def short(driven: Driven | None) -> str:
+    """The outcome without the metrics."""
+    if driven is None or driven.outcome == "planner_error":
+        return describe(driven)
+    return describe(driven).partition(";")[0]
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", "\\|").split())
+
+
+def _hashes(before: Driven, now: Driven) -> str:
+    return f"{before.hash[:8]} -> {now.hash[:8]}"

@@ -1,0 +1,150 @@
+"""Drives of one planner through the cases of suites, begun before somebody asks for them.
+
+A test item asks for one case at a time; all cores work on those to come meanwhile. A planner that
+raises or hangs costs its own case only; SUMO runs in processes of its own.
+"""
+
+import os
+from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.crashes.driven_crash import judged_drive
+from regents_cosim.evaluation.drives.driving import Drive, drive_and_keep, drive_case, drive_each
+from regents_cosim.evaluation.reduction.margin import with_margin
+from regents_cosim.evaluation.regression.baseline import Driven
+from regents_cosim.files import load_case, load_header
+from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.plain_text import printable
+from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.replay import Simulator, check, drivers_of
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.words import advice
+from regents_cosim.workers import local_processes
+
+_DIGITS = 4  # kept of a metric: a drive is the same to more than that on another machine
+
+
+class DrivesAhead:
+    """One planner in one simulator. A context manager that ends what is still running."""
+
+    def __init__(
+        self,
+        planner: str,
+        where: Simulator = "mirror",
+        act_timeout_s: float = ACT_TIMEOUT_S,
+        workers: int | None = None,
+        margin: bool = False,
+    ) -> None:
+        """Raises PlannerError where the planner cannot be found, RegentsError for a margin outside the mirror.
+
+        `workers` cases are driven at a time, by default one per core; in highway-env one.
+        """
+        if margin and where != "mirror":
+            raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
+        keep_compiled_programs()
+        check(where, planner, act_timeout_s=act_timeout_s)
+        self.planner = planner
+        self.where: Simulator = where
+        self._act_timeout_s, self._margin = act_timeout_s, margin
+        self._wheel = Wheel(planner, act_timeout_s)
+        self._in_highway = drivers_of(planner, act_timeout_s) if where == "highway" else None
+        # highway-env draws with pygame, which is not made for threads
+        side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1
+        self._pool = ThreadPoolExecutor(side_by_side)
+        self._processes = local_processes(side_by_side)  # for SUMO
+        self._begun: dict[Path, Future[tuple[Drive, Driven]]] = {}
+
+    def __enter__(self) -> "DrivesAhead":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give up what has not begun, and end all processes."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._wheel.__exit__(None, None, None)
+        self._processes.shutdown(wait=False)
+        if self._in_highway is not None:
+            self._in_highway.__exit__(None, None, None)
+        self._pool.shutdown(wait=True)
+
+    def begin(self, folders: Iterable[Path]) -> None:
+        """Drive these cases as soon as there is a free core, in this order."""
+        for folder in folders:
+            if folder not in self._begun:
+                self._begun[folder] = self._pool.submit(self._drive_folder, folder)
+
+    def of(self, folder: Path) -> Driven:
+        """What the planner did in the case of that folder. Raises CaseError for one that cannot be read."""
+        return self._result(folder)[1]
+
+    def advice(self, folder: Path) -> str:
+        """What the planner should have done in its crash in that case; empty where that is not known.
+
+        It drives the case once more, in the mirror alone: tracks of crashes that are accepted are not kept.
+        """
+        if self.where != "mirror":
+            return ""
+        scenario = load_case(folder)
+        _, tracks = drive_and_keep(scenario, self._wheel)
+        driven = judged_drive(scenario, self.planner, tracks) if tracks else None
+        return (driven and driven.judgement and advice(driven.judgement)) or ""
+
+    def drive(self, case: Path | Scenario) -> Drive:
+        """The drive through a case, with its scores."""
+        return self._drive(case) if isinstance(case, Scenario) else self._result(case)[0]
+
+    def _result(self, folder: Path) -> tuple[Drive, Driven]:
+        self.begin([folder])
+        return self._begun[folder].result()
+
+    def _drive_folder(self, folder: Path) -> tuple[Drive, Driven]:
+        scenario = load_case(folder)
+        drive, more = self._drive(scenario), {}
+        if self._margin:
+            drive, margin = with_margin(scenario, drive, self._wheel)
+            more = {"margin": margin}
+        return drive, driven(drive, load_header(folder).hash, scenario.dt, more)
+
+    def _drive(self, scenario: Scenario) -> Drive:
+        if self.where == "mirror":
+            return drive_case(scenario, self._wheel)
+        if self.where == "highway":
+            return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, drivers=self._in_highway))
+        return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, self._processes))
+
+
+def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) -> Driven:
+    """A drive as baselines keep it: the outcome and the metrics, to four digits after the point."""
+    if drive.error:
+        return Driven(digest, "planner_error", error=_in_lines(drive))
+    measured = {
+        "collision": float(drive.hits is not None),
+        "min_ttc_s": drive.min_ttc_s,
+        "min_pet_s": drive.min_pet_s,
+        "max_drac_m_s2": drive.max_drac_m_s2,
+        "min_gap_m": drive.min_gap_m,
+        "route_completion": drive.completion,
+        "score": drive.score,
+        "off_road": drive.off_road,
+        **more,
+    }
+    return Driven(
+        hash=digest,
+        outcome="no_collision" if drive.hits is None else "collision",
+        agent=drive.hits,
+        step=drive.step,
+        time_s=None if drive.step is None else round(drive.step * dt, 6),
+        kind=drive.kind,
+        metrics={name: None if value is None else round(float(value), _DIGITS) for name, value in measured.items()},
+    )
+
+
+def _in_lines(failed: Drive) -> str:
+    """What `Driven.error` holds; it is printed as it is."""
+    lines = [" ".join(failed.error.split()), *failed.trace.splitlines()]
+    return "\n".join(printable(line, limit=None) for line in lines)

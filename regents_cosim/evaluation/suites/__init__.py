@@ -1,0 +1,1 @@
+"""Suites of cases: chosen, built, checked, and planners ranked on them."""

@@ -1,0 +1,181 @@
+"""`regents suite build`: from traffic to a suite, by a recipe that gives the same suite every time.
+
+The planners of a recipe are a ladder, the best first, with the careful driver (`--planner careful`) on top. A crash
+that is found for one of them is kept where all above it pass: so it shows what this one lacks, and tells when a better
+one gets worse. Each crash that is chosen brings its harmless neighbour (`evaluation.reduction.harmless`).
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from regents_cosim.attacks.attack import attack_each
+from regents_cosim.attacks.presets import METHODS
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.crashes.scores import is_telling
+from regents_cosim.evaluation.drives.driving import Drive, drive_each
+from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
+from regents_cosim.evaluation.suites.cards import Card, card
+from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
+from regents_cosim.files import content_hash
+from regents_cosim.frames import wrap
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.scenario import AttackRecord, Scenario
+from regents_cosim.shipped import network
+from regents_cosim.sources.record import record
+from regents_cosim.verdicts.judgement import judge_each
+
+_SEEN_AHEAD_M = 40.0  # centre to centre
+_IN_LANE_M = 1.6  # to either side: half a lane
+_SAME_WAY_RAD = np.deg2rad(30.0)
+_FOLLOWS_SHARE = 0.5  # of the horizon
+_CAREFUL = "careful"  # planner above all others of a ladder
+_BLIND = "constant_velocity"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Everything that decides which cases a suite holds."""
+
+    nets: tuple[str, ...]  # shipped SUMO networks, or .sumocfg files
+    highway: tuple[str, ...] = ()  # environments of highway-env
+    windows: int = 25  # of traffic, for each of them
+    attacked: int = 0  # of these; 0: all
+    adversarial: int = 80
+    unavoidable: int = 5
+    ordinary: int = 40
+    harmless: bool = True  # each crash with the neighbour of it in which nothing is to be feared
+    planners: tuple[str, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
+    method: str = "focused"
+    seed: int = 0
+
+
+def build(recipe: Recipe, tell: Callable[[str], None] = lambda line: None) -> list[Scenario]:
+    """The cases of the suite, by name. Raises RegentsError where traffic cannot be recorded or no case is left."""
+    recorded_by_source = [_recorded(source, recipe, tell) for source in _sources(recipe)]
+    crashes = _crashes([one for its in recorded_by_source for one in _spread(its, recipe.attacked)], recipe, tell)
+    ordinary = _collision_free([one for its in recorded_by_source for one in its], recipe)
+    adversarial = choose_adversarial(_cards(crashes), recipe.adversarial, recipe.unavoidable, recipe.seed)
+    recorded = _chosen_ordinary(ordinary, recipe)
+    by_name = {scenario.id: scenario for scenario in (*crashes, *ordinary)}
+    chosen = [by_name[one.case] for one in (*adversarial, *recorded)]
+    if not chosen:
+        raise RegentsError("no case is left for the suite: ask for more --windows, or other traffic")
+    neighbours = _neighbours([by_name[one.case] for one in adversarial]) if recipe.harmless else []
+    telling = sum(one.telling is True for one in adversarial)
+    found = f"{len(adversarial)} of {len(crashes)} crashes ({telling} telling), {len(neighbours)} harmless neighbours"
+    tell(f"chosen: {found}, {len(recorded)} of {len(ordinary)} ordinary cases")
+    return sorted(map(_lean, (*chosen, *neighbours)), key=lambda case: case.id)
+
+
+def _spread(windows: Sequence[Scenario], count: int) -> Sequence[Scenario]:
+    """So many of them, in even steps; all where that is 0."""
+    if not 0 < count < len(windows):
+        return windows
+    return [windows[number * len(windows) // count] for number in range(count)]
+
+
+def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[Card]:
+    """Those first that ask something of a planner: that a blind one does not survive."""
+    drives = drive_each(ordinary, _BLIND)
+    asking = {scenario.id for scenario, drive in zip(ordinary, drives, strict=True) if not _passes(drive)}
+    followers = {scenario.id for scenario in ordinary if follows(scenario)}
+    cards = _cards(ordinary)
+    first = choose_ordinary([c for c in cards if c.case in asking], followers, recipe.ordinary, recipe.seed)
+    rest = [c for c in cards if c.case not in asking]
+    return [*first, *choose_ordinary(rest, followers, recipe.ordinary - len(first), recipe.seed)]
+
+
+def follows(scenario: Scenario) -> bool:
+    """Whether the ego drives behind somebody in its lane for half of the recording."""
+    tracks = scenario.tracks
+    dx, dy = tracks.x[1:] - tracks.x[0], tracks.y[1:] - tracks.y[0]
+    cos, sin = np.cos(tracks.yaw[0]), np.sin(tracks.yaw[0])
+    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+    same_way = np.abs(wrap(tracks.yaw[1:] - tracks.yaw[0])) < _SAME_WAY_RAD
+    leads = tracks.valid[1:] & same_way & (ahead > 0.0) & (ahead < _SEEN_AHEAD_M) & (np.abs(left) < _IN_LANE_M)
+    return bool(leads.any(axis=0).mean() >= _FOLLOWS_SHARE)
+
+
+def _sources(recipe: Recipe) -> list[Path | str]:
+    return [*map(network, recipe.nets), *(f"highway:{environment}" for environment in recipe.highway)]
+
+
+def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None]) -> list[Scenario]:
+    tell(f"recording {source if isinstance(source, str) else source.stem}")
+    return record(source, count=recipe.windows, seed=recipe.seed)
+
+
+def _crashes(windows: Sequence[Scenario], recipe: Recipe, tell: Callable[[str], None]) -> list[Scenario]:
+    kept: list[Scenario] = []
+    above = [_CAREFUL]
+    for planner in recipe.planners:
+        found = _found(windows, planner, recipe.method, tell)
+        tell(f"judging {len(found)} crashes of {planner}")
+        kept += _passed_by(above, list(judge_each(found)))
+        tell(f"kept {len(kept)} crashes, which {' and '.join(above)} pass{'es' if len(above) == 1 else ''}")
+        above.append(planner)
+    return kept
+
+
+def _found(windows: Sequence[Scenario], planner: str, method: str, tell: Callable[[str], None]) -> list[Scenario]:
+    """What an attack finds for one planner."""
+    found: list[Scenario] = []
+    lost: list[AttackRecord] = []
+    for number, results in enumerate(attack_each(windows, METHODS[method], planner), start=1):
+        found += [case for case in results if case.attack and case.attack.outcome == "collision"]
+        lost += [case.attack for case in results if case.attack and case.attack.planner_error]
+        if number % 25 == 0 or number == len(windows):
+            tell(f"attacked {planner} in {number} of {len(windows)} windows: {len(found)} crashes")
+    if lost:
+        first = lost[0].planner_error.partition("\n")[0]
+        tell(f"a planner failed in {len(lost)} windows, the first is {lost[0].case}: {first}")
+    return found
+
+
+def _passed_by(planners: Sequence[str], crashes: list[Scenario]) -> list[Scenario]:
+    """The crashes that all of these pass, and those that are proven unavoidable, which nobody does."""
+    for planner in planners:
+        drives = drive_each(crashes, planner)
+        crashes = [case for case, drive in zip(crashes, drives, strict=True) if _unavoidable(case) or _passes(drive)]
+    return crashes
+
+
+def _passes(drive: Drive) -> bool:
+    return not drive.error and drive.hits is None
+
+
+def _unavoidable(case: Scenario) -> bool:
+    found = case.judgement.avoidability if case.judgement else None
+    return found is not None and not found.avoidable and not is_telling(case)
+
+
+def _collision_free(windows: Sequence[Scenario], recipe: Recipe) -> list[Scenario]:
+    """Those that the careful driver and the first planner drive without a collision.
+
+    A test that they fail from the start teaches nothing.
+    """
+    return _passed_by([_CAREFUL, recipe.planners[0]], list(windows))
+
+
+def _neighbours(crashes: Sequence[Scenario]) -> list[Scenario]:
+    """The harmless neighbours of crashes, where they have one."""
+    with Wheel(_CAREFUL) as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
+        return [neighbour for neighbour in found if neighbour is not None]
+
+
+def _cards(scenarios: Sequence[Scenario]) -> list[Card]:
+    return [card(scenario, content_hash(scenario)) for scenario in scenarios]
+
+
+def _lean(scenario: Scenario) -> Scenario:
+    """Without what no replay needs: the costs of every iteration, and what is never twice the same."""
+    if scenario.attack is None:
+        return scenario
+    return replace(scenario, attack=replace(scenario.attack, cost_history={}, act_time=None))

@@ -1,0 +1,67 @@
+"""Which cases make a suite: as many of every kind of collision on every network as there are, and few alike.
+
+Pure: the same cards, numbers and seed give the same choice, whatever the order of the cards.
+"""
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
+
+from regents_cosim.evaluation.suites.cards import Card
+
+_PER_WINDOW = 2  # attacks on one window share all their traffic but the adversary
+
+
+def choose_adversarial(cards: Sequence[Card], count: int, unavoidable: int, seed: int) -> list[Card]:
+    """`count` clean crashes that the planner could have avoided, and `unavoidable` ones that it could not.
+
+    Of the former the telling ones come first, others only where there are too few. Balanced over kinds of collision,
+    within a kind over networks. A window gives at most two cases, and those differ in their adversary or their kind.
+    Sorted by name; fewer where there are not enough.
+    """
+    clean = [card for card in cards if card.clean]
+    could = _balanced([c for c in clean if c.avoidable or c.telling], count, seed, _kind)
+    could_not = _balanced([c for c in clean if c.avoidable is False and not c.telling], unavoidable, seed, _kind)
+    return sorted([*could, *could_not], key=_name)
+
+
+def choose_ordinary(cards: Sequence[Card], followers: Collection[str], count: int, seed: int) -> list[Card]:
+    """`count` cases of recorded traffic, half of them with the ego behind somebody (the names in `followers`).
+
+    Those are the cases that tell a planner that keeps too little distance. Balanced over networks.
+    """
+    return sorted(_balanced(cards, count, seed, lambda card: card.case in followers), key=_name)
+
+
+def _balanced(cards: Sequence[Card], count: int, seed: int, kind: Callable[[Card], object]) -> list[Card]:
+    """The next is telling while there are such, of the rarest kind so far, then of its rarest network and so on."""
+    left = {card.case: card for card in cards}
+    chosen: list[Card] = []
+    had: Counter[object] = Counter()
+    alike: set[tuple[object, ...]] = set()
+
+    def traits(card: Card) -> list[tuple[object, ...]]:
+        cell = ("cell", kind(card), card.network)
+        return [("kind", kind(card)), cell, ("by", card.planner), ("net", card.network), ("window", card.window)]
+
+    def rarity(card: Card) -> tuple[int | str, ...]:
+        lot = hashlib.sha256(f"{seed} {card.case}".encode()).hexdigest()  # no favour for early windows
+        return int(card.telling is not True), *(had[trait] for trait in traits(card)), lot
+
+    while left and len(chosen) < count:
+        card = left.pop(min(left.values(), key=rarity).case)
+        likeness = (card.window, card.adversary, card.kind)
+        if likeness in alike or had["window", card.window] >= _PER_WINDOW:
+            continue
+        alike.add(likeness)
+        had.update(traits(card))
+        chosen.append(card)
+    return chosen
+
+
+def _kind(card: Card) -> object:
+    return card.kind
+
+
+def _name(card: Card) -> str:
+    return card.case

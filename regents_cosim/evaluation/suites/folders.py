@@ -1,0 +1,220 @@
+"""Suites as a whole: written at once, checked, merged."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from regents_cosim.atomic import explain_write, is_temporary, new_folder, require_writable
+from regents_cosim.errors import CaseError, RegentsError
+from regents_cosim.evaluation.regression.baseline import FILE, Baseline, load_baseline, save_baseline
+from regents_cosim.files import HEADER, MANIFEST, Suite, add_case, content_hash, is_ours, load_case, load_suite
+from regents_cosim.locks import writing
+from regents_cosim.provenance import command, revision, versions
+from regents_cosim.scenario import Scenario
+from regents_cosim.suite_code import code_for_pytest
+from regents_cosim.swap import restore
+from regents_cosim.verdicts.judgement import judge_each
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """One case of a suite, checked."""
+
+    case: str
+    problem: str  # empty where there is none
+    baselines: int  # planners and simulators with an entry
+    replayed: str | None = None  # where it was verified; None: it was not
+    planner: str | None = None  # that it was attacked with
+
+
+def write_suite(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline: Baseline | None = None) -> None:
+    """Let `folder` hold these cases and no others. What else lies in a suite there stays, its baseline included.
+
+    The new suite takes the old one's place when it is complete. Raises RegentsError for a folder
+    that holds something else.
+    """
+    require_place(folder)
+    with explain_write(folder), _alone_in(folder):
+        _replace(folder, scenarios, seed, baseline)
+
+
+def merge_into(folder: Path, suites: Sequence[Path], seed: int) -> int:
+    """Let `folder`, which may be one of them, hold the cases of all `suites`, and what was accepted; their number.
+
+    Raises RegentsError as `merge` and `write_suite` do.
+    """
+    require_place(folder)
+    with explain_write(folder), _alone_in(folder):
+        cases, baseline = merge(suites)
+        _replace(folder, cases, seed, baseline)
+    return len(cases)
+
+
+Watch = Callable[[Iterator[Scenario], int], Iterator[Scenario]]  # passes on what is done, of so many
+
+
+def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) -> list[tuple[Scenario, Scenario]]:
+    """Let `folder`, which may be `suite` itself, hold its cases as they are judged today; each before and after.
+
+    Cases without a crash stay as they are. What was accepted of a case stays accepted: nobody drives otherwise for a
+    judgement. Raises RegentsError as `write_suite` does.
+    """
+    require_place(folder)
+    with explain_write(folder), _alone_in(folder):
+        listed = load_suite(suite)
+        before = [load_case(suite / entry.case) for entry in listed.cases]
+        after = list(watch(judge_each(before), len(before)))
+        new = {one.id: content_hash(one) for one in after}
+        old = {entry.case: entry.hash for entry in listed.cases}
+        baseline = load_baseline(suite / FILE).rehashed({name: (old[name], new[name]) for name in new})
+        _replace(folder, after, listed.seed, baseline)
+    return list(zip(before, after, strict=True))
+
+
+def require_place(folder: Path) -> None:
+    """Raise RegentsError where `folder` cannot be written, or holds something that is no suite."""
+    require_writable(folder)
+    restore(folder.absolute())
+    if folder.exists() and not (folder / MANIFEST).is_file() and not _is_empty(folder):
+        raise RegentsError(f"{folder} exists and is no suite (choose another folder with -o)")
+
+
+def _is_empty(folder: Path) -> bool:
+    return all(is_temporary(entry.name) for entry in folder.iterdir())
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Keep others from adding to a suite that is about to be replaced."""
+    with writing(folder) if folder.exists() else nullcontext():
+        yield
+
+
+def _replace(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline: Baseline | None) -> None:
+    target = folder.resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with new_folder(target, is_ours) as fresh:
+        notes = Suite((), command(), seed, _versions())
+        for scenario in scenarios:
+            add_case(scenario, fresh, notes)
+        if baseline is not None and baseline.planners:
+            save_baseline(fresh / FILE, baseline)
+
+
+def _versions() -> dict[str, str]:
+    """Of all that decides what a suite holds, the commit of a checkout among them."""
+    return versions() | ({"revision": revision()} if revision() else {})
+
+
+def merge(suites: Sequence[Path]) -> tuple[list[Scenario], Baseline]:
+    """The cases of all suites, by name, and what was accepted in them.
+
+    Raises RegentsError where two suites hold different cases of one name, or different baselines of one case.
+    """
+    homes: dict[str, tuple[Path, str]] = {}
+    cases: dict[str, Scenario] = {}
+    for suite in suites:
+        for entry in load_suite(suite).cases:
+            other, digest = homes.setdefault(entry.case, (suite, entry.hash))
+            if digest != entry.hash:
+                raise RegentsError(
+                    f"case {entry.case} is in {other} ({digest[:8]}) and in {suite} ({entry.hash[:8]}) "
+                    "with different content: rename or remove one of them"
+                )
+            if entry.case not in cases:
+                cases[entry.case] = load_case(suite / entry.case)
+    return [cases[name] for name in sorted(cases)], _merged_baselines(suites)
+
+
+def _merged_baselines(suites: Sequence[Path]) -> Baseline:
+    merged = Baseline()
+    for suite in suites:
+        found = load_baseline(suite / FILE)
+        for planner, simulators in found.planners.items():
+            for where, entries in simulators.items():
+                before = merged.of(planner, where)
+                clash = next((case for case in entries if before.get(case, entries[case]) != entries[case]), None)
+                if clash:
+                    raise RegentsError(
+                        f"the baselines differ on {clash} ({planner} in {where}), {suite} being the second: "
+                        "accept one of them anew with `regents evaluate --update`"
+                    )
+                merged = merged.accepting(planner, where, entries, {*before, *entries})
+    return merged
+
+
+def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
+    """Check every case, and then what the suite holds beside them; with `replay`, every crash in its simulator.
+
+    A case has to load, with its maps, as its content hash and the manifest say. Baselines have to be
+    of the cases as they are. A planner that is not ours is no problem: it is never run because a case
+    names it. Raises CaseError where the manifest or the baseline cannot be read.
+    """
+    entries = load_suite(suite).cases
+    baseline = load_baseline(suite / FILE)
+    loaded: list[Scenario] = []
+    rows: list[CheckRow] = []
+    for entry in entries:
+        planner = None
+        try:
+            scenario = load_case(suite / entry.case)
+            planner = scenario.attack.planner if scenario.attack else None
+            problem = _mismatch(scenario, entry.case, entry.hash, suite, baseline)
+            loaded.append(scenario)
+        except CaseError as error:
+            problem = str(error)
+        rows.append(CheckRow(entry.case, problem, len(_accepted(baseline, entry.case)), planner=planner))
+    replays = _replayed(loaded) if replay else {}
+    for row in rows:
+        place, reason = replays.get(row.case, (None, ""))
+        yield replace(row, problem=row.problem or reason, replayed=place)
+    yield from _left_over(suite, {entry.case for entry in entries}, baseline)
+
+
+def _mismatch(scenario: Scenario, name: str, digest: str, suite: Path, baseline: Baseline) -> str:
+    found = content_hash(scenario)
+    if scenario.id != name:
+        return f"calls itself {scenario.id}"
+    if found != digest:
+        return f"content {found[:8]}, suite.json says {digest[:8]}"
+    stale = [place for place, accepted in _accepted(baseline, name).items() if accepted != found]
+    return f"baseline of another content: {', '.join(stale)}" if stale else ""
+
+
+def _accepted(baseline: Baseline, case: str) -> dict[str, str]:
+    """The hash of a case by planner and simulator, where a baseline was accepted."""
+    return {
+        f"{planner} in {where}": entries[case].hash
+        for planner, simulators in baseline.planners.items()
+        for where, entries in simulators.items()
+        if case in entries
+    }
+
+
+def _replayed(scenarios: Sequence[Scenario]) -> dict[str, tuple[str | None, str]]:
+    """Where each case was replayed, and what differed."""
+    from regents_cosim.replays.replay import Simulator, replay_each  # imports JAX, which a check does without
+
+    found: dict[str, tuple[str | None, str]] = {}
+    places: tuple[tuple[Simulator, list[Scenario]], ...] = (
+        ("sumo", [s for s in scenarios if s.provenance.source != "highway"]),
+        ("highway", [s for s in scenarios if s.provenance.source == "highway"]),
+    )
+    for where, its in places:
+        for scenario, one in zip(its, replay_each(its, where), strict=True):
+            found[scenario.id] = (where, "" if one.verified else f"in {where}: {one.reason}")
+    return found
+
+
+def _left_over(suite: Path, listed: set[str], baseline: Baseline) -> Iterator[CheckRow]:
+    """Code, case folders that the manifest does not list, and baseline entries without a case."""
+    for name in code_for_pytest(suite):
+        yield CheckRow(name, "pytest would run or obey it: remove it, or work in the suite's own folder", 0)
+    folders = {path.parent.name for path in suite.glob(f"*/{HEADER}") if not is_temporary(path.parent.name)}
+    for name in sorted(folders - listed):
+        yield CheckRow(name, "lies in the suite, but suite.json does not list it", 0)
+    for planner, simulators in sorted(baseline.planners.items()):
+        for where, entries in sorted(simulators.items()):
+            for name in sorted(set(entries) - listed):
+                yield CheckRow(name, f"has a baseline ({planner} in {where}), but is not in the suite", 0)

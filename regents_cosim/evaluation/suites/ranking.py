@@ -1,0 +1,59 @@
+"""Planners on one suite, in the order that they are named: who crashes where, and is each worse than the last."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.statistics import mcnemar, percent, percent_interval
+
+
+@dataclass(frozen=True)
+class RankRow:
+    """One planner on all cases of a suite; planners that fail in a case have crashed there."""
+
+    planner: str
+    n: int
+    crashes: int
+    crash_percent: float
+    interval_percent: tuple[float, float]  # 95 %, Wilson
+    telling_crashes: int  # in cases whose own crash is telling
+    harmless_crashes: int  # in the harmless neighbours of crashes
+    held_up: int  # harmless neighbours in which it gets less than 80 % as far as a careful driver
+    failed: int  # cases with a crash or held up
+    only_this: int | None = None  # cases in which it crashes and the planner before it does not
+    only_before: int | None = None  # and the other way round
+    p_value: float | None = None  # that both crash equally often (McNemar, exact)
+
+
+def rank_rows(driven: Sequence[tuple[str, Sequence[Drive]]]) -> list[RankRow]:
+    """A row for each planner and its drives of the same cases, held against the planner before."""
+    rows: list[RankRow] = []
+    before: list[bool] | None = None
+    for planner, drives in driven:
+        hits = [_crashes(drive) for drive in drives]
+        rows.append(_row(planner, drives, hits, before))
+        before = hits
+    return rows
+
+
+def _crashes(drive: Drive) -> bool:
+    return drive.hits is not None or bool(drive.error)
+
+
+def _row(planner: str, drives: Sequence[Drive], hits: list[bool], before: list[bool] | None) -> RankRow:
+    pairs = list(zip(hits, before, strict=True)) if before is not None else None
+    harmless = [drive.careful_completion is not None for drive in drives]
+    return RankRow(
+        planner=planner,
+        n=len(drives),
+        crashes=sum(hits),
+        crash_percent=percent(sum(hits), len(drives)),
+        interval_percent=percent_interval(sum(hits), len(drives)),
+        telling_crashes=sum(hit and drive.telling for hit, drive in zip(hits, drives, strict=True)),
+        harmless_crashes=sum(hit and calm for hit, calm in zip(hits, harmless, strict=True)),
+        held_up=sum(drive.held_up for drive in drives),
+        failed=sum(hit or drive.held_up for hit, drive in zip(hits, drives, strict=True)),
+        only_this=sum(now and not was for now, was in pairs) if pairs is not None else None,
+        only_before=sum(was and not now for now, was in pairs) if pairs is not None else None,
+        p_value=float(f"{mcnemar(hits, before):.3g}") if before is not None else None,
+    )

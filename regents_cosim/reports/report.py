@@ -1,0 +1,261 @@
+"""`regents report`: gathers cases, drives and scores for the page."""
+
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from statistics import median
+
+from regents_cosim.atomic import explain_write, require_writable, write_atomic
+from regents_cosim.collisions import first_contact
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.crashes.driven_crash import verdict_of, verdict_of_drive
+from regents_cosim.evaluation.crashes.realism import PERCENTILES, Limits, motion, pooled, quantity
+from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_and_keep, driving_row
+from regents_cosim.evaluation.drives.safety import Safety, measure_drive
+from regents_cosim.evaluation.statistics import wilson
+from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.provenance import command
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.reports.html import Report, Score, html_page, json_twin
+from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, Run, network
+from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.suite import load_cases
+from regents_cosim.verdicts.judgement import judge
+
+_MOTIONS = {
+    "accel": ("Acceleration", "m/s²"),
+    "lateral": ("Lateral acceleration", "m/s²"),
+    "jerk": ("Jerk", "m/s³"),
+    "yaw_rate": ("Yaw rate", "rad/s"),
+}
+
+Driven = tuple[Drive, Tracks | None]
+
+_MOST_PLANNERS = 2
+_MOST_NAMED = 8  # networks in the subtitle
+
+
+def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: Sequence[str] = ()) -> None:
+    """Write one HTML file that shows `cases` (a folder, or in memory), and the same for machines in a .json beside it.
+
+    `planners`: one drives the egos among the adversaries of each case, a second one is shown beside it.
+    Without them the page shows the drives that the cases hold. Raises RegentsError where nothing can be
+    read or written, PlannerError where a planner cannot be found.
+    """
+    check_report(Path(path), planners)
+    folder = Path(cases) if isinstance(cases, (str, Path)) else None
+    scenarios = load_cases(folder) if folder else list(cases)  # type: ignore[arg-type]
+    scenarios = list(judge_rest(scenarios))
+    driven = {name: list(drive_for_report(scenarios, name)) for name in planners}
+    save_report(report_of(scenarios, driven, folder), Path(path))
+
+
+def check_report(path: Path, planners: Sequence[str]) -> None:
+    """Raise RegentsError now for what could not be written at the end, or not be compared."""
+    if path.suffix != ".html":
+        raise RegentsError(f"--output {path}: expected a name that ends in .html")
+    if path.is_dir():
+        raise RegentsError(f"--output {path}: is a folder (expected the name of a file)")
+    require_writable(path.parent)
+    if len(planners) > _MOST_PLANNERS or len(set(planners)) < len(planners):
+        raise RegentsError(f"--planner {', '.join(planners)}: expected one planner, or two different ones to compare")
+
+
+def judge_rest(scenarios: Iterable[Scenario]) -> Iterator[Scenario]:
+    """Judge the crashes that nobody has judged, in order."""
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        yield from pool.map(lambda case: case if case.judgement else judge(case), scenarios)
+
+
+def drive_for_report(
+    scenarios: Sequence[Scenario], planner: str, act_timeout_s: float = ACT_TIMEOUT_S
+) -> Iterator[Driven]:
+    """Let `planner` drive every case in the mirror, in order. Raises PlannerError where it cannot be found."""
+    with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        yield from pool.map(partial(drive_and_keep, wheel=wheel), scenarios)
+
+
+def report_of(
+    scenarios: Sequence[Scenario], driven: Mapping[str, Sequence[Driven]], folder: Path | None = None
+) -> Report:
+    """What the page says: of the drives of each planner in `driven`, or of those that the cases hold."""
+    _check_cases(scenarios)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # the crashes of new drives are judged
+        runs = pool.map(partial(_runs, driven=driven), scenarios, range(len(scenarios)))
+        cases = tuple(PageCase(case, found, motion_sheet(case)) for case, found in zip(scenarios, runs, strict=True))
+    attacked = sorted({scenario.attack.planner for scenario in scenarios if scenario.attack})
+    drivers: tuple[str, ...] = tuple(driven) if driven else (" and ".join(attacked) or "log",)
+    scores = _driving_scores(driven, cases) if driven else _attack_scores(drivers[0], cases)
+    return Report(
+        title=_title(drivers, bool(driven), bool(attacked)),
+        subtitle=_subtitle(scenarios),
+        drivers=drivers,
+        driven=bool(driven),
+        scores=tuple(scores),
+        cases=cases,
+        command=command(),
+        folder=folder if folder is None or (folder / "suite.json").exists() else folder.parent,
+    )
+
+
+def save_report(made: Report, path: Path) -> None:
+    """Write the page to `path` (.html), and the scores and the table to the .json beside it."""
+    with explain_write(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, html_page(made).encode())
+        write_atomic(path.with_suffix(".json"), json_twin(made))
+
+
+def _check_cases(scenarios: Sequence[Scenario]) -> None:
+    if not scenarios:
+        raise RegentsError("no cases to report (make some with `regents attack`)")
+    [(name, times)] = Counter(scenario.id for scenario in scenarios).most_common(1)
+    if times > 1:
+        raise RegentsError(f"case {name!r} occurs {times} times, expected ids that differ")
+
+
+def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]) -> tuple[Run, ...]:
+    if driven:
+        return tuple(_driven_run(scenario, name, *drives[index]) for name, drives in driven.items())
+    tracks, attack = scenario.tracks, scenario.attack
+    contact = first_contact(scenario.agents, tracks)
+    closest = _closest(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None))
+    name, error = (attack.planner, attack.planner_error) if attack else ("log", "")
+    verdict = verdict_of(scenario.judgement) if contact else None
+    return (Run(name, tracks, error, closest, verdict),)
+
+
+def _driven_run(scenario: Scenario, name: str, drive: Drive, tracks: Tracks | None) -> Run:
+    if tracks is None:
+        return Run(name, None, drive.error)
+    return Run(name, tracks, drive.error, _closest(drive), verdict_of_drive(scenario, name, tracks))
+
+
+def _closest(found: Drive | Safety) -> ClosestCall:
+    values = (found.min_ttc_s, found.min_pet_s, found.max_drac_m_s2, found.min_gap_m)
+    return ClosestCall(*(None if value is None else round(value, 2) for value in values))
+
+
+def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
+    """How the adversary moves before and after the attack, beside the traffic; nothing where it hardly moves."""
+    agent = next((i for i, a in enumerate(scenario.agents) if a.role == "adversary"), None)
+    if agent is None or scenario.original is None or scenario.attack is None:
+        return ()
+    hit, log, dt = scenario.attack.collision, scenario.original, scenario.dt
+    end = hit.step + 1 if hit else None
+    after, before = motion(scenario.tracks, agent, dt, end), motion(log, agent, dt, end)
+    if not len(after.jerk) or not len(before.jerk):
+        return ()
+    traffic = pooled([motion(log, i, dt) for i in range(1, len(scenario.agents))])
+    rows = []
+    for key, (name, unit) in _MOTIONS.items():
+        limit = getattr(Limits(), key)
+        found = quantity(key, (getattr(after, key), getattr(before, key), getattr(traffic, key)), limit)
+        most = _most(found.percentiles_before), _most(found.percentiles), _most(found.percentiles_traffic)
+        rows.append(MotionRow(name, unit, *most, limit, round(found.beyond_percent, 1)))
+    return tuple(rows)
+
+
+def _most(cuts: tuple[float, ...]) -> tuple[float, float]:
+    """Where all but the least and the greatest twentieth lie."""
+    low, high = (cuts[PERCENTILES.index(percent)] for percent in (5, 95))
+    return round(low, 2), round(high, 2)
+
+
+def _title(drivers: tuple[str, ...], driven: bool, attacked: bool) -> str:
+    first, *others = drivers
+    if others:
+        return f"{others[0]} compared with {first}"
+    if driven:
+        return f"{first} among adversaries" if attacked else f"{first} in recorded traffic"
+    return f"{first} under attack" if attacked else "Recorded traffic"
+
+
+def _subtitle(scenarios: Sequence[Scenario]) -> str:
+    """How many cases, of which traffic, attacked how."""
+    places = sorted({network(scenario) for scenario in scenarios})
+    of_sumo = all(scenario.road.sumo_net for scenario in scenarios)
+    where = _count(len(places), "network" if of_sumo else "recording")
+    named = f": {', '.join(places)}" if len(places) <= _MOST_NAMED else ""
+    methods = sorted({scenario.attack.method for scenario in scenarios if scenario.attack})
+    how = f" Attacked by {' and '.join(methods)}." if methods else ""
+    return f"{_count(len(scenarios), 'case')} on {where}{named}.{how}"
+
+
+# --- scores -----------------------------------------------------------------------------------
+
+
+def _driving_scores(driven: Mapping[str, Sequence[Driven]], cases: Sequence[PageCase]) -> list[Score]:
+    """The telling crashes of each, then as `regents evaluate` has them."""
+    rows = {name: driving_row("all", [drive for drive, _ in drives]) for name, drives in driven.items()}
+    telling = [score for run, name in enumerate(driven) for score in _telling(name, cases, run)]
+    return [*telling, *(score for name, row in rows.items() for score in _scores_of(name, row))]
+
+
+def _scores_of(name: str, row: DrivingRow) -> list[Score]:
+    kinds = (
+        (
+            "Collision rate",
+            row.collision_rate_percent,
+            row.collision_interval_percent,
+            f"{row.collisions} of {_count(row.n, 'case')}",
+        ),
+        ("Driving score", row.driving_score_percent, row.driving_interval_percent, f"mean of {row.n}"),
+        ("Route completion", row.route_completion_percent, row.completion_interval_percent, f"mean of {row.n}"),
+    )
+    scores = [
+        Score(label, name, f"{value:.0f} %", detail, value / 100, (low / 100, high / 100))
+        for label, value, (low, high), detail in kinds
+    ]
+    if row.act_median_ms is not None and row.act_p99_ms is not None:
+        scores.append(
+            Score("Decision time", name, f"{row.act_median_ms:.3g} ms", f"99 % within {row.act_p99_ms:.3g} ms")
+        )
+    if row.planner_errors:
+        scores.append(Score("Planner failed", name, str(row.planner_errors), f"of {row.n} cases"))
+    return scores
+
+
+def _attack_scores(planner: str, cases: Sequence[PageCase]) -> list[Score]:
+    crashes = [case for case in cases if case.endings[0] is not None]
+    scores = [*_telling(planner, cases, 0), _share("Crashes", planner, len(crashes), len(cases), "case")]
+    judged = [case.scenario.judgement for case in crashes if case.scenario.judgement]
+    if judged:
+        scores.append(_share("Clean crashes", planner, sum(j.clean for j in judged), len(cases), "case"))
+    evaded = [j.avoidability.avoidable for j in judged if j.avoidability]
+    if evaded:
+        scores.append(_share("Avoidable", planner, sum(evaded), len(evaded), "crash"))
+        in_time = [bool(case.runs[0].verdict and case.runs[0].verdict.in_time) for case in crashes]
+        scores.append(_share("Avoidable in time", planner, sum(in_time), len(evaded), "crash"))
+    if crashes:
+        impacts = [case.endings[0].relative_speed for case in crashes if case.endings[0]]
+        spread = f"median; {min(impacts):.1f} to {max(impacts):.1f} m/s"
+        scores.append(Score("Impact speed", planner, f"{median(impacts):.1f} m/s", spread))
+    return scores
+
+
+def _telling(planner: str, cases: Sequence[PageCase], run: int) -> list[Score]:
+    """The headline: crashes that are clean, by a lawful adversary, and that a careful driver avoids."""
+    verdicts = [verdict for case in cases if (verdict := case.runs[run].verdict)]
+    if not verdicts:
+        return []
+    said = [verdict.telling for verdict in verdicts]
+    score = _share("Telling crashes", planner, said.count(True), len(cases), "case")
+    unknown = f", not known of {said.count(None)}" if None in said else ""
+    return [replace(score, detail=score.detail + unknown)]
+
+
+def _share(label: str, planner: str, some: int, n: int, of: str) -> Score:
+    return Score(label, planner, f"{100 * some / n:.0f} %", f"{some} of {_count(n, of)}", some / n, wilson(some, n))
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word if n == 1 else _plural(word)}"
+
+
+def _plural(word: str) -> str:
+    return word + ("es" if word.endswith("sh") else "s")
