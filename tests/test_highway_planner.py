@@ -12,7 +12,7 @@ from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.systems import find_planner
-from regents_cosim.replays.highway import drive_in_highway
+from regents_cosim.replays.highway.replay import drive_in_highway
 
 SLOW_POLICY = """
 class Zigzag:

@@ -22,8 +22,8 @@ from regents_cosim.files import find_cases, load_case
 from regents_cosim.frames import wrap
 from regents_cosim.replays import replay as replays
 from regents_cosim.replays.replay import _in_sumo, replay, replay_each
-from regents_cosim.replays.sumo import EgoState, replay_in_sumo
-from regents_cosim.replays.sumo_drivers import DriverParameters
+from regents_cosim.replays.sumo.drivers import DriverParameters
+from regents_cosim.replays.sumo.replay import EgoState, replay_in_sumo
 from regents_cosim.replays.verify import compare
 from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import AttackRecord, Collision, Kind, Signal

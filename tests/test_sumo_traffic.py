@@ -15,8 +15,8 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.files import load_case
 from regents_cosim.frames import wrap
 from regents_cosim.replays.replay import SumoDrive, drive_in_sumo, drive_in_sumo_each, replay
-from regents_cosim.replays.sumo_drivers import AGGRESSIVE_DRIVER, SUMO_DRIVER, DriverParameters, background_drivers
-from regents_cosim.replays.sumo_routes import route_of
+from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, SUMO_DRIVER, DriverParameters, background_drivers
+from regents_cosim.replays.sumo.routes import route_of
 from regents_cosim.replays.verify import compare
 from regents_cosim.shipped import NETWORKS, network_config, shipped
 from regents_cosim.sources.record import record

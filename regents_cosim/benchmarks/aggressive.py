@@ -9,8 +9,8 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import Results, collides_before
 from regents_cosim.names import file_name
 from regents_cosim.replays.replay import SumoDrive, drive_in_sumo_each
-from regents_cosim.replays.sumo import SumoReplay
-from regents_cosim.replays.sumo_drivers import AGGRESSIVE_DRIVER, DriverParameters
+from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, DriverParameters
+from regents_cosim.replays.sumo.replay import SumoReplay
 from regents_cosim.scenario import VEHICLE_KINDS, AttackRecord, Scenario, Tracks
 
 METHOD = "sumo-aggressive"

@@ -16,8 +16,8 @@ import shapely
 from regents_cosim.errors import require
 from regents_cosim.exports.stays import lanes_along, poses, stays
 from regents_cosim.frames import Pose, to_sumo
-from regents_cosim.replays.bare_network import lane_names, network_of
-from regents_cosim.replays.sumo import free_name
+from regents_cosim.replays.sumo.bare_network import lane_names, network_of
+from regents_cosim.replays.sumo.replay import free_name
 from regents_cosim.scenario import Agent, Kind, Role, Scenario, Signal
 
 _CLASSES: dict[Kind, str] = {

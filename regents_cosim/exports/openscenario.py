@@ -16,7 +16,7 @@ import numpy as np
 
 from regents_cosim.errors import MissingDependencyError, RegentsError
 from regents_cosim.exports.stays import Stay, poses, stays
-from regents_cosim.replays.bare_network import network_of
+from regents_cosim.replays.sumo.bare_network import network_of
 from regents_cosim.scenario import Agent, Scenario
 
 _REAR_AXLE = 0.3  # of the length, behind the centre: a wheelbase of 0.6

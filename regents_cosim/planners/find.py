@@ -30,9 +30,9 @@ OURS: dict[str, str] = {
 BRIDGES: dict[str, str] = {
     "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
     "exec": "regents_cosim.planners.exec_planner:ExecPlanner",
-    "highway": "regents_cosim.replays.highway_ego:HighwayEgo",
+    "highway": "regents_cosim.replays.highway.ego:HighwayEgo",
     "idm": "regents_cosim.planners.idm_settings:idm_with",
-    "sumo": "regents_cosim.replays.sumo_ego:SumoEgo",
+    "sumo": "regents_cosim.replays.sumo.ego:SumoEgo",
     "torch": "regents_cosim.planners.torch_bridge:TorchPlanner",
 }
 

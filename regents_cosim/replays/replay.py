@@ -13,8 +13,8 @@ from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.systems import find_planner
 from regents_cosim.replays.mirror import Wheel
-from regents_cosim.replays.sumo import SumoReplay, replay_in_sumo
-from regents_cosim.replays.sumo_drivers import DriverParameters, background_drivers
+from regents_cosim.replays.sumo.drivers import DriverParameters, background_drivers
+from regents_cosim.replays.sumo.replay import SumoReplay, replay_in_sumo
 from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.sumo_process import require_display
@@ -177,7 +177,7 @@ def drivers_of(planner: str | None, act_timeout_s: float) -> Drivers | None:
 
 
 def _in_highway(scenario: Scenario, planner: str | None, drivers: Drivers | None, mode: Mode, gui: bool) -> Replay:
-    from regents_cosim.replays.highway import drive_in_highway, replay_in_highway
+    from regents_cosim.replays.highway.replay import drive_in_highway, replay_in_highway
 
     if planner and planner.startswith(_AGENT):
         seen = drive_in_highway(scenario, planner.removeprefix(_AGENT), mode, gui=gui)

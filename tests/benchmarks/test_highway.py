@@ -8,7 +8,7 @@ import pytest
 from highway_env.vehicle.behavior import IDMVehicle
 
 import regents_cosim.envs  # noqa: F401
-from regents_cosim.replays.highway_gym import HighwayReplayEnv
+from regents_cosim.replays.highway.gym import HighwayReplayEnv
 from regents_cosim.replays.replay import Mode
 from regents_cosim.shipped import network_config
 from regents_cosim.sources.record import record

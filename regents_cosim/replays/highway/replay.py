@@ -8,10 +8,10 @@ from jaxtyping import Float
 from regents_cosim.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.highway_agents import find_agent
 from regents_cosim.planners.interface import Seen
-from regents_cosim.replays.highway_cast import ReplayRoad, ScriptedVehicle
-from regents_cosim.replays.highway_gym import HighwayReplayEnv, Mode, make_cast, network_of
-from regents_cosim.replays.highway_window import Window, opened
-from regents_cosim.replays.sumo import Driver, ask
+from regents_cosim.replays.highway.cast import ReplayRoad, ScriptedVehicle
+from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
+from regents_cosim.replays.highway.window import Window, opened
+from regents_cosim.replays.sumo.replay import Driver, ask
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
 

@@ -15,8 +15,8 @@ from highway_env.vehicle.kinematics import Vehicle
 from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.replays.episode import choose_case
-from regents_cosim.replays.highway_cast import ScriptedVehicle
-from regents_cosim.replays.highway_display import skip_wayland
+from regents_cosim.replays.highway.cast import ScriptedVehicle
+from regents_cosim.replays.highway.display import skip_wayland
 from regents_cosim.scenario import Agent, Scenario
 
 skip_wayland()

@@ -15,8 +15,8 @@ from regents_cosim.errors import PlannerError, require
 from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
 from regents_cosim.planners.interface import Observation, Placement, Scene
 from regents_cosim.planners.way import way_to_target
-from regents_cosim.replays.sumo import EXACT, add_type, network_file
-from regents_cosim.replays.sumo_routes import edges_along
+from regents_cosim.replays.sumo.replay import EXACT, add_type, network_file
+from regents_cosim.replays.sumo.routes import edges_along
 from regents_cosim.roadmap import Connection
 from regents_cosim.sumo_process import running_sumo
 

@@ -12,8 +12,8 @@ from typing import Any
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.planners.interface import Seen
 from regents_cosim.processes import begin_child, starting
-from regents_cosim.replays.sumo import EgoState, replay_in_sumo
-from regents_cosim.replays.sumo_drivers import DriverParameters
+from regents_cosim.replays.sumo.drivers import DriverParameters
+from regents_cosim.replays.sumo.replay import EgoState, replay_in_sumo
 from regents_cosim.scenario import Scenario
 
 _START_S = 120.0  # the imports of a process, and the network of a city
