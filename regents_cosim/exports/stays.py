@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.planners.lane_matching import match_lanes
+from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Agent, Scenario
 
 

@@ -19,7 +19,7 @@ from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
-from regents_cosim.planners.route import SPACING_M, Route, plan_route
+from regents_cosim.routes.ego_route import SPACING_M, Route, plan_route
 from regents_cosim.scenario import Scenario
 
 _POINTS = 384  # route points kept, one every metre

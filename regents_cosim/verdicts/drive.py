@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.boxes import Boxes
 from regents_cosim.frames import wrap
 from regents_cosim.limits import ALONG_RAD
-from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Lane
+from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_pieces import Under, lane_pieces
 from regents_cosim.verdicts.oncoming import oncoming_share

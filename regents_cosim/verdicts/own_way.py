@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.planners.route import SPACING_M, plan_route
+from regents_cosim.routes.ego_route import SPACING_M, plan_route
 from regents_cosim.scenario import Scenario
 
 _JOIN_M = 6.0  # over which the way that was driven turns into the route

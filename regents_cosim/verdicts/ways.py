@@ -22,8 +22,8 @@ from shapely.ops import substring
 from regents_cosim.frames import wrap
 from regents_cosim.levels import drivable_at
 from regents_cosim.limits import OVER_LIMIT
-from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces, neighbours
 from regents_cosim.verdicts.oncoming import OTHER_WAY_INSIDE_RAD, OTHER_WAY_RAD

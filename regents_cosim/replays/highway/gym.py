@@ -9,12 +9,12 @@ from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.frames import Pose, points_from_highway, to_highway
-from regents_cosim.planners.way import way_to_target
 from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
 from regents_cosim.replays.highway.actions import actions
 from regents_cosim.replays.highway.cast import ActionVehicle, ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway.display import skip_wayland
 from regents_cosim.replays.highway.road import build_network, route_along
+from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Scenario
 
 skip_wayland()

@@ -3,7 +3,7 @@
 A simulation of its own runs beside the host's, in the process that hosts the planner. There SUMO
 drives the ego, everybody else is placed where they are seen, and the answer is where SUMO puts
 the ego. SUMO changes lanes in one step; here the way across takes 3 s, as with
-`--lanechange.duration 3` (which moveToXY does not survive, see `sumo`).
+`--lanechange.duration 3` (which moveToXY does not survive, see `replay`).
 """
 
 from collections.abc import Generator
@@ -14,10 +14,10 @@ import numpy as np
 from regents_cosim.errors import PlannerError, require
 from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
 from regents_cosim.planners.interface import Observation, Placement, Scene
-from regents_cosim.planners.way import way_to_target
 from regents_cosim.replays.sumo.replay import EXACT, add_type, network_file
 from regents_cosim.replays.sumo.routes import edges_along
 from regents_cosim.roadmap import Connection
+from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.sumo_process import running_sumo
 
 _EGO, _ROUTE = "ego", "way"

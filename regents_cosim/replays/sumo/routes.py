@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 
 from regents_cosim.frames import Pose, to_sumo
-from regents_cosim.planners.route import lanes_ahead, lanes_under, logged_path
 from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.routes.ego_route import lanes_ahead, lanes_under, logged_path
 from regents_cosim.scenario import Scenario, Tracks
 
 _ON_M = 300.0  # beyond the lane that a track ends on: 8 s at 37 m/s

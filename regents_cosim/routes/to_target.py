@@ -7,9 +7,9 @@ import numpy as np
 import shapely
 
 from regents_cosim.frames import Pose
-from regents_cosim.planners.lane_matching import lanes_near
-from regents_cosim.planners.route import lanes_ahead
 from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.routes.ego_route import lanes_ahead
+from regents_cosim.routes.lane_matching import lanes_near
 
 _REACH_M = 3.0  # of the target from the centre line of its lane
 _OFF_CENTRE_COST = 10.0  # [m] of way that being 1 m off the centre line costs, at either end

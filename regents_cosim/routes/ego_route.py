@@ -8,8 +8,8 @@ import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim.frames import wrap
-from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import RED, Scenario, Tracks
 
 SPACING_M = 1.0

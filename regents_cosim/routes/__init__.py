@@ -1,0 +1,1 @@
+"""Which lanes an agent drives on, and where it goes from there."""
