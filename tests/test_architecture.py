@@ -14,7 +14,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 LIBSUMO_DOOR = PACKAGE / "sumo_process.py"
 ENVIRONMENTS = {"envs/__init__.py", "envs/sumo_replay.py"}
 HIGHWAY_DOORS = {"highway_agents.py", "sources/highway.py", "sources/highway_net.py", *ENVIRONMENTS} | {
-    f"replays/highway{part}.py" for part in ("", "_cast", "_gym", "_inject", "_road", "_window")
+    f"replays/highway/{name}.py" for name in ("replay", "cast", "gym", "inject", "road", "window")
 }
 TORCH_DOORS = {
     *(PACKAGE / "planners").glob("torch_*.py"),
