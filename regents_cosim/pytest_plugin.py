@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.regression.baseline import Baseline, Driven
     from regents_cosim.evaluation.regression.comparison import Verdict
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
+    from regents_cosim.planners.under_test import AnyPlanner
     from regents_cosim.scenario import Scenario
 
 _RUN = "regents-run"
@@ -103,7 +104,7 @@ class Regents:
     def __init__(self, config: pytest.Config, run: _Run | None) -> None:
         self._run = run
         self._config = config
-        self._others: dict[str, DrivesAhead] = {}
+        self._others: dict[int | str, tuple[Any, DrivesAhead]] = {}
 
     @property
     def suite(self) -> tuple[Path, ...]:
@@ -112,23 +113,27 @@ class Regents:
             folder / case for folder, cases in (self._run.cases if self._run else {}).items() for case in cases
         )
 
-    def drive(self, case: Path | str | Scenario, planner: str | None = None) -> Drive:
-        """Let the planner, by default that of --regents-planner, drive a case: a folder or a Scenario."""
-        name = planner or _option(self._config, "planner")
-        if not name:
-            raise pytest.UsageError("name the planner: regents.drive(case, planner=NAME), or --regents-planner NAME")
-        return self._drives(name).drive(_from_here(self._config, case) if isinstance(case, str) else case)
+    def drive(self, case: Path | str | Scenario, planner: AnyPlanner | None = None) -> Drive:
+        """Let the planner, by default that of --regents-planner, drive a case: a folder or a Scenario.
 
-    def _drives(self, planner: str) -> DrivesAhead:
-        if self._run and planner == self._run.planner:
+        `planner` is a name or an object, as `regents_cosim.attack` takes it.
+        """
+        given = _option(self._config, "planner") if planner is None else planner
+        if not given:
+            raise pytest.UsageError("name the planner: regents.drive(case, planner=...), or --regents-planner NAME")
+        return self._drives(given).drive(_from_here(self._config, case) if isinstance(case, str) else case)
+
+    def _drives(self, planner: AnyPlanner) -> DrivesAhead:
+        if self._run and isinstance(planner, str) and planner == self._run.planner:
             return self._run.drives
-        if planner not in self._others:
-            self._others[planner] = _drives_ahead(self._config, planner)
-        return self._others[planner]
+        key = planner if isinstance(planner, str) else id(planner)
+        if key not in self._others:  # with the object, whose id is not given away meanwhile
+            self._others[key] = planner, _drives_ahead(self._config, planner)
+        return self._others[key][1]
 
     def close(self) -> None:
         """End what is still running."""
-        for drives in self._others.values():
+        for _, drives in self._others.values():
             drives.close()
 
 
@@ -136,7 +141,7 @@ def _option(config: pytest.Config, name: str) -> str:
     return getattr(config.option, f"regents_{name}") or config.getini(f"regents_{name}")
 
 
-def _drives_ahead(config: pytest.Config, planner: str, margin: bool = False) -> DrivesAhead:
+def _drives_ahead(config: pytest.Config, planner: AnyPlanner, margin: bool = False) -> DrivesAhead:
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
 
     alone = 1 if _is_worker(config) else None  # xdist has a process for each core already

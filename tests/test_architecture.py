@@ -12,6 +12,7 @@ import regents_cosim
 PACKAGE = Path(regents_cosim.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LIBSUMO_DOOR = PACKAGE / "sumo_process.py"
+OBJECT_DOOR = PACKAGE / "planners/own_object.py"
 ENVIRONMENTS = {"envs/__init__.py", "envs/sumo_replay.py"}
 HIGHWAY_DOORS = {"highway_agents.py", "sources/highway.py", "sources/highway_net.py", *ENVIRONMENTS} | {
     f"replays/highway/{name}.py" for name in ("replay", "cast", "gym", "inject", "road", "window")
@@ -44,6 +45,7 @@ def test_imports(path):
     is_highway_door = path.relative_to(PACKAGE).as_posix() in HIGHWAY_DOORS
     assert is_highway_door or not found & {"highway_env", "gymnasium", "pygame"}, "highway-env has few doors"
     assert not found & {"traci", "pickle"}, "no second door to SUMO, no pickle"
+    assert "cloudpickle" not in found or path == OBJECT_DOOR, "objects of the user's leave the process by one door"
     assert "torch" not in found or path in TORCH_DOORS, (
         "torch trains and drives what is written in it, all else does without"
     )

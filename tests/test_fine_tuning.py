@@ -28,7 +28,7 @@ from regents_cosim.planners.aim_bev.interpolate import interpolate
 from regents_cosim.planners.aim_bev.lessons import gather
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
-from regents_cosim.planners.systems import find_planner
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.suite import SuiteWriter
 from regents_cosim.verdicts.judgement import judge
@@ -217,12 +217,12 @@ def test_windows_are_held_back_whole():
 
 
 def test_weights_by_name():
-    assert find_planner("aim-bev") is aim_bev()
-    assert isinstance(find_planner(f"aim-bev:{SHIPPED}"), AimBev)
+    assert PlannerUnderTest.of("aim-bev").loop is aim_bev()
+    assert isinstance(PlannerUnderTest.of(f"aim-bev:{SHIPPED}").loop, AimBev)
     with pytest.raises(RegentsError, match="weights"):
-        find_planner("aim-bev:nowhere.safetensors")
+        PlannerUnderTest.of("aim-bev:nowhere.safetensors")
     with pytest.raises(PlannerError, match="aim-bev:WEIGHTS"):
-        find_planner("aim-bef")
+        PlannerUnderTest.of("aim-bef")
 
 
 @pytest.fixture(scope="module")
@@ -335,4 +335,4 @@ def test_fine_tuning_from_the_command_line(folders, blind, tmp_path):
     assert any(
         np.array_equal(kept["output.weight"], interpolate(before, learnt, share)["output.weight"]) for share in shares
     )
-    assert isinstance(find_planner(f"aim-bev:{out}"), AimBev)
+    assert isinstance(PlannerUnderTest.of(f"aim-bev:{out}").loop, AimBev)

@@ -11,7 +11,7 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.planners.systems import find_planner
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.highway.replay import drive_in_highway
 
 SLOW_POLICY = """
@@ -73,7 +73,7 @@ def test_a_policy_decides_as_often_as_it_wants(tmp_path):
 
 def test_an_agent_that_cannot_be_found():
     with pytest.raises(PlannerError, match="'idmm' not found, expected one of idm, mdp, random"):
-        find_planner("highway:idmm")
+        PlannerUnderTest.of("highway:idmm")
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Scene, Seen
 from regents_cosim.planners.patience import Patience
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import replay_each
 
@@ -213,7 +214,7 @@ def test_they_end_with_whoever_asked(how, tmp_path):
 
 
 def test_one_that_hangs_when_it_is_made_is_waited_for_once():
-    with HostPool(named("NeverMade")) as pool:
+    with HostPool(PlannerUnderTest.of(named("NeverMade"))) as pool:
         pool._patience.make_s = 1.0
         for said in ("gave no answer within 1 s when it was made$", "made; it was not asked again"):
             begin = time.monotonic()

@@ -5,11 +5,11 @@ import pytest
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.find import is_built_in
 from regents_cosim.planners.idm import IDM
-from regents_cosim.planners.systems import find_planner
+from regents_cosim.planners.under_test import PlannerUnderTest
 
 
 def test_a_name_sets_numbers():
-    found = find_planner("idm:time_headway=0.2,max_accel=1.5")
+    found = PlannerUnderTest.of("idm:time_headway=0.2,max_accel=1.5").loop
     assert isinstance(found, IDM)
     assert (found.time_headway, found.max_accel, found.standstill_gap) == (0.2, 1.5, IDM().standstill_gap)
 
@@ -19,7 +19,7 @@ def test_a_name_sets_numbers():
 )
 def test_what_it_does_not_have_is_refused_in_one_line(name):
     with pytest.raises(PlannerError, match="expected") as refused:
-        find_planner(name)
+        PlannerUnderTest.of(name)
     assert str(refused.value).count("\n") == 0
 
 

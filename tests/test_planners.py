@@ -11,7 +11,7 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.driver import LoopDriver
 from regents_cosim.planners.interface import Seen
 from regents_cosim.planners.jax_planner import LoopScene
-from regents_cosim.planners.systems import find_planner
+from regents_cosim.planners.under_test import PlannerUnderTest
 
 MINE = """
 import jax.numpy as jnp
@@ -55,7 +55,7 @@ def mine(tmp_path):
 
 
 def driven(scenario, name):
-    planner, world = find_planner(name), to_world(scenario)
+    planner, world = PlannerUnderTest.of(name).loop, to_world(scenario)
     return drive(planner, planner.init(LoopScene(scenario, world)), world, roll_out_background(world, world.controls))[
         0
     ]
@@ -81,7 +81,7 @@ def test_a_planner_from_a_file(mine):
 
 
 def test_a_planner_from_a_module():
-    assert find_planner("regents_cosim.planners.idm:IDM") == find_planner("idm")
+    assert PlannerUnderTest.of("regents_cosim.planners.idm:IDM").loop == PlannerUnderTest.of("idm").loop
 
 
 @pytest.mark.parametrize(
@@ -96,19 +96,19 @@ def test_a_planner_from_a_module():
 )
 def test_a_planner_that_cannot_be_found(name, said):
     with pytest.raises(PlannerError, match=said):
-        find_planner(name)
+        PlannerUnderTest.of(name)
 
 
 def test_something_that_is_no_planner(mine):
     with pytest.raises(PlannerError, match="is a int, expected a JaxPlanner"):
-        find_planner(f"{mine}:NOT_ONE")
+        PlannerUnderTest.of(f"{mine}:NOT_ONE")
 
 
 @pytest.mark.parametrize("name", ["idm", slow("constant_velocity")])
 def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
     made = platoon()
     mirror = driven(made, name)
-    driver, tracks = LoopDriver(name, find_planner(name)), made.tracks
+    driver, tracks = LoopDriver(name, PlannerUnderTest.of(name).loop), made.tracks
     driver.start(made)
     ego = [tracks.x[0, 0], tracks.y[0, 0], tracks.yaw[0, 0], tracks.speed[0, 0]]
     seen = []

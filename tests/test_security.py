@@ -314,3 +314,24 @@ def test_weights_are_numbers(tmp_path):
     (tmp_path / "weights.safetensors").write_bytes(pickle.dumps({"layer": [1.0]}))
     with pytest.raises(RegentsError, match="cannot be read as safetensors"):
         load_weights(tmp_path / "weights.safetensors")
+
+
+def test_an_object_is_unpickled_where_it_drives_alone():
+    class Mine:
+        made_in = 0
+
+        def __init__(self):
+            self.process = os.getpid()
+
+        def __setstate__(self, state):
+            self.__dict__ |= {**state, "made_in": os.getpid()}
+
+        def reset(self, scene):
+            raise RuntimeError(f"from {self.process} in {self.made_in}")
+
+        def act(self, observation):
+            return None
+
+    (drive,) = drive_each([platoon()], Mine())
+    there = re.search(r"from (\d+) in (\d+)", drive.error)
+    assert int(there[1]) == os.getpid() != int(there[2])

@@ -12,7 +12,7 @@ from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.planners.systems import find_planner
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Signal
 
 
@@ -90,7 +90,7 @@ def test_a_map_that_is_not_sumo_s(sumo):
 
 def test_a_name_too_long():
     with pytest.raises(PlannerError, match="expected `sumo`"):
-        find_planner("sumo:fast")
+        PlannerUnderTest.of("sumo:fast")
 
 
 @pytest.mark.slow

@@ -18,10 +18,10 @@ from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Observation, Others, Scene
 from regents_cosim.planners.jax_planner import LoopScene
-from regents_cosim.planners.systems import HostPlanner, find_planner
 from regents_cosim.planners.torch_bridge import TorchPlanner, features
 from regents_cosim.planners.torch_in_loop import TorchInLoop
 from regents_cosim.planners.torch_translation import NotTranslatedError, translate
+from regents_cosim.planners.under_test import PlannerUnderTest
 
 # Imported by the tests that need it themselves: it takes two seconds of every process that only collects them.
 pytestmark = pytest.mark.skipif(find_spec("torch") is None, reason="torch is an extra")
@@ -73,7 +73,7 @@ def test_many_at_once_as_one_by_one(attribute):
 def test_inside_the_compiled_loop_it_drives_as_outside():
     made, name = platoon(20), f"torch:{FILE}:Careful"
     world = to_world(made)
-    inside = find_planner(name)
+    inside = PlannerUnderTest.of(name).loop
     assert isinstance(inside, TorchInLoop)
     motion, controls, _ = drive(inside, inside.init(LoopScene(made, world)), world, world.log)
     process, loop = HostProcess(name), ClosedLoop(made, world, world.log, None)
@@ -111,7 +111,7 @@ def test_what_is_not_translated_drives_outside(attribute, said):
     module = getattr(torch_planners, attribute)().eval()
     with pytest.raises(NotTranslatedError, match=said):
         translate(module, torch.zeros(1, 5), torch.zeros(1, 16, 8))
-    assert isinstance(find_planner(f"torch:{FILE}:{attribute}"), HostPlanner)
+    assert PlannerUnderTest.of(f"torch:{FILE}:{attribute}").where == "own process"
 
 
 @pytest.mark.slow

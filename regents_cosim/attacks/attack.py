@@ -43,8 +43,8 @@ from regents_cosim.names import distinct_word, file_name, word
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
-from regents_cosim.planners.patience import ACT_TIMEOUT
-from regents_cosim.planners.systems import ACT_TIMEOUT_S, HostPlanner, find_planner
+from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.ranges import Range
 from regents_cosim.scenario import ActTime, AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
 from regents_cosim.verdicts.judgement import is_telling
@@ -60,12 +60,12 @@ Engine = Literal["auto", "threads", "lanes"]
 def attack(
     scenarios: Iterable[Scenario],
     config: AttackConfig,
-    planner: str = "idm",
+    planner: AnyPlanner = "idm",
     batch: int = 32,
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
-    against: Sequence[str] = (),
+    against: Sequence[AnyPlanner] = (),
 ) -> Iterator[Scenario]:
     """All results of `attack_each`, one after the other."""
     for results in attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s, against):
@@ -87,12 +87,12 @@ def _ended(results: list[Scenario]) -> str:
 def attack_each(
     scenarios: Iterable[Scenario],
     config: AttackConfig,
-    planner: str = "idm",
+    planner: AnyPlanner = "idm",
     batch: int = 32,
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
-    against: Sequence[str] = (),
+    against: Sequence[AnyPlanner] = (),
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
 
@@ -117,19 +117,19 @@ def attack_each(
     (`universal`), and `attack.settings["crashed"]` names those that do. The ego of the resulting
     case is driven by `planner`.
     """
-    under_test = find_planner(planner)
+    under_test = PlannerUnderTest.of(planner)
+    name, loop = under_test.name, under_test.loop
     if against:
-        under_test = _several(under_test, (planner, *against), config)
-    if config.optimiser != "adam" and isinstance(under_test, HostPlanner):
-        raise RegentsError(f"method {config.method} needs a planner in JAX, {planner!r} is not: take king or regents")
+        loop = _several([under_test, *map(PlannerUnderTest.of, against)], config)
+    if config.optimiser != "adam" and loop is None:
+        raise RegentsError(f"method {config.method} needs a planner in JAX, {name!r} is not: take king or regents")
     _BATCH.check("batch", batch)
     ACT_TIMEOUT.check("act-timeout", act_timeout_s)
-    if isinstance(under_test, HostPlanner):
-        yield from _in_processes(
-            scenarios, _Attack(_replanning(config, 10), under_test, planner, extra_cost), batch, act_timeout_s
-        )
+    if loop is None:
+        with HostPool(under_test, act_timeout_s) as hosts:
+            yield from _on_hosts(scenarios, _Attack(_replanning(config, 10), None, name, extra_cost), batch, hosts)
         return
-    under_attack = _Attack(_replanning(config, 1), under_test, planner, extra_cost)
+    under_attack = _Attack(_replanning(config, 1), loop, name, extra_cost)
     if engine == "auto":
         engine = "threads" if jax.default_backend() == "cpu" else "lanes"
     only_threads = under_attack.config.replan_every > 1 or config.optimiser != "adam"
@@ -137,13 +137,13 @@ def attack_each(
     yield from run(scenarios, under_attack, batch)
 
 
-def _several(first: JaxPlanner | HostPlanner, names: tuple[str, ...], config: AttackConfig) -> Several:
-    """The planners of an attack on several. Raises PlannerError, RegentsError."""
-    planners = [first, *(find_planner(name) for name in names[1:])]
-    for name, planner in zip(names, planners, strict=True):
-        if not isinstance(planner, JaxPlanner):
+def _several(planners: Sequence[PlannerUnderTest], config: AttackConfig) -> Several:
+    """The planners of an attack on several. Raises RegentsError."""
+    names = tuple(planner.name for planner in planners)
+    for planner in planners:
+        if planner.loop is None:
             raise RegentsError(
-                f"planner {name!r} is not in JAX: only planners in JAX are attacked several at once "
+                f"planner {planner.name!r} is not in JAX: only planners in JAX are attacked several at once "
                 "(attack one of them and replay its adversaries against the others: `regents bench cross`)"
             )
     if len(set(names)) < len(names):
@@ -153,7 +153,7 @@ def _several(first: JaxPlanner | HostPlanner, names: tuple[str, ...], config: At
             "several planners are attacked at once by gradients, in every iteration and by our own code: "
             "leave out --as-published and --replan-every, and take method king, regents or focused"
         )
-    return Several(tuple(planner for planner in planners if isinstance(planner, JaxPlanner)), names)
+    return Several(tuple(planner.loop for planner in planners if planner.loop is not None), names)
 
 
 def _who_crashes(several: Several, scenario: Scenario, job: Job, background: Motion, controls: Controls) -> list[str]:
@@ -182,7 +182,7 @@ class _Attack:
     """What is the same for all scenarios of an attack."""
 
     config: AttackConfig
-    planner: JaxPlanner | HostPlanner
+    planner: JaxPlanner | None  # None: one that is not in JAX
     planner_name: str
     extra_cost: ExtraCost | None
 
@@ -443,22 +443,19 @@ def _in_threads(scenarios: Iterable[Scenario], attack: _Attack, batch: int) -> I
             yield waiting.popleft().result()
 
 
-def _in_processes(
-    scenarios: Iterable[Scenario], attack: _Attack, batch: int, act_timeout_s: float
-) -> Iterator[list[Scenario]]:
+def _on_hosts(scenarios: Iterable[Scenario], attack: _Attack, batch: int, hosts: HostPool) -> Iterator[list[Scenario]]:
     """Planners outside the mirror: batches side by side in one process, or a process for each core."""
-    with HostPool(attack.planner_name, act_timeout_s) as processes:
-        with processes.lend() as process:
-            side_by_side = _takes_batches(process)
-        rest = iter(scenarios)
-        with ThreadPoolExecutor(1 if side_by_side else os.cpu_count() or 1) as pool:
-            waiting: deque[Future[list[list[Scenario]]]] = deque()
-            while some := list(itertools.islice(rest, batch if side_by_side else 1)):
-                waiting.append(pool.submit(_driven_in_process, attack, some, processes))
-                if len(waiting) >= batch:
-                    yield from waiting.popleft().result()
-            while waiting:
+    with hosts.lend() as host:
+        side_by_side = _takes_batches(host)
+    rest = iter(scenarios)
+    with ThreadPoolExecutor(1 if side_by_side else os.cpu_count() or 1) as pool:
+        waiting: deque[Future[list[list[Scenario]]]] = deque()
+        while some := list(itertools.islice(rest, batch if side_by_side else 1)):
+            waiting.append(pool.submit(_driven_on_host, attack, some, hosts))
+            if len(waiting) >= batch:
                 yield from waiting.popleft().result()
+        while waiting:
+            yield from waiting.popleft().result()
 
 
 def _takes_batches(process: HostProcess) -> bool:
@@ -468,9 +465,9 @@ def _takes_batches(process: HostProcess) -> bool:
         return False  # each case will say so
 
 
-def _driven_in_process(attack: _Attack, some: list[Scenario], processes: HostPool) -> list[list[Scenario]]:
-    with processes.lend() as process:
-        drives = in_process(process)
+def _driven_on_host(attack: _Attack, some: list[Scenario], hosts: HostPool) -> list[list[Scenario]]:
+    with hosts.lend() as host:
+        drives = in_process(host)
         return attack.search(some, attack.pursuit(drives), drives)
 
 

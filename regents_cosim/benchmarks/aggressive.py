@@ -8,7 +8,8 @@ from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import Results, collides_before
 from regents_cosim.names import file_name
-from regents_cosim.replays.replay import SumoDrive, drive_in_sumo_each
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
+from regents_cosim.replays.replay import SumoDrive, at_hand, drive_in_sumo_each
 from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, DriverParameters
 from regents_cosim.replays.sumo.replay import SumoReplay
 from regents_cosim.scenario import VEHICLE_KINDS, AttackRecord, Scenario, Tracks
@@ -17,7 +18,7 @@ METHOD = "sumo-aggressive"
 
 
 def drive_aggressively(
-    windows: Sequence[Scenario], before: Sequence[Results], planner: str, executor: Executor | None = None
+    windows: Sequence[Scenario], before: Sequence[Results], planner: AnyPlanner, executor: Executor | None = None
 ) -> Iterator[Results]:
     """One result for each window: the planner in closed loop in SUMO among aggressive drivers, from the log's start.
 
@@ -25,10 +26,12 @@ def drive_aggressively(
     """
     colliding = [next(filter(collides_before, results), None) for results in before]
     pairs = zip(windows, colliding, strict=True)
-    drives = [SumoDrive(window, planner, _drivers(window)) for window, known in pairs if known is None]
-    seen = drive_in_sumo_each(drives, executor)
-    for window, known in zip(windows, colliding, strict=True):
-        yield [known if known is not None else _case(window, next(seen), planner)]
+    given = PlannerUnderTest.of(planner)
+    with at_hand(given) as driver:
+        drives = [SumoDrive(window, driver, _drivers(window)) for window, known in pairs if known is None]
+        seen = drive_in_sumo_each(drives, executor)
+        for window, known in zip(windows, colliding, strict=True):
+            yield [known if known is not None else _case(window, next(seen), given.name)]
 
 
 def _case(window: Scenario, seen: SumoReplay | RegentsError, planner: str) -> Scenario:

@@ -8,7 +8,7 @@ import numpy as np
 from regents_cosim.evaluation.drives.driving import Drive, drive_each
 from regents_cosim.evaluation.reduction.way_back import with_rows
 from regents_cosim.evaluation.statistics import percent, percent_interval
-from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.scenario import Scenario
 
 ALL = "all"  # in the place of a planner: every one of them

@@ -22,31 +22,37 @@ from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Placement, Seen
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
-from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
 
 
 class Drivers:
-    """Drivers for the planner of that name, and its processes, if any: a context manager that ends them."""
+    """Drivers for one planner, and its processes, if any: a context manager that ends them."""
 
-    def __init__(self, planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
+    def __init__(self, planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises PlannerError where there is no such planner, RegentsError for a time that cannot be waited."""
-        self._found = find_planner(planner)
-        self._name, self._processes = planner, HostPool(planner, act_timeout_s)
+        self._planner = PlannerUnderTest.of(planner)
+        self._hosts = HostPool(self._planner, act_timeout_s)
+
+    @property
+    def name(self) -> str:
+        """Of the planner."""
+        return self._planner.name
 
     def __enter__(self) -> "Drivers":
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._processes.__exit__(*error)
+        self._hosts.__exit__(*error)
 
     @contextmanager
     def lend(self) -> "Iterator[LoopDriver | HostDriver]":
         """A driver for one drive."""
-        if isinstance(self._found, JaxPlanner):
-            yield LoopDriver(self._name, self._found)
+        if self._planner.loop is not None:
+            yield LoopDriver(self._planner.name, self._planner.loop)
             return
-        with self._processes.lend() as process:
+        with self._hosts.lend() as process:
             yield HostDriver(process)
 
 
@@ -81,7 +87,7 @@ class LoopDriver:
 
 
 class HostDriver:
-    """A planner in a process of its own."""
+    """A planner outside JAX."""
 
     def __init__(self, process: HostProcess) -> None:
         self._process = process

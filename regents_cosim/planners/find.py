@@ -10,7 +10,9 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from regents_cosim.errors import PlannerError
+from regents_cosim.planners.bridges import bridges
 from regents_cosim.planners.interface import Planner
+from regents_cosim.planners.own_object import Pickled, name_of, unpickled
 from regents_cosim.scenario import Scenario
 from regents_cosim.user_code import import_named
 
@@ -23,17 +25,6 @@ OURS: dict[str, str] = {
     "idm": "regents_cosim.planners.idm:IDM",
     "log_replay": "regents_cosim.planners.log_replay:LogReplay",
     "rss": "regents_cosim.planners.reference.drivers:RssDriver",
-}
-
-# Somebody else's kind of planner behind a prefix: `exec:./my_planner --fast`. What the factory gets is the rest.
-# Modules by name, as entry points are: those that need the simulators of `replays` are found there.
-BRIDGES: dict[str, str] = {
-    "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
-    "exec": "regents_cosim.planners.exec_planner:ExecPlanner",
-    "highway": "regents_cosim.replays.highway.ego:HighwayEgo",
-    "idm": "regents_cosim.planners.idm_settings:idm_with",
-    "sumo": "regents_cosim.replays.sumo.ego:SumoEgo",
-    "torch": "regents_cosim.planners.torch_bridge:TorchPlanner",
 }
 
 # All that a case may name: what these load comes with the package, or with SUMO and highway-env.
@@ -78,8 +69,8 @@ def find_attribute(name: str) -> Any:
         return _ours(OURS[name])
     known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
     bridge, _, rest = name.partition(":")
-    if bridge in BRIDGES and name not in known:
-        factory: Callable[[str], Planner] = _ours(BRIDGES[bridge])
+    if bridge in bridges() and name not in known:
+        factory: Callable[[str], Planner] = _ours(bridges()[bridge])
         return lambda: factory(rest)
     module_name, _, attribute = known.get(name, name).rpartition(":")
     if not module_name:
@@ -88,7 +79,9 @@ def find_attribute(name: str) -> Any:
             "idm:SETTING=NUMBER, aim-bev:WEIGHTS, highway:AGENT, torch:MODULE, exec:COMMAND, "
             "`package.module:attribute` or `file.py:attribute`"
         )
-    found = getattr(import_named(module_name, f"planner {name!r}", installed=name in known), attribute, None)
+    found: Any = import_named(module_name, f"planner {name!r}", installed=name in known)
+    for part in attribute.split("."):  # of a class in a class
+        found = getattr(found, part, None)
     if found is None:
         raise PlannerError(f"planner {name!r}: {module_name} has no {attribute!r}")
     return found
@@ -99,12 +92,12 @@ def _ours(place: str) -> Any:
     return getattr(import_module(module_name), attribute)
 
 
-def make_planner(name: str) -> Planner:
-    """The host planner that `name` stands for. Raises PlannerError where there is none, or what the planner raises."""
-    found: Any = find_attribute(name)
+def make_planner(source: str | Pickled) -> Planner:
+    """The host planner of that name, or that object. Raises PlannerError, or what the planner raises."""
+    found: Any = find_attribute(source) if isinstance(source, str) else unpickled(source)
     planner: Any = found if _is_planner(found) or not callable(found) else found()
     if not _is_planner(planner):
-        raise no_planner(name, planner)
+        raise no_planner(source if isinstance(source, str) else name_of(found), planner)
     return planner
 
 

@@ -1,6 +1,7 @@
-"""What is said between `host_process` and `host_server`: MessagePack of a fixed schema both ways, nothing pickled.
+"""What is said between `host_process` and `host_server`: MessagePack of a fixed schema both ways.
 
-Every question has a number, which its answer repeats.
+Every question has a number, which its answer repeats. Of what comes back nothing is unpickled; a planner that the user
+has given as an object goes there pickled.
 """
 
 from typing import Annotated, Any
@@ -11,16 +12,17 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.planners.interface import Control, Placement, Scene, Seen
+from regents_cosim.planners.own_object import Pickled
 
 TRACE_LIMIT = 8192  # characters of a traceback or a stack, its head and its tail
 SUMMARY_LIMIT = 1000  # characters of an exception's own words
 
 
 class Make(msgspec.Struct, tag=True):
-    """Make the planner of that name; answered by Made."""
+    """Make the planner of that name, or that object; answered by Made."""
 
     number: int
-    name: str
+    planner: str | Pickled
 
 
 class Reset(msgspec.Struct, tag=True):

@@ -17,7 +17,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import msgspec
 
@@ -40,6 +40,7 @@ from regents_cosim.planners.host_messages import (
 )
 from regents_cosim.planners.interface import Scene, Seen
 from regents_cosim.planners.kept_process import KeptProcess
+from regents_cosim.planners.own_object import Pickled
 from regents_cosim.planners.patience import Patience
 from regents_cosim.planners.talk import Talk, TalkError
 
@@ -55,13 +56,39 @@ _BOOT = (
 _Expected = TypeVar("_Expected", Made, Done, Decided)
 
 
+@runtime_checkable
+class Running(Protocol):
+    """Something that serves: `host_server` in a process of its own, or in this one."""
+
+    def number(self) -> int:
+        """Of the next question."""
+        ...
+
+    def ask(self, question: bytes, timeout_s: float) -> bytes:
+        """The answer. Raises TimeoutError, EOFError, OSError, TalkError."""
+        ...
+
+    def stack(self) -> str:
+        """Where the planner is right now."""
+        ...
+
+    def outcome(self) -> str:
+        """How it ended."""
+        ...
+
+    def end(self) -> None:
+        """End it. Who waits for an answer is told so by its end."""
+        ...
+
+
 class HostProcess:
     """The process, and the conversation with it. Use it from one thread at a time; any may close it."""
 
-    def __init__(self, name: str, patience: Patience | None = None) -> None:
-        """`patience` is shared with other processes of the same planner."""
+    def __init__(self, name: str, patience: Patience | None = None, planner: str | Pickled | None = None) -> None:
+        """`patience` is shared with other processes of the same planner, which is made by `planner` or its name."""
         self._name, self._patience = name, patience or Patience(name)
-        self._running: _Running | None = None
+        self._planner = name if planner is None else planner
+        self._running: Running | None = None
         self._batches = self._closed = False
         self._told: list[Scene] = []  # what the process has been sent
 
@@ -103,17 +130,20 @@ class HostProcess:
         if running is not None:
             running.end()
 
-    def _start(self) -> "_Running":
+    def _serving(self) -> Running:
+        return _Running()
+
+    def _start(self) -> Running:
         self._patience.check()
         if self._closed:
             raise DriveError(f"planner {self._name!r} is not started any more: its process was closed")
         self._told = []
         try:
-            running = self._running = _Running()
+            running = self._running = self._serving()
         except OSError as error:
             raise DriveError(f"planner {self._name!r} has no process: {error}, expected room for one more") from error
         try:
-            question = Make(running.number(), self._name)
+            question = Make(running.number(), self._planner)
             self._batches = self._ask(running, question, Made, self._patience.make_s, "when it was made").batches
         except _HungError as failure:
             raise self._patience.hung_when_made(failure) from failure
@@ -124,7 +154,7 @@ class HostProcess:
         return running
 
     def _ask(
-        self, running: "_Running", question: Question, expected: type[_Expected], timeout_s: float, when: str
+        self, running: Running, question: Question, expected: type[_Expected], timeout_s: float, when: str
     ) -> _Expected:
         try:
             reply = replies.decode(running.ask(encoder.encode(question), timeout_s))
@@ -143,7 +173,7 @@ class HostProcess:
             raise self._lost(running, f"broke the protocol {when}: {type(reply).__name__} for an answer")
         return reply
 
-    def _lost(self, running: "_Running", what: str, trace: str = "", kind: type[DriveError] = DriveError) -> DriveError:
+    def _lost(self, running: Running, what: str, trace: str = "", kind: type[DriveError] = DriveError) -> DriveError:
         """What to say of a process that is of no more use."""
         if self._running is running:
             self._running = None

@@ -60,11 +60,11 @@ def serve(connection: int, stacks: int) -> None:
     faulthandler.register(signal.SIGUSR1, _hidden(stacks), all_threads=True)
     talk = Talk(socket.socket(fileno=_hidden(connection)), limit_bytes=None)
     os.register_at_fork(after_in_child=talk.close)  # of two that answer, one is a copy
-    seat = _Seat()
+    served = Served()
     while True:
         try:
             question = questions.decode(talk.receive())
-            talk.send(encoder.encode(_answered(seat, question)))
+            talk.send(encoder.encode(served.answered(question)))
         except (EOFError, OSError):  # the parent is gone, or this is the copy
             os._exit(0)
 
@@ -76,13 +76,6 @@ def _hidden(descriptor: int) -> int:
     moved = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, lowest)
     os.close(descriptor)
     return moved
-
-
-def _answered(seat: "_Seat", question: Question) -> Reply:
-    try:
-        return seat.answer(question)
-    except BaseException as error:  # foreign code, `sys.exit` included
-        return _raised(question.number, error)
 
 
 def _raised(number: int, error: BaseException) -> Raised:
@@ -103,17 +96,27 @@ def _sent(text: str, limit: int) -> str:
     return shortened(text, limit).encode(errors="backslashreplace").decode()[:limit]
 
 
-class _Seat:
+class Served:
     """The planner, and the scenes that it drives in."""
 
-    def __init__(self) -> None:
+    def __init__(self, planner: Planner | None = None) -> None:
+        """Without a `planner`, the first question makes it."""
+        self._given = planner
         self._scenes: list[Scene] = []
 
-    def answer(self, question: Question) -> Reply:
-        """The answer to one question."""
+    def answered(self, question: Question) -> Reply:
+        """The answer to one question, or what the planner raised."""
+        try:
+            return self._answer(question)
+        except BaseException as error:  # foreign code, `sys.exit` included
+            if self._given is not None and isinstance(error, KeyboardInterrupt):  # the user's own
+                raise
+            return _raised(question.number, error)
+
+    def _answer(self, question: Question) -> Reply:
         match question:
             case Make():
-                self._planner: Planner = make_planner(question.name)
+                self._planner: Planner = make_planner(question.planner) if self._given is None else self._given
                 return Made(question.number, isinstance(self._planner, BatchPlanner))
             case Reset():
                 self._reset(question.scenes)

@@ -19,6 +19,7 @@ A module that wants lanes, lights or memory needs `reset` and `act` around it (`
 """
 
 import importlib.util
+import sys
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -40,15 +41,15 @@ NEAREST = 16  # others that a module sees
 class TorchPlanner:
     """The planner that a module is, on the host."""
 
-    def __init__(self, name: str) -> None:
-        """The module is made when it is needed.
+    def __init__(self, name: str, found: Any = None) -> None:
+        """The module is made when it is needed: `found`, or what has that name.
 
         Raises PlannerError where there is nothing of that name, MissingDependencyError without torch.
         """
         if importlib.util.find_spec("torch") is None:
             raise MissingDependencyError(f"planner 'torch:{name}' needs the extra: pip install 'regents_cosim[torch]'")
         self._name = name
-        self._found = find_attribute(name)
+        self._found = find_attribute(name) if found is None else found
 
     def reset(self, scene: Scene) -> None:
         """Make the module, unless it is there."""
@@ -89,6 +90,14 @@ class TorchPlanner:
         if not isinstance(made, torch.nn.Module):
             raise PlannerError(f"planner 'torch:{self._name}' is a {type(made).__name__}, expected a torch.nn.Module")
         return made.eval()
+
+
+def is_torch(planner: Any) -> bool:
+    """Whether it is a torch module, or a class of them."""
+    torch = sys.modules.get("torch")  # who has a module has imported it
+    if torch is None:
+        return False
+    return isinstance(planner, torch.nn.Module) or (isinstance(planner, type) and issubclass(planner, torch.nn.Module))
 
 
 def features(

@@ -12,7 +12,8 @@ from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
-from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
 
 
@@ -30,33 +31,34 @@ class Wheel:
     `planner` is its name.
     """
 
-    def __init__(self, planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
+    def __init__(self, planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises PlannerError where the planner cannot be found."""
-        self.planner, self._planner = planner, find_planner(planner)
-        self._processes = HostPool(planner, act_timeout_s)
+        given = PlannerUnderTest.of(planner)
+        self.planner, self._loop = given.name, given.loop
+        self._hosts = HostPool(given, act_timeout_s)
 
     def __enter__(self) -> "Wheel":
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._processes.__exit__(*error)
+        self._hosts.__exit__(*error)
 
     def drive(self, scenario: Scenario) -> Lap:
         """The tracks of `scenario`, its ego driven in closed loop. Raises DriveError."""
         world = to_world(scenario)
-        if isinstance(self._planner, JaxPlanner):
-            memory = start(self._planner, LoopScene(scenario, world), self.planner)
+        if self._loop is not None:
+            memory = start(self._loop, LoopScene(scenario, world), self.planner)
             with foreign(self.planner, scenario.id):
-                track = jax.block_until_ready(_drive(self._planner, memory, world.without_road()))
+                track = jax.block_until_ready(_drive(self._loop, memory, world.without_road()))
             require_finite(track.controls, self.planner, scenario.id)
             return Lap(_with_ego(scenario, world, track))
-        with self._processes.lend() as process:
+        with self._hosts.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, None)
             seconds = drive_on_host(process, [loop])
         return Lap(_with_ego(scenario, world, loop.track), seconds)
 
 
-def replay_in_mirror(scenario: Scenario, planner: str | None = None) -> Tracks:
+def replay_in_mirror(scenario: Scenario, planner: AnyPlanner | None = None) -> Tracks:
     """The tracks of `scenario`, its ego driven in closed loop by `planner` (None: as in the case).
 
     Raises PlannerError where the planner cannot be found or fails.

@@ -11,7 +11,8 @@ from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.logged import logged
 from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
-from regents_cosim.planners.systems import find_planner
+from regents_cosim.planners.relay import Relay, RelayedDriver, relayed
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest, Ticket
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.sumo.drivers import DriverParameters, background_drivers
 from regents_cosim.replays.sumo.replay import SumoReplay, replay_in_sumo
@@ -24,14 +25,14 @@ Simulator = Literal["sumo", "highway", "mirror"]
 Mode = Literal["track", "actions"]
 Background = Literal["log", "reactive"]
 _RUN = secrets.token_hex(8)  # of this process
-_KEPT: dict[tuple[str, str, float], Drivers] = {}  # in a worker: of the run that it works on
+_KEPT: dict[tuple[str, Ticket, float], Drivers] = {}  # in a worker: of the run that it works on
 _AGENT = "highway:"  # in front of the names of highway-env's agents, which need no bridge there
 
 
 def replay(
     scenario: Scenario,
     where: Simulator = "sumo",
-    planner: str | None = None,
+    planner: AnyPlanner | None = None,
     gui: bool = False,
     mode: Mode = "track",
     background: Background = "log",
@@ -58,7 +59,7 @@ def _ended(found: Replay) -> str:
 def replay_each(
     scenarios: Sequence[Scenario],
     where: Simulator = "sumo",
-    planner: str | None = None,
+    planner: AnyPlanner | None = None,
     gui: bool = False,
     executor: Executor | None = None,
     mode: Mode = "track",
@@ -71,27 +72,30 @@ def replay_each(
     A planner that takes longer than `act_timeout_s` over a decision has failed in that case.
     `drivers` are those of the planner for highway-env, where the caller keeps them.
     """
-    check(where, planner, gui, background, act_timeout_s)
+    check(where, gui, background, act_timeout_s)
+    given = None if planner is None else PlannerUnderTest.of(planner)
     if where == "highway":
-        with nullcontext(drivers) if drivers else drivers_of(planner, act_timeout_s) or nullcontext() as those:
-            yield from (_or_failed(s, lambda s: _in_highway(s, planner, those, mode, gui)) for s in scenarios)
+        with nullcontext(drivers) if drivers else drivers_of(given, act_timeout_s) or nullcontext() as those:
+            yield from (_or_failed(s, lambda s: _in_highway(s, given, those, mode, gui)) for s in scenarios)
         return
     if where == "mirror":
-        with Wheel(planner, act_timeout_s) if planner else nullcontext() as wheel:
+        with Wheel(given, act_timeout_s) if given else nullcontext() as wheel:
             yield from (_or_failed(s, lambda s: _in_mirror(s, wheel)) for s in scenarios)
         return
-    jobs = (
-        SumoDrive(
-            scenario,
-            planner,
-            background_drivers(scenario) if background == "reactive" else {},
-            gui=gui,
-            act_timeout_s=act_timeout_s,
+    with at_hand(given, act_timeout_s) as driven_by:
+        jobs = (
+            SumoDrive(
+                scenario,
+                driven_by,
+                background_drivers(scenario) if background == "reactive" else {},
+                gui=gui,
+                act_timeout_s=act_timeout_s,
+            )
+            for scenario in scenarios
         )
-        for scenario in scenarios
-    )
-    for scenario, found in zip(scenarios, run_each(_in_sumo, jobs, executor), strict=True):
-        yield failed(scenario, found) if isinstance(found, RegentsError) else found
+        found_there = run_each(_in_sumo, jobs, executor if not isinstance(driven_by, Relay) else None)
+        for scenario, found in zip(scenarios, found_there, strict=True):
+            yield failed(scenario, found) if isinstance(found, RegentsError) else found
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,7 @@ class SumoDrive:
     """One run of SUMO: who is at the wheel of the ego, and whom SUMO drives, how, by index."""
 
     scenario: Scenario
-    planner: str | None = None  # None: the ego follows its track, or is among the released
+    planner: Ticket | Relay | None = None  # `at_hand`; None: the ego follows its track, or is among the released
     released: Mapping[int, DriverParameters] = field(default_factory=dict)
     seed: int = 0
     gui: bool = False
@@ -121,17 +125,31 @@ def drive_in_sumo(drive: SumoDrive) -> SumoReplay:
 
 
 @contextmanager
-def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | None]:
+def at_hand(planner: PlannerUnderTest | None, act_timeout_s: float = ACT_TIMEOUT_S) -> Iterator[Ticket | Relay | None]:
+    """The planner for SUMO's processes; one that cannot leave this process is asked here meanwhile."""
+    if planner is None or planner.ticket is not None:
+        yield planner and planner.ticket
+        return
+    with Drivers(planner, act_timeout_s) as drivers, relayed(drivers) as relay:
+        yield relay
+
+
+@contextmanager
+def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | RelayedDriver | None]:
     """Who drives the ego, from what this worker keeps between the drives of one run."""
     if drive.planner is None:
         yield None
+        return
+    if isinstance(drive.planner, Relay):
+        with drive.planner.lend() as driver:
+            yield driver
         return
     key = drive.run, drive.planner, drive.act_timeout_s
     if key not in _KEPT:
         for drivers in _KEPT.values():
             drivers.__exit__()
         _KEPT.clear()
-        _KEPT[key] = Drivers(drive.planner, drive.act_timeout_s)
+        _KEPT[key] = Drivers(drive.planner.planner(), drive.act_timeout_s)
     with _KEPT[key].lend() as driver:
         yield driver
 
@@ -145,13 +163,9 @@ def _in_sumo(drive: SumoDrive) -> Replay:
 
 
 def check(
-    where: Simulator,
-    planner: str | None,
-    gui: bool = False,
-    background: Background = "log",
-    act_timeout_s: float = ACT_TIMEOUT_S,
+    where: Simulator, gui: bool = False, background: Background = "log", act_timeout_s: float = ACT_TIMEOUT_S
 ) -> None:
-    """Complain here rather than once per case. Raises PlannerError, or RegentsError for what a simulator cannot do."""
+    """Complain here rather than once per case. Raises RegentsError for what a simulator cannot do."""
     if gui and where == "sumo":
         require_display()
     if background == "reactive" and where != "sumo":
@@ -159,8 +173,6 @@ def check(
     if gui and where == "mirror":
         raise RegentsError("the mirror has no window; --gui shows that of --in sumo or --in highway, or use --record")
     ACT_TIMEOUT.check("act-timeout", act_timeout_s)
-    if planner is not None:
-        find_planner(planner)
 
 
 def _or_failed(scenario: Scenario, replay_it: Callable[[Scenario], Replay]) -> Replay:
@@ -171,16 +183,24 @@ def _or_failed(scenario: Scenario, replay_it: Callable[[Scenario], Replay]) -> R
         return failed(scenario, failure)
 
 
-def drivers_of(planner: str | None, act_timeout_s: float) -> Drivers | None:
+def drivers_of(planner: PlannerUnderTest | None, act_timeout_s: float) -> Drivers | None:
     """Drivers of a planner in highway-env; None for its own agents, which need none."""
-    return Drivers(planner, act_timeout_s) if planner and not planner.startswith(_AGENT) else None
+    return Drivers(planner, act_timeout_s) if planner and _agent(planner) is None else None
 
 
-def _in_highway(scenario: Scenario, planner: str | None, drivers: Drivers | None, mode: Mode, gui: bool) -> Replay:
+def _agent(planner: PlannerUnderTest | None) -> str | None:
+    """The agent of highway-env's that the planner is."""
+    source = planner.source if planner else None
+    return source.removeprefix(_AGENT) if isinstance(source, str) and source.startswith(_AGENT) else None
+
+
+def _in_highway(
+    scenario: Scenario, planner: PlannerUnderTest | None, drivers: Drivers | None, mode: Mode, gui: bool
+) -> Replay:
     from regents_cosim.replays.highway.replay import drive_in_highway, replay_in_highway
 
-    if planner and planner.startswith(_AGENT):
-        seen = drive_in_highway(scenario, planner.removeprefix(_AGENT), mode, gui=gui)
+    if (agent := _agent(planner)) is not None:
+        seen = drive_in_highway(scenario, agent, mode, gui=gui)
     else:
         with drivers.lend() if drivers else nullcontext() as driver:
             seen = replay_in_highway(scenario, driver, mode, gui)

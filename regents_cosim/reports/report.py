@@ -17,7 +17,8 @@ from regents_cosim.evaluation.crashes.realism import PERCENTILES, Limits, motion
 from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_and_keep, driving_row
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
-from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.provenance import command
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.reports.html import Report, Score, html_page, json_twin
@@ -39,18 +40,19 @@ _MOST_PLANNERS = 2
 _MOST_NAMED = 8  # networks in the subtitle
 
 
-def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: Sequence[str] = ()) -> None:
+def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: Sequence[AnyPlanner] = ()) -> None:
     """Write one HTML file that shows `cases` (a folder, or in memory), and the same for machines in a .json beside it.
 
     `planners`: one drives the egos among the adversaries of each case, a second one is shown beside it.
     Without them the page shows the drives that the cases hold. Raises RegentsError where nothing can be
     read or written, PlannerError where a planner cannot be found.
     """
-    check_report(Path(path), planners)
+    given = [PlannerUnderTest.of(planner) for planner in planners]
+    check_report(Path(path), [planner.name for planner in given])
     folder = Path(cases) if isinstance(cases, (str, Path)) else None
     scenarios = load_cases(folder) if folder else list(cases)  # type: ignore[arg-type]
     scenarios = list(judge_rest(scenarios))
-    driven = {name: list(drive_for_report(scenarios, name)) for name in planners}
+    driven = {planner.name: list(drive_for_report(scenarios, planner)) for planner in given}
     save_report(report_of(scenarios, driven, folder), Path(path))
 
 
@@ -72,7 +74,7 @@ def judge_rest(scenarios: Iterable[Scenario]) -> Iterator[Scenario]:
 
 
 def drive_for_report(
-    scenarios: Sequence[Scenario], planner: str, act_timeout_s: float = ACT_TIMEOUT_S
+    scenarios: Sequence[Scenario], planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S
 ) -> Iterator[Driven]:
     """Let `planner` drive every case in the mirror, in order. Raises PlannerError where it cannot be found."""
     with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:

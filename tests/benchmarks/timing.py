@@ -17,7 +17,7 @@ from regents_cosim.attacks.presets import KING, AttackConfig
 from regents_cosim.attacks.search import descend
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import LoopScene, start
-from regents_cosim.planners.systems import find_planner
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario
 
 # Steps so small that nothing is ever hit: every iteration is run.
@@ -33,7 +33,8 @@ def dense_traffic(agents: int, steps: int = 80, seed: int = 0) -> Scenario:
 
 def job(scenario: Scenario, planner: str) -> tuple[Any, Job]:
     """A planner and a joint search on it in which everybody but the ego is a candidate."""
-    under_test, world = find_planner(planner), to_world(scenario)
+    under_test, world = PlannerUnderTest.of(planner).loop, to_world(scenario)
+    assert under_test is not None
     memory = start(under_test, LoopScene(scenario, world), planner)
     return under_test, Job(world, memory, Movers.among(world.vehicle & (np.arange(len(world.vehicle)) > 0)))
 

@@ -18,7 +18,8 @@ from regents_cosim.evaluation.drives.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.logged import logged
 from regents_cosim.planners.driver import Drivers
-from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import CollisionKind, Scenario, Tracks
@@ -94,7 +95,7 @@ def _went(drive: Drive) -> str:
 @logged(_went)
 def drive_each(
     scenarios: Sequence[Scenario],
-    planner: str,
+    planner: AnyPlanner,
     act_timeout_s: float = ACT_TIMEOUT_S,
     where: Simulator = "mirror",
     executor: Executor | None = None,
@@ -106,12 +107,13 @@ def drive_each(
     simulator fails says so. `drivers` are those of the planner for highway-env, where the caller
     keeps them. Raises PlannerError where the planner cannot be found.
     """
-    check(where, planner, act_timeout_s=act_timeout_s)
+    check(where, act_timeout_s=act_timeout_s)
+    given = PlannerUnderTest.of(planner)
     if where == "mirror":
-        with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        with Wheel(given, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
         return
-    replays = replay_each(scenarios, where, planner, executor=executor, act_timeout_s=act_timeout_s, drivers=drivers)
+    replays = replay_each(scenarios, where, given, executor=executor, act_timeout_s=act_timeout_s, drivers=drivers)
     for scenario, one in zip(scenarios, replays, strict=True):
         yield score(scenario, one.replayed.tracks) if one.replayed else nowhere(scenario, one.reason, one.trace)
 

@@ -17,7 +17,8 @@ from regents_cosim.evaluation.regression.baseline import Driven
 from regents_cosim.files import load_case, load_header
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.plain_text import printable
-from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, drivers_of
 from regents_cosim.scenario import Scenario
@@ -32,7 +33,7 @@ class DrivesAhead:
 
     def __init__(
         self,
-        planner: str,
+        planner: AnyPlanner,
         where: Simulator = "mirror",
         act_timeout_s: float = ACT_TIMEOUT_S,
         workers: int | None = None,
@@ -45,12 +46,12 @@ class DrivesAhead:
         if margin and where != "mirror":
             raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
         keep_compiled_programs()
-        check(where, planner, act_timeout_s=act_timeout_s)
-        self.planner = planner
+        check(where, act_timeout_s=act_timeout_s)
+        self.planner = PlannerUnderTest.of(planner)
         self.where: Simulator = where
         self._act_timeout_s, self._margin = act_timeout_s, margin
-        self._wheel = Wheel(planner, act_timeout_s)
-        self._in_highway = drivers_of(planner, act_timeout_s) if where == "highway" else None
+        self._wheel = Wheel(self.planner, act_timeout_s)
+        self._in_highway = drivers_of(self.planner, act_timeout_s) if where == "highway" else None
         # highway-env draws with pygame, which is not made for threads
         side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(side_by_side)
@@ -91,7 +92,7 @@ class DrivesAhead:
             return ""
         scenario = load_case(folder)
         _, tracks = drive_and_keep(scenario, self._wheel)
-        driven = judged_drive(scenario, self.planner, tracks) if tracks else None
+        driven = judged_drive(scenario, self.planner.name, tracks) if tracks else None
         return (driven and driven.judgement and advice(driven.judgement)) or ""
 
     def drive(self, case: Path | Scenario) -> Drive:

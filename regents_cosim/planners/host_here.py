@@ -1,0 +1,46 @@
+"""A planner asked in the process that it is in, for an object that cannot leave it.
+
+It is told, asked and checked as in a process of its own (`host_process`), and what it raises costs its drive only. But
+nothing ends it: one that hangs hangs this process, and one that leaves it takes this process along.
+"""
+
+from regents_cosim.planners.host_messages import encoder, questions
+from regents_cosim.planners.host_process import HostProcess, Running
+from regents_cosim.planners.host_server import Served
+from regents_cosim.planners.interface import Planner
+from regents_cosim.planners.patience import Patience
+
+
+class HostHere(HostProcess):
+    """The planner, and the conversation with it. Use it from one thread at a time."""
+
+    def __init__(self, name: str, planner: Planner, patience: Patience | None = None) -> None:
+        super().__init__(name, patience)
+        self._here = planner
+
+    def _serving(self) -> Running:
+        return _Here(Served(self._here))
+
+
+class _Here:
+    """Questions and answers go through the same bytes: the planner gets copies, and the same to the last digit."""
+
+    def __init__(self, served: Served) -> None:
+        self._served, self._asked = served, 0
+
+    def number(self) -> int:
+        self._asked += 1
+        return self._asked
+
+    def ask(self, question: bytes, timeout_s: float) -> bytes:
+        """The answer, however long it takes."""
+        return encoder.encode(self._served.answered(questions.decode(question)))
+
+    def stack(self) -> str:
+        return ""
+
+    def outcome(self) -> str:
+        return "it is in this process"
+
+    def end(self) -> None:
+        """It stays: the object is the caller's."""

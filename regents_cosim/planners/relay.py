@@ -1,0 +1,88 @@
+"""Drivers of this process for a simulator in another: SUMO runs in a worker, the planner cannot leave where it is.
+
+The worker calls back over a local socket that only processes with its key may open. POSIX only.
+"""
+
+import secrets
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Client, Listener
+from typing import Any
+
+from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.planners.driver import Drivers
+from regents_cosim.planners.interface import Seen
+from regents_cosim.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Relay:
+    """Where the drivers are asked, for a worker."""
+
+    address: str
+    key: bytes
+
+    @contextmanager
+    def lend(self) -> "Iterator[RelayedDriver]":
+        """A driver for one drive."""
+        with Client(self.address, family="AF_UNIX", authkey=self.key) as line:
+            yield RelayedDriver(line)
+
+
+class RelayedDriver:
+    """A driver at the other end of the line."""
+
+    def __init__(self, line: Any) -> None:
+        self._line = line
+
+    def start(self, scenario: Scenario) -> None:
+        """Prepare for `scenario`. Raises DriveError where the planner fails."""
+        self._asked("start", scenario)
+
+    def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
+        """The ego's (x, y, yaw, speed) at `step` + 1. Raises DriveError where the planner fails."""
+        return self._asked("advance", step, seen)
+
+    def _asked(self, *question: Any) -> Any:
+        self._line.send(question)
+        answer = self._line.recv()
+        if isinstance(answer, RegentsError):
+            raise answer
+        return answer
+
+
+@contextmanager
+def relayed(drivers: Drivers) -> Iterator[Relay]:
+    """Answer for `drivers` as long as the context lasts; any number of workers may ask, each in its turn."""
+    key = secrets.token_bytes(32)
+    with Listener(family="AF_UNIX", authkey=key) as listener:
+        threading.Thread(target=_listen, args=(listener, drivers), daemon=True).start()
+        assert isinstance(listener.address, str)
+        yield Relay(listener.address, key)
+
+
+def _listen(listener: Listener, drivers: Drivers) -> None:
+    while True:
+        try:
+            line = listener.accept()
+        except (AuthenticationError, EOFError):
+            continue
+        except OSError:  # closed: nothing more is wanted
+            return
+        threading.Thread(target=_answer, args=(line, drivers), daemon=True).start()
+
+
+def _answer(line: Any, drivers: Drivers) -> None:
+    with line, suppress(EOFError, OSError), drivers.lend() as driver:
+        while True:
+            verb, *given = line.recv()
+            try:
+                answer = getattr(driver, verb)(*given)
+            except RegentsError as failure:
+                answer = failure
+            except BaseException as failure:  # of our own; who asks must not wait for ever
+                answer = DriveError(f"planner {drivers.name!r} failed: {type(failure).__name__}: {failure}")
+            line.send(answer)

@@ -1,0 +1,148 @@
+"""The planner under test: looked up once, with what it is called and where it runs, and then handed on.
+
+A planner in JAX runs inside the compiled loop. Any other runs in a process of its own, which may end it when it hangs;
+an object that cannot leave the process that it is in is asked where it is.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from regents_cosim.errors import PlannerError, RegentsError
+from regents_cosim.names import require_id
+from regents_cosim.planners.find import OURS, find_attribute, is_built_in, no_planner
+from regents_cosim.planners.interface import Planner
+from regents_cosim.planners.jax_planner import JaxPlanner
+from regents_cosim.planners.own_object import Pickled, name_of, pickled, unpickled
+from regents_cosim.planners.torch_bridge import TorchPlanner, is_torch
+from regents_cosim.planners.torch_in_loop import in_loop
+
+_SHORT_NAMES = {place: name for name, place in OURS.items()}
+
+Where = Literal["compiled loop", "own process", "this process"]
+
+
+@dataclass(frozen=True, eq=False)
+class PlannerUnderTest:
+    """A planner, what it is called on disk and in tables, and where it runs."""
+
+    name: str
+    loop: JaxPlanner | None = None  # what the compiled loop runs
+    source: str | Pickled | None = None  # what another process makes it from; None: it cannot leave this one
+    here: Planner | None = None  # what is asked in this process
+
+    @classmethod
+    def of(cls, planner: Any, *, name: str = "", own_process: bool = True) -> "PlannerUnderTest":
+        """A planner by its name, or the object itself, its class, or what makes one without arguments.
+
+        Names are as on the command line. An object is called `module:QualifiedName`, or `name`. Without `own_process`
+        one that is not in JAX is asked in this process: it can be stepped through in a debugger and looked at
+        afterwards, and a planner that hangs hangs the caller. Raises PlannerError.
+        """
+        if isinstance(planner, PlannerUnderTest):
+            return planner
+        if isinstance(planner, str):
+            return _named(planner)
+        given = _by_object(planner, own_process)
+        return replace(given, name=_own_name(name)) if name else given
+
+    @property
+    def where(self) -> Where:
+        """Where it runs."""
+        if self.loop is not None:
+            return "compiled loop"
+        return "this process" if self.source is None else "own process"
+
+    @property
+    def ticket(self) -> "Ticket | None":
+        """What another process gets it by; None where it cannot leave this one."""
+        return None if self.source is None else Ticket(self.name, self.source, self.loop is not None)
+
+
+@dataclass(frozen=True)
+class Ticket:
+    """A planner for another process."""
+
+    name: str
+    source: str | Pickled
+    in_loop: bool
+
+    def planner(self) -> PlannerUnderTest:
+        """The planner in that process. Raises PlannerError."""
+        if isinstance(self.source, str):
+            return _named(self.source)
+        return PlannerUnderTest(self.name, unpickled(self.source) if self.in_loop else None, self.source)
+
+
+# What every function of the package takes that lets a planner drive.
+AnyPlanner = str | Planner | JaxPlanner | Callable[[], Any] | PlannerUnderTest
+
+
+def _named(name: str) -> PlannerUnderTest:
+    found = find_attribute(name)
+    made = found if _acts(found) else _made(name, found)  # a class is called by its own process alone
+    if isinstance(made, TorchPlanner):
+        return _torch(name, made, source=name)
+    return PlannerUnderTest(name, made if isinstance(made, JaxPlanner) else None, source=name)
+
+
+def _by_object(planner: Any, own_process: bool) -> PlannerUnderTest:
+    name = _name(planner)
+    if is_torch(planner):
+        made = TorchPlanner(name, planner)
+        return _torch(name, made, pickled(made))
+    made = planner if _acts(planner) else _made(name, planner)
+    if isinstance(made, JaxPlanner):
+        return PlannerUnderTest(name, made, pickled(made))
+    source = pickled(planner) if own_process else None
+    if source is not None:
+        return PlannerUnderTest(name, source=source)
+    return PlannerUnderTest(name, here=_made(name, made) if isinstance(made, type) else made)
+
+
+def _name(planner: Any) -> str:
+    name = name_of(planner)
+    if name in _SHORT_NAMES:
+        return _SHORT_NAMES[name]
+    return f"object:{name}" if is_built_in(name) else name  # of a module of the user's that is called `idm`
+
+
+def _torch(name: str, planner: TorchPlanner, source: str | Pickled | None) -> PlannerUnderTest:
+    """A translated module travels as such: it is translated once."""
+    translated = in_loop(planner)
+    if translated is not None:
+        return PlannerUnderTest(name, translated, pickled(translated))
+    return PlannerUnderTest(name, source=source, here=planner if source is None else None)
+
+
+def _made(name: str, found: Any) -> Any:
+    """A planner in JAX as it is, or what is made without arguments. Raises PlannerError for anything else."""
+    if isinstance(found, JaxPlanner):
+        return found
+    if not callable(found):
+        raise no_planner(name, found)
+    try:
+        made = found()
+    except RegentsError:
+        raise
+    except Exception as error:  # whatever a user's code raises is the user's answer
+        raise PlannerError(
+            f"planner {name!r} cannot be made: {type(error).__name__}: {error} (it is called without arguments)"
+        ) from error
+    if not isinstance(made, JaxPlanner) and not _acts(made):
+        raise no_planner(name, made)
+    return made
+
+
+def _acts(found: Any) -> bool:
+    """Whether it is asked step by step: an object, or the class of it."""
+    is_jax = isinstance(found, JaxPlanner) or (isinstance(found, type) and issubclass(found, JaxPlanner))
+    return not is_jax and all(callable(getattr(found, name, None)) for name in ("reset", "act"))
+
+
+def _own_name(name: str) -> str:
+    """A name that the caller has chosen; cases are never to take it for one of ours. Raises PlannerError."""
+    require_id(name, "the planner's name")
+    if is_built_in(name) or any(character.isspace() for character in name):
+        raise PlannerError(f"planner name {name!r}: expected one without blanks that none of ours has")
+    return name
