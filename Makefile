@@ -10,7 +10,7 @@ DEMO := -c sumo_nets/crossing/crossing.sumocfg --planner idm --count 10 --seed 0
 
 CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 
-.PHONY: demo browser test test-all lint docs bench wheel release-check clean
+.PHONY: demo browser test test-all test-oldest lint docs bench wheel release-check clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -47,6 +47,12 @@ test: .venv/installed-dev browser  ## everything but the slow tests
 test-all: .venv/installed-dev browser  ## everything
 	$(BIN)/python -m pytest $(TWO) -m ''
 
+test-oldest:  ## the tests with the lowest version of every package that is allowed, in an environment of its own
+	$(PYTHON) -m venv .venv-oldest
+	.venv-oldest/bin/python -m pip install --quiet $$(.ci/lowest)
+	.venv-oldest/bin/python -m pip install --quiet --no-deps --editable .
+	.venv-oldest/bin/python -m pytest $(TWO)
+
 lint: .venv/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -67,4 +73,4 @@ release-check:  ## what would be released, in a clean environment outside the re
 	PYTHON=$(PYTHON) .ci/release-check
 
 clean:
-	rm -rf .venv demo demo-regents build dist site
+	rm -rf .venv .venv-oldest demo demo-regents build dist site

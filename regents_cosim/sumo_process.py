@@ -5,11 +5,15 @@ reason when it refuses to go on.
 """
 
 import os
+import re
 import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, distribution
+from importlib.util import find_spec
+from pathlib import Path
 from types import ModuleType
 from typing import IO
 
@@ -17,6 +21,8 @@ from regents_cosim.errors import MissingDependencyError, RegentsError, SumoError
 
 # Shared libraries that the wheel links but does not bring: measured with ldd, SUMO 1.28.0.
 _DEBIAN_PACKAGES = "libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1"
+
+TESTED_SUMO = ((1, 24), (1, 28))  # the first and the last that the tests ran with
 
 _ONE_SIMULATION = threading.Lock()  # libsumo would replace the running one without a word
 
@@ -32,6 +38,31 @@ def load_libsumo() -> ModuleType:
             f"on Debian or Ubuntu: apt-get install {_DEBIAN_PACKAGES}"
         ) from error
     return libsumo
+
+
+def untested_sumo() -> str | None:
+    """One line for those who have another SUMO than the tested ones; None where it is one of them, or there is none.
+
+    Nothing of SUMO is imported. A SUMO that was installed without pip comes first where `PYTHONPATH` names its tools.
+    """
+    found = find_spec("libsumo")
+    if found is None or found.origin is None:
+        return None
+    try:
+        installed = distribution("libsumo")
+    except PackageNotFoundError:
+        installed = None
+    first, last = (".".join(map(str, version)) for version in TESTED_SUMO)
+    tested = f"regents_cosim is tested with the packages libsumo {first} to {last}"
+    if installed is None or Path(found.origin).parent != Path(str(installed.locate_file("libsumo"))):
+        place = Path(found.origin).parent
+        return f"libsumo comes from {place}, not from pip: {tested}; take SUMO's tools out of PYTHONPATH"
+    version = tuple(int(number) for number in re.findall(r"\d+", installed.version)[:2])
+    if TESTED_SUMO[0] <= version <= TESTED_SUMO[1]:
+        return None
+    return (
+        f"SUMO {installed.version} is installed: {tested}; replays are verified all the same, other numbers may differ"
+    )
 
 
 def require_display() -> None:

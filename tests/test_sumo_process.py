@@ -212,3 +212,26 @@ def test_a_window_needs_a_display(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     with pytest.raises(RegentsError, match="DISPLAY is not set"):
         run_isolated(open_window)
+
+
+def another_sumo(folder, version):
+    """A libsumo that pip did not install (no version), or one of another version, first on the path."""
+    (folder / "libsumo").mkdir()
+    (folder / "libsumo" / "__init__.py").write_text("raise ImportError('it is not to be imported')\n")
+    if version:
+        info = folder / f"libsumo-{version}.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: libsumo\nVersion: {version}\n")
+
+
+@pytest.mark.parametrize(
+    ("version", "said"),
+    [(None, "not from pip"), ("1.20.0", "SUMO 1.20.0 is installed"), ("1.25.0", ""), ("2.0.0", "SUMO 2.0.0")],
+)
+def test_another_sumo_is_named_in_one_line(tmp_path, version, said):
+    another_sumo(tmp_path, version)
+    code = "from regents_cosim.sumo_process import untested_sumo; print(untested_sumo() or '')"
+    done = interpreter(code, PYTHONPATH=os.pathsep.join([str(tmp_path), *sys.path]))
+    assert said in done.stdout
+    assert len(done.stdout.splitlines()) == 1
+    assert bool(done.stdout.strip()) == bool(said)

@@ -13,6 +13,7 @@ from regents_cosim.cli.shrink import shrink
 from regents_cosim.cli.suite import suites
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import one_line
+from regents_cosim.sumo_process import untested_sumo
 
 app.help_epilogue = (
     "Exit codes: 0 all is well; 1 a negative verdict (a crash that did not transfer, a regression, a suite that fails "
@@ -26,6 +27,7 @@ app.command(suites)
 app.command(shrink)
 
 _FOR_SUMO = (["record"], ["attack"])
+_WITH_SUMO = ("record", "attack", "replay", "evaluate", "live", "bench")
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -40,6 +42,8 @@ def run(arguments: Sequence[str]) -> int:
     mine, for_sumo = _split(arguments)
     if for_sumo and mine[:1] not in _FOR_SUMO:
         return _complain("what follows -- goes to the SUMO that `record` and `attack` start: leave it out", WRONG_USAGE)
+    if mine[:1] and mine[0] in _WITH_SUMO and (note := untested_sumo()):
+        print(one_line(f"regents: note: {note}"), file=sys.stderr)
     words = [*mine, *(f"--sumo-option={word}" for word in for_sumo)]
     try:
         code = app(words, exit_on_error=False, print_error=False, result_action="return_value")
