@@ -7,9 +7,9 @@ import sys
 from collections import Counter
 
 from regents_cosim import report
+from regents_cosim.cases.shipped import suite_folder
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.evaluation.drives.driving import drive_each
-from regents_cosim.shipped import suite_folder
-from regents_cosim.suite import load_cases
 
 first, second = sys.argv[1:] or ("constant_velocity", "idm")
 cases = load_cases(suite_folder("quickstart"))

@@ -6,7 +6,7 @@ Any agent that speaks Gymnasium can be put here; this one brakes at random momen
 import gymnasium
 
 import regents_cosim.envs  # noqa: F401  registers the environments
-from regents_cosim.shipped import suite_folder
+from regents_cosim.cases.shipped import suite_folder
 
 env = gymnasium.make(
     "regents/HighwayReplay-v0",

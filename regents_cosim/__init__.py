@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from regents_cosim.attacks.presets import REGENTS as REGENTS
     from regents_cosim.attacks.presets import REGENTS_FOCUSED as REGENTS_FOCUSED
     from regents_cosim.attacks.presets import AttackConfig as AttackConfig
-    from regents_cosim.files import load_case as load_case
-    from regents_cosim.files import save_case as save_case
+    from regents_cosim.cases.files import load_case as load_case
+    from regents_cosim.cases.files import save_case as save_case
+    from regents_cosim.cases.shipped import network_config as network_config
     from regents_cosim.mirror.bicycle import Controls as Controls
     from regents_cosim.planners.interface import Control as Control
     from regents_cosim.planners.interface import Observation as Observation
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from regents_cosim.replays.replay import replay as replay
     from regents_cosim.reports.report import report as report
     from regents_cosim.scenario import Scenario as Scenario
-    from regents_cosim.shipped import network_config as network_config
     from regents_cosim.sources.logs.formats import LogFormat as LogFormat
     from regents_cosim.sources.logs.record import record_log as record_log
     from regents_cosim.sources.logs.scene import LoggedScene as LoggedScene
@@ -48,13 +48,13 @@ _HOMES = {
     "Scenario": "scenario",
     "SumoInput": "sources.sumo_config",
     "attack": "attacks.attack",
-    "load_case": "files",
-    "network_config": "shipped",
+    "load_case": "cases.files",
+    "network_config": "cases.shipped",
     "record": "sources.record",
     "record_log": "sources.logs.record",
     "replay": "replays.replay",
     "report": "reports.report",
-    "save_case": "files",
+    "save_case": "cases.files",
 }
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 

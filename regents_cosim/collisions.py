@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.boxes import Boxes, in_between, overlap, there_between
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Collision, CollisionKind, Overlap, Tracks, boxes_of
 

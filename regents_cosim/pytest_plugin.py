@@ -67,8 +67,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def _refuse_code(suite: Path) -> None:
     """A suite is data: pytest is not to run what it holds, or to take its configuration from there."""
+    from regents_cosim.cases.suite_code import code_for_pytest
     from regents_cosim.errors import RegentsError
-    from regents_cosim.suite_code import code_for_pytest
 
     if found := code_for_pytest(suite):
         raise RegentsError(
@@ -84,7 +84,7 @@ def _suites(config: pytest.Config) -> list[Path]:
 
 def _from_here(config: pytest.Config, path: str) -> Path:
     """A path of the command line, or what comes with the package."""
-    from regents_cosim.shipped import located
+    from regents_cosim.cases.shipped import located
 
     return config.invocation_params.dir / located(Path(path))
 
@@ -191,11 +191,11 @@ class _Run:
         config.args += [str(suite / "suite.json") for suite in self.cases if suite / "suite.json" not in named]
 
     def _read(self) -> None:
+        from regents_cosim.cases.shipped import require_own
         from regents_cosim.evaluation.regression.baseline import load_baseline, require_one_home
         from regents_cosim.evaluation.regression.comparison import thresholds_measurable
         from regents_cosim.evaluation.regression.thresholds import parse_thresholds
         from regents_cosim.evaluation.suites.cards import suite_cases
-        from regents_cosim.shipped import require_own
 
         self.cases = {suite.resolve(): suite_cases(suite) for suite in _suites(self.config)}
         for suite in self.cases:

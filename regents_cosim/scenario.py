@@ -12,11 +12,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.boxes import Boxes
+from regents_cosim.checks.names import require_file_name, require_id
 from regents_cosim.errors import ScenarioError, require
-from regents_cosim.levels import Heights
-from regents_cosim.names import require_file_name, require_id
-from regents_cosim.roadmap import MOST_COORDINATE_M, RoadMap
+from regents_cosim.geometry.boxes import Boxes
+from regents_cosim.maps.levels import Heights
+from regents_cosim.maps.roadmap import MOST_COORDINATE_M, RoadMap
 
 Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
 Role = Literal["ego", "background", "adversary"]

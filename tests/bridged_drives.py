@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from regents_cosim.files import load_case
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.planners.host_process import HostProcess, Seen
 from regents_cosim.planners.interface import Placement, Scene
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import shipped
 
 
 def shipped_window(start: str) -> Scenario:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
 from regents_cosim.sources.sumo_net import read_road_map
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from scenes import platoon
 
-from regents_cosim import swap
+from regents_cosim.cases.files import content_hash, load_suite
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.evaluation.regression.baseline import Driven, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, merge_into, write_suite
-from regents_cosim.files import content_hash, load_suite
-from regents_cosim.suite import SuiteWriter
+from regents_cosim.system import swap
 
 CHANGES = {"rename", "mkdir", "remove", "rmdir", "link", "truncate"}
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.reports.caption import way_out
 from regents_cosim.reports.picture import draw_still
-from regents_cosim.suite import load_cases
 from regents_cosim.verdicts.judgement import judge_each
 
 if __name__ == "__main__":

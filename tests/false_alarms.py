@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.collisions import first_contact
 from regents_cosim.evaluation.statistics import percent_interval
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import Scenario
-from regents_cosim.suite import load_cases
 
 DRIVERS = ("careful", "fuzzy", "rss")
 HARD_M_S2 = 4.0

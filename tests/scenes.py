@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from regents_cosim.collisions import collision_kind, first_contact
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Agent, AttackRecord, Collision, Provenance, Scenario, Tracks
 
 DT = 0.1

@@ -13,10 +13,10 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.descent import ego_contacts
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS_FOCUSED
-from regents_cosim.boxes import Boxes, corners, overlap
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.levels import beyond_road
+from regents_cosim.geometry.boxes import Boxes, corners, overlap
+from regents_cosim.maps.levels import beyond_road
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, scene_origin, to_world

@@ -14,6 +14,7 @@ from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
+from regents_cosim.cases.suite import SuiteWriter, load_cases
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, step
@@ -31,7 +32,6 @@ from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import LoopScene
 from regents_cosim.replays.mirror import Wheel
-from regents_cosim.suite import SuiteWriter, load_cases
 
 DRIVE = compiled(drive)
 NAME = "regents_cosim.planners.aim_bev.planner:aim_bev"

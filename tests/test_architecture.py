@@ -11,10 +11,10 @@ import regents_cosim
 
 PACKAGE = Path(regents_cosim.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
-LIBSUMO_DOOR = PACKAGE / "sumo_process.py"
+LIBSUMO_DOOR = PACKAGE / "simulators" / "sumo_process.py"
 OBJECT_DOOR = PACKAGE / "planners/own_object.py"
 ENVIRONMENTS = {"envs/__init__.py", "envs/sumo_replay.py"}
-HIGHWAY_DOORS = {"highway_agents.py", "sources/highway.py", "sources/highway_net.py", *ENVIRONMENTS} | {
+HIGHWAY_DOORS = {"simulators/highway_agents.py", "sources/highway.py", "sources/highway_net.py", *ENVIRONMENTS} | {
     f"replays/highway/{name}.py" for name in ("replay", "cast", "gym", "inject", "road", "window")
 }
 TORCH_DOORS = {

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import DT, crash, platoon, scene, straight_road
 
-from regents_cosim.boxes import Boxes, corners, overlap
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import CaseError, ScenarioError
-from regents_cosim.files import load_case, save_case
+from regents_cosim.geometry.boxes import Boxes, corners, overlap
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.scenario import Tracks
-from regents_cosim.suite import load_cases
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.judgement import judge, judge_each
 from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, Bank

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from regents_cosim.bounded import gunzip_bounded, open_bounded, read_bounded
+from regents_cosim.checks.bounded import gunzip_bounded, open_bounded, read_bounded
 from regents_cosim.errors import InputError
 
 

@@ -4,7 +4,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.boxes import CLEARANCE_M, Boxes, corners, distance, overlap
+from regents_cosim.geometry.boxes import CLEARANCE_M, Boxes, corners, distance, overlap
 
 BOX = st.builds(
     Boxes,

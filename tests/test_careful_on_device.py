@@ -9,10 +9,10 @@ from test_avoidability import braking_lead
 from test_reference_drivers import careful, cut_in
 
 from regents_cosim.attacks.careful_driver import careful_avoids
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.world import scene_origin, to_world
-from regents_cosim.suite import load_cases
 
 STANDARD = Path(__file__).parents[1] / "scenarios" / "standard"
 

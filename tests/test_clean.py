@@ -8,7 +8,7 @@ import shapely
 from scenes import crash, scene, straight_road
 
 from regents_cosim.evaluation.statistics import mcnemar, wilson
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import AttackRecord
 from regents_cosim.verdicts.clean import flaws, hardest
 

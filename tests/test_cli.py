@@ -17,9 +17,9 @@ from PIL import Image
 from scenes import DT, scene
 from scenes import crash as crashed
 
+from regents_cosim.cases.files import load_case, load_suite, save_case
+from regents_cosim.cases.shipped import network_config
 from regents_cosim.collisions import first_contact
-from regents_cosim.files import load_case, load_suite, save_case
-from regents_cosim.shipped import network_config
 
 REGENTS = Path(sys.executable).parent / "regents"
 GRID = network_config("grid")

@@ -5,11 +5,11 @@ import re
 
 import pytest
 
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import suite_folder
 from regents_cosim.cli import run
 from regents_cosim.evaluation.regression.baseline import Baseline, Driven
 from regents_cosim.exports.export import export
-from regents_cosim.files import load_case
-from regents_cosim.shipped import suite_folder
 
 CASE = min(file.parent.name for file in suite_folder("standard").glob("crossing-*/evasion.npz"))
 DRIVEN = Driven("hash", "no_collision")

@@ -13,12 +13,12 @@ import pytest
 from disk_writers import add, assert_cleaned_up, assert_survived, assert_well, case, names, started
 from params import slow
 
-from regents_cosim.atomic import clear_leftovers, is_temporary, new_folder, write_atomic
+from regents_cosim.cases.files import find_cases, load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import load_baseline
 from regents_cosim.evaluation.suites.folders import write_suite
-from regents_cosim.files import find_cases, load_suite
-from regents_cosim.locks import LOCK, writing
+from regents_cosim.system.atomic import clear_leftovers, is_temporary, new_folder, write_atomic
+from regents_cosim.system.locks import LOCK, writing
 
 
 def finish(*writers):

@@ -9,10 +9,10 @@ from jax.test_util import check_grads
 from params import slow
 from scenes import platoon, scene
 
-from regents_cosim import boxes as host
 from regents_cosim.attacks import costs
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING
+from regents_cosim.geometry import boxes as host
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.separation import distance

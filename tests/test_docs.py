@@ -12,9 +12,9 @@ from typing import NamedTuple
 import pytest
 
 import regents_cosim
+from regents_cosim.cases.files import load_suite
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.cli.application import app
-from regents_cosim.files import load_suite
-from regents_cosim.shipped import shipped
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from scenes import scene
 
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.evaluation.drives.driving import drive_each
-from regents_cosim.shipped import shipped
 
 ROOT = Path(__file__).parents[1]
 

@@ -16,11 +16,11 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
+from regents_cosim.cases.files import save_case
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.envs import HighwayReplayEnv, InjectScenario
 from regents_cosim.errors import RegentsError
-from regents_cosim.files import save_case
-from regents_cosim.shipped import shipped
-from regents_cosim.suite import SuiteWriter
 from tests.scenes import scene
 
 ID = "regents/HighwayReplay-v0"

@@ -8,10 +8,10 @@ import shapely
 from scenes import DT, crash, scene, straight_road
 from test_avoidability import braking_lead, moved, pushed, standing_car
 
-from regents_cosim.boxes import Boxes, corners
-from regents_cosim.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.geometry.boxes import Boxes, corners
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.caption import way_out
-from regents_cosim.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.judgement import judge

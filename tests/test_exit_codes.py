@@ -8,7 +8,7 @@ import pytest
 from params import slow
 from test_cli import regents
 
-from regents_cosim.shipped import shipped
+from regents_cosim.cases.shipped import shipped
 
 QUICKSTART = shipped("scenarios") / "quickstart"
 CODES = ("0", "1", "2", "3", "4", "130", "143")

@@ -18,16 +18,16 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.errors import RegentsError
 from regents_cosim.exports import openscenario
 from regents_cosim.exports.commonroad import bounds
 from regents_cosim.exports.export import export
 from regents_cosim.exports.stays import stays
-from regents_cosim.files import load_case
-from regents_cosim.frames import SumoPose, from_sumo, wrap
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.geometry.frames import SumoPose, from_sumo, wrap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Tracks
-from regents_cosim.shipped import shipped
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.highway import record_highway
 from regents_cosim.sources.logs.record import scenes_of

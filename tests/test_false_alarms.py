@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from regents_cosim.shipped import network
+from regents_cosim.cases.shipped import network
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.foresight import all_risks

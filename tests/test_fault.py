@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scenes import scene, straight_road
 
 from regents_cosim.collisions import collision_kind, first_contact
-from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import AttackRecord, Collision, Signal
 from regents_cosim.verdicts.fault import RULES, SafeDistance, fault, safe_distance
 

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
+from regents_cosim.cases.files import content_hash, find_cases, load_case, load_suite, save_case
+from regents_cosim.cases.suite import SuiteWriter, load_cases
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.files import content_hash, find_cases, load_case, load_suite, save_case
 from regents_cosim.scenario import (
     AttackRecord,
     Avoidability,
@@ -22,7 +23,6 @@ from regents_cosim.scenario import (
     Signal,
     Tracks,
 )
-from regents_cosim.suite import SuiteWriter, load_cases
 
 
 def attacked():
@@ -137,7 +137,7 @@ def test_saving_again_replaces_the_case_and_leaves_nothing_else(tmp_path):
 
 def test_a_write_that_fails_leaves_the_old_case(tmp_path, monkeypatch):
     save_case(platoon(), tmp_path)
-    monkeypatch.setattr("regents_cosim.files._pack_tracks", lambda tracks: 1 / 0)
+    monkeypatch.setattr("regents_cosim.cases.files._pack_tracks", lambda tracks: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         save_case(replace(platoon(), target=(1.0, 2.0)), tmp_path)
     assert load_case(tmp_path / "platoon0").target == platoon().target

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from params import slow
 from scenes import crash, platoon, scene
 
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.cli.fine_tuning import learnt_path
 from regents_cosim.collisions import first_contact
@@ -30,7 +31,6 @@ from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import Wheel
-from regents_cosim.suite import SuiteWriter
 from regents_cosim.verdicts.judgement import judge
 
 REGENTS = Path(sys.executable).parent / "regents"

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.frames import (
+from regents_cosim.geometry.frames import (
     Pose,
     SumoPose,
     from_highway,

@@ -15,10 +15,10 @@ from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.attacks.rules import diverging_in_front, mostly_behind
 from regents_cosim.benchmarks.gallery.exhibits import Run, exhibits
 from regents_cosim.benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.cli import run as regents
 from regents_cosim.mirror.world import to_world
 from regents_cosim.reports.chart import Line, draw_chart
-from regents_cosim.suite import load_cases
 from regents_cosim.verdicts.clean import flaws
 
 pytestmark = pytest.mark.slow  # the figures take a minute

@@ -11,7 +11,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from regents_cosim.frames import HighwayPose, Pose, from_highway, to_highway, wheel_from_curvature
+from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway, wheel_from_curvature
 from regents_cosim.mirror import bicycle, highway_bicycle
 from regents_cosim.mirror.bicycle import Controls, Motion
 

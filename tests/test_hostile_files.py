@@ -20,13 +20,13 @@ from hypothesis.extra.numpy import arrays
 from scenes import platoon
 from test_files import attacked, judged
 
-from regents_cosim.array_files import load_arrays
+from regents_cosim.cases.array_files import load_arrays
+from regents_cosim.cases.files import load_case, load_suite, save_case
+from regents_cosim.cases.polygon_file import load_polygons
+from regents_cosim.cases.suite import SuiteWriter, load_cases
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 from regents_cosim.evaluation.drives.encounters import Way, crossing, followings, joining
-from regents_cosim.files import load_case, load_suite, save_case
-from regents_cosim.polygon_file import load_polygons
 from regents_cosim.scenario import Agent, Tracks
-from regents_cosim.suite import SuiteWriter, load_cases
 
 
 @pytest.fixture
@@ -100,7 +100,7 @@ def test_polygons_with_holes_and_of_several_parts_are_read():
 
 
 def test_arrays_that_expand_are_refused_before_they_are_unpacked(case, monkeypatch):
-    monkeypatch.setattr("regents_cosim.array_files.UNPACKED_BYTES", 1 << 20)
+    monkeypatch.setattr("regents_cosim.cases.array_files.UNPACKED_BYTES", 1 << 20)
     np.savez_compressed(case / "tracks.npz", x=np.zeros((4000, 1000)))
     assert_refused(case, "holds 31 MiB unpacked, the most that is read is 1 MiB")
 
@@ -175,7 +175,7 @@ def test_a_map_and_a_manifest_that_are_named_pipes(case):
 
 
 def test_a_map_that_expands_is_refused(case, monkeypatch):
-    monkeypatch.setattr("regents_cosim.map_files._ROAD_BYTES", 1 << 20)
+    monkeypatch.setattr("regents_cosim.cases.map_files._ROAD_BYTES", 1 << 20)
     replace_map(case, lambda entry: msgspec.json.encode(entry) + b" " * (32 << 20))
     with pytest.raises(CaseError, match="gzip data holds more than 1 MiB"):
         load_case(case)
@@ -190,7 +190,7 @@ def test_a_small_map_holds_little(case, name):
 
 
 def test_a_network_that_expands_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("regents_cosim.map_files._NET_BYTES", 1 << 20)
+    monkeypatch.setattr("regents_cosim.cases.map_files._NET_BYTES", 1 << 20)
     road = replace(platoon().road, sumo_net=gzip.compress(bytes(32 << 20)))
     assert_refused(save_case(replace(platoon(), road=road), tmp_path), "gzip data holds more than 1 MiB")
 

@@ -7,12 +7,12 @@ import pytest
 import shapely
 from scenes import PROVENANCE, scene, straight_road
 
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.mirror import rollout
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.jax_planner import LoopScene
-from regents_cosim.roadmap import Connection, Lane, RoadMap
 from regents_cosim.routes.ego_route import plan_route
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 

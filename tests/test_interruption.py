@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.files import load_case, load_suite
-from regents_cosim.shipped import network_config, shipped
+from regents_cosim.cases.files import load_case, load_suite
+from regents_cosim.cases.shipped import network_config, shipped
 
 REGENTS = Path(sys.executable).parent / "regents"
 GRID = network_config("grid")

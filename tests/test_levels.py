@@ -15,14 +15,14 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import FOCUSED_COST, KING, REGENTS
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import LogError
-from regents_cosim.levels import contains, drivable_at, has_levels
+from regents_cosim.maps.levels import contains, drivable_at, has_levels
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.separation import Box, distance, overlaps
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.closed_loop import ClosedLoop
 from regents_cosim.replays.mirror import replay_in_mirror
-from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Agent, Scenario, Tracks
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo

@@ -13,8 +13,8 @@ import pytest
 from log_files import CARS, LENGTH, SPEED, WALKER, WIDTH, WRITERS
 from params import slow
 
+from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.errors import LogError, NoWindowError, RegentsError
-from regents_cosim.files import content_hash, load_case, save_case
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import Beside, find_logs, format_of, formats, read_log
 from regents_cosim.sources.logs.inspection import inspect_scene

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from regents_cosim.errors import LogError
-from regents_cosim.frames import from_front, from_image_corner, from_lat_lon
+from regents_cosim.geometry.frames import from_front, from_image_corner, from_lat_lon
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.crc32c import crc32c
 from regents_cosim.sources.logs.cut import LogWindows, cut, without_jumps

@@ -14,12 +14,12 @@ import shapely
 import sumolib
 from test_avoidability import braking_lead
 
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.cli import run
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.replays.mirror import replay_in_mirror
-from regents_cosim.roadmap import RoadMap
 from regents_cosim.routes.ego_route import plan_route
-from regents_cosim.suite import load_cases
 from regents_cosim.verdicts.judgement import judge
 
 QUICKSTART = Path(__file__).parents[1] / "scenarios" / "quickstart"

@@ -12,16 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
+from regents_cosim.cases.files import Header, SuiteEntry, content_hash, find_cases, load_case, load_suite, save_case
+from regents_cosim.cases.map_files import MapFiles
+from regents_cosim.cases.suite import SuiteWriter, load_cases
+from regents_cosim.checks.names import MOST_BYTES, distinct_word, file_name, require_file_name, require_id, word
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, ScenarioError
 from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, merge, write_suite
-from regents_cosim.files import Header, SuiteEntry, content_hash, find_cases, load_case, load_suite, save_case
-from regents_cosim.map_files import MapFiles
-from regents_cosim.names import MOST_BYTES, distinct_word, file_name, require_file_name, require_id, word
-from regents_cosim.roadmap import Lane
+from regents_cosim.maps.roadmap import Lane
 from regents_cosim.scenario import Agent, Signal
-from regents_cosim.suite import SuiteWriter, load_cases
 
 ANYTHING = st.text(st.characters(codec=None), max_size=260)
 OUTSIDE = ["", ".", "..", ".hidden", "a/b", "/etc", "../up", "a\\b", "C:\\x", "a\0b", "a\nb", "\x1b[2J", "a\x85b",
@@ -234,5 +234,5 @@ def test_the_longest_id_can_be_saved_and_replaced(tmp_path):
 
 
 def test_names_come_without_a_simulator():
-    words = "import sys, regents_cosim.names; assert 'numpy' not in sys.modules"
+    words = "import sys, regents_cosim.checks.names; assert 'numpy' not in sys.modules"
     assert subprocess.run([sys.executable, "-c", words], check=False).returncode == 0

@@ -16,9 +16,9 @@ from scenes import scene
 from regents_cosim import Control, Controls, JaxPlanner
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.cases.files import content_hash
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.drives.driving import drive_each
-from regents_cosim.files import content_hash
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import replay_in_mirror

@@ -8,14 +8,14 @@ import pytest
 import shapely
 from scenes import scene
 
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.ground import EDGE_LINE_M, LANE_LINE_M, draw_cells, stop_bars, to_ground
 from regents_cosim.mirror.observe import COLOURS, MARK_S, MARK_WIDTH_M, MOST, PIXEL_M, PIXELS, REACH_M, View, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.planners.aim_bev.recollection import in_view
-from regents_cosim.shipped import shipped
-from regents_cosim.suite import load_cases
 
 RENDER = jax.jit(observe)
 LAND, SURFACE, LANE, EDGE, RED, GREEN, AMBER, OTHER, MARK = range(9)

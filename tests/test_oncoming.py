@@ -5,8 +5,8 @@ from crossing_scenes import road
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from regents_cosim.boxes import Boxes, corners
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.geometry.boxes import Boxes, corners
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.verdicts.oncoming import oncoming, oncoming_share
 
 

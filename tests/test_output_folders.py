@@ -4,10 +4,10 @@ import shutil
 
 import pytest
 
+from regents_cosim.cases.files import find_cases, load_case
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
-from regents_cosim.files import find_cases, load_case
-from regents_cosim.shipped import shipped
-from regents_cosim.suite import SuiteWriter
 
 QUICKSTART = shipped("scenarios") / "quickstart"
 

@@ -11,8 +11,8 @@ import pytest
 # The parent starts a child in a thread that ends, as pools do; the child is busy as asked.
 PARENT = """
 import ctypes, multiprocessing, os, sys, threading, time
-from regents_cosim.parent_death import die_with_parent
-from regents_cosim.workers import main_hidden
+from regents_cosim.system.parent_death import die_with_parent
+from regents_cosim.system.workers import main_hidden
 
 def child():
     die_with_parent()

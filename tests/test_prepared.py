@@ -10,8 +10,8 @@ ASK = """
 import sys, threading
 import numpy as np
 import shapely
-from regents_cosim.boxes import Boxes
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.geometry.boxes import Boxes
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.verdicts.leaving_road import {asked}
 
 turn = np.linspace(0.0, 2.0 * np.pi, 20_000)

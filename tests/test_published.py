@@ -12,9 +12,9 @@ from scenes import platoon, scene
 from regents_cosim.attacks import published, rules
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
+from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.files import content_hash, load_case, save_case
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, roll_out
 from regents_cosim.mirror.world import to_world
 

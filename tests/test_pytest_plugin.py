@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 import regression_cases
 
+from regents_cosim.cases.files import load_case, load_suite, save_suite
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.evaluation.regression import comparison as regression
 from regents_cosim.evaluation.regression import drives_ahead
 from regents_cosim.evaluation.regression.baseline import load_baseline
 from regents_cosim.evaluation.suites import cards
-from regents_cosim.files import load_case, load_suite, save_suite
 from regents_cosim.planners import constant_velocity, idm
-from regents_cosim.shipped import shipped
-from regents_cosim.suite import SuiteWriter
 
 pytest_plugins = ["pytester"]
 

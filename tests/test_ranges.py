@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
+from regents_cosim.checks.ranges import Range
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.ranges import Range
 from regents_cosim.sources.logs.cut import LogWindows
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import Windows

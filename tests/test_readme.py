@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.files import load_suite
+from regents_cosim.cases.files import load_suite
+from regents_cosim.cases.shipped import NETWORKS, shipped
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.replays.replay import replay_each
-from regents_cosim.shipped import NETWORKS, shipped
-from regents_cosim.suite import load_cases
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()

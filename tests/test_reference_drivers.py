@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scenes import DT, crash, scene, straight_road
 from test_avoidability import braking_lead, moved
 
-from regents_cosim.suite import load_cases
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.verdicts.emergency_braking import Brakes, braked_speed
 from regents_cosim.verdicts.reference_drivers import CAREFUL_BRAKES, reference_drives, reference_track
 from regents_cosim.verdicts.words import drive_words

@@ -18,10 +18,10 @@ from highway_env.road.lane import StraightLane
 from hypothesis import given
 from hypothesis import strategies as st
 
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.errors import PlannerError, RegentsError
-from regents_cosim.files import load_case
-from regents_cosim.frames import Pose, points_to_highway
-from regents_cosim.highway_agents import find_agent
+from regents_cosim.geometry.frames import Pose, points_to_highway
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.highway_bicycle import roll_out
 from regents_cosim.mirror.world import scene_origin, to_tracks
@@ -32,7 +32,7 @@ from regents_cosim.replays.highway.road import CentreLine, build_network, route_
 from regents_cosim.replays.highway.window import opened
 from regents_cosim.replays.replay import replay
 from regents_cosim.routes.to_target import way_to_target
-from regents_cosim.shipped import shipped
+from regents_cosim.simulators.highway_agents import find_agent
 from regents_cosim.sources.highway import environments
 from regents_cosim.sources.highway_net import to_road_map
 from tests.scenes import platoon, scene

@@ -16,22 +16,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from params import slow
 
+from regents_cosim.cases.files import find_cases, load_case
+from regents_cosim.cases.shipped import NETWORKS, network_config
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, SumoError
-from regents_cosim.files import find_cases, load_case
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.replays import replay as replays
 from regents_cosim.replays.replay import _in_sumo, replay, replay_each
 from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import EgoState, replay_in_sumo
 from regents_cosim.replays.verify import compare
-from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import AttackRecord, Collision, Kind, Signal
-from regents_cosim.shipped import NETWORKS, network_config
+from regents_cosim.simulators.sumo_process import load_libsumo
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
-from regents_cosim.sumo_process import load_libsumo
-from regents_cosim.workers import executor_for, local_processes, result_of, submit
+from regents_cosim.system.workers import executor_for, local_processes, result_of, submit
 from tests.crossing_scenes import DT, EGO, LANE_Y, STEPS, TIME, Car, road, scenario, straight, turning
 
 ROOT = Path(__file__).parents[1]

@@ -11,12 +11,12 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.blind import AtRandom, ByEvolution
 from regents_cosim.attacks.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
 from regents_cosim.benchmarks.aggressive import drive_aggressively
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import rollouts_at_most
-from regents_cosim.files import load_case
 from regents_cosim.scenario import AttackRecord
-from regents_cosim.shipped import shipped
 
 HOST = Path(__file__).with_name("host_planners.py")
 

@@ -9,9 +9,9 @@ from scenes import straight_road
 from scipy.stats import norm
 
 from regents_cosim.errors import ScenarioError
+from regents_cosim.geometry.rasters import inside
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.road_field import CELL_M, SIGMA_M, blur
-from regents_cosim.rasters import inside
-from regents_cosim.roadmap import RoadMap
 
 ROAD = straight_road(lanes=2, width=4.0)  # drivable for -2 <= y <= 6
 

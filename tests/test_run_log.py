@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.cli import run
-from regents_cosim.shipped import shipped
 
 LINE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d[+-]\d{4} (INFO|ERROR) regents_cosim\.[a-z_.]+: .+")
 

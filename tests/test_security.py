@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 from scenes import platoon, scene
 
-from regents_cosim import user_code
-from regents_cosim.bounded import gunzip_bounded
+from regents_cosim.cases.files import content_hash, find_cases, load_case, save_case
+from regents_cosim.cases.shipped import network_config, shipped
+from regents_cosim.cases.suite import SuiteWriter, load_cases
+from regents_cosim.checks.bounded import gunzip_bounded
 from regents_cosim.cli import run
 from regents_cosim.errors import InputError, LogError, PlannerError, RegentsError, SumoError
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.evaluation.suites.folders import check_suite, write_suite
 from regents_cosim.exports.export import export
-from regents_cosim.files import content_hash, find_cases, load_case, save_case
 from regents_cosim.mirror.kept_programs import private_folder
 from regents_cosim.planners import find
 from regents_cosim.planners.aim_bev.weights_file import load_weights
@@ -29,13 +30,12 @@ from regents_cosim.planners.find import find_attribute, make_planner
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import AttackRecord
-from regents_cosim.shipped import network_config, shipped
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.xml_input import read_tree
-from regents_cosim.suite import SuiteWriter, load_cases
+from regents_cosim.system import user_code
 
 pytest_plugins = ["pytester"]
 

@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from regents_cosim import boxes as host
+from regents_cosim.geometry import boxes as host
 from regents_cosim.mirror import separation
 from regents_cosim.mirror.separation import Box, corners, overlaps
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from regents_cosim.cases.files import find_cases
+from regents_cosim.cases.shipped import NETWORKS, SUITES, located, network, network_config, shipped
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.files import find_cases
-from regents_cosim.shipped import NETWORKS, SUITES, located, network, network_config, shipped
 from regents_cosim.sources.sumo_config import SumoInput, read_input
 
 CASE = "merge-00064.8s-main.exit.32-regents-idm"

@@ -8,11 +8,11 @@ from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.reduction.shrink import shrink, size
 from regents_cosim.evaluation.reduction.way_back import WayBack
-from regents_cosim.files import content_hash, load_case, save_case
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.dynamics import controls_between
 from regents_cosim.mirror.world import to_world

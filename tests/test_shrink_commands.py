@@ -6,9 +6,9 @@ import pytest
 from PIL import Image
 from test_cli import regents
 
+from regents_cosim.cases.files import load_case, load_suite
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.collisions import first_contact
-from regents_cosim.files import load_case, load_suite
-from regents_cosim.shipped import shipped
 
 SUITE = shipped("scenarios") / "quickstart"
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from params import slow
 
+from regents_cosim.cases.files import content_hash
 from regents_cosim.errors import NoWindowError, RegentsError
-from regents_cosim.files import content_hash
+from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.sources.fcd import LogError, record_fcd
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
-from regents_cosim.sumo_process import running_sumo
-from regents_cosim.workers import run_isolated
+from regents_cosim.system.workers import run_isolated
 
 NETS = Path(__file__).parents[1] / "sumo_nets"
 FOLDER = NETS / "merge"

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import shapely
 
+from regents_cosim.cases.files import content_hash
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
-from regents_cosim.files import content_hash
-from regents_cosim.frames import points_from_highway
+from regents_cosim.geometry.frames import points_from_highway
 from regents_cosim.sources.highway import RecordingJob, environments, record_episodes
 from regents_cosim.sources.highway_net import to_road_map
 from regents_cosim.sources.record import record
 from regents_cosim.sources.windows import Windows
-from regents_cosim.workers import run_isolated
+from regents_cosim.system.workers import run_isolated
 
 WINDOWS = Windows(count=2, seed=0, horizon_s=3.0, company=1)
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from params import slow
 
-from regents_cosim.boxes import corners
+from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
-from regents_cosim.files import content_hash, load_case, save_case
+from regents_cosim.geometry.boxes import corners
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput, read_input
 

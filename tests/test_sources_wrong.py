@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from params import slow
 
+from regents_cosim.cases.shipped import network_config
 from regents_cosim.errors import LogError, NoWindowError, SumoError
-from regents_cosim.shipped import network_config
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput

@@ -18,10 +18,10 @@ from regents_cosim.evaluation.drives.safety import (
     measure_pair,
     post_encroachment_time,
 )
-from regents_cosim.frames import SumoPose, from_sumo
+from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.scenario import Agent, Tracks
-from regents_cosim.sumo_process import running_sumo
-from regents_cosim.workers import run_isolated
+from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.system.workers import run_isolated
 
 NETS = Path(__file__).parents[1] / "sumo_nets"
 DT = 0.1

@@ -15,8 +15,8 @@ from regents_cosim.attacks.descent import to_controls
 from regents_cosim.attacks.job import Job
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.starts import followed, starts
-from regents_cosim.boxes import Boxes, overlap
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import MOST_ACCEL_M_S2, OVER_LIMIT
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background

@@ -8,17 +8,17 @@ import pytest
 from params import slow
 
 from regents_cosim.benchmarks.transfer import PLACES, transfer
+from regents_cosim.cases.files import find_cases, load_case
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.suites.folders import check_suite
-from regents_cosim.files import find_cases, load_case
-from regents_cosim.highway_agents import AGENTS
 from regents_cosim.planners import find
 from regents_cosim.planners.find import BUILT_IN, OURS, attacked_planners, find_attribute, planner_of
 from regents_cosim.reports.page_map import page_maps
 from regents_cosim.reports.report import report_of
-from regents_cosim.shipped import shipped
-from regents_cosim.suite import SuiteWriter
+from regents_cosim.simulators.highway_agents import AGENTS
 
 pytest_plugins = ["pytester"]
 

@@ -11,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
+from regents_cosim.cases.files import content_hash, load_case, load_suite
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline, save_baseline
@@ -18,8 +20,6 @@ from regents_cosim.evaluation.suites.building import Recipe, build, follows
 from regents_cosim.evaluation.suites.cards import Card, card_of
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.suites.folders import write_suite
-from regents_cosim.files import content_hash, load_case, load_suite
-from regents_cosim.suite import SuiteWriter
 
 KINDS = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on")
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.collisions import first_contact
 from regents_cosim.envs import SumoReplayEnv
 from regents_cosim.errors import RegentsError, SumoError
-from regents_cosim.files import load_case
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.replays.replay import replay
-from regents_cosim.shipped import shipped
 from tests.crossing_scenes import LANE_Y, STEPS, scenario, straight
 from tests.scenes import scene
 

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from regents_cosim.benchmarks.transfer import PLACES, transfer
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import NETWORKS, network_config, shipped
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.files import load_case
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.replays.replay import SumoDrive, drive_in_sumo, drive_in_sumo_each, replay
 from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, SUMO_DRIVER, DriverParameters, background_drivers
 from regents_cosim.replays.sumo.routes import route_of
 from regents_cosim.replays.verify import compare
-from regents_cosim.shipped import NETWORKS, network_config, shipped
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
-from regents_cosim.workers import local_processes, result_of, submit
+from regents_cosim.system.workers import local_processes, result_of, submit
 from tests.crossing_scenes import DT, EGO, LANE_Y, STEPS, TIME, Car, scenario, straight
 
 QUICKSTART = shipped("scenarios") / "quickstart"

@@ -13,7 +13,7 @@ import termios
 import pytest
 
 from regents_cosim.cli import run
-from regents_cosim.terminal import Terminal
+from regents_cosim.cli.terminal import Terminal
 
 HOSTILE = [
     "weird [/x]",
@@ -67,7 +67,7 @@ def test_an_error_is_one_line_of_500_characters_without_control_characters(capsy
 NAME = "roundabout-00162.0s-south_in.north_out.12-focused-log_replay-south_in.north_out.10"
 TABLE = """
 import sys
-from regents_cosim.terminal import Terminal
+from regents_cosim.cli.terminal import Terminal
 row = {"case": sys.argv[1], "outcome": "collision", "expected": "main.exit.193 at step 54", "iterations": 17,
        "position_error_mm": 1e-12, "yaw_error_deg": 0.3, "SUMO_verified": True, "own_list_has_it": None}
 table = Terminal(wide="wide" in sys.argv)

@@ -15,9 +15,9 @@ from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, REGENTS
 from regents_cosim.attacks.universal import Several, UniversalDescent
 from regents_cosim.benchmarks.cross import among_adversaries, cross_rows
+from regents_cosim.cases.files import content_hash
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.files import content_hash
 from regents_cosim.mirror.rollout import EgoTrack, Held
 from regents_cosim.mirror.world import to_world
 from regents_cosim.replays.mirror import Wheel

@@ -10,14 +10,14 @@ from textwrap import dedent
 import pytest
 from scenes import scene
 
-from regents_cosim import user_code
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import PlannerError
-from regents_cosim.highway_agents import find_agent
 from regents_cosim.planners.closed_loop import scene_of
 from regents_cosim.planners.find import find_attribute, make_planner
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.suite import SuiteWriter
-from regents_cosim.user_code import import_named, suite_around
+from regents_cosim.simulators.highway_agents import find_agent
+from regents_cosim.system import user_code
+from regents_cosim.system.user_code import import_named, suite_around
 
 REGENTS = Path(sys.executable).parent / "regents"
 MAIN = """
@@ -138,8 +138,8 @@ def test_a_module_that_leaves_python_is_an_error(tmp_path):
 @pytest.mark.parametrize("where", ["mirror", "sumo"])
 @pytest.mark.parametrize("name", NAMES)
 def test_the_command_line_drives_a_planner_of_several_files(tmp_path, name, where):
-    from regents_cosim.files import find_cases
-    from regents_cosim.shipped import shipped
+    from regents_cosim.cases.files import find_cases
+    from regents_cosim.cases.shipped import shipped
 
     project(tmp_path)
     case = find_cases(shipped("scenarios") / "quickstart")[0]

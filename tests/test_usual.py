@@ -10,11 +10,11 @@ from scenes import DT, scene
 from test_fault import moving
 
 from regents_cosim.benchmarks.table1 import table1
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.shipped import network
 from regents_cosim.cli.runs import write_table
 from regents_cosim.evaluation.crashes.scores import USUAL, Run, scores
-from regents_cosim.files import load_case, save_case
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import network
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.judgement import judge
 from regents_cosim.verdicts.usual import rank, usual

@@ -9,9 +9,9 @@ from scenes import DT, crash, scene, straight_road
 from test_avoidability import braking_lead, standing_car
 from test_reference_drivers import aside, careful, cut_in
 
-from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.collisions import first_contact
-from regents_cosim.files import load_case, save_case
+from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.reports.caption import manoeuvre_words, way_out
 from regents_cosim.verdicts.judgement import judge

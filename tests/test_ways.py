@@ -6,7 +6,7 @@ import shapely
 from crossing_scenes import EGO, road, scenario, straight, turning
 from scenes import scene
 
-from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.verdicts.lane_pieces import lane_pieces, neighbours
 from regents_cosim.verdicts.ways import lawful_area, lawful_lanes, ways_ahead
 

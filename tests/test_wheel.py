@@ -41,7 +41,7 @@ def both(installed, code):
 
 @pytest.mark.slow
 def test_networks_and_scenarios_come_with_it(installed):
-    code = "from regents_cosim.shipped import *; print(shipped('scenarios'), *map(network_config, NETWORKS))"
+    code = "from regents_cosim.cases.shipped import *; print(shipped('scenarios'), *map(network_config, NETWORKS))"
     paths = [Path(line) for line in run(installed, code).split()]
     assert len(paths) == 7
     assert all(path.exists() and path.is_relative_to(installed) for path in paths)

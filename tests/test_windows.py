@@ -4,10 +4,10 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.boxes import overlap
+from regents_cosim.cases.files import content_hash
 from regents_cosim.errors import NoWindowError, RegentsError
-from regents_cosim.files import content_hash
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.geometry.boxes import overlap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 from regents_cosim.sources.motion import smooth_pieces, speeds
 from regents_cosim.sources.recording import Recording

@@ -13,7 +13,7 @@ import pytest
 from params import slow
 
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
-from regents_cosim.workers import executor_for, local_processes, result_of, run_each, run_isolated, submit
+from regents_cosim.system.workers import executor_for, local_processes, result_of, run_each, run_isolated, submit
 
 DIED = "the worker process died without a word"
 
@@ -154,9 +154,9 @@ def test_a_pool_of_others_that_breaks_costs_no_other_result():
 
 SCRIPT = """
 import sys, threading
-from regents_cosim.workers import run_isolated, run_each
+from regents_cosim.system.workers import run_isolated, run_each
 from regents_cosim.errors import RegentsError
-from regents_cosim.provenance import versions
+from regents_cosim.cases.provenance import versions
 print("begin")
 assert run_isolated(versions) == versions()
 assert list(run_each(abs, [-1, -2, -3])) == [1, 2, 3]
@@ -187,7 +187,7 @@ def test_a_script_needs_no_guard(tmp_path, command, end):
 INTERRUPTED = """
 import signal, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # the background jobs of a shell ignore it
-from regents_cosim.workers import run_each
+from regents_cosim.system.workers import run_each
 print("begin", flush=True)
 outcomes = run_each(time.sleep, [0.0, 60.0])
 next(outcomes)
@@ -239,7 +239,7 @@ def test_dask_that_is_not_installed(monkeypatch):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere://x"])
 def test_a_scheduler_that_does_not_answer(address, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("regents_cosim.workers._ANSWERS_S", 1.0)
+    monkeypatch.setattr("regents_cosim.system.workers._ANSWERS_S", 1.0)
     with (
         pytest.raises(RegentsError, match=f"no Dask scheduler answers at {address}") as error,
         executor_for(f"dask:{address}"),

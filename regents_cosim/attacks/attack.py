@@ -31,22 +31,22 @@ from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.attacks.universal import Several
+from regents_cosim.checks.names import distinct_word, file_name, word
+from regents_cosim.checks.ranges import Range
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.logged import logged
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import World, scene_origin, to_tracks, to_world
-from regents_cosim.names import distinct_word, file_name, word
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.ranges import Range
 from regents_cosim.scenario import ActTime, AttackRecord, Collision, Dynamics, Outcome, Scenario, Tracks
+from regents_cosim.system.logged import logged
 from regents_cosim.verdicts.judgement import is_telling
 
 _LABEL = 40  # characters of a planner or an adversary in the id of a case

@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.roadmap import RoadMap
 from regents_cosim.routes.ego_route import evenly, logged_path
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.boxes import Boxes, corners
+from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.mirror.road_field import MARGIN_M, blur_areas
 from regents_cosim.mirror.world import World, scene_origin

@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 
+from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.ranges import Range, check_ranges
 
 _MOST_ITERATIONS = 100_000
 _WEIGHT = Range(0.0, 1e6, "the weight of a cost")

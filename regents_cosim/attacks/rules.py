@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.boxes import CLEARANCE_M
+from regents_cosim.geometry.boxes import CLEARANCE_M
 from regents_cosim.mirror.bicycle import Motion, wrap
 from regents_cosim.mirror.world import World
 

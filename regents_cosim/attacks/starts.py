@@ -21,8 +21,8 @@ from regents_cosim.attacks.descent import to_actions
 from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, lines_ahead
 from regents_cosim.attacks.job import Job
 from regents_cosim.attacks.speed_profiles import drive, profiles
-from regents_cosim.boxes import Boxes, overlap
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ALONG_RAD, MOST_ACCEL_M_S2
 from regents_cosim.mirror.actions import fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
+from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import Results, collides_before
-from regents_cosim.names import file_name
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import SumoDrive, at_hand, drive_in_sumo_each
 from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, DriverParameters

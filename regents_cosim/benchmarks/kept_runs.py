@@ -12,13 +12,13 @@ from pathlib import Path
 
 import msgspec
 
-from regents_cosim.atomic import explain_write, write_atomic
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.cases.files import content_hash, load_case, save_case
+from regents_cosim.checks.names import file_name, word
 from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.crashes.scores import InSumo, Run
-from regents_cosim.files import content_hash, load_case, save_case
-from regents_cosim.names import file_name, word
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.atomic import explain_write, write_atomic
 
 _HEADER = "run.json"
 _NAME = 60  # letters of a method and a planner in a folder's name

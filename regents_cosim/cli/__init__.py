@@ -25,7 +25,7 @@ def main() -> None:
     """Entry point `regents`."""
     if hasattr(signal, "pthread_sigmask"):  # they wait until `end_at_once` has been imported
         signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
-    from regents_cosim.interruption import end_at_once
+    from regents_cosim.system.interruption import end_at_once
 
     end_at_once()
     sys.exit(run(sys.argv[1:]))

@@ -9,7 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.shipped import require_own
 from regents_cosim.cli.options import Against
+from regents_cosim.cli.terminal import Terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.evaluation.drives.driving import Drive
 from regents_cosim.evaluation.reduction.margin import with_margin
@@ -28,12 +31,9 @@ from regents_cosim.evaluation.regression.comparison import (
 from regents_cosim.evaluation.regression.drives_ahead import driven
 from regents_cosim.evaluation.regression.thresholds import Threshold, parse_thresholds
 from regents_cosim.evaluation.suites.cards import suite_cases
-from regents_cosim.files import content_hash
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.reports.tables import COMPARED
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import require_own
-from regents_cosim.terminal import Terminal
 
 _STDOUT = Path("-")
 

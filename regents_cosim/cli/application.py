@@ -13,7 +13,7 @@ from regents_cosim.cli.shrink import shrink
 from regents_cosim.cli.suite import suites
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import one_line
-from regents_cosim.sumo_process import untested_sumo
+from regents_cosim.simulators.sumo_process import untested_sumo
 
 app.help_epilogue = (
     "Exit codes: 0 all is well; 1 a negative verdict (a crash that did not transfer, a regression, a suite that fails "

@@ -325,8 +325,8 @@ def transfer(cases: Cases, *, planner: str | None = None, talk: Talk = Talk()) -
     """
     from regents_cosim.benchmarks.transfer import PLACES
     from regents_cosim.benchmarks.transfer import transfer as run_transfer
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.reports.tables import TRANSFERRED
-    from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
     rows = []
@@ -376,10 +376,10 @@ def cross(
     """
     from regents_cosim.attacks.attack import attack_each
     from regents_cosim.benchmarks.cross import cross_rows
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.planners.find import attacked_planners
     from regents_cosim.reports.tables import CROSSED
-    from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
     if compile_cache:

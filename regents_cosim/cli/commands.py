@@ -72,8 +72,8 @@ def record(
     executor
         where SUMO runs: local, or dask:ADDRESS
     """
+    from regents_cosim.cases.suite import SuiteWriter
     from regents_cosim.reports.tables import RECORDED, case_row
-    from regents_cosim.suite import SuiteWriter
 
     terminal = open_terminal(talk)
     suite = SuiteWriter(output, traffic.seed)
@@ -182,9 +182,9 @@ def attack(
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.attacks.attack import attack_each as run_attack_each
+    from regents_cosim.cases.suite import SuiteWriter, load_cases
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import ATTACKED, attack_row, summary
-    from regents_cosim.suite import SuiteWriter, load_cases
     from regents_cosim.verdicts.judgement import judge_each
 
     terminal = open_terminal(talk)
@@ -262,10 +262,10 @@ def replay(
     executor
         where SUMO runs: local, or dask:ADDRESS
     """
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.replays.replay import replay_each
     from regents_cosim.reports.tables import REPLAYED, replay_row, replay_summary, traffic_row
-    from regents_cosim.suite import load_cases
-    from regents_cosim.workers import executor_for
+    from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
     scenarios = load_cases(cases)
@@ -315,8 +315,8 @@ def export(
     output
         new folder for the files
     """
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.exports.export import export as run_export
-    from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
     scenarios = load_cases(case)
@@ -359,12 +359,12 @@ def evaluate(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.cli.against import Comparison
     from regents_cosim.evaluation.drives.driving import drive_each, driving_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import DRIVEN
-    from regents_cosim.suite import load_cases
-    from regents_cosim.workers import executor_for
+    from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
     if compile_cache:
@@ -410,10 +410,10 @@ def report(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.report import check_report, drive_for_report, judge_rest, report_of, save_report
     from regents_cosim.reports.tables import SCORED
-    from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
     check_report(output, planner)
@@ -485,12 +485,12 @@ def train_aim_bev(
     resume
         a checkpoint to go on from, or weights for a warm start
     """
-    from regents_cosim.atomic import require_writable
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.cli.fine_tuning import course, crashes_of, keep_best, learnt_path, show_before_after
-    from regents_cosim.interruption import keep
     from regents_cosim.planners.aim_bev.weights_file import SHIPPED
     from regents_cosim.reports.curve import draw_curve
-    from regents_cosim.suite import load_cases
+    from regents_cosim.system.atomic import require_writable
+    from regents_cosim.system.interruption import keep
 
     terminal = open_terminal(talk)
     if output.suffix != ".safetensors":

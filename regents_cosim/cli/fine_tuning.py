@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from regents_cosim.cli.options import FineTune
 from regents_cosim.errors import RegentsError
-from regents_cosim.scratch import scratch_folder
+from regents_cosim.system.scratch import scratch_folder
 
 if TYPE_CHECKING:
+    from regents_cosim.cli.terminal import Terminal
     from regents_cosim.evaluation.drives.driving import Drive
     from regents_cosim.evaluation.training.mixture import Mixture
     from regents_cosim.scenario import Scenario
-    from regents_cosim.terminal import Terminal
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Course:
 
 def course(cases: Path, suite: Path, options: FineTune) -> Course:
     """The cases that the options name; what is not named to judge by is held back from the training."""
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.planners.aim_bev.lessons import common_horizon
-    from regents_cosim.suite import load_cases
 
     adversarial, ordinary = load_cases(suite), load_cases(cases)
     common_horizon([*ordinary, *adversarial])
@@ -51,8 +51,8 @@ def course(cases: Path, suite: Path, options: FineTune) -> Course:
 
 def _parts(scenarios: "list[Scenario]", others: Path | None, option: str) -> "tuple[list[Scenario], ...]":
     """What to train on, to choose by, and to judge by: the cases of `others` where those are named."""
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.evaluation.training.before_after import hold_back
-    from regents_cosim.suite import load_cases
 
     rest, judged_by = hold_back(scenarios) if others is None else (scenarios, load_cases(others))
     taught, chosen_by = hold_back(rest)

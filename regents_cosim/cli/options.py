@@ -21,7 +21,7 @@ CountOrZero = Annotated[int, Parameter(validator=Number(gte=0, lte=1_000_000))] 
 
 
 def _located(type_: object, tokens: "Sequence[Token]") -> Path:
-    from regents_cosim.shipped import located
+    from regents_cosim.cases.shipped import located
 
     return located(Path(tokens[0].value))
 

@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 from time import perf_counter
 
+from regents_cosim.cases.provenance import command, versions
 from regents_cosim.cli.options import Talk
 from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import printable
-from regents_cosim.provenance import command, versions
 
 _PACKAGE = logging.getLogger("regents_cosim")
 _log = logging.getLogger(__name__)

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
     from regents_cosim.attacks.presets import AttackConfig
     from regents_cosim.benchmarks.table1 import Table1
+    from regents_cosim.cli.terminal import Terminal
     from regents_cosim.evaluation.crashes.scores import MethodScores, Protocol, Results, Run
     from regents_cosim.scenario import Scenario
-    from regents_cosim.terminal import Terminal
 
 _OF_PAPERS = ("king", "regents")
 _PRESETS = (*_OF_PAPERS, "focused")
@@ -177,11 +177,11 @@ def aggressive_run(windows: "list[Scenario]", planner: str, others: "list[Run]",
 
 def write_table(table: "Table1", folder: Path) -> None:
     """The table as Markdown, JSON and two pictures: shares of windows, and telling crashes by how usual they are."""
-    from regents_cosim.atomic import explain_write, write_atomic
     from regents_cosim.benchmarks.table1 import as_json, markdown
     from regents_cosim.evaluation.crashes.scores import USUAL
     from regents_cosim.reports.bars import Share, draw_bars
     from regents_cosim.reports.curve import draw_curve
+    from regents_cosim.system.atomic import explain_write, write_atomic
 
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)

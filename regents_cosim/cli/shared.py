@@ -9,10 +9,10 @@ from regents_cosim.cli.options import Talk, Traffic
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 
 if TYPE_CHECKING:
+    from regents_cosim.cli.terminal import Terminal
     from regents_cosim.replays.verify import Replay
     from regents_cosim.scenario import Scenario
     from regents_cosim.sources.windows import Prefer
-    from regents_cosim.terminal import Terminal
 
 _log = logging.getLogger(__name__)
 
@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 def open_terminal(talk: Talk) -> "Terminal":
     """Where results and progress go."""
     from regents_cosim.cli.run_log import begin_run_log
-    from regents_cosim.terminal import Terminal
+    from regents_cosim.cli.terminal import Terminal
 
     begin_run_log(talk)
     return Terminal(talk.quiet, talk.json, talk.wide, talk.verbose)
@@ -30,7 +30,7 @@ def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, termi
     """The windows that `traffic` asks for, of whatever source."""
     from regents_cosim.sources.record import record as run_record
     from regents_cosim.sources.sumo_config import SumoInput
-    from regents_cosim.workers import executor_for
+    from regents_cosim.system.workers import executor_for
 
     if not names_traffic(traffic):
         raise RegentsError(
@@ -107,7 +107,7 @@ def network_traffic(
     nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal", prefer: "Prefer" = "conflicts"
 ) -> "dict[str, list[Scenario]]":
     """Windows of SUMO networks, by network: of all shipped ones where none is named."""
-    from regents_cosim.shipped import NETWORKS, network
+    from regents_cosim.cases.shipped import NETWORKS, network
     from regents_cosim.sources.record import record as run_record
 
     configs = {net: network(net) for net in nets or NETWORKS}
@@ -139,7 +139,7 @@ def logged_traffic(
 def verify_in_sumo(attacked: "list[Scenario]", executor: str, terminal: "Terminal") -> "dict[str, Replay]":
     """Replays in SUMO of the crashes among `attacked`, by case."""
     from regents_cosim.replays.replay import replay_each
-    from regents_cosim.workers import executor_for
+    from regents_cosim.system.workers import executor_for
 
     crashes = [s for s in attacked if s.attack and s.attack.outcome == "collision"]
     with executor_for(executor) as pool:

@@ -44,15 +44,15 @@ def shrink(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
+    from regents_cosim.cases.files import load_suite
+    from regents_cosim.cases.suite import SuiteWriter, load_cases
     from regents_cosim.evaluation.reduction.shrink import shrink as run_shrink
     from regents_cosim.evaluation.reduction.shrink import size
-    from regents_cosim.files import load_suite
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.planners.find import planner_of
     from regents_cosim.replays.mirror import Wheel
     from regents_cosim.reports.picture import animate_pair, draw_pair
     from regents_cosim.reports.tables import SHRUNK
-    from regents_cosim.suite import SuiteWriter, load_cases
 
     terminal = open_terminal(talk)
     if record and record.suffix not in (".gif", ".png"):

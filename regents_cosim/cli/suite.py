@@ -69,14 +69,14 @@ def build(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
+    from regents_cosim.cases.files import content_hash
+    from regents_cosim.cases.shipped import NETWORKS
     from regents_cosim.evaluation.suites.building import Recipe
     from regents_cosim.evaluation.suites.building import build as run_build
     from regents_cosim.evaluation.suites.cards import card
     from regents_cosim.evaluation.suites.folders import require_place, write_suite
-    from regents_cosim.files import content_hash
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import LISTED
-    from regents_cosim.shipped import NETWORKS
 
     terminal = open_terminal(talk)
     if compile_cache:
@@ -180,10 +180,10 @@ def judge(
     output
         folder for the cases as they are judged now; by default the suite itself
     """
+    from regents_cosim.cases.shipped import require_own
     from regents_cosim.evaluation.suites.folders import judge_into
     from regents_cosim.reports.picture import draw_still
     from regents_cosim.reports.tables import JUDGED, judged_row, summary
-    from regents_cosim.shipped import require_own
 
     terminal = open_terminal(talk)
     folder = output or suite
@@ -224,11 +224,11 @@ def rank(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
+    from regents_cosim.cases.suite import load_cases
     from regents_cosim.evaluation.drives.driving import drive_each
     from regents_cosim.evaluation.suites.ranking import rank_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import RANKED
-    from regents_cosim.suite import load_cases
 
     terminal = open_terminal(talk)
     if compile_cache:

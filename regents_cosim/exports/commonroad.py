@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.exports.stays import Stay, poses, stays
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Kind, Scenario
 
 _TYPES: dict[Kind, str] = {

@@ -15,7 +15,7 @@ import shapely
 
 from regents_cosim.errors import require
 from regents_cosim.exports.stays import lanes_along, poses, stays
-from regents_cosim.frames import Pose, to_sumo
+from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.replays.sumo.bare_network import lane_names, network_of
 from regents_cosim.replays.sumo.replay import free_name
 from regents_cosim.scenario import Agent, Kind, Role, Scenario, Signal

@@ -12,9 +12,9 @@ import shapely
 from jaxtyping import Array, Float, Int, UInt8
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.geometry.rasters import grid_shape, inside
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.mirror.separation import Box
-from regents_cosim.rasters import grid_shape, inside
-from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 
 CELL_M = 0.04

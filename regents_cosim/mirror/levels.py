@@ -1,7 +1,7 @@
 """Roads above each other on the device: which level a height is on, and how high the road is under an agent.
 
-The same rule as `regents_cosim.levels.Heights` on the host, from a grid. Scenes without roads above each other have
-none of it, and their programs know nothing of heights.
+The same rule as `regents_cosim.maps.levels.Heights` on the host, from a grid. Scenes without roads above each other
+have none of it, and their programs know nothing of heights.
 """
 
 from typing import Any
@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.boxes import CLEARANCE_M
-from regents_cosim.levels import BAND_M, Heights
+from regents_cosim.geometry.boxes import CLEARANCE_M
+from regents_cosim.geometry.rasters import grid_shape
+from regents_cosim.maps.levels import BAND_M, Heights
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.rasters import grid_shape
 
 CELL_M = 4.0  # a slope of 10 % rises by 0.2 m from the middle of a cell to its edge
 _MARGIN_M = 60.0  # beyond the recorded ways

@@ -14,11 +14,11 @@ from jaxtyping import Array, Float, Int
 from scipy.ndimage import gaussian_filter
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.levels import BAND_M, drivable_at
+from regents_cosim.geometry.rasters import grid_shape, inside
+from regents_cosim.maps.levels import BAND_M, drivable_at
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.levels import Bands, to_bands
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.rasters import grid_shape, inside
-from regents_cosim.roadmap import RoadMap
 
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
 SIGMA_M = 0.5

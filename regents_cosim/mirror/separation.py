@@ -1,7 +1,7 @@
 """Distances between oriented boxes on the device, with gradients one can follow.
 
-The same geometry as `regents_cosim.boxes`, the exact judge on the host; boxes on different levels are far apart. Hard
-minima are found without gradient and only the winner is differentiated, so everything here is element-wise.
+The same geometry as `regents_cosim.geometry.boxes`, the exact judge on the host; boxes on different levels are far
+apart. Hard minima are found without gradient and only the winner is differentiated, so everything here is element-wise.
 """
 
 import functools

@@ -21,8 +21,8 @@ import jax
 import jax.numpy as jnp
 from jax import export
 
-from regents_cosim.atomic import write_atomic
 from regents_cosim.mirror.outline import NoOutlineError, outline, rebuild
+from regents_cosim.system.atomic import write_atomic
 
 _PACKAGE = Path(__file__).parents[1]
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")

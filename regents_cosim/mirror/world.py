@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim import boxes
-from regents_cosim.levels import contains, has_levels
+from regents_cosim.geometry import boxes
+from regents_cosim.maps.levels import contains, has_levels
 from regents_cosim.mirror.actions import fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres

@@ -14,7 +14,7 @@ from regents_cosim.planners.bridges import bridges
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.own_object import Pickled, name_of, unpickled
 from regents_cosim.scenario import Scenario
-from regents_cosim.user_code import import_named
+from regents_cosim.system.user_code import import_named
 
 # Those that come with the package. Another package's entry point of the same name does not take their place.
 OURS: dict[str, str] = {

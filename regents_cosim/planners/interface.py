@@ -28,7 +28,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Agent, Kind, Scenario, Signal
 
 # Frame of everything here: the map's own (x east, y north, metres), box centres, yaw counter-clockwise from +x.

@@ -2,8 +2,8 @@
 
 import threading
 
+from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import DriveError
-from regents_cosim.ranges import Range
 
 ACT_TIMEOUT_S = 10.0  # a planner that takes longer over one decision has failed
 MAKE_TIMEOUT_S = 60.0  # over its imports and its construction

@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.boxes import same_level
 from regents_cosim.errors import MissingDependencyError, PlannerError
+from regents_cosim.geometry.boxes import same_level
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.interface import Control, Observation, Scene
 

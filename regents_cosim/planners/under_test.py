@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from regents_cosim.checks.names import require_id
 from regents_cosim.errors import PlannerError, RegentsError
-from regents_cosim.names import require_id
 from regents_cosim.planners.find import OURS, find_attribute, is_built_in, no_planner
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.jax_planner import JaxPlanner

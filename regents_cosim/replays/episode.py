@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.cases.files import find_cases, load_case
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.files import find_cases, load_case
+from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.planners.interface import Seen
 from regents_cosim.scenario import Agent, Scenario
-from regents_cosim.shipped import shipped
 
 
 def choose_case(case: Any, suite: Any, rng: np.random.Generator) -> Scenario:

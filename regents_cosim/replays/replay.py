@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.logged import logged
 from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.relay import Relay, RelayedDriver, relayed
@@ -18,8 +17,9 @@ from regents_cosim.replays.sumo.drivers import DriverParameters, background_driv
 from regents_cosim.replays.sumo.replay import SumoReplay, replay_in_sumo
 from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
-from regents_cosim.sumo_process import require_display
-from regents_cosim.workers import run_each
+from regents_cosim.simulators.sumo_process import require_display
+from regents_cosim.system.logged import logged
+from regents_cosim.system.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]
 Mode = Literal["track", "actions"]

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, PlannerError, RegentsError
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks
 
 POSITION_BOUND_M = 1e-3

@@ -7,11 +7,11 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.reports.camera import View, centred
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import FAINT_INK, PANEL
 from regents_cosim.reports.scene import Scene, draw_ground, draw_moving
-from regents_cosim.roadmap import RoadMap
 
 _SIZE = (330, 240)  # [px]
 _EDGE_PX = 18

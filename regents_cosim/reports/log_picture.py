@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.atomic import explain_write, write_atomic
 from regents_cosim.errors import LogError
 from regents_cosim.reports.camera import View, fit
 from regents_cosim.reports.canvas import Canvas
@@ -17,6 +16,7 @@ from regents_cosim.reports.vehicles import draw_vehicle
 from regents_cosim.sources.logs.inspection import moving_centres
 from regents_cosim.sources.logs.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
+from regents_cosim.system.atomic import explain_write, write_atomic
 
 _SIZE = (1200, 900)
 _ZOOM = 2

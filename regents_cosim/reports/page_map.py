@@ -10,10 +10,10 @@ import shapely
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.map_files import map_files
+from regents_cosim.cases.map_files import map_files
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.reports.packing import line
 from regents_cosim.reports.road import lights_of, markings, polygons, stop_bar
-from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 
 _AROUND_M = 45.0  # of whatever moves

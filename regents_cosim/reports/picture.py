@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from regents_cosim.atomic import explain_write, write_atomic
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.reports.camera import View, fit, fit_latest
@@ -19,6 +18,7 @@ from regents_cosim.reports.film import Ground, Progress, frame_steps, gif_bytes,
 from regents_cosim.reports.palette import ADVERSARY, HAIRLINE, INK, PANEL
 from regents_cosim.reports.scene import Scene, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.atomic import explain_write, write_atomic
 
 STILL_SIZE = (1200, 800)  # [px]
 GIF_SIZE = (900, 600)  # [px] at most

@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 
-from regents_cosim.atomic import explain_write, require_writable, write_atomic
+from regents_cosim.cases.provenance import command
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.driven_crash import verdict_of, verdict_of_drive
@@ -19,12 +20,11 @@ from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.provenance import command
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.reports.html import Report, Score, html_page, json_twin
 from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, Run, network
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.suite import load_cases
+from regents_cosim.system.atomic import explain_write, require_writable, write_atomic
 from regents_cosim.verdicts.judgement import judge
 
 _MOTIONS = {

@@ -8,6 +8,7 @@ import shapely
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.camera import View
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import (
@@ -22,7 +23,6 @@ from regents_cosim.reports.palette import (
     Colour,
     shade,
 )
-from regents_cosim.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Signal
 
 _AROUND_M = 5.0  # drawn beyond the edge of a view, so that no outline shows there

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.boxes import Boxes, corners
+from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.reports.camera import View
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import ADVERSARY, BURST, EGO, EVASION, INK, LAND, OTHER, PANEL, ROAD, Colour, mix

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.files import find_cases
+from regents_cosim.cases.files import find_cases
+from regents_cosim.cases.shipped import NETWORKS, SUITES, suite_folder
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import NETWORKS, SUITES, suite_folder
 from regents_cosim.sources.logs.inspection import Inspection
 
 # The columns of each table that a narrow terminal shows before all others.

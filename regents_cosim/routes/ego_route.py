@@ -7,8 +7,8 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim.frames import wrap
-from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import RED, Scenario, Tracks
 

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from regents_cosim.frames import Pose
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.geometry.frames import Pose
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.routes.lane_matching import lanes_near
 

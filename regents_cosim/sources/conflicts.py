@@ -18,9 +18,9 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
-from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import RED
 from regents_cosim.sources.recording import Recording
 

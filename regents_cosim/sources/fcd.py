@@ -21,12 +21,12 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from regents_cosim.bounded import open_bounded
+from regents_cosim.cases.provenance import sha256_of
+from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.errors import InputError, LogError, NoWindowError, require_file
-from regents_cosim.frames import wrap
-from regents_cosim.levels import has_levels, height_on, surface_points
-from regents_cosim.provenance import sha256_of
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.levels import has_levels, height_on, surface_points
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.motion import smooth_pieces
 from regents_cosim.sources.recording import Names, Recording, Slot, left_out

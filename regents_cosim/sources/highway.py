@@ -20,14 +20,14 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
 
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
-from regents_cosim.frames import HighwayPose, from_highway
-from regents_cosim.highway_agents import HighwayAgent, find_agent
+from regents_cosim.geometry.frames import HighwayPose, from_highway
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.highway_agents import HighwayAgent, find_agent
 from regents_cosim.sources.highway_net import to_road_map
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
 from regents_cosim.sources.windows import Origin, Windows, choose_windows
-from regents_cosim.workers import result_of, run_isolated, submit
+from regents_cosim.system.workers import result_of, run_isolated, submit
 
 STEP_S = 0.1
 _LATEST_BEGIN_S = 4.0  # of a window in its episode

@@ -10,8 +10,8 @@ from highway_env.road.road import LaneIndex, RoadNetwork
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.frames import points_from_highway
-from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.geometry.frames import points_from_highway
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 
 _SPACING_M = 1.0  # of the points on curved lanes
 _MEET_M = 1.0  # a lane continues into one that begins this close to its end

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 
 # A jump differs from its neighbours by more than the hardest brake can (9 m/s^2, SUMO's emergency
 # deceleration) and 0.4 m. Measured with lane changes of 3 s: 0.013 to 0.032 % of the steps of three

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.errors import LogError, require
-from regents_cosim.frames import SumoPose, from_sumo
+from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.scenario import Signal
 from regents_cosim.sources.sumo_types import VehicleType
 

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError, SumoError
-from regents_cosim.provenance import sha256_of
 from regents_cosim.scenario import Scenario
-from regents_cosim.scratch import scratch_folder
+from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.sources.recording import Names, Recording, Slot, left_out
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input, write_config
 from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of, require_size
 from regents_cosim.sources.windows import Origin, Prefer, Windows, choose_windows, draw_slots
-from regents_cosim.sumo_process import running_sumo
-from regents_cosim.workers import result_of, run_isolated, submit
+from regents_cosim.system.scratch import scratch_folder
+from regents_cosim.system.workers import result_of, run_isolated, submit
 
 STEP_S = 0.1
 _SPAN_S = 600.0  # recorded where the configuration names no end

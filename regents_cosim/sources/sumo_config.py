@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+from regents_cosim.cases.shipped import NETWORKS, located, names
+from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import SumoError, require_file
-from regents_cosim.ranges import Range
-from regents_cosim.shipped import NETWORKS, located, names
 from regents_cosim.sources.sumo_files import OUTPUT_ATTRIBUTES, exists
 from regents_cosim.sources.xml_input import read_tree
 

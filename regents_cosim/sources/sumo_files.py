@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from regents_cosim.bounded import open_bounded
+from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.errors import RegentsError, SumoError, require_file
 from regents_cosim.sources.xml_input import unpacked_limit, walk
 

@@ -18,11 +18,11 @@ import sumolib
 from shapely.errors import ShapelyError
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.checks.xml_count import Count
 from regents_cosim.errors import InputError, ScenarioError, SumoError, require
-from regents_cosim.net_elements import require_network_alone
-from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.net_elements import require_network_alone
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.sources.xml_input import explained_xml, open_xml
-from regents_cosim.xml_count import Count
 
 _FARTHEST_M = 1e8  # from the origin; maps in UTM lie up to 1e7 m from it
 _CLOSE_M = 0.2  # slivers between lanes up to twice as wide belong to the road

@@ -14,14 +14,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.cases.provenance import command, versions
+from regents_cosim.checks.names import file_name, word
+from regents_cosim.checks.ranges import SEED, Range
 from regents_cosim.collisions import find_overlaps
 from regents_cosim.errors import NoWindowError
-from regents_cosim.levels import contains
-from regents_cosim.names import file_name, word
-from regents_cosim.provenance import command, versions
-from regents_cosim.ranges import SEED, Range
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.maps.levels import contains
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Provenance, Scenario, Tracks
 from regents_cosim.sources.conflicts import Conflicts
 from regents_cosim.sources.motion import smooth_pieces, speeds

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import cast
 from xml.parsers import expat
 
-from regents_cosim.bounded import open_bounded
+from regents_cosim.checks.bounded import open_bounded
+from regents_cosim.checks.xml_count import Count, most_unpacked
 from regents_cosim.errors import RegentsError, require_file
-from regents_cosim.xml_count import Count, most_unpacked
 
 _LARGEST = 1 << 30  # bytes of unpacked text
 _FIRST_PIECE_BYTES, _PIECE_BYTES = 1 << 12, 1 << 20

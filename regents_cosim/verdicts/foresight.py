@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from regents_cosim.boxes import Boxes, overlap
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import CURVATURE_LIMIT
 from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT, Foresight
 from regents_cosim.scenario import Scenario

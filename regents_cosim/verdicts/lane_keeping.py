@@ -4,10 +4,10 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.boxes import same_level
-from regents_cosim.frames import wrap
-from regents_cosim.levels import height_on
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.levels import height_on
+from regents_cosim.maps.roadmap import RoadMap
 
 _REACH_M = 2.0
 _SAME_WAY_RAD = np.deg2rad(45.0)

@@ -12,9 +12,9 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from regents_cosim.boxes import Values, same_level
-from regents_cosim.frames import wrap
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.geometry.boxes import Values, same_level
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 
 _SMOOTH_M = 0.05  # a centre line may be this much off for fewer pieces
 _LEAST_M = 1e-3

@@ -5,10 +5,10 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.boxes import Boxes, corners, overlap
 from regents_cosim.collisions import apart_at_entry
-from regents_cosim.levels import BAND_M, band, drivable_at, has_levels
+from regents_cosim.geometry.boxes import Boxes, corners, overlap
 from regents_cosim.limits import OFF_ROAD_M
+from regents_cosim.maps.levels import BAND_M, band, drivable_at, has_levels
 from regents_cosim.scenario import Collision, Scenario
 from regents_cosim.verdicts.manoeuvres import Fan
 

@@ -8,9 +8,9 @@ known there. Inside a junction ways of many directions cross: there only the way
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.boxes import Boxes, Values
-from regents_cosim.frames import wrap
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.geometry.boxes import Boxes, Values
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.verdicts.lane_pieces import lane_pieces
 
 OTHER_WAY_RAD = np.deg2rad(90.0)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.collisions import apart_at_entry
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.emergency_braking import Drive
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_keeping import from_lane_centre
 

@@ -28,7 +28,7 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.boxes import Boxes, corners
+from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.routes.ego_route import plan_route
 from regents_cosim.scenario import Collision, Scenario, Side
 from regents_cosim.verdicts.manoeuvres import Bank, Fan

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from regents_cosim.roadmap import Lane
+from regents_cosim.maps.roadmap import Lane
 from regents_cosim.scenario import RED
 from regents_cosim.verdicts.drive import Act, Drive
 from regents_cosim.verdicts.right_of_way import priorities

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from xml.parsers import expat
 
-from regents_cosim.bounded import gunzip_bounded
+from regents_cosim.checks.bounded import gunzip_bounded
+from regents_cosim.checks.xml_count import Count, most_unpacked
 from regents_cosim.errors import InputError
-from regents_cosim.roadmap import RoadMap
-from regents_cosim.xml_count import Count, most_unpacked
+from regents_cosim.maps.roadmap import RoadMap
 
 _LARGEST = 1 << 30  # bytes of an unpacked network
 _FIRST_COME = frozenset({"allway_stop"})  # who came first goes first: no row tells

@@ -32,11 +32,11 @@ import shapely
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
-from regents_cosim.boxes import Boxes, corners
 from regents_cosim.collisions import apart_at_entry
-from regents_cosim.frames import wrap
-from regents_cosim.levels import has_levels
+from regents_cosim.geometry.boxes import Boxes, corners
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M
+from regents_cosim.maps.levels import has_levels
 from regents_cosim.mirror.bicycle import CURVATURE_LIMIT
 from regents_cosim.scenario import Avoidability, Collision, Scenario
 from regents_cosim.verdicts.manoeuvres import GRAVITY

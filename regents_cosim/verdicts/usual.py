@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
 
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
 

@@ -19,10 +19,10 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import substring
 
-from regents_cosim.frames import wrap
-from regents_cosim.levels import drivable_at
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import OVER_LIMIT
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.maps.levels import drivable_at
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces, neighbours

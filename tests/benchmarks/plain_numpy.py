@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from regents_cosim.boxes import Boxes, corners, distance
+from regents_cosim.geometry.boxes import Boxes, corners, distance
 from regents_cosim.mirror.road_field import CELL_M
 from regents_cosim.mirror.world import World
 

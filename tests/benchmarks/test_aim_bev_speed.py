@@ -12,6 +12,8 @@ import pytest
 
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.observe import View, observe
 from regents_cosim.mirror.rollout import drive
@@ -20,8 +22,6 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.planner import aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import LoopScene
-from regents_cosim.shipped import shipped
-from regents_cosim.suite import load_cases
 
 CASE = "signals"
 FRAMES = 64

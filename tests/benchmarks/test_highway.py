@@ -8,9 +8,9 @@ import pytest
 from highway_env.vehicle.behavior import IDMVehicle
 
 import regents_cosim.envs  # noqa: F401
+from regents_cosim.cases.shipped import network_config
 from regents_cosim.replays.highway.gym import HighwayReplayEnv
 from regents_cosim.replays.replay import Mode
-from regents_cosim.shipped import network_config
 from regents_cosim.sources.record import record
 
 STEPS = 60

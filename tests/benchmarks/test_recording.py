@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.sources.sumo import STEP_S, RecordingJob, record_slots, record_sumo, sumo_command
 from regents_cosim.sources.sumo_config import SumoInput, read_input
 from regents_cosim.sources.windows import Windows
-from regents_cosim.sumo_process import running_sumo
-from regents_cosim.workers import run_isolated
+from regents_cosim.system.workers import run_isolated
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data")) / "sumo"

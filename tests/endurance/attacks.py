@@ -17,9 +17,9 @@ from typing import Any
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS, REGENTS_FOCUSED, AttackConfig
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import shipped
-from regents_cosim.suite import load_cases
 from tests.endurance.gauge import gauge, watched
 
 MOST_KB_PER_ITEM = 20.0

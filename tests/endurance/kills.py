@@ -23,12 +23,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+from regents_cosim.cases.files import content_hash, load_case, load_suite
+from regents_cosim.cases.shipped import network_config, shipped
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline
 from regents_cosim.evaluation.suites.folders import write_suite
-from regents_cosim.files import content_hash, load_case, load_suite
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import network_config, shipped
 from tests.endurance.processes import REGENTS, Marked, start
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)

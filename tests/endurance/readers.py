@@ -26,9 +26,9 @@ sys.path.append(str(Path(__file__).parents[1]))  # as a program, pytest's path i
 import log_files
 import scenes
 
+from regents_cosim.cases.files import Suite, SuiteEntry, load_case, load_suite, save_case, save_suite
 from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline, save_baseline
 from regents_cosim.evaluation.regression.thresholds import parse_thresholds
-from regents_cosim.files import Suite, SuiteEntry, load_case, load_suite, save_case, save_suite
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.sources import fcd
 from regents_cosim.sources.logs.argoverse2_map import read_map

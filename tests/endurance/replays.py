@@ -13,11 +13,11 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import load_cases
 from regents_cosim.replays.replay import Simulator, replay_each
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import shipped
-from regents_cosim.suite import load_cases
 from tests.endurance.gauge import gauge, watched
 
 MOST_KB_PER_ITEM = 4.0  # a kept result of a replay takes 185

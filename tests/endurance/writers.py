@@ -15,13 +15,13 @@ import tempfile
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+from regents_cosim.cases.files import content_hash, load_case, load_suite
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, Driven, load_baseline, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite
-from regents_cosim.files import content_hash, load_case, load_suite
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import shipped
-from regents_cosim.suite import SuiteWriter
 
 _SHARED = "of-all"  # the case that every writer saves
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import FOCUSED_COST, KING, REGENTS, AttackConfig
 from regents_cosim.benchmarks.gallery import scenes
-from regents_cosim.boxes import Boxes, distance
+from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.scenario import Scenario
 
 PLANNER = "log_replay"

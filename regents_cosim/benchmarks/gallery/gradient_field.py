@@ -19,7 +19,7 @@ from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, REGENTS
 from regents_cosim.benchmarks.gallery.roads import straight_road
 from regents_cosim.benchmarks.gallery.scenes import Car, traffic
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background

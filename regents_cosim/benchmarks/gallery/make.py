@@ -6,15 +6,15 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from regents_cosim.atomic import explain_write, write_atomic
 from regents_cosim.benchmarks.gallery.exhibits import exhibits, run
 from regents_cosim.benchmarks.gallery.field_picture import draw_fields
 from regents_cosim.benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
 from regents_cosim.benchmarks.gallery.index import FIELD_PICTURE, index_page, picture_name
 from regents_cosim.benchmarks.gallery.panels import draw_exhibit
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.scenario import Scenario
-from regents_cosim.suite import SuiteWriter
+from regents_cosim.system.atomic import explain_write, write_atomic
 
 
 def make_gallery(folder: Path) -> list[Scenario]:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.benchmarks.gallery.exhibits import METHOD_NAMES, Run
-from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.reports.camera import View, centred
 from regents_cosim.reports.canvas import Canvas, shorten
 from regents_cosim.reports.caption import FOOTER_PX, draw_footer, ending

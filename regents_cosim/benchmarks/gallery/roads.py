@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 
 LANE_M = 3.2
 _LIMIT_M_S = 15.0

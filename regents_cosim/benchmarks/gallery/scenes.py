@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.benchmarks.gallery.roads import LANE_M, crossing, road_with_neighbour, straight_road
-from regents_cosim.provenance import command, sha256_of, versions
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.cases.provenance import command, sha256_of, versions
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent, Provenance, Role, Scenario, Tracks
 
 DT_S = 0.1

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import wasserstein_distance
 
-from regents_cosim.boxes import Boxes
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.boxes import Boxes
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks, boxes_of
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.leaving_road import corners_off_road

@@ -10,19 +10,19 @@ from statistics import fmean
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.boxes import Boxes
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, off_road_share, route_completion
 from regents_cosim.evaluation.drives.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
-from regents_cosim.logged import logged
+from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import CollisionKind, Scenario, Tracks
+from regents_cosim.system.logged import logged
 from regents_cosim.verdicts.leaving_road import corners_off_road
 
 _AS_FAR = 0.8  # as a careful driver, where nothing is to be feared

@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.boxes import same_level
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Tracks
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.boxes import CLEARANCE_M, Boxes, distance
 from regents_cosim.evaluation.drives.encounters import Approach, Way, crossing, followings, joining
+from regents_cosim.geometry.boxes import CLEARANCE_M, Boxes, distance
 from regents_cosim.scenario import Agent, Tracks, boxes_of
 
 Values = Float[np.ndarray, "*n"]

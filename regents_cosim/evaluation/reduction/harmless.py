@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from regents_cosim.checks.names import file_name
 from regents_cosim.evaluation.drives.driving import Drive, drive_and_keep
 from regents_cosim.evaluation.reduction.margin import weakened
-from regents_cosim.names import file_name
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRecord, Scenario, Tracks
 from regents_cosim.verdicts.clean import touches_in

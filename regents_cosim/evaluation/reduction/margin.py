@@ -18,7 +18,7 @@ import numpy as np
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.driving import Drive, nowhere
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import Scenario, Tracks
 

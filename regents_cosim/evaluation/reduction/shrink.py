@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.evaluation.crashes.deviation import deviation
 from regents_cosim.evaluation.reduction.pieces import cut, without
 from regents_cosim.evaluation.reduction.way_back import WayBack, changed_agents, with_rows
-from regents_cosim.names import file_name
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import UNLAWFUL, Collision, Flaw, Scenario, Tracks
 from regents_cosim.verdicts.clean import flaws

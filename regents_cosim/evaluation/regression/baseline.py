@@ -10,12 +10,12 @@ from typing import Literal
 
 import msgspec
 
-from regents_cosim.atomic import explain_write, write_atomic
-from regents_cosim.bounded import MIB, read_bounded
+from regents_cosim.cases.provenance import versions
+from regents_cosim.checks.bounded import MIB, read_bounded
+from regents_cosim.checks.names import require_file_name, require_inside
 from regents_cosim.errors import CaseError, InputError, RegentsError, ScenarioError, require
-from regents_cosim.locks import writing
-from regents_cosim.names import require_file_name, require_inside
-from regents_cosim.provenance import versions
+from regents_cosim.system.atomic import explain_write, write_atomic
+from regents_cosim.system.locks import writing
 
 SCHEMA = 1
 FILE = "baseline.json"

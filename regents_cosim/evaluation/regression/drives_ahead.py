@@ -9,12 +9,12 @@ from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.driven_crash import judged_drive
 from regents_cosim.evaluation.drives.driving import Drive, drive_and_keep, drive_case, drive_each
 from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import Driven
-from regents_cosim.files import load_case, load_header
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
@@ -22,8 +22,8 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.replay import Simulator, check, drivers_of
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.workers import local_processes
 from regents_cosim.verdicts.words import advice
-from regents_cosim.workers import local_processes
 
 _DIGITS = 4  # kept of a metric: a drive is the same to more than that on another machine
 

@@ -16,17 +16,17 @@ import numpy as np
 
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import METHODS
+from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.shipped import network
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import is_telling
 from regents_cosim.evaluation.drives.driving import Drive, drive_each
 from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
 from regents_cosim.evaluation.suites.cards import Card, card
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
-from regents_cosim.files import content_hash
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import AttackRecord, Scenario
-from regents_cosim.shipped import network
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.judgement import judge_each
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from regents_cosim.cases.files import Header, load_header, load_suite
 from regents_cosim.errors import CaseError
-from regents_cosim.files import Header, load_header, load_suite
 from regents_cosim.scenario import AttackRecord, Scenario
 
 

@@ -5,15 +5,15 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from regents_cosim.atomic import explain_write, is_temporary, new_folder, require_writable
+from regents_cosim.cases.files import HEADER, MANIFEST, Suite, add_case, content_hash, is_ours, load_case, load_suite
+from regents_cosim.cases.provenance import command, revision, versions
+from regents_cosim.cases.suite_code import code_for_pytest
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, load_baseline, save_baseline
-from regents_cosim.files import HEADER, MANIFEST, Suite, add_case, content_hash, is_ours, load_case, load_suite
-from regents_cosim.locks import writing
-from regents_cosim.provenance import command, revision, versions
 from regents_cosim.scenario import Scenario
-from regents_cosim.suite_code import code_for_pytest
-from regents_cosim.swap import restore
+from regents_cosim.system.atomic import explain_write, is_temporary, new_folder, require_writable
+from regents_cosim.system.locks import writing
+from regents_cosim.system.swap import restore
 from regents_cosim.verdicts.judgement import judge_each
 
 

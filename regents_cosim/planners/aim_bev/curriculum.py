@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ALONG_RAD
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
@@ -20,7 +21,6 @@ from regents_cosim.mirror.ground import CELL_M, Ground, draw_cells, stop_bars
 from regents_cosim.mirror.observe import REACH_M, View, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
-from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 
 _AROUND_M = REACH_M + 20.0  # drawn around all tracks

@@ -6,8 +6,8 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from regents_cosim.atomic import write_atomic
 from regents_cosim.errors import RegentsError, require_file
+from regents_cosim.system.atomic import write_atomic
 
 SHIPPED = Path(__file__).parent / "weights" / "aim_bev.safetensors"
 

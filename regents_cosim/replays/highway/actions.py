@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Scenario
 
 _FOLLOWS_M = 1e-3  # tracks that the plain inverse misses by more were made by another model

@@ -12,7 +12,7 @@ from highway_env.road.road import LaneIndex, Road, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 from jaxtyping import Bool, Float
 
-from regents_cosim.frames import Pose, to_highway, wheel_from_curvature
+from regents_cosim.geometry.frames import Pose, to_highway, wheel_from_curvature
 from regents_cosim.scenario import Role
 
 _COLOURS = {"ego": (0, 114, 178), "adversary": (213, 94, 0), "background": (150, 150, 150)}

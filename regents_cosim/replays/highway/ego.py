@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.frames import HighwayPose, Pose, from_highway, to_highway
-from regents_cosim.highway_agents import find_agent
+from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
+from regents_cosim.maps.roadmap import Lane
 from regents_cosim.planners.interface import Observation, Others, Placement, Scene
 from regents_cosim.replays.highway.gym import HighwayReplayEnv
-from regents_cosim.roadmap import Lane
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
+from regents_cosim.simulators.highway_agents import find_agent
 
 _SEED = 0  # of agents that draw lots: every drive the same
 

@@ -8,7 +8,7 @@ from highway_env.road.road import RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.frames import Pose, points_from_highway, to_highway
+from regents_cosim.geometry.frames import Pose, points_from_highway, to_highway
 from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
 from regents_cosim.replays.highway.actions import actions
 from regents_cosim.replays.highway.cast import ActionVehicle, ReplayRoad, ScriptedVehicle

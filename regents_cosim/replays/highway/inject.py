@@ -12,8 +12,8 @@ from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.road.road import Road
 from highway_env.vehicle.kinematics import Vehicle
 
-from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.episode import choose_case
 from regents_cosim.replays.highway.cast import ScriptedVehicle
 from regents_cosim.replays.highway.display import skip_wayland

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.frames import HighwayPose, Pose, from_highway, to_highway
-from regents_cosim.highway_agents import find_agent
+from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.planners.interface import Seen
 from regents_cosim.replays.highway.cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
@@ -14,6 +13,7 @@ from regents_cosim.replays.highway.window import Window, opened
 from regents_cosim.replays.sumo.replay import Driver, ask
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.simulators.highway_agents import find_agent
 
 _OWN_KIND = "crashed"  # highway-env's word for a collision
 

@@ -14,8 +14,8 @@ from highway_env.road.lane import AbstractLane, LineType, StraightLane
 from highway_env.road.road import LaneIndex, RoadNetwork
 from jaxtyping import Float
 
-from regents_cosim.frames import points_to_highway
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.geometry.frames import points_to_highway
+from regents_cosim.maps.roadmap import Lane, RoadMap
 
 Number = float | int  # highway-env hands over either
 

@@ -13,7 +13,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 
 _FASTEST_M_S = 60.0  # SUMO takes no infinite limit
 _LEAST_M = 0.1  # of a lane's length

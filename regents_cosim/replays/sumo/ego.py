@@ -12,13 +12,13 @@ from types import ModuleType
 import numpy as np
 
 from regents_cosim.errors import PlannerError, require
-from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
+from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
+from regents_cosim.maps.roadmap import Connection
 from regents_cosim.planners.interface import Observation, Placement, Scene
 from regents_cosim.replays.sumo.replay import EXACT, add_type, network_file
 from regents_cosim.replays.sumo.routes import edges_along
-from regents_cosim.roadmap import Connection
 from regents_cosim.routes.to_target import way_to_target
-from regents_cosim.sumo_process import running_sumo
+from regents_cosim.simulators.sumo_process import running_sumo
 
 _EGO, _ROUTE = "ego", "way"
 _ON_ROUTE = 1  # keepRoute of moveToXY: on the lane of the route that is nearest

@@ -17,17 +17,17 @@ from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
-from regents_cosim.boxes import Boxes, overlap
 from regents_cosim.errors import DriveError, PlannerError, RegentsError, ScenarioError, SumoError
-from regents_cosim.frames import Pose, SumoPose, from_sumo, to_sumo
+from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
 from regents_cosim.planners.interface import AgentState, Seen
 from regents_cosim.replays.sumo.bare_network import BARE_EDGE, network_of
 from regents_cosim.replays.sumo.drivers import DriverParameters, driven_type, type_file
 from regents_cosim.replays.sumo.routes import edge_of, route_of
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
-from regents_cosim.scratch import scratch_folder
-from regents_cosim.sumo_process import running_sumo
+from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.system.scratch import scratch_folder
 
 _R = TypeVar("_R")
 

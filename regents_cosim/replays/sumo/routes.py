@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 
-from regents_cosim.frames import Pose, to_sumo
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.geometry.frames import Pose, to_sumo
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead, lanes_under, logged_path
 from regents_cosim.scenario import Scenario, Tracks
 

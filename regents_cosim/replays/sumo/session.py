@@ -11,10 +11,10 @@ from typing import Any
 
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.planners.interface import Seen
-from regents_cosim.processes import begin_child, starting
 from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import EgoState, replay_in_sumo
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.processes import begin_child, starting
 
 _START_S = 120.0  # the imports of a process, and the network of a city
 _STEP_S = 30.0

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from regents_cosim.bounded import open_bounded
+from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.sources.xml_input import unpacked_limit
 

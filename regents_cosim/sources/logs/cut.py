@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.boxes import same_level
-from regents_cosim.ranges import Range
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.checks.ranges import Range
+from regents_cosim.geometry.boxes import same_level
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Signal
 from regents_cosim.sources.logs.resample import STEP_S, Samples, sample
 from regents_cosim.sources.logs.road import build_road

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from shapely.errors import ShapelyError
 
-from regents_cosim.bounded import open_bounded
+from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.errors import InputError, LogError, RegentsError, ScenarioError
 from regents_cosim.sources.logs.headings import require_headings_along_motion
 from regents_cosim.sources.logs.scene import LoggedScene

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.errors import LogError
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from regents_cosim.errors import LogError
-from regents_cosim.frames import from_image_corner
+from regents_cosim.geometry.frames import from_image_corner
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import Beside, LogFormat

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.errors import LogError
-from regents_cosim.frames import from_lat_lon
+from regents_cosim.geometry.frames import from_lat_lon
 from regents_cosim.sources.logs.commonroad import centre_line
 from regents_cosim.sources.logs.road import lanelet
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings

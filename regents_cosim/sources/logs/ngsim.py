@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.errors import LogError
-from regents_cosim.frames import FOOT_M, from_front
+from regents_cosim.geometry.frames import FOOT_M, from_front
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import Beside, LogFormat, head_of

@@ -16,7 +16,7 @@ import shapely
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.sources.logs.scene import LoggedLane
 
 _BLEND_M, _BLEND_S = 20.0, 3.0  # within which, or in which time, the ego is on the centre line

@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from regents_cosim.errors import LogError, MissingDependencyError, RegentsError
 from regents_cosim.sources.logs.csv_columns import Columns
 from regents_cosim.sources.logs.formats import unpacked
-from regents_cosim.workers import run_isolated
+from regents_cosim.system.workers import run_isolated
 
 if TYPE_CHECKING:
     import polars as pl

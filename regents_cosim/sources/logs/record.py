@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 
+from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError
-from regents_cosim.provenance import sha256_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import ALONE, Beside, LogFormat, find_logs, read_log

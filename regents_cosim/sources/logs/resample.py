@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import Akima1DInterpolator
 
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.sources.logs.scene import Track
 
 STEP_S = 0.1

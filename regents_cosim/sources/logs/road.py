@@ -15,7 +15,7 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.errors import LogError
-from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.edges import area_inside
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track

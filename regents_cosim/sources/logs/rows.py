@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.scene import Track
 

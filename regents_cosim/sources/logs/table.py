@@ -34,9 +34,9 @@ from typing import Literal, get_args
 import msgspec
 import numpy as np
 
-from regents_cosim.bounded import read_bounded
+from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.errors import InputError, LogError
-from regents_cosim.frames import FOOT_M, from_front
+from regents_cosim.geometry.frames import FOOT_M, from_front
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import Beside, LogFormat

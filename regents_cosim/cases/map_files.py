@@ -11,14 +11,14 @@ import msgspec
 import numpy as np
 import shapely
 
-from regents_cosim.atomic import clear_leftovers, write_atomic
-from regents_cosim.bounded import MIB, gunzip_bounded, read_bounded
+from regents_cosim.cases.polygon_file import load_polygons
+from regents_cosim.checks.bounded import MIB, gunzip_bounded, read_bounded
+from regents_cosim.checks.names import require_file_name, require_inside, require_no_link
+from regents_cosim.checks.xml_count import most_unpacked
 from regents_cosim.errors import CaseError, InputError
-from regents_cosim.names import require_file_name, require_inside, require_no_link
-from regents_cosim.net_elements import require_network_alone
-from regents_cosim.polygon_file import load_polygons
-from regents_cosim.roadmap import Connection, Lane, RoadMap
-from regents_cosim.xml_count import most_unpacked
+from regents_cosim.maps.net_elements import require_network_alone
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.system.atomic import clear_leftovers, write_atomic
 
 # City networks (Luxembourg, Monaco, Berlin) have 30 to 250 MiB as XML, and a third of that as lanes.
 _PACKED_BYTES = 64 * MIB

@@ -8,9 +8,9 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.checks.names import require_id
 from regents_cosim.errors import require
-from regents_cosim.names import require_id
-from regents_cosim.prepared import prepared
+from regents_cosim.geometry.prepared import prepared
 
 MOST_COORDINATE_M = 2.1e7  # half way around the Earth, as in Web Mercator; UTM's northings end at 1e7
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 
-from regents_cosim.atomic import clear_leftovers, make_folder, remove, temporary
+from regents_cosim.system.atomic import clear_leftovers, make_folder, remove, temporary
 
 
 @contextmanager

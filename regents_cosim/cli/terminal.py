@@ -15,8 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from regents_cosim.cli.table_fit import GAP, Column, fit
 from regents_cosim.plain_text import printable
-from regents_cosim.table_fit import GAP, Column, fit
 
 _Item = TypeVar("_Item")
 _LABEL_LIMIT = 120

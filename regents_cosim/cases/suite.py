@@ -3,13 +3,13 @@
 import logging
 from pathlib import Path
 
-from regents_cosim.atomic import require_writable
+from regents_cosim.cases.files import MANIFEST, Suite, add_case, find_cases, load_case, load_suite
+from regents_cosim.cases.provenance import command, versions
+from regents_cosim.cases.shipped import require_own
 from regents_cosim.errors import CaseError
-from regents_cosim.files import MANIFEST, Suite, add_case, find_cases, load_case, load_suite
-from regents_cosim.interruption import keep, made_whole
-from regents_cosim.provenance import command, versions
 from regents_cosim.scenario import Scenario
-from regents_cosim.shipped import require_own
+from regents_cosim.system.atomic import require_writable
+from regents_cosim.system.interruption import keep, made_whole
 
 _log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from highway_env.envs.common.finite_mdp import compute_ttc_grid
 from highway_env.vehicle.behavior import IDMVehicle
 
 from regents_cosim.errors import PlannerError
-from regents_cosim.user_code import import_named
+from regents_cosim.system.user_code import import_named
 
 
 @runtime_checkable

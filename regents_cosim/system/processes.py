@@ -21,7 +21,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.parent_death import die_with_parent
+from regents_cosim.system.parent_death import die_with_parent
 
 _MAIN = threading.Lock()  # the caller's script is hidden by one thread at a time
 _SIGNALS = (signal.SIGINT, signal.SIGTERM) if hasattr(signal, "pthread_sigmask") else ()  # Windows has no masks

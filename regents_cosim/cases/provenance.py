@@ -23,7 +23,7 @@ def versions() -> dict[str, str]:
 @cache
 def revision() -> str:
     """The commit of the checkout that this package runs from, `+` behind it where files differ; empty without one."""
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return ""
     try:

@@ -15,9 +15,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.boxes import CLEARANCE_M, Values
-from regents_cosim.prepared import prepared
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.geometry.boxes import CLEARANCE_M, Values
+from regents_cosim.geometry.prepared import prepared
+from regents_cosim.maps.roadmap import Lane, RoadMap
 
 BAND_M = 1.5
 _SPACING_M = 1.0  # between the points that stand for a surface

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, ParamSpec, TypeVar
 
 from regents_cosim.errors import MissingDependencyError, RegentsError
-from regents_cosim.processes import Worker, main_hidden
+from regents_cosim.system.processes import Worker, main_hidden
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

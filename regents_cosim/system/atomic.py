@@ -12,9 +12,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.interruption import made_whole
-from regents_cosim.locks import LOCK, take
-from regents_cosim.swap import restore, swap
+from regents_cosim.system.interruption import made_whole
+from regents_cosim.system.locks import LOCK, take
+from regents_cosim.system.swap import restore, swap
 
 _TEMPORARY = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{8}\.tmp(?P<aside>\.old)?", re.DOTALL)
 _TRIES = 20  # names, and moves of the folder below a file that is being written

@@ -22,16 +22,16 @@ import msgspec
 import numpy as np
 import shapely
 
-from regents_cosim.array_files import load_arrays
-from regents_cosim.atomic import clear_leftovers, explain_write, new_folder, write_atomic
-from regents_cosim.bounded import MIB, read_bounded
+from regents_cosim.cases.array_files import load_arrays
+from regents_cosim.cases.map_files import MapFiles, is_map_file, load_map, map_files, save_map
+from regents_cosim.cases.shipped import SUITES, located, names
+from regents_cosim.checks.bounded import MIB, read_bounded
+from regents_cosim.checks.names import require_file_name, require_inside, require_no_link
 from regents_cosim.errors import CaseError, InputError, ScenarioError, require
-from regents_cosim.locks import writing
-from regents_cosim.map_files import MapFiles, is_map_file, load_map, map_files, save_map
-from regents_cosim.names import require_file_name, require_inside, require_no_link
 from regents_cosim.scenario import Agent, AttackRecord, Judgement, Overlap, Provenance, Scenario, Signal, Tracks
-from regents_cosim.shipped import SUITES, located, names
-from regents_cosim.swap import restore
+from regents_cosim.system.atomic import clear_leftovers, explain_write, new_folder, write_atomic
+from regents_cosim.system.locks import writing
+from regents_cosim.system.swap import restore
 
 SCHEMA = 2  # the newest that is read: cases with heights
 _FLAT_SCHEMA = 1  # of everything else; their bytes and hashes are those of the versions that knew no heights

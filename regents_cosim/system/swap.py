@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from regents_cosim.locks import take
+from regents_cosim.system.locks import take
 
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2

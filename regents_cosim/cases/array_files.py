@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from regents_cosim.bounded import MIB, read_bounded
+from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.errors import InputError, require
 
 PACKED_BYTES = 64 * MIB

@@ -6,8 +6,8 @@ whatever place the network says, whenever a case is replayed. A network of a cas
 
 from xml.parsers import expat
 
+from regents_cosim.checks.xml_count import Count
 from regents_cosim.errors import InputError
-from regents_cosim.xml_count import Count
 
 _ELEMENTS = frozenset(
     {

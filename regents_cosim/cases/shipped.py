@@ -11,7 +11,7 @@ _PREFIX = "shipped:"
 
 def shipped(folder: str) -> Path:
     """`sumo_nets` or `scenarios`: inside the wheel, or beside the package in an editable install."""
-    package = Path(__file__).parent
+    package = Path(__file__).parents[1]
     for place in (package / folder, package.parent / folder):
         if place.is_dir():
             return place
@@ -56,5 +56,5 @@ def names(of: tuple[str, ...]) -> list[str]:
 
 def require_own(path: Path, option: str) -> None:
     """Raise RegentsError where `path` lies in the installed package: nothing is written there."""
-    if path.resolve().is_relative_to(Path(__file__).parent):
+    if path.resolve().is_relative_to(Path(__file__).parents[1]):
         raise RegentsError(f"{path} is part of the installed package: name a place of your own with {option}")

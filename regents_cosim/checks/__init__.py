@@ -1,0 +1,1 @@
+"""What comes from outside, held to bounds before it is used."""

@@ -1,0 +1,1 @@
+"""Places, angles and shapes, without roads or traffic."""

@@ -1,0 +1,1 @@
+"""Roads: lanes and where one may drive, also above each other."""
