@@ -17,12 +17,13 @@ from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.starts import followed, starts
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import MOST_ACCEL_M_S2, OVER_LIMIT
+from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.scenario import Signal, Tracks
 from regents_cosim.verdicts.offences import law_of
+from regents_cosim.verdicts.ordinary import CAR
 from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
 WINDOWS = ("crossing-00218", "signals-00218", slow("grid-00064"), slow("signals-00064"), slow("merge-00064"))
@@ -54,7 +55,7 @@ def along(made, agent, start):
 def found(request):
     """A window, and the starts of the vehicles that come nearest to its ego."""
     made = shipped_window(request.param)
-    chosen = {agent: starts(made, agent, ego_of(made), 6) for agent in nearest(made)}
+    chosen = {agent: starts(made, agent, ego_of(made), 6, CAR) for agent in nearest(made)}
     assert sum(map(len, chosen.values())) > 3
     return made, [(agent, start) for agent, some in chosen.items() for start in some]
 
@@ -98,11 +99,16 @@ def test_a_start_is_driven_as_people_do(found):
         logged = made.tracks.speed[agent, there]
         limit = max(lane.speed_limit for lane in lawful_lanes(made, agent))
         assert speed.max() <= max(OVER_LIMIT * limit, 1.3 * logged.max(), 1.3 * 4.0) + 1e-6
-        assert np.abs(np.diff(speed)).max() <= 4.5 * made.dt + 1e-6
+        accel = np.diff(speed) / made.dt
+        begun = (logged[min(3, len(logged) - 1)] - logged[0]) / (3 * made.dt)
+        assert accel.max() <= max(CAR.accel, begun) + 1e-6
+        assert accel.min() >= min(-CAR.braking, begun) - 1e-6
+        moving = speed[2:] > 0.0  # who stops does so at once
+        assert np.abs(np.diff(accel))[moving].max() <= CAR.jerk * made.dt + 1e-6
         upto = int(start.meets - np.argmax(there))
         sideways = np.abs(np.asarray(wrap(np.diff(yaw)))) / made.dt * 0.5 * (speed[1:] + speed[:-1])
-        assert sideways[:upto].max() <= MOST_ACCEL_M_S2
-        assert np.median(sideways[:upto]) <= 3.0
+        halves = np.convolve(sideways[:upto], np.full(5, 0.2), "valid")
+        assert halves.max() <= CAR.lateral_accel + 1e-6
         assert np.abs(np.hypot(np.diff(x), np.diff(y)) / made.dt - 0.5 * (speed[1:] + speed[:-1])).max() < 0.5
         assert (x[0], y[0]) == pytest.approx((made.tracks.x[agent, there][0], made.tracks.y[agent, there][0]), abs=0.5)
         assert speed[0] == pytest.approx(logged[0])
@@ -138,7 +144,7 @@ def test_starts_differ_and_the_most_promising_is_first(found):
 def test_the_same_starts_are_found_again(found):
     made, drives = found
     agent = drives[0][0]
-    again = starts(made, agent, ego_of(made), 6)
+    again = starts(made, agent, ego_of(made), 6, CAR)
     for one, two in zip([start for of, start in drives if of == agent], again, strict=True):
         assert (one.meets, one.contact, one.promise) == (two.meets, two.contact, two.promise)
         np.testing.assert_array_equal(one.x, two.x)
@@ -167,7 +173,7 @@ def test_no_start_passes_a_red_light():
     passed = {}
     for letter in "rG":
         made = at_lights(letter)
-        found = starts(made, 1, ego_of(made), 12)
+        found = starts(made, 1, ego_of(made), 12, CAR)
         laws = [law_of(replace(crash(made, along(made, 1, start)), signals=red.signals)) for start in found]
         passed[letter] = sum("red_light" in {offence.name for offence in law.adversary} for law in laws)
     assert passed["r"] == 0 < passed["G"]
@@ -176,7 +182,7 @@ def test_no_start_passes_a_red_light():
 def test_without_lanes_a_start_is_the_logged_path_at_another_time():
     made = platoon()
     made = replace(made, road=replace(made.road, lanes=()))
-    found = [(agent, start) for agent in range(1, 9) for start in starts(made, agent, ego_of(made), 4)]
+    found = [(agent, start) for agent in range(1, 9) for start in starts(made, agent, ego_of(made), 4, CAR)]
     assert found
     for agent, start in found:
         np.testing.assert_allclose(start.y, made.tracks.y[agent], atol=1e-9)

@@ -20,6 +20,7 @@ from regents_cosim.attacks import published
 from regents_cosim.attacks.attempts import Candidate, Search, attempt
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.descent import ExtraCost, Found, to_actions
+from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.lanes import search_in_lanes
 from regents_cosim.attacks.lawful import under_the_law
@@ -199,6 +200,8 @@ class _Attack:
         world = to_world(scenario, self.dynamics(scenario))
         if self.config.accept == "telling":
             world = replace(world, lanes=lane_centres(scenario, scene_origin(scenario)))
+        limits = limits_by_kind(scenario, self.config)
+        world = with_bounds(world, scenario, self.config, limits)
         memory = None
         if isinstance(self.planner, JaxPlanner):
             scene = LoopScene(scenario, world)
@@ -211,7 +214,9 @@ class _Attack:
         ego = self.unattacked(scenario, world, memory, drives) if self.config.starts else None
         if ego is None:
             return [self.candidate(scenario, world, memory, agent, ()) for agent in nearest[: self.config.nearest]]
-        found = {agent: starts(scenario, agent, ego, self.config.starts) for agent in nearest}
+        kinds = [agent.kind for agent in scenario.agents]
+        most = self.config.starts
+        found = {agent: starts(scenario, agent, ego, most, limits[kinds[agent]]) for agent in nearest}
         chosen = sorted(nearest, key=lambda agent: -max((one.promise for one in found[agent]), default=-np.inf))
         return [self.candidate(scenario, world, memory, agent, found[agent]) for agent in chosen[: self.config.nearest]]
 

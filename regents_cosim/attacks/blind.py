@@ -19,7 +19,7 @@ import numpy as np
 from cmaes import CMA
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attacks.descent import PROGRESS, Descent, ExtraCost, Found, within_bounds
+from regents_cosim.attacks.descent import PROGRESS, Descent, ExtraCost, Found
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import descend, set_up
@@ -174,7 +174,4 @@ def _changed(descent: Descent, change: Float[Array, " coordinate"]) -> Controls:
             )
         )
     )
-    clipped = jax.tree.map(lambda values: jnp.clip(values, -1.0, 1.0), moved)
-    if descent.config.law == "strict":
-        clipped = descent.not_too_fast(clipped)
-    return within_bounds(clipped, descent.logged(), descent.own_motion(clipped).speed, descent.config)
+    return descent.allowed(moved)

@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.acceptance import is_clean
 from regents_cosim.attacks.careful_driver import careful_avoids
 from regents_cosim.attacks.costs import Costs, total_cost
+from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
@@ -167,9 +168,7 @@ class Descent(eqx.Module):
             search.actions.accel + jnp.where(accelerates[:, None], steps.accel, 0.0),
             search.actions.curvature + jnp.where(steers[:, None], steps.curvature, 0.0),
         )
-        actions = within_bounds(moved, self.logged(), self.movers.rows(search.seen.motion.speed), self.config)
-        if self.config.law == "strict":
-            actions = self.not_too_fast(actions)
+        actions = self.allowed(moved)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
         comes_down = costs.ego < (1.0 - PROGRESS) * search.least
         updated = replace(
@@ -183,6 +182,18 @@ class Descent(eqx.Module):
             least_at=jnp.where(comes_down, search.iterations, search.least_at),
         )
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
+
+    def allowed(self, actions: Controls) -> Controls:
+        """The nearest actions [mover step] that the configuration allows; logged ones always are."""
+        most = self.config.max_deviation
+        if most > 0.0:
+            actions = jax.tree.map(lambda a, log: jnp.clip(a, log - most, log + most), actions, self.logged())
+        actions = jax.tree.map(lambda values: jnp.clip(values, -1.0, 1.0), actions)
+        if self.config.law == "strict":
+            actions = self.not_too_fast(actions)
+        if self.world.bounds is None:
+            return actions
+        return to_actions(within_bounds(self.world, self.movers, to_controls(actions)))
 
     def not_too_fast(self, actions: Controls) -> Controls:
         """The actions [mover step] without what would take a mover beyond its top speed."""
@@ -349,21 +360,6 @@ class Descent(eqx.Module):
     def reacting(self) -> Bool[Array, " agent"]:
         """Agents that brake for what stands in their way."""
         return self.world.vehicle & ~self.movers.candidate
-
-
-def within_bounds(
-    actions: Controls, logged: Controls, speed: Float[Array, "mover time"], config: AttackConfig
-) -> Controls:
-    """The nearest actions [mover step] that the configuration allows; logged ones always are."""
-    if config.max_deviation > 0.0:
-        most = config.max_deviation
-        actions = jax.tree.map(lambda a, log: jnp.clip(a, log - most, log + most), actions, logged)
-    curvature = actions.curvature
-    if config.max_lateral_accel > 0.0:
-        tightest = config.max_lateral_accel / (CURVATURE_LIMIT * jnp.maximum(speed[:, :-1], 1.0) ** 2)
-        tightest = jnp.maximum(tightest, jnp.abs(logged.curvature))
-        curvature = jnp.clip(curvature, -tightest, tightest)
-    return Controls(jnp.clip(actions.accel, -1.0, 1.0), jnp.clip(curvature, -1.0, 1.0))
 
 
 def ego_contacts(world: World, boxes: Box) -> Bool[Array, "agent time"]:

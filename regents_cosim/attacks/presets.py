@@ -12,6 +12,7 @@ _MOST_ITERATIONS = 100_000
 _WEIGHT = Range(0.0, 1e6, "the weight of a cost")
 _SHARE = Range(0.0, 1.0, "a share")
 _DECAY = Range(0.0, 1.0 - 1e-9, "how much of a moment Adam keeps")
+_BOUND = Range(0.0, 1e3, "m/s^2, or 0 where `driving` decides")
 _RANGES = {
     "iterations": Range(1, _MOST_ITERATIONS, "updates at most", whole=True),
     "patience": Range(0, _MOST_ITERATIONS, "iterations without progress, or 0 for no end to it", whole=True),
@@ -22,7 +23,10 @@ _RANGES = {
     "road_weight": _WEIGHT,
     "pair_reach_m": Range(0.0, 1e4, "metres within which background agents repel each other"),
     "max_deviation": Range(0.0, 2.0, "a share of an action's limit, or 0 for no bound"),
-    "max_lateral_accel": Range(0.0, 1e3, "m/s^2, or 0 for no bound"),
+    "max_accel": _BOUND,
+    "max_braking": _BOUND,
+    "max_lateral_accel": _BOUND,
+    "max_jerk": Range(0.0, 1e3, "m/s^3, or 0 where `driving` decides"),
     "front_share": _SHARE,
     "front_window_rad": Range(0.0, 2.0 * np.pi, "an angle [rad]"),
     "rear_share": _SHARE,
@@ -55,7 +59,11 @@ class AttackConfig:
     road_weight: float = 20.0  # lambda_dev
     pair_reach_m: float = 1.25  # tau: background agents further apart do not repel each other
     max_deviation: float = 0.0  # of an action from the logged one, as a share of its limit; 0: no bound
-    max_lateral_accel: float = 0.0  # [m/s^2] |curvature| speed^2, unless the log has more; 0: no bound
+    driving: Literal["any", "ordinary"] = "any"  # as hard as the mirror can, or as drivers in the scene's traffic do
+    max_accel: float = 0.0  # [m/s^2] of who is attacked with, unless the log has more; 0: as `driving` says
+    max_braking: float = 0.0  # [m/s^2] the same
+    max_lateral_accel: float = 0.0  # [m/s^2] the same, |curvature| speed^2
+    max_jerk: float = 0.0  # [m/s^3] the same, along
     gradient: Literal["adversary", "through-planner"] = "adversary"  # is the ego's reaction differentiated too?
     cancel_front_steering: bool = False  # ReGentS rule 1
     front_share: float = 0.5  # tau_front: share of steps in the red zone that cancels steering
@@ -147,13 +155,14 @@ class AttackConfig:
 
 
 PROTOCOL = (
-    "search", "nearest", "starts", "attempts", "adversaries", "accept", "law", "background", "iterations", "patience",
-    "replan_every",
+    "search", "nearest", "starts", "attempts", "adversaries", "accept", "law", "driving", "background", "iterations",
+    "patience", "replan_every",
 )  # fmt: skip
 _ALONE = ("nearest", "starts", "attempts", "adversaries")  # of a search for each candidate
 _ROOM = 500  # iterations that programs keep the costs of
 _CHOSEN_BEFORE = (
     "replan_every", "starts", "attempts", "nearest", "adversaries", "dynamics",
+    "driving", "max_accel", "max_braking", "max_lateral_accel", "max_jerk",
     "exclude_rear", "rear_share", "rear_sector_rad", "exclude_static", "static_m",
 )  # fmt: skip
 
@@ -165,7 +174,7 @@ REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True,
 # the closest moments together, each candidate is searched alone, nobody is pulled from behind or towards a standing
 # ego, and followers brake for the ego instead of hitting it by themselves.
 # What is wanted is a crash that tells something: a lawful adversary (`law`) that a careful driver avoids (`accept`),
-# and one that drives as people do: 3 m/s^2 sideways is what drivers take in bends (Treiber and Kesting 2013).
+# and one that drives as people do (`driving`): as hard as the traffic of its scene, jerk included.
 # Descents alone, from the log, found one in 3 of 36 windows of crossing, signals and grid (seed 100): the gradient
 # pulls straight across, where the law forbids it. With a look at twelve drives along lawful ways that meet the ego,
 # and a descent from the most promising one before the one from the log, it is 13 of 36. Eight candidates are searched,
@@ -187,7 +196,7 @@ REGENTS_FOCUSED = replace(
     attempts=2,
     patience=100,
     exclude_static=False,
-    max_lateral_accel=3.0,
+    driving="ordinary",
 )
 
 OURS = REGENTS_FOCUSED  # by whose protocol methods are compared

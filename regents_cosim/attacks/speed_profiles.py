@@ -1,6 +1,7 @@
 """How fast a candidate may drive along a line: it goes on as it does, then brakes or speeds up to another speed.
 
-Bends slow it down. All profiles of a line are driven together.
+Bends slow it down, and accelerations build up as the jerk of ordinary drivers allows. All profiles are driven
+together.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,13 +12,12 @@ from jaxtyping import Float, Int
 
 from regents_cosim.attacks.drive_lines import PULLING_OUT_M_S, SPACING_M, DriveLine
 from regents_cosim.limits import OVER_LIMIT
+from regents_cosim.verdicts.ordinary import DrivingLimits
 
-_BEND_ACCEL = 3.0  # [m/s^2] sideways, that a driver takes in a bend (Treiber and Kesting 2013: 2 to 3 in cities)
-_BEND_BRAKE = 2.0  # [m/s^2] with which it slows down for one
-_HARDEST_BRAKE = 4.5  # [m/s^2] of all profiles; emergencies are left to the descent
-_BRAKES = (-4.0, -2.5, -1.5, -0.75)  # [m/s^2]
+_BEND_BRAKE = 2.0  # [m/s^2] with which it slows down for a bend
+_BRAKES = (1.0, 0.6, 0.4, 0.2)  # shares of the hardest braking
 _SLOWER = (0.0, 0.25, 0.5, 0.75)  # shares of the speed at first that braking ends at
-_GAINS = (0.75, 1.5, 2.5)  # [m/s^2]
+_GAINS = (0.3, 0.6, 1.0)  # shares of the greatest acceleration
 _FASTER_M_S = (1.0, 2.0, 4.0, 6.0, 9.0, 13.0)
 _BEGINS_S = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)  # until then it goes on, or waits
 
@@ -32,21 +32,21 @@ class Profiles:
     begins_s: Float[np.ndarray, " profile"]
 
 
-def profiles(lines: Sequence[DriveLine], speed: float, fastest_logged: float) -> Profiles:
+def profiles(lines: Sequence[DriveLine], speed: float, fastest_logged: float, limits: DrivingLimits) -> Profiles:
     """Those that one with that speed [m/s] has on the lines; at most 1.2 times the limit, or as fast as in its log."""
     rows = [
         (index, *change)
         for index, line in enumerate(lines)
-        for change in _changes(speed, _most(line.limit, fastest_logged))
+        for change in _changes(speed, _most(line.limit, fastest_logged), limits)
     ]
     line, accel, wanted, begins_s = np.array(rows).T
     return Profiles(line.astype(int), accel, wanted, begins_s)
 
 
-def _changes(speed: float, most: float) -> Iterator[tuple[float, float, float]]:
+def _changes(speed: float, most: float, limits: DrivingLimits) -> Iterator[tuple[float, float, float]]:
     """Accelerations [m/s^2], the speeds [m/s] at which they end, and when they begin [s]."""
-    slower = [(brake, share * max(speed, PULLING_OUT_M_S)) for brake in _BRAKES for share in _SLOWER]
-    faster = [(gain, speed + more) for gain in _GAINS for more in _FASTER_M_S]
+    slower = [(-b * limits.braking, share * max(speed, PULLING_OUT_M_S)) for b in _BRAKES for share in _SLOWER]
+    faster = [(gain * limits.accel, speed + more) for gain in _GAINS for more in _FASTER_M_S]
     yield 0.0, speed, 0.0
     for begins_s in _BEGINS_S:
         yield from ((accel, wanted, begins_s) for accel, wanted in slower if wanted < speed)
@@ -58,37 +58,61 @@ def _most(limit: float, logged: float) -> float:
 
 
 def drive(
-    lines: Sequence[DriveLine], speed: float, wanted: Profiles, steps: int, dt: float
+    lines: Sequence[DriveLine],
+    begun: tuple[float, float],
+    wanted: Profiles,
+    steps: int,
+    dt: float,
+    limits: DrivingLimits,
 ) -> tuple[Float[np.ndarray, "profile time"], Float[np.ndarray, "profile time"]]:
-    """Speeds [m/s] and distances [m] of the profiles along their lines, slower than wanted where those bend."""
-    allowed = np.concatenate([_allowed_in_bends(line) for line in lines])
+    """Speeds [m/s] and distances [m] of the profiles along their lines, slower than wanted where those bend.
+
+    All begin with one speed [m/s] and acceleration [m/s^2], which changes by no more than the jerk of the `limits`
+    allows.
+    """
+    allowed = np.concatenate([_allowed_in_bends(line, limits.lateral_accel) for line in lines])
     ends = np.cumsum([len(line.points) for line in lines])
     begins, last = (ends - [len(line.points) for line in lines])[wanted.line] + 1, ends[wanted.line] - 1
+    ease = limits.jerk * dt
     driven = np.empty((steps, len(wanted.accel)))
     travelled = np.zeros_like(driven)
-    driven[0] = speed
+    driven[0], accel = begun[0], np.full(len(wanted.accel), begun[1])
     for step in range(1, steps):
-        now = driven[step - 1]
-        ahead = np.minimum(begins + (travelled[step - 1] / SPACING_M).astype(int), last)
-        aim = np.minimum(_aim(now, speed, wanted, (step - 1) * dt, dt), allowed[ahead])
-        aim = np.clip(aim, now - _HARDEST_BRAKE * dt, now + _GAINS[-1] * dt)
-        driven[step] = np.maximum(aim, 0.0)
-        travelled[step] = travelled[step - 1] + 0.5 * (now + driven[step]) * dt
+        now, at = driven[step - 1], travelled[step - 1]
+        there, ahead = (
+            allowed[np.minimum(begins + ((at + further) / SPACING_M).astype(int), last)]
+            for further in (0.0, now * _BEND_BRAKE / limits.jerk)  # by when it brakes as gently as for a bend
+        )
+        aim = _aim(now, begun[0], wanted, (step - 1) * dt, np.minimum(there, ahead), limits)
+        accel = np.clip(_landing(*aim, ease, dt), accel - ease, accel + ease)
+        driven[step] = np.maximum(now + accel * dt, 0.0)
+        accel = np.where(driven[step] > 0.0, accel, 0.0)
+        travelled[step] = at + 0.5 * (now + driven[step]) * dt
     return driven.T, travelled.T
 
 
-def _aim(now: np.ndarray, begun: float, wanted: Profiles, time_s: float, dt: float) -> np.ndarray:
-    """The next speeds [m/s], if no bend is in the way."""
-    after = now + wanted.accel * dt
-    slower = np.maximum(after, np.minimum(wanted.wanted, now))
-    faster = np.maximum(np.minimum(after, wanted.wanted), np.minimum(now, wanted.wanted))
-    changed = np.where(wanted.accel < 0.0, slower, np.where(wanted.accel > 0.0, faster, begun))
-    return np.where(time_s >= wanted.begins_s, changed, begun)
+def _aim(
+    now: np.ndarray, begun: float, wanted: Profiles, time_s: float, allowed: np.ndarray, limits: DrivingLimits
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the speeds [m/s] are to change by, and the accelerations [m/s^2] of at most that size to do it with."""
+    changing = (wanted.accel != 0.0) & (time_s >= wanted.begins_s)
+    # Whom a bend has slowed down already does not speed up to brake less.
+    target = np.where(changing, np.where(wanted.accel < 0.0, np.minimum(wanted.wanted, now), wanted.wanted), begun)
+    in_bend = allowed < np.minimum(target, now)
+    target = np.minimum(target, allowed)
+    hardest = np.where(target < now, limits.braking, limits.accel)
+    return target - now, np.where(changing & ~in_bend, np.minimum(np.abs(wanted.accel), hardest), hardest)
 
 
-def _allowed_in_bends(line: DriveLine) -> Float[np.ndarray, " point"]:
+def _landing(change: np.ndarray, most: np.ndarray, ease: float, dt: float) -> np.ndarray:
+    """The greatest accelerations [m/s^2] from which one still gets to the new speed while easing off."""
+    eased = np.sqrt(2.0 * ease / dt * np.abs(change) + 0.25 * ease**2) - 0.5 * ease
+    return np.sign(change) * np.minimum(np.minimum(most, eased), np.abs(change) / dt)
+
+
+def _allowed_in_bends(line: DriveLine, lateral_accel: float) -> Float[np.ndarray, " point"]:
     """Speed [m/s] at every point that its bend allows, and those ahead within gentle braking."""
     curvature = np.abs(np.gradient(line.heading)) / SPACING_M
     gained = 2.0 * _BEND_BRAKE * SPACING_M * np.arange(len(curvature))
-    square = _BEND_ACCEL / np.maximum(curvature, 1e-4) + gained
+    square = lateral_accel / np.maximum(curvature, 1e-4) + gained
     return np.sqrt(np.minimum.accumulate(square[::-1])[::-1] - gained)

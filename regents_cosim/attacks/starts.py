@@ -9,7 +9,7 @@ the ego's place would see coming for some seconds: gentle, from the side.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import jax
@@ -19,22 +19,27 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.descent import to_actions
 from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, lines_ahead
+from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.job import Job
+from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.speed_profiles import drive, profiles
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD, MOST_ACCEL_M_S2
+from regents_cosim.limits import ACCEL_WINDOW_S, ALONG_RAD
 from regents_cosim.mirror.actions import fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
-from regents_cosim.mirror.world import scene_origin
+from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.planners.reference.parameters import FORESIGHT
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.ordinary import DrivingLimits
 
 _EARLIEST_S = 1.5  # a crash before that is none that anyone could react to
 _NEEDED_S = 3.0  # a careful driver who sees it coming for so long avoids it
 _TURN_OVER_S = 0.3  # by which a turn is told
 _LEADS = 0.9  # of the ego's length ahead of its centre: the ego runs into its rear
 _SEEN_S = 2.0  # before the crash: what a careful driver needs to see, to decide and to brake
+_SIDEWAYS_S = 0.5  # over which turning is taken: lines have kinks
 _ALIKE = np.array([0.6, 2.0, np.deg2rad(30.0)])  # contacts that differ by less are alike: s, m, rad
 
 
@@ -61,8 +66,9 @@ def followed(scenario: Scenario, job: Job, found: Sequence[Start], most: int) ->
     x, y, yaw, speed = (np.stack([getattr(s, name) for s in padded]) for name in ("x", "y", "yaw", "speed"))
     yaw = yaw + 2.0 * np.pi * np.round((begun - yaw[:, :1]) / (2.0 * np.pi))
     wanted = Motion(*(jnp.asarray(v, jnp.float32) for v in (x - origin[0], y - origin[1], yaw, speed)))
-    actions = to_actions(_fitted(job, wanted))
-    return [jax.tree.map(lambda values, k=k: values[k : k + 1], actions) for k in range(len(found))]
+    world = replace(job.world.without_road(), bounds=job.world.bounds)
+    actions = to_actions(_allowed(world, job.movers, _fitted(job, wanted)))
+    return [jax.tree.map(lambda values, k=k: values[k], actions) for k in range(len(found))]
 
 
 def _fitted(job: Job, wanted: Motion) -> Controls:
@@ -75,9 +81,18 @@ def _fitted(job: Job, wanted: Motion) -> Controls:
     return fit_controls(wanted, there, start, moving, job.world.dt, half_length, job.world.dynamics)
 
 
-def starts(scenario: Scenario, agent: int, ego: Tracks, most: int) -> list[Start]:
-    """At most `most` drives of `agent` that meet the `ego` [1, time] on its track, the most promising first."""
-    ordered = sorted(_meetings(scenario, agent, ego), key=lambda start: -start.promise)
+@compiled
+def _allowed(world: World, movers: Movers, fitted: Controls) -> Controls:
+    """The nearest of some drives' controls that keep to the world's bounds [drive mover step]."""
+    return jax.vmap(lambda own: within_bounds(world, movers, jax.tree.map(lambda values: values[None], own)))(fitted)
+
+
+def starts(scenario: Scenario, agent: int, ego: Tracks, most: int, limits: DrivingLimits) -> list[Start]:
+    """At most `most` drives of `agent` that meet the `ego` [1, time] on its track, the most promising first.
+
+    They keep to the `limits`.
+    """
+    ordered = sorted(_meetings(scenario, agent, ego, limits), key=lambda start: -start.promise)
     return _different(ordered, most, _Others(scenario, agent).leave_alone)
 
 
@@ -129,10 +144,10 @@ class _Drives:
     speed: Float[np.ndarray, "drive time"]
 
 
-def _meetings(scenario: Scenario, agent: int, ego: Tracks) -> Iterator[Start]:
+def _meetings(scenario: Scenario, agent: int, ego: Tracks, limits: DrivingLimits) -> Iterator[Start]:
     """All drives that meet the ego, late enough that a driver could react."""
     pair = _Pair.of(scenario, agent, ego)
-    drives = _drives(scenario, agent, pair)
+    drives = _drives(scenario, agent, pair, limits)
     if drives is None:
         return
     contact = _contact(drives, pair.own)
@@ -176,21 +191,23 @@ class _Pair:
         return hits
 
 
-def _drives(scenario: Scenario, agent: int, pair: _Pair) -> _Drives | None:
+def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits) -> _Drives | None:
     """Those along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
     marked = [(line, _touched(line, pair)) for line in lines_ahead(scenario, agent)]
     marked = [(line, touched) for line, touched in marked if touched.any()]
     if not marked:
         return None
     logged, lines = scenario.tracks.speed[agent], [line for line, _ in marked]
-    wanted = profiles(lines, float(logged[pair.first]), float(logged.max()))
-    driven = drive(lines, float(logged[pair.first]), wanted, len(pair.there), scenario.dt)
+    begun = float(logged[pair.first]), _begun_accel(logged[pair.first :], scenario.dt)
+    wanted = profiles(lines, begun[0], float(logged.max()), limits)
+    driven = drive(lines, begun, wanted, len(pair.there), scenario.dt, limits)
     found = []
     for index, (line, touched) in enumerate(marked):
         rows = np.flatnonzero(wanted.line == index)
         rows = rows[_enters(touched, driven[1][rows])]
         speed, travelled = (values[rows] for values in driven)
-        found.append(_along(line, speed, travelled, np.abs(wanted.accel[rows]), pair, scenario.dt))
+        some = _along(line, speed, travelled, np.abs(wanted.accel[rows]), pair, scenario.dt)
+        found.append(_kept(some, _hardest_turn(some, scenario.dt) <= limits.lateral_accel))
     return _Drives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Drives)))
 
 
@@ -216,8 +233,17 @@ def _along(
     drives = _Drives(meets, shows_s, accel, x, y, yaw, speed)
     kept = hits.any(axis=1) & ((pair.first + meets) * dt >= _EARLIEST_S)
     kept &= ~_runs_red(line, travelled + 0.5 * pair.mine[0], meets, pair.first)
-    kept &= _hardest_turn(drives, dt) <= MOST_ACCEL_M_S2
+    return _kept(drives, kept)
+
+
+def _kept(drives: _Drives, kept: Bool[np.ndarray, " drive"]) -> _Drives:
     return _Drives(*(getattr(drives, f.name)[kept] for f in fields(_Drives)))
+
+
+def _begun_accel(speed: Float[np.ndarray, " time"], dt: float) -> float:
+    """The acceleration [m/s^2] with which a candidate is first seen."""
+    steps = min(max(round(ACCEL_WINDOW_S / dt), 1), len(speed) - 1)
+    return float(speed[steps] - speed[0]) / (steps * dt)
 
 
 def _runs_red(
@@ -232,10 +258,16 @@ def _runs_red(
 
 
 def _hardest_turn(drives: _Drives, dt: float) -> Float[np.ndarray, " drive"]:
-    """The greatest acceleration sideways [m/s^2] before each meets the ego; the fast turn hard into their lane."""
-    sideways = 0.5 * (drives.speed[:, 1:] + drives.speed[:, :-1]) * np.abs(np.diff(drives.yaw)) / dt
-    before = np.arange(sideways.shape[1]) < drives.meets[:, None]
-    return np.max(sideways, axis=1, initial=0.0, where=before)
+    """The greatest acceleration sideways [m/s^2] before each meets the ego, a mean over half a second.
+
+    The fast turn hard into their lane.
+    """
+    sideways = 0.5 * (drives.speed[:, 1:] + drives.speed[:, :-1]) * np.diff(drives.yaw) / dt
+    steps = max(round(_SIDEWAYS_S / dt), 1)
+    summed = np.cumsum(np.pad(sideways, ((0, 0), (1, 0))), axis=1)
+    mean = np.abs(summed[:, steps:] - summed[:, :-steps]) / steps
+    before = np.arange(mean.shape[1]) + steps <= drives.meets[:, None]
+    return np.max(mean, axis=1, initial=0.0, where=before)
 
 
 def _contact(drives: _Drives, own: tuple[np.ndarray, ...]) -> Float[np.ndarray, "drive 2"]:

@@ -115,8 +115,17 @@ class Search:
     """with --against: lower the mean of the planners' costs, or the cost of the one furthest from a crash"""
     max_deviation: float | None = None
     """of an action from the logged one, as a share of its limit; 0: no bound"""
+    driving: Literal["any", "ordinary"] | None = None
+    """ordinary: the adversary accelerates, brakes and steers no harder, and with no more jerk, than drivers in the
+    traffic of its scene, or than its kind of vehicle is known for; any: as hard as the mirror can"""
+    max_accel: float | None = None
+    """of the adversary, unless its log has more [m/s^2]; 0: as --driving says; so for the next three"""
+    max_braking: float | None = None
+    """the same for braking [m/s^2]"""
     max_lateral_accel: float | None = None
-    """of the adversary, unless its log has more [m/s^2]; 0: no bound"""
+    """the same to either side [m/s^2]"""
+    max_jerk: float | None = None
+    """the same for how fast the acceleration changes [m/s^3]"""
 
     def config(self) -> "AttackConfig":
         """The preset with what was given in its place."""

@@ -69,7 +69,7 @@ def roll_out(
     While `moving` is False an agent waits at `start` with its speed kept: so an agent that
     enters late begins at its own first step. Equal to repeated `step` up to rounding.
     """
-    speed = _stopping_speed(start.speed, jnp.where(moving, controls.accel, 0.0) * dt)
+    speed = stopping_speed(start.speed, jnp.where(moving, controls.accel, 0.0) * dt)
     travelled = _travelled(speed, moving, dt)
     yaw = accumulate(start.yaw, controls.curvature * travelled)
     mid = _between(yaw)
@@ -193,8 +193,8 @@ def _later(values: Float[Array, "agent time"]) -> Float[Array, "agent step"]:
     return values @ np.tril(np.ones((steps + 1, steps), values.dtype), k=-1)
 
 
-def _stopping_speed(start: Float[Array, " agent"], gains: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
-    """u_{k+1} = max(u_k + gain_k, 0), as v - min(0, running minimum of v), v the plain sums."""
+def stopping_speed(start: Float[Array, " agent"], gains: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
+    """Speeds u_{k+1} = max(u_k + gain_k, 0), as v - min(0, running minimum of v), v the plain sums."""
     plain = accumulate(start, gains)
     return plain - jnp.minimum(running_minimum(plain, jnp.inf), 0.0)
 

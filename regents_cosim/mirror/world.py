@@ -24,6 +24,15 @@ from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Scenario, Tracks
 AGENT_BUCKETS = (8, 16, 32, 64, 128)
 
 
+class DriveBounds(eqx.Module):
+    """How hard an attack may let agents drive, [agent] each, unless their log has more."""
+
+    accel: Float[Array, " agent"]  # [m/s^2]
+    braking: Float[Array, " agent"]  # [m/s^2]
+    lateral_accel: Float[Array, " agent"]  # [m/s^2] to either side
+    jerk: Float[Array, " agent"]  # [m/s^3] along
+
+
 class World(eqx.Module):
     """One scenario: the ego is agent 0, entries beyond the real agents are never valid.
 
@@ -46,13 +55,14 @@ class World(eqx.Module):
     dt: Float[Array, ""]  # [s]
     heights: HeightMap | None = None  # in scenes with roads above each other
     own_road: RoadField | None = None  # of the one agent that an attack under the law moves; None: `road`
+    bounds: DriveBounds | None = None  # of an attack that has any
     lanes: LaneCentres | None = None  # where an attack asks what a careful driver would see
     dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # what the controls do
 
     def without_road(self) -> "World":
         """The same for programs that ask nothing of the road, so that its size needs none of its own."""
         return dataclasses.replace(
-            self, road=dataclasses.replace(self.road, cells=jnp.zeros((1, 4))), own_road=None, lanes=None
+            self, road=dataclasses.replace(self.road, cells=jnp.zeros((1, 4))), own_road=None, bounds=None, lanes=None
         )
 
     @property

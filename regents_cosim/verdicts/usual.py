@@ -1,8 +1,7 @@
 """How usual a motion is: the rank of its effort among continuations of the same moment, resampled from the traffic.
 
 The *effort* of a drive is the length of (acceleration or braking, sideways acceleration, jerk), each a mean over 1 s
-and a share of what vehicles do at most in ordinary traffic; its greatest value up to the contact is ranked. A second
-is long because positions of recordings are noisy: over 0.3 s their jerk is noise only.
+and a share of what vehicles do at most in ordinary traffic; its greatest value up to the contact is ranked.
 
 A continuation begins with the state of the vehicle in its log and is put together of pieces of 1 s out of the logs of
 the others in the scene, each the nearest in speed, acceleration and sideways acceleration of a few drawn at random
@@ -18,19 +17,17 @@ import numpy as np
 from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
 
-from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
+from regents_cosim.verdicts.handling import MEAN_S, Handling, handling
+from regents_cosim.verdicts.ordinary import CAR
 
 CONTINUATIONS = 400
-_MEAN_S = 1.0  # over which motion is taken, and how long a piece is
 _NEAREST_OF = 8  # pieces drawn, the nearest of which goes on
 _STATE = np.array([2.0, 1.0, 1.0])  # m/s, m/s^2, m/s^2 sideways: states that differ by so much are equally far apart
 _NOTHING = 0.1  # efforts below are felt by nobody, and equal
 
-# 99th percentiles over the steps of moving vehicles in crossing, signals and grid (seed 100) and eight scenes of the
-# Waymo Open Motion Dataset: acceleration 1.6 to 2.5, braking 2.4 to 3.7, sideways 2.5 to 3.1 m/s^2, jerk 1.3 to 3.3.
-_AT_MOST = np.array([2.5, 3.5, 3.0, 3.0])  # m/s^2, m/s^2, m/s^2, m/s^3
+_AT_MOST = np.array([CAR.accel, CAR.braking, CAR.lateral_accel, CAR.jerk])
 # Peaks of the efforts of these vehicles and of those of Argoverse 2 and USA_Peach in 8 s, as a log-normal distribution.
 _KIND_MEDIAN, _KIND_SPREAD = 0.7, 0.8
 _KIND_WEIGHT = 5.0  # vehicles that what is known of the kind counts for
@@ -59,7 +56,7 @@ def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> f
     others = [i for i, one in enumerate(scene.agents) if i != agent and one.kind in VEHICLE_KINDS]
     drives = [drive for i in others for drive in _drives(log, i, scene.dt, log.steps)]
     rng = np.random.default_rng(zlib.crc32(np.ascontiguousarray(log.x).tobytes()))
-    peaks = _peaks(drives, before.state[0], len(own.effort), round(_MEAN_S / scene.dt), rng)
+    peaks = _peaks(drives, before.state[0], len(own.effort), round(MEAN_S / scene.dt), rng)
     reached = np.maximum(peaks, _NOTHING) >= max(own.effort.max(), _NOTHING)
     return round(100.0 * (1 + int(reached.sum())) / (1 + len(peaks)), 1)
 
@@ -74,27 +71,17 @@ class _Drive:
 
 def _drives(tracks: Tracks, agent: int, dt: float, end: int) -> list[_Drive]:
     """The drives of an agent before step `end` that are long enough to say something."""
-    valid = np.concatenate([[False], tracks.valid[agent, :end], [False]])
-    borders = np.flatnonzero(np.diff(valid.astype(int)))
-    steps = max(round(_MEAN_S / dt), 1)
-    pieces = (slice(begin, stop) for begin, stop in borders.reshape(-1, 2) if stop - begin > 2 * steps)
-    return [_drive(tracks.speed[agent, piece], tracks.yaw[agent, piece], steps, dt) for piece in pieces]
+    return [_drive(felt) for felt in handling(tracks, agent, dt, end)]
 
 
 def _longest(tracks: Tracks, agent: int, dt: float, end: int) -> _Drive | None:
     return max(_drives(tracks, agent, dt, end), key=lambda drive: len(drive.effort), default=None)
 
 
-def _drive(speed: Float[np.ndarray, " step"], yaw: Float[np.ndarray, " step"], steps: int, dt: float) -> _Drive:
-    def mean(values: Float[np.ndarray, " step"]) -> Float[np.ndarray, " mean"]:
-        return np.convolve(values, np.full(steps, 1.0 / steps), "valid")
-
-    along = mean(np.diff(speed) / dt)
-    aside = mean(0.5 * (speed[1:] + speed[:-1])) * mean(np.asarray(wrap(np.diff(yaw))) / dt)
-    jerk = (along[steps:] - along[:-steps]) / (steps * dt)
-    along, aside = along[: len(jerk)], np.abs(aside[: len(jerk)])
-    shares = np.stack([np.maximum(along, 0.0), np.maximum(-along, 0.0), aside, jerk]) / _AT_MOST[:, None]
-    return _Drive(np.stack([speed[: len(jerk)], along, aside], axis=1), np.linalg.norm(shares, axis=0))
+def _drive(felt: Handling) -> _Drive:
+    along = felt.accel
+    shares = np.stack([np.maximum(along, 0.0), np.maximum(-along, 0.0), felt.aside, felt.jerk]) / _AT_MOST[:, None]
+    return _Drive(np.stack([felt.speed, along, felt.aside], axis=1), np.linalg.norm(shares, axis=0))
 
 
 def _peaks(

@@ -1,0 +1,44 @@
+"""What a drive feels like: speed, acceleration along and sideways, and jerk, each a mean over a second.
+
+A second is long because positions of recordings are noisy: over 0.3 s their jerk is noise only. ISO 15622 takes the
+jerk of cruise controls over a second as well.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.scenario import Tracks
+
+MEAN_S = 1.0  # over which motion is taken
+
+
+@dataclass(frozen=True, eq=False)
+class Handling:
+    """One road user over a time without a gap."""
+
+    speed: Float[np.ndarray, " time"]  # [m/s] at the begin of the second
+    accel: Float[np.ndarray, " time"]  # [m/s^2] negative: braking
+    aside: Float[np.ndarray, " time"]  # [m/s^2] to either side
+    jerk: Float[np.ndarray, " time"]  # [m/s^3] from one second to the next
+
+
+def handling(tracks: Tracks, agent: int, dt: float, end: int) -> list[Handling]:
+    """How an agent is driven before step `end`, wherever it is seen for more than two seconds without a gap."""
+    valid = np.concatenate([[False], tracks.valid[agent, :end], [False]])
+    borders = np.flatnonzero(np.diff(valid.astype(int)))
+    steps = max(round(MEAN_S / dt), 1)
+    pieces = (slice(begin, stop) for begin, stop in borders.reshape(-1, 2) if stop - begin > 2 * steps)
+    return [_of(tracks.speed[agent, piece], tracks.yaw[agent, piece], steps, dt) for piece in pieces]
+
+
+def _of(speed: Float[np.ndarray, " step"], yaw: Float[np.ndarray, " step"], steps: int, dt: float) -> Handling:
+    def mean(values: Float[np.ndarray, " step"]) -> Float[np.ndarray, " mean"]:
+        return np.convolve(values, np.full(steps, 1.0 / steps), "valid")
+
+    along = mean(np.diff(speed) / dt)
+    aside = mean(0.5 * (speed[1:] + speed[:-1])) * mean(np.asarray(wrap(np.diff(yaw))) / dt)
+    jerk = (along[steps:] - along[:-steps]) / (steps * dt)
+    return Handling(speed[: len(jerk)], along[: len(jerk)], np.abs(aside[: len(jerk)]), jerk)

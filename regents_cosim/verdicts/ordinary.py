@@ -1,0 +1,73 @@
+"""How hard ordinary drivers drive: by the traffic of the scene, and at least what is known of the kind of vehicle."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from regents_cosim.limits import MOST_ACCEL_M_S2, STANDING_M_S
+from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.handling import Handling, handling
+
+
+@dataclass(frozen=True)
+class DrivingLimits:
+    """What a driver does at most, each a mean over a second."""
+
+    accel: float  # [m/s^2]
+    braking: float  # [m/s^2]
+    lateral_accel: float  # [m/s^2] to either side
+    jerk: float  # [m/s^3] along
+    from_traffic: bool = False  # the scene has enough of the kind to tell; else these are values of the kind alone
+
+
+# 99th percentiles over the steps of moving vehicles in crossing, signals and grid (seed 100) and eight scenes of the
+# Waymo Open Motion Dataset: acceleration 1.6 to 2.5, braking 2.4 to 3.7, sideways 2.5 to 3.1 m/s^2, jerk 1.3 to 3.3.
+# Cruise controls may do as much: 2 to 4, 3.5 to 5 m/s^2 and 2.5 to 5 m/s^3, the less the faster (ISO 15622:2018, 6.4);
+# drivers take 2 to 3 m/s^2 sideways in cities (Treiber and Kesting 2013), lane keeping may 3 (UN R79).
+CAR = DrivingLimits(accel=2.5, braking=3.5, lateral_accel=3.0, jerk=3.0)
+# SUMO's trucks and buses accelerate by 1.2 to 1.3 (its vehicle type defaults); UN R79 lets them take 2.5 sideways.
+HEAVY = replace(CAR, accel=1.3, lateral_accel=2.5)
+
+# No percentile of noisy tracks goes beyond: what the mirror's controls and tyres on dry asphalt can do, and the
+# emergency braking of UN R157 (0.774 g within 0.6 s).
+_CEILING = DrivingLimits(accel=6.0, braking=6.0, lateral_accel=MOST_ACCEL_M_S2, jerk=12.65)
+_PERCENTILE = 99.0
+_ENOUGH_S = 60.0  # vehicle-seconds in motion: 0.6 of them are above the percentile
+
+
+def of_kind(kind: str) -> DrivingLimits:
+    """What is known of the kind of vehicle."""
+    return HEAVY if kind in ("truck", "bus") else CAR
+
+
+def ordinary(scenario: Scenario, kind: str) -> DrivingLimits:
+    """What drivers of one kind do at most in the scenario's traffic as it was recorded.
+
+    The 99th percentile over the steps of those that move, and at least what is ordinary for the kind anywhere: a
+    window of some seconds may hold none that has to brake. Where there are too few of them, the latter alone.
+    """
+    alike = [index for index, one in enumerate(scenario.agents) if one.kind == kind]
+    return _at_least(of_kind(kind), scenario.original or scenario.tracks, alike, scenario.dt)
+
+
+def _at_least(known: DrivingLimits, tracks: Tracks, agents: list[int], dt: float) -> DrivingLimits:
+    felt = [one for agent in agents for one in handling(tracks, agent, dt, tracks.steps)]
+    if not felt:
+        return known
+    moving = np.concatenate([one.speed for one in felt]) > STANDING_M_S
+    if moving.sum() * dt < _ENOUGH_S:
+        return known
+    seen = {name: float(np.percentile(values[moving], _PERCENTILE)) for name, values in _magnitudes(felt).items()}
+    within = {name: min(max(getattr(known, name), value), getattr(_CEILING, name)) for name, value in seen.items()}
+    return DrivingLimits(**within, from_traffic=True)
+
+
+def _magnitudes(felt: list[Handling]) -> dict[str, np.ndarray]:
+    """Of everything that is limited, its values at all steps of some drives."""
+    accel = np.concatenate([one.accel for one in felt])
+    return {
+        "accel": np.maximum(accel, 0.0),
+        "braking": np.maximum(-accel, 0.0),
+        "lateral_accel": np.concatenate([one.aside for one in felt]),
+        "jerk": np.abs(np.concatenate([one.jerk for one in felt])),
+    }
