@@ -168,7 +168,7 @@ def felt(tracks, agent, dt, end):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["crossing-00218", "grid-00218"])
+@pytest.mark.parametrize("name", ["crossing-00218"])
 def test_the_adversary_of_a_crash_drives_as_hard_as_the_traffic(name):
     made = shipped_window(name)
     few = replace(REGENTS_FOCUSED, iterations=100)
