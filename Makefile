@@ -63,7 +63,7 @@ docs: .venv/installed-docs  ## the documentation, in site/index.html; any broken
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 bench: .venv/installed-dev  ## speed, as ratios in one run
-	$(BIN)/python -m pytest tests/benchmarks -o addopts='' --benchmark-only -s  # without the checks of shapes
+	$(BIN)/python -m pytest tests/speed -o addopts='' --benchmark-only -s  # without the checks of shapes
 
 wheel: .venv/installed-dev
 	rm -rf dist

@@ -29,7 +29,7 @@ from pathlib import Path
 from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import printable
 from tests.endurance.readers import Reader, readers
-from tests.peak_memory import peak_bytes
+from tests.support.peak_memory import peak_bytes
 
 LONGEST_S = 2.0  # of processor time for one input,
 LONGEST_S_PER_MB = 1.0  # and this much more for a megabyte of it

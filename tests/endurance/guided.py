@@ -25,7 +25,7 @@ def guided(name: str, count: int, seed: int, keep: Path | None) -> None:
     with atheris.instrument_imports(include=["regents_cosim"]):
         from tests.endurance.fuzz import Tally, mutated, past_limits, place, try_one
         from tests.endurance.readers import readers
-    from tests.peak_memory import peak_bytes
+    from tests.support.peak_memory import peak_bytes
 
     warnings.simplefilter("error", RuntimeWarning)
     warnings.filterwarnings("ignore", category=UserWarning)

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.append(str(Path(__file__).parents[1]))  # as a program, pytest's path is missing
+sys.path.append(str(Path(__file__).parents[1] / "support"))  # as a program, pytest's path is missing
 import log_files
 import scenes
 

@@ -1,0 +1,95 @@
+"""What the descent is compared with: searches without gradients, and SUMO's own drivers at their most dangerous."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from places import SUPPORT
+from scenes import platoon, scene
+
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.blind import AtRandom, ByEvolution
+from regents_cosim.attacks.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
+from regents_cosim.benchmarks.aggressive import drive_aggressively
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.collisions import first_contact
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.crashes.scores import rollouts_at_most
+from regents_cosim.scenario import AttackRecord
+
+HOST = SUPPORT / "host_planners.py"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("config", [RANDOM, CMA_ES], ids=lambda config: config.method)
+def test_a_blind_search_finds_collisions_and_finds_them_again(config):
+    few = replace(config, iterations=60, nearest=1)
+    first, again = (list(attack([platoon(seed=1)], few, "log_replay")) for _ in range(2))
+    assert any(case.attack.outcome == "collision" for case in first)
+    for one, other in zip(first, again, strict=True):
+        assert one.attack == other.attack
+        assert np.array_equal(one.tracks.x, other.tracks.x)
+        if one.attack.collision:
+            agent, step = first_contact(one.agents, one.tracks)
+            assert (one.agents[agent].id, step) == (one.attack.collision.agent, one.attack.collision.step)
+            assert 1 <= one.attack.iterations <= 60
+            assert len(one.attack.cost_history["ego"]) == one.attack.iterations
+
+
+@pytest.mark.parametrize("config", [RANDOM, CMA_ES], ids=lambda config: config.method)
+def test_a_blind_search_has_as_many_roll_outs_as_our_preset(config):
+    assert rollouts_at_most(config) == rollouts_at_most(REGENTS_FOCUSED)
+
+
+def test_a_blind_search_spends_its_roll_outs_and_no_more():
+    few = replace(RANDOM, iterations=10, nearest=1)
+    far = [(200 + 20 * i, 6.4, 10) for i in range(2)]
+    (missed,) = attack([scene((0, 0, 10), *far)], few, "log_replay")
+    assert (missed.attack.outcome, missed.attack.iterations) == ("no_collision", 10)
+    (before,) = attack([scene((0, 0, 10), (20, 0, 4), *far[1:])], few, "log_replay")
+    assert (before.attack.outcome, before.attack.iterations) == ("already_colliding", 0)
+
+
+def test_evolution_learns_and_chance_does_not():
+    goal = np.linspace(-1.0, 1.0, 10)
+
+    def least(sampler):
+        found = np.inf
+        for _ in range(60):
+            changes = sampler.ask()
+            costs = ((changes - goal) ** 2).sum(axis=1)
+            sampler.tell(changes, costs)
+            found = min(found, costs.min())
+        return found
+
+    assert least(ByEvolution(0)) < 0.1 < least(AtRandom(0))
+
+
+def test_a_blind_search_is_for_planners_in_jax():
+    with pytest.raises(RegentsError, match="needs a planner in JAX"):
+        list(attack([platoon()], RANDOM, f"{HOST}:Cautious"))
+    with pytest.raises(RegentsError, match="searches one candidate at a time"):
+        replace(RANDOM, search="joint")
+
+
+@pytest.mark.slow
+def test_aggressive_drivers_drive_around_the_planner():
+    (folder, *_) = sorted((shipped("scenarios") / "quickstart").glob("crossing-*"))
+    window = load_case(folder).before_attack()
+    (driven,) = next(iter(drive_aggressively([window], [[]], "constant_velocity")))
+    assert driven.attack.method == "sumo-aggressive"
+    contact = first_contact(driven.agents, driven.tracks)
+    assert driven.attack.outcome == ("no_collision" if contact is None else "collision")
+    hit = driven.attack.collision
+    assert (hit and (hit.agent, hit.step)) == (contact and (driven.agents[contact[0]].id, contact[1]))
+    moved = np.hypot(driven.tracks.x - window.tracks.x, driven.tracks.y - window.tracks.y)
+    assert moved[1:][window.tracks.valid[1:] & driven.tracks.valid[1:]].max() > 1.0
+
+
+def test_where_the_planner_collides_anyway_nobody_is_blamed():
+    (folder, *_) = sorted((shipped("scenarios") / "quickstart").glob("crossing-*"))
+    window = load_case(folder).before_attack()
+    record = AttackRecord(window.id, "king", "constant_velocity", "already_colliding", 0)
+    known = replace(window, attack=record, original=window.tracks)
+    assert list(drive_aggressively([window], [[known]], "constant_velocity")) == [[known]]

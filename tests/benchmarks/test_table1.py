@@ -1,0 +1,193 @@
+"""The results table: shares with their intervals, pairs of methods, and a text and a picture of them."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from table_runs import AVOIDABLE, AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, missed
+
+from regents_cosim.attacks.presets import KING, RANDOM, REGENTS, REGENTS_FOCUSED
+from regents_cosim.benchmarks.table1 import as_json, compare, markdown, require_places, table1
+from regents_cosim.cli.runs import columns
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.crashes.scores import Run, rollouts_at_most, scores
+from regents_cosim.reports.bars import Share, draw_bars
+from regents_cosim.scenario import (
+    Law,
+    Offence,
+)
+
+UNLAWFUL = Law(
+    (Offence("oncoming_lanes", 2.0, 1.0, 0.4, "share of its body"),), (Offence("speeding", 1.0, 1.0, 3.0, "m/s"),)
+)
+
+
+OTHERS = Run("focused", "idm", 4000, [WINDOWS[0], WINDOWS[4], [crashed("c")], [crashed("d")], [crashed("e")]])
+
+
+def test_windows_and_crashes_are_counted_apart():
+    found = scores(KINGS)
+    assert (found.windows, found.colliding_before, found.n) == (5, 1, 4)
+    assert (found.successes, found.clean, found.actionable) == (3, 2, 1)
+    assert (found.success_percent, found.clean_percent, found.actionable_percent) == (75.0, 50.0, 25.0)
+    assert (found.crashes, found.flaws, found.avoidable_percent) == (4, {"off_road": 2}, 75.0)
+    assert found.avoidable_in_time_percent == 0.0
+    late = replace(AVOIDABLE, in_time=True)
+    assert scores(Run("king", "idm", 500, [[crashed("b", avoidability=late)]])).avoidable_in_time_percent == 100.0
+    assert sum(found.kinds.values()) == 4
+    assert found.at_fault == {"adversary": 4}
+    assert {reason: n for reason, n in found.failures.items() if n} == {
+        "not_known": 1, "unavoidable_only": 1, "spoilt_only": 1, "stuck": 1,
+    }  # fmt: skip
+    assert found.deviation_m > 0.0
+    assert found.impact_m_s == 4.0
+    assert found.evade_before_s == pytest.approx(0.1 * (WINDOWS[1][0].attack.collision.step - 20))
+    assert set(found.realism_distance) == {"accel", "lateral", "jerk", "yaw_rate"}
+
+
+def test_only_windows_that_both_methods_could_attack_are_compared():
+    found = compare(KINGS, OTHERS, "actionable")
+    assert (found.only_first, found.only_second) == (1, 3)
+    assert found.p == pytest.approx(0.625)
+    assert (compare(KINGS, OTHERS, "success").only_first, compare(KINGS, OTHERS, "success").only_second) == (1, 1)
+
+
+def test_the_table_has_a_column_for_each_method():
+    table = table1([KINGS, OTHERS, replace_planner(KINGS, "aim-bev")])
+    text = markdown(table)
+    assert "| actionable success | 1 of 4: 25 % (5 to 70) | 3 of 4: 75 % (30 to 95) |" in text
+    assert "| king : focused | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
+    assert text.count("###") == 2
+    assert len(table.comparisons) == 4
+    assert json.loads(json.dumps(as_json(table)))["schema"] == 2
+
+
+def replace_planner(run, planner):
+    return Run(run.method, planner, run.rollouts, run.windows)
+
+
+def test_telling_is_the_headline_and_what_is_not_known_is_said():
+    windows = [
+        [crashed("b", law=LAWFUL, drivers=AVOIDS)],
+        [crashed("c", law=UNLAWFUL, drivers=AVOIDS)],
+        [crashed("d")],
+        [crashed("e", ["off_road"], law=LAWFUL, drivers=AVOIDS), crashed("e2", law=Law((), (), ("oncoming_lanes",)))],
+    ]
+    run = Run("king", "idm", 500, windows)
+    found = scores(run)
+    assert (found.telling, found.telling_unknown, found.clean) == (1, 2, 4)
+    assert (found.lawful, found.lawful_unknown, found.offences) == (2, 2, {"oncoming_lanes": 1})
+    assert (found.driven_by, found.avoided_by) == ({"careful": 3, "rss": 3}, {"careful": 3})
+    assert found.failing_offences == {"oncoming_lanes": 1}
+    text = markdown(table1([run]))
+    assert text.splitlines()[4].startswith("| **telling success** | **1 of 4: 25 % (5 to 70); not known 2** |")
+    assert "1 unlawful only (1 oncoming lanes), 2 not known" in text
+    assert "| oncoming lanes | 33.3 %; not known 2 |" in text  # of 5 crashes; one not judged, one without directions
+    assert "| the ego: speeding | 25.0 %; not known 1 |" in text
+    assert "| adversary lawful | 66.7 %; not known 2 |" in text
+
+
+def test_no_p_value_compares_two_protocols():
+    mine, theirs = (replace(run, protocol=kind.protocol) for run, kind in ((KINGS, KING), (OTHERS, REGENTS_FOCUSED)))
+    assert compare(mine, theirs, "telling").p is None
+    text = markdown(table1([mine, theirs]))
+    assert "| king : focused | - | - | - | - |" in text
+    assert "different protocols" in text
+    same = replace(KINGS, protocol=KING.by_protocol_of(REGENTS_FOCUSED).protocol)
+    assert compare(same, theirs, "success").p == 1.0
+    assert "different protocols" not in markdown(table1([same, theirs]))
+
+
+def test_a_protocol_is_how_one_searches_and_not_for_what():
+    assert KING.protocol == REGENTS.protocol == replace(KING, nearest=9).protocol
+    assert REGENTS_FOCUSED.protocol not in (KING.protocol, RANDOM.protocol)
+    assert RANDOM.by_protocol_of(REGENTS_FOCUSED).protocol == REGENTS_FOCUSED.protocol
+    cost = replace(REGENTS_FOCUSED, softmin_m=0.0, pull_from_behind=True, pull_standing=True, exclude_rear=False)
+    assert cost.protocol == REGENTS_FOCUSED.protocol
+    kept = KING.by_protocol_of(REGENTS_FOCUSED)
+    assert (kept.method, kept.softmin_m, kept.exclude_rear, kept.accept) == ("king", 0.0, False, "telling")
+
+
+def test_places_that_had_a_say_are_shown_apart():
+    def from_(place, results):
+        return [replace(case, provenance=replace(case.provenance, file=place)) for case in results]
+
+    good, bad = crashed("a", law=LAWFUL, drivers=AVOIDS), missed("b")
+    windows = [from_("grid.sumocfg", [good]), from_("grid.sumocfg", [bad]), from_("city_1.json", [good])]
+    others = [from_("grid.sumocfg", [bad]), from_("grid.sumocfg", [bad]), from_("city_1.json", [bad])]
+    table = table1([Run("king", "idm", 1, windows), Run("focused", "idm", 1, others)], ("grid",))
+    counted = {(one.method, one.source): (one.telling, one.n) for one in table.by_say}
+    assert counted["king", "had a say"] == (1, 2)
+    assert counted["king", "had no say"] == (1, 1)
+    pairs = {(one.places, one.count): one.only_first for one in table.comparisons}
+    assert (pairs["all", "telling"], pairs["had a say", "telling"], pairs["had no say", "telling"]) == (2, 1, 1)
+    assert "Windows of places that had no say in which" in markdown(table)
+    assert {one.source for one in table1([Run("king", "idm", 1, windows)], ("grid", "city_*")).by_say} == {"had a say"}
+    cases = [case for results in windows for case in results]
+    require_places(cases, ("grid", "city_*"))
+    with pytest.raises(RegentsError, match="--tuned-on merge: no window is from there"):
+        require_places(cases, ("merge",))
+
+
+def test_columns_of_equal_protocol():
+    given = {"adversaries": "one", "attempts": 3}
+    found = {column.name: column.config for column in columns((), (), (), True, given)}
+    assert list(found)[:2] == ["king", "regents"]
+    assert len(found) == 8
+    equal = [config for name, config in found.items() if name not in ("king", "regents")]
+    assert len({config.protocol for config in equal}) == 1
+    assert dict(found["focused"].protocol)["attempts"] == 3
+    assert found["king"].search == "joint"
+    with pytest.raises(RegentsError, match="--equal-protocol"):
+        columns((), ("joint",), (), True, {})
+
+
+def test_a_run_without_crashes_has_no_means():
+    found = scores(Run("king", "idm", 500, [[missed("a")]]))
+    assert (found.crashes, found.deviation_m, found.impact_m_s, found.realism_distance) == (0, None, None, {})
+    assert markdown(table1([Run("king", "idm", 500, [[missed("a")]])]))
+
+
+def test_the_budget_counts_every_search():
+    assert rollouts_at_most(KING) == 500
+    assert rollouts_at_most(REGENTS_FOCUSED) == 8 * (12 + 2 * 500)
+
+
+def test_bars_are_as_high_as_their_shares(tmp_path):
+    draw_bars(
+        "title", ("success",), {"king": [Share(100.0, 90.0, 100.0)], "none": [Share(0.0, 0.0, 5.0)]}, tmp_path / "b.png"
+    )
+    pixels = np.asarray(Image.open(tmp_path / "b.png").convert("RGB")).astype(int)
+    scale, column = pixels.shape[0] / 360, int(80 * pixels.shape[1] / 480)
+    colour = pixels[int(200 * scale), column]
+    rows = np.flatnonzero((np.abs(pixels[:, column] - colour) < 8).all(axis=1)) / scale
+    assert rows.min() == pytest.approx(72, abs=3)
+    assert rows.max() == pytest.approx(360 - 44, abs=3)
+
+
+@pytest.mark.slow
+def test_our_preset_makes_more_actionable_crashes_than_those_of_the_papers(tmp_path):
+    """The table of the README on twenty windows of each network, among them those that nothing was tuned on."""
+    program = Path(sys.executable).parent / "regents"
+    done = subprocess.run(
+        [str(program), "bench", "table1", "--count", "20", "--seed", "3", "-o", str(tmp_path), "--quiet"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    table = json.loads((tmp_path / "table1.json").read_text())
+    found = {row["method"]: row for row in table["scores"]}
+    assert set(found) == {"king", "regents", "focused"}
+    assert found["focused"]["n"] > 100
+    assert found["focused"]["clean_percent"] >= 65.0
+    assert found["focused"]["actionable_percent"] >= 55.0
+    assert not {"off_road", "hits_others"} & set(found["focused"]["flaws"])
+    against = [c for c in table["comparisons"] if (c["second"], c["count"]) == ("focused", "actionable")]
+    assert {c["first"] for c in against} == {"king", "regents"}
+    assert all(c["only_second"] > c["only_first"] and c["p"] is None for c in against)  # protocols differ
+    assert all(row["verified_in_sumo"] == row["crashes"] for row in found.values())

@@ -1,0 +1,373 @@
+"""The pytest plugin as people use it: sessions of pytest inside a session of pytest."""
+
+import json
+import subprocess
+import sys
+import time
+from importlib.metadata import entry_points
+
+import pytest
+import regression_cases
+from places import SUPPORT
+
+from regents_cosim.cases.files import load_case, load_suite, save_suite
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.evaluation.regression import comparison as regression
+from regents_cosim.evaluation.regression import drives_ahead
+from regents_cosim.evaluation.regression.baseline import load_baseline
+from regents_cosim.evaluation.suites import cards
+from regents_cosim.planners import constant_velocity, idm
+
+pytest_plugins = ["pytester"]
+
+# An inner session forgets the modules that it is the first to import, and a second copy of them is of other classes.
+IMPORTED_ALREADY = (cards, drives_ahead, regression, constant_velocity, idm)
+
+INSTALLED = "regents" in entry_points(group="pytest11").names
+PLUGIN = () if INSTALLED else ("-p", "regents_cosim.pytest_plugin")
+GOOD = "from regents_cosim.planners.idm import IDM as Mine\n"
+BUGGY = f"import sys\nsys.path.insert(0, {str(SUPPORT)!r})\nfrom buggy_idm import BuggyIDM as Mine\n"
+CASES = ["follows", "pushes", "squeezes_in"]
+
+
+@pytest.fixture
+def project(pytester):
+    """A folder with a suite and a planner, as somebody's repository."""
+    regression_cases.write(pytester.path / "suite")
+    pytester.makeini("[pytest]\naddopts = --strict-markers --strict-config -p no:jaxtyping\n")
+    (pytester.path / "planner.py").write_text(GOOD)
+    return pytester
+
+
+def session(project, *words, isolated=False, planner="planner.py:Mine"):
+    run = project.runpytest_subprocess if isolated else project.runpytest_inprocess
+    return run(*PLUGIN, "--regents-suite", "suite", *(("--regents-planner", planner) if planner else ()), *words)
+
+
+def baseline_of(project):
+    return load_baseline(project.path / "suite" / "baseline.json")
+
+
+def said(done):
+    return " ".join((done.stdout.str() + done.stderr.str()).split())
+
+
+# --- the life of a baseline -------------------------------------------------------------------
+
+
+def test_a_bug_is_caught_and_the_case_is_named(project):
+    done = session(project)
+    done.assert_outcomes(failed=3)
+    assert "no baseline: there is none for it" in done.stdout.str(), "what was never accepted fails"
+    assert not (project.path / "suite" / "baseline.json").exists()
+
+    done = session(project, "--regents-update")
+    done.assert_outcomes(passed=3)
+    done.stdout.fnmatch_lines(["accepted 3 changes", "*pushes: new: side_swipe collision with car02 at * s*"])
+
+    done = session(project)
+    done.assert_outcomes(passed=3)
+    done.stdout.fnmatch_lines(["3 cases: 1 known to fail, 2 as before", "known to fail: pushes"])
+
+    (project.path / "planner.py").write_text(BUGGY)
+    done = session(project)
+    done.assert_outcomes(passed=2, failed=1)
+    assert done.ret == 1
+    done.stdout.fnmatch_lines(
+        [
+            "regression: collides where the baseline did not",
+            "  case       squeezes_in",
+            "  planner    planner.py:Mine in mirror",
+            "  adversary  car02 (side_swipe, found by hand against idm)",
+            "  baseline   no collision; *score *",
+            "  now        side_swipe collision with car02 at * s (step *); *",
+            "  see it     regents replay suite/squeezes_in --in mirror --planner planner.py:Mine --record *.gif",
+            "FAILED suite/suite.json::squeezes_in*",
+        ]
+    )
+
+    (project.path / "planner.py").write_text(GOOD)
+    session(project).assert_outcomes(passed=3)
+
+
+@pytest.mark.slow
+def test_an_update_says_what_changed_and_forgets_what_left(project):
+    (project.path / "planner.py").write_text(BUGGY)
+    session(project, "--regents-update")
+    (project.path / "planner.py").write_text(GOOD)
+    done = session(project)
+    done.assert_outcomes(passed=3)
+    done.stdout.fnmatch_lines(["improved (accept with --regents-update): squeezes_in"])
+    session(project, "--regents-strict").assert_outcomes(passed=2, failed=1)
+
+    suite = load_suite(project.path / "suite")
+    fewer = tuple(entry for entry in suite.cases if entry.case != "follows")
+    save_suite(project.path / "suite", type(suite)(fewer))
+    session(project).stdout.fnmatch_lines(["unused baseline entry: follows in *baseline.json"])
+    done = session(project, "--regents-update")
+    done.stdout.fnmatch_lines(
+        ["removed baseline entry: follows in *", "  squeezes_in: side_swipe collision with car02*"]
+    )
+    entries = baseline_of(project).of("planner.py:Mine", "mirror")
+    assert sorted(entries) == ["pushes", "squeezes_in"]
+    assert entries["squeezes_in"].outcome == "no_collision"
+
+
+def test_a_case_that_changed_has_no_baseline_any_more(project):
+    session(project, "--regents-update")
+    folder = project.path / "suite"
+    text = (folder / "baseline.json").read_text()
+    digest = next(entry.hash for entry in load_suite(folder).cases if entry.case == "follows")
+    (folder / "baseline.json").write_text(text.replace(digest, "0" * 64))
+    done = session(project)
+    done.assert_outcomes(passed=2, failed=1)
+    assert "no baseline: the case has changed since its baseline was accepted" in done.stdout.str()
+
+
+@pytest.mark.slow
+def test_one_baseline_for_several_planners_somewhere_else(project):
+    words = ("--regents-baseline", "accepted.json")
+    for planner in ("planner.py:Mine", "constant_velocity"):
+        session(project, *words, "--regents-update", planner=planner).assert_outcomes(passed=3)
+    assert set(load_baseline(project.path / "accepted.json").planners) == {"planner.py:Mine", "constant_velocity"}
+    session(project, *words).assert_outcomes(passed=3)
+
+
+# --- thresholds and margin --------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_metrics_that_get_worse_fail_where_that_is_asked_for(project):
+    session(project, "--regents-update")
+    file = project.path / "suite" / "baseline.json"
+    baseline = json.loads(file.read_text())
+    follows = baseline["planners"]["planner.py:Mine"]["mirror"]["follows"]
+    follows["metrics"]["score"] *= 1.1
+    file.write_text(json.dumps(baseline))
+    session(project).assert_outcomes(passed=3)
+    session(project, "--regents-fail", "score:-10% collision:+0").assert_outcomes(passed=3)
+    done = session(project, "--regents-fail", "score:-5% collision:+0")
+    done.assert_outcomes(passed=2, failed=1)
+    done.stdout.fnmatch_lines(["regression: score:-5%: score fell from * to *, allowed to *", "  case       follows"])
+
+
+@pytest.mark.slow
+def test_the_margin_shows_what_is_left_before_a_crash(project):
+    session(project, "--regents-update", "--regents-margin")
+    margins = {
+        case: one.metrics["margin"] for case, one in baseline_of(project).of("planner.py:Mine", "mirror").items()
+    }
+    assert margins["follows"] is None, "nobody attacks"
+    assert margins["squeezes_in"] is None, "not even the whole attack is enough"
+    assert 0.0 < margins["pushes"] <= 1.0
+    (project.path / "planner.py").write_text(BUGGY)
+    session(project, "--regents-margin", "--regents-fail", "margin:-0.1", "-k", "pushes").assert_outcomes(passed=1)
+
+
+# --- planners that fail -----------------------------------------------------------------------
+
+
+def test_a_planner_that_raises_or_hangs_costs_its_own_case_only(project):
+    planner = f"{SUPPORT / 'regression_planners.py'}:Moody"
+    done = session(project, "--regents-update", "--regents-act-timeout", "1", "--junit-xml", "j.xml", planner=planner)
+    done.assert_outcomes(passed=1, failed=2)
+    assert "regression: failed: planner" in done.stdout.str()
+    assert "KeyError: 'lost'" in done.stdout.str()
+    assert "gave no answer within 1 s in `act` at step 3" in done.stdout.str()
+    for text in (done.stdout.str(), (project.path / "j.xml").read_text()):  # the planner's own lines, none of ours
+        assert "regression_planners.py&quot;, line" in text or 'regression_planners.py", line' in text
+        assert 'raise KeyError("lost")' in text
+        assert "in act" in text
+        assert "host_server.py" not in text.partition("KeyError")[2].partition("in act")[0]
+    assert list(baseline_of(project).of(planner, "mirror")) == ["follows"], "a failure is never accepted"
+
+
+# --- choosing, and other plugins --------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "chosen"),
+    [
+        (("-k", "squeezes"), ["squeezes_in"]),
+        (("-k", "side_swipe"), ["pushes", "squeezes_in"]),
+        (("-m", "regents(kind='ordinary')"), ["follows"]),
+        (("-m", "regents(planner='idm') and not regents(kind='t_bone')"), ["pushes", "squeezes_in"]),
+        (("-m", "not regents"), []),
+        (("suite/suite.json::follows",), ["follows"]),
+    ],
+)
+def test_choosing(project, words, chosen):
+    done = session(project, "--collect-only", "-q", *words)
+    found = [line.partition("::")[2] for line in done.outlines if line.startswith("suite/suite.json::")]
+    assert found == chosen
+
+
+@pytest.mark.slow
+def test_last_failed_first_failure_and_junit(project):
+    session(project, "--regents-update")
+    (project.path / "planner.py").write_text(BUGGY)
+    session(project, "-x", "--junitxml", "out.xml").assert_outcomes(passed=2, failed=1)
+    report = (project.path / "out.xml").read_text()
+    assert '<property name="verdict" value="regression" />' in report
+    assert "collides where the baseline did not" in report
+    done = session(project, "--lf")
+    done.assert_outcomes(failed=1)
+    assert "squeezes_in" in done.stdout.str()
+
+
+@pytest.mark.slow
+def test_workers_of_xdist_hand_over_what_they_saw(project):
+    done = session(project, "--regents-update", "-n", "2", isolated=True)
+    done.assert_outcomes(passed=3)
+    assert "accepted 3 changes" in done.stdout.str()
+    assert sorted(baseline_of(project).of("planner.py:Mine", "mirror")) == CASES
+
+
+def test_tests_written_by_hand(project):
+    project.makepyfile(
+        """
+        import pytest
+        from pathlib import Path
+
+        def test_it_keeps_out_of_trouble(regents):
+            assert [case.name for case in regents.suite] == ["follows", "pushes", "squeezes_in"]
+            drive = regents.drive("suite/follows")
+            assert drive.hits is None and drive.completion > 0.8
+
+        def test_another_one(regents):
+            assert regents.drive(Path("suite/pushes"), planner="constant_velocity").hits == "car02"
+        """
+    )
+    session(project, "-m", "not regents").assert_outcomes(passed=2, deselected=3)
+    session(project, "--regents-update", ".").assert_outcomes(passed=5)
+
+
+@pytest.mark.slow
+def test_ini_keys_do_as_the_options(project):
+    project.makeini(
+        "[pytest]\naddopts = --strict-config -p no:jaxtyping\n"
+        "regents_suite = suite\nregents_planner = planner.py:Mine\n"
+        "regents_baseline = accepted.json\nregents_fail = score:-5%\nregents_in = mirror\n"
+    )
+    project.runpytest_inprocess(*PLUGIN, "--regents-update").assert_outcomes(passed=3)
+    assert (project.path / "accepted.json").is_file()
+
+
+@pytest.mark.slow
+def test_in_sumo(project):
+    """A case of the shipped suite, whose network SUMO has; the planner runs in a process of its own."""
+    name = "merge-00218.7s-main.exit.126-regents-idm"
+    SuiteWriter(project.path / "suite", 0).add(load_case(shipped("scenarios") / "quickstart" / name))
+    done = session(project, "--regents-in", "sumo", "--regents-update", "-k", "merge", planner="idm")
+    done.assert_outcomes(passed=1, deselected=3)
+    assert "side_swipe collision with ramp.exit.37 at 4.8 s" in done.stdout.str()
+
+
+@pytest.mark.slow
+def test_a_session_that_is_killed_leaves_suite_and_baseline_whole(project):
+    words = ["--regents-suite", "suite", "--regents-planner", "constant_velocity", "--regents-update"]
+    command = [sys.executable, "-m", "pytest", *PLUGIN, *words]
+    began = time.monotonic()
+    assert subprocess.run(command, cwd=project.path, capture_output=True).returncode == 0
+    whole_s, before = time.monotonic() - began, (project.path / "suite" / "baseline.json").read_bytes()
+    for part in (0.5, 0.8, 0.9, 1.0):
+        (project.path / "suite" / "baseline.json").unlink(missing_ok=True)
+        with subprocess.Popen(command, cwd=project.path, stdout=subprocess.DEVNULL) as running:
+            time.sleep(part * whole_s)
+            running.kill()
+        if (project.path / "suite" / "baseline.json").exists():
+            assert (project.path / "suite" / "baseline.json").read_bytes() == before
+        assert sorted(load_case(project.path / "suite" / name).id for name in CASES) == CASES
+    session(project, "--regents-update", planner="constant_velocity").assert_outcomes(passed=3)
+    assert (project.path / "suite" / "baseline.json").read_bytes() == before
+
+
+# --- wrong usage ------------------------------------------------------------------------------
+
+
+def _truncate(folder):
+    (folder / "suite" / "baseline.json").write_text('{"planners": {"idm": {"mir')
+
+
+def _other_schema(folder):
+    (folder / "suite" / "baseline.json").write_text('{"schema": 99}')
+
+
+def _damage(folder):
+    (folder / "suite" / "suite.json").write_text("{")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "planner", "words", "what"),
+    [
+        (None, None, (), "needs the planner that is tested: --regents-planner NAME"),
+        (None, "nosuch", (), "planner 'nosuch' not found, expected one of"),
+        (None, "planner.py:Nothing", (), "planner.py has no 'Nothing'"),
+        (None, "idm", ("--regents-suite", "elsewhere"), "no suite.json in"),
+        (None, "idm", ("--regents-fail", "min_ttc:-5%"), "unknown metric 'min_ttc', expected one of min_ttc_s"),
+        (
+            None,
+            "idm",
+            ("--regents-fail", "score:+5%"),
+            "of score more is better, so say how far it may fall: score:-5%",
+        ),
+        (None, "idm", ("--regents-fail", "score -5"), "threshold 'score', expected METRIC:-NUMBER"),
+        (None, "idm", ("--regents-fail", "margin:-0.1"), "add --regents-margin"),
+        (
+            None,
+            "idm",
+            ("--regents-margin", "--regents-in", "sumo"),
+            "the margin is measured in the mirror, not in sumo",
+        ),
+        (_truncate, "idm", (), "baseline.json: not a baseline, or damaged or truncated"),
+        (_other_schema, "idm", (), "baseline.json: schema 99, this version reads 1"),
+        (_damage, "idm", (), "a file of the case is missing, damaged or truncated"),
+    ],
+)
+def test_wrong_usage_is_said_once(project, spoil, planner, words, what):
+    if spoil is not None:
+        spoil(project.path)
+    done = session(project, *words, planner=planner)
+    assert done.ret == pytest.ExitCode.USAGE_ERROR
+    assert what in said(done)
+    assert said(done).count(what) == 1
+    assert "Traceback" not in said(done)
+
+
+def test_a_damaged_case_fails_alone(project):
+    session(project, "--regents-update")
+    (project.path / "suite" / "pushes" / "tracks.npz").write_bytes(b"PK")
+    done = session(project)
+    done.assert_outcomes(passed=2, failed=1)
+    assert "tracks.npz: damaged or truncated" in done.stdout.str()
+
+
+# --- who does not use it ----------------------------------------------------------------------
+
+
+def test_a_project_without_suites_does_not_notice(pytester):
+    pytester.makeini("[pytest]\naddopts = --strict-markers --strict-config -p no:jaxtyping\n")
+    pytester.makepyfile(
+        """
+        import sys
+
+        def test_nothing_heavy_is_loaded():
+            assert not {"jax", "numpy", "shapely", "msgspec", "equinox"} & set(sys.modules)
+        """
+    )
+    (pytester.path / "suite.json").write_text("{}")
+    pytester.runpytest_subprocess(*PLUGIN, "-p", "no:jaxtyping").assert_outcomes(passed=1)
+    shown = pytester.runpytest_inprocess(*PLUGIN, "--markers").stdout.str()
+    assert "@pytest.mark.regents(suite, kind, network, planner)" in shown
+
+
+def test_listing_the_cases_loads_no_jax(project):
+    code = f"""
+import sys, pytest
+code = pytest.main({[*PLUGIN, "--regents-suite", "suite", "--regents-planner", "idm", "--collect-only", "-q"]!r})
+print("loaded:", {{"jax", "equinox"}} & set(sys.modules))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=project.path)
+    assert "loaded: set()" in done.stdout
+    assert "3 tests collected" in done.stdout

@@ -1,0 +1,296 @@
+"""What a regression is: thresholds, verdicts, margins, baselines on disk; and `regents evaluate --against`."""
+
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import regression_cases
+from hypothesis import given
+from hypothesis import strategies as st
+from places import SUPPORT
+
+from regents_cosim.cli import run
+from regents_cosim.errors import CaseError, RegentsError
+from regents_cosim.evaluation.reduction.margin import attack_margin, weakened
+from regents_cosim.evaluation.regression.baseline import (
+    Baseline,
+    Driven,
+    load_baseline,
+    require_one_home,
+    save_baseline,
+)
+from regents_cosim.evaluation.regression.comparison import changes, judge_drive, markdown
+from regents_cosim.evaluation.regression.thresholds import METRICS, parse_thresholds
+from regents_cosim.replays.mirror import Wheel
+
+SAFE = Driven(
+    "a" * 64, "no_collision", metrics={"collision": 0.0, "min_ttc_s": 2.0, "max_drac_m_s2": 1.0, "score": 1.0}
+)
+CRASH = Driven("a" * 64, "collision", "car02", 48, 4.8, "t_bone", {"collision": 1.0, "min_ttc_s": 0.0, "score": 0.3})
+
+
+def with_metric(driven, **metrics):
+    return replace(driven, metrics={**driven.metrics, **metrics})
+
+
+# --- thresholds -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("expression", "before", "now", "worse"),
+    [
+        ("min_ttc_s:-5%", 2.0, 1.9, False),
+        ("min_ttc_s:-5%", 2.0, 1.89, True),
+        ("min_ttc_s:-0.5", 2.0, 1.5, False),
+        ("min_ttc_s:-.5", 2.0, 1.4, True),
+        ("min_ttc_s:-5%", 2.0, None, False),
+        ("min_ttc_s:-5%", None, 9.0, True),
+        ("min_ttc_s:-5%", None, None, False),
+        ("max_drac_m_s2:+10%", 1.0, 1.1, False),
+        ("max_drac_m_s2:+10%", 1.0, 1.2, True),
+        ("max_drac_m_s2:+0.5", None, 0.6, True),
+        ("collision:+0", 0.0, 1.0, True),
+        ("collision:+0", 1.0, 1.0, False),
+    ],
+)
+def test_what_a_threshold_allows(expression, before, now, worse):
+    (threshold,) = parse_thresholds(expression)
+    said = threshold.violated({threshold.metric: before}, {threshold.metric: now})
+    assert bool(said) == worse
+    assert said.startswith(expression) or not worse
+
+
+@given(st.sampled_from(METRICS), st.floats(0, 1e3), st.floats(0, 1e3), st.floats(0, 100))
+def test_what_did_not_change_never_violates_and_who_allows_more_forbids_less(metric, before, now, allowed):
+    down = metric not in ("collision", "max_drac_m_s2", "off_road")
+    for unit in ("", "%"):
+        strict, loose = parse_thresholds(
+            f"{metric}:{'-' if down else '+'}{allowed:.3f}{unit} {metric}:{'-' if down else '+'}{2 * allowed:.3f}{unit}"
+        )
+        assert not strict.violated({metric: before}, {metric: before})
+        if not strict.violated({metric: before}, {metric: now}):
+            assert not loose.violated({metric: before}, {metric: now})
+
+
+@pytest.mark.parametrize(
+    "word", ["min_ttc_s", "min_ttc_s:5%", "min_ttc_s:-", "min_ttc_s:-5%%", ":-5", "score:-1e3", "ttc:-1"]
+)
+def test_expressions_that_are_none(word):
+    with pytest.raises(RegentsError, match="threshold"):
+        parse_thresholds(word)
+
+
+def test_a_metric_that_the_baseline_lacks_is_no_silent_pass():
+    (threshold,) = parse_thresholds("margin:-0.1")
+    assert "the baseline has no margin" in threshold.violated({}, {"margin": 1.0})
+
+
+# --- verdicts ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "status"),
+    [
+        (SAFE, SAFE, "same"),
+        (SAFE, CRASH, "regression"),
+        (CRASH, CRASH, "known_failure"),
+        (CRASH, replace(CRASH, step=40, kind="head_on"), "known_failure"),
+        (CRASH, SAFE, "improved"),
+        (None, SAFE, "missing"),
+        (replace(SAFE, hash="b" * 64), SAFE, "missing"),
+        (CRASH, Driven("a" * 64, "planner_error", error="KeyError"), "regression"),
+        (None, Driven("a" * 64, "planner_error", error="KeyError"), "regression"),
+        (SAFE, with_metric(SAFE, min_ttc_s=1.0), "regression"),
+        (CRASH, with_metric(SAFE, score=0.1), "improved"),
+    ],
+)
+def test_verdicts(before, now, status):
+    verdict = judge_drive("case", now, before, parse_thresholds("min_ttc_s:-5%"))
+    assert verdict.status == status
+    assert verdict.fails() == (status in ("regression", "missing"))
+    assert verdict.fails(strict=True) == (status in ("regression", "missing", "improved"))
+
+
+def test_a_summary_for_a_pull_request():
+    verdicts = [
+        judge_drive("fine", SAFE, SAFE),
+        judge_drive("known", CRASH, CRASH),
+        judge_drive("a|b", CRASH, SAFE),
+    ]
+    text = markdown(verdicts, Path("suite"), "my.planner:Mine", "mirror", ["gone"])
+    lines = text.splitlines()
+    assert lines[0] == "### regents: my.planner:Mine in mirror: regression"
+    assert lines[2] == "3 cases: 1 regressed, 1 known to fail, 1 as before"
+    assert lines[6].startswith("| a\\|b | regression: collides where the baseline did not | no collision | t_bone")
+    assert "fine" not in text, "what did not change needs no row"
+    assert "gone" in text
+    assert "regents replay 'suite/a|b' --in mirror --planner my.planner:Mine --record 'a|b.gif'" in text
+
+
+def test_changes_are_said_by_metric():
+    assert changes(judge_drive("case", SAFE, SAFE)) == ""
+    assert changes(judge_drive("case", with_metric(SAFE, score=0.5), SAFE)) == "case: score 1 -> 0.5"
+    assert changes(judge_drive("case", CRASH, SAFE)).startswith(
+        "case: no collision -> t_bone collision with car02 at 4.8 s"
+    )
+
+
+# --- the margin -------------------------------------------------------------------------------
+
+
+def test_a_share_of_an_attack_lies_between_the_log_and_the_attack():
+    case = regression_cases.squeezes_in()
+    log, attacked, half = case.original, case.tracks, weakened(case, 0.5).tracks
+    assert weakened(case, 1.0) is case
+    for name in ("x", "y", "yaw"):
+        ends = getattr(log, name)[1:], getattr(attacked, name)[1:]
+        assert getattr(half, name)[1:] == pytest.approx(0.5 * (ends[0] + ends[1]))
+        assert getattr(weakened(case, 0.0).tracks, name)[1:] == pytest.approx(ends[0])
+        assert np.array_equal(getattr(half, name)[0], getattr(attacked, name)[0]), "the ego's own track stays"
+    assert (half.speed[1:] <= np.maximum(log.speed, attacked.speed)[1:] + 1e-9).all()
+
+
+def test_headings_are_mixed_the_shorter_way():
+    case = regression_cases.squeezes_in()
+    turned = {name: replace(tracks, yaw=tracks.yaw + turn) for name, tracks, turn in
+              (("original", case.original, math.pi - 0.1), ("tracks", case.tracks, -math.pi + 0.1))}  # fmt: skip
+    half = weakened(replace(case, **turned), 0.5).tracks
+    assert np.cos(half.yaw[1]) == pytest.approx(-1.0)
+    assert half.speed[1] == pytest.approx(10.0 * math.cos(0.1))
+
+
+def test_the_margin_is_the_least_share_that_collides():
+    with Wheel("idm") as wheel:
+        margin = attack_margin(regression_cases.pushes(), wheel)
+        assert margin is not None
+        assert margin in [k / 16 for k in range(1, 17)]
+        assert attack_margin(regression_cases.squeezes_in(), wheel) is None
+        assert attack_margin(regression_cases.follows(), wheel) is None
+
+
+# --- baselines on disk ------------------------------------------------------------------------
+
+
+def test_a_baseline_is_read_as_it_was_written(tmp_path):
+    baseline = Baseline().accepting("idm", "mirror", {"one": SAFE, "two": CRASH}, ["one", "two"])
+    save_baseline(tmp_path / "baseline.json", baseline)
+    assert load_baseline(tmp_path / "baseline.json") == baseline
+    fewer = baseline.accepting("idm", "mirror", {}, ["two"]).accepting("idm", "sumo", {"one": SAFE}, ["one"])
+    assert fewer.planners == {"idm": {"mirror": {"two": CRASH}, "sumo": {"one": SAFE}}}
+    assert load_baseline(tmp_path / "none.json") == Baseline()
+
+
+NO_STEP = '{"schema": 1, "planners": {"idm": {"mirror": {"one": {"hash": "a", "outcome": "collision"}}}}}'
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": 1, "planners": {"idm": 3}}', '{"planners": {', "\xff", NO_STEP])
+def test_a_damaged_baseline(text, tmp_path):
+    (tmp_path / "baseline.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(CaseError, match=r"baseline\.json: not a baseline, or damaged or truncated"):
+        load_baseline(tmp_path / "baseline.json")
+
+
+def test_two_suites_cannot_share_a_baseline_for_cases_of_one_name():
+    one, two = Path("one"), Path("two")
+    require_one_home({one: ["a"], two: ["a"]}, {one: one / "baseline.json", two: two / "baseline.json"})
+    with pytest.raises(RegentsError, match="case a is in one and in two"):
+        require_one_home({one: ["a"], two: ["b", "a"]}, {one: Path("shared"), two: Path("shared")})
+
+
+def test_a_run_that_is_killed_leaves_a_baseline_that_is_whole(tmp_path):
+    file = tmp_path / "baseline.json"
+    code = f"""
+from pathlib import Path
+from regents_cosim.evaluation.regression.baseline import Baseline, Driven, save_baseline
+driven = {{f"case{{i}}": Driven("a" * 64, "no_collision", metrics={{"score": 0.5}}) for i in range(300)}}
+print("ready", flush=True)
+while True:
+    for planner in ("one", "two"):
+        save_baseline(Path({str(file)!r}), Baseline().accepting(planner, "mirror", driven, driven))
+"""
+    for wait in (0.02, 0.05, 0.09):
+        writer = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == "ready\n"
+        while not file.exists():
+            time.sleep(0.001)
+        time.sleep(wait)
+        writer.send_signal(signal.SIGKILL)
+        writer.wait()
+        writer.stdout.close()
+        (entries,) = [its for found in load_baseline(file).planners.values() for its in found.values()]
+        assert len(entries) == 300
+
+
+# --- without pytest ---------------------------------------------------------------------------
+
+
+@pytest.fixture
+def suite(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return regression_cases.write(tmp_path / "suite")
+
+
+def evaluate(*words):
+    return run(["evaluate", *map(str, words)])
+
+
+def accept_good_then(monkeypatch, planner):
+    """Accept what IDM does, as if it had been `planner` then."""
+    assert evaluate("suite", "--planner", "idm", "--update", "--quiet") == 0
+    file = Path("suite/baseline.json")
+    file.write_text(file.read_text().replace('"idm": {', f'"{planner}": {{'))
+
+
+def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
+    buggy = f"{SUPPORT / 'buggy_idm.py'}:BuggyIDM"
+    accept_good_then(monkeypatch, buggy)
+    capsys.readouterr()
+    words = ("suite", "--planner", buggy, "--against", "suite/baseline.json")
+    assert evaluate(*words, "--markdown", "summary.md", "--json") == 1
+    shown = capsys.readouterr()
+    rows = {row["case"]: row for row in json.loads(shown.out)}
+    assert {case: row["status"] for case, row in rows.items()} == {
+        "follows": "same",
+        "pushes": "known_failure",
+        "squeezes_in": "regression",
+    }
+    assert rows["squeezes_in"]["now"]["agent"] == "car02"
+    assert "squeezes_in: collides where the baseline did not" in " ".join(shown.err.split())
+    assert "| squeezes_in | regression: collides" in Path("summary.md").read_text()
+
+    assert evaluate("suite/follows", "--planner", buggy, "--against", "suite/baseline.json", "--markdown", "-") == 0
+    assert capsys.readouterr().out.startswith(f"### regents: {buggy} in mirror: passed")
+    assert evaluate("suite/squeezes_in", "--planner", buggy, "--update") == 0
+    assert "accepted 1 changes" in capsys.readouterr().err
+    assert sorted(load_baseline(Path("suite/baseline.json")).of(buggy, "mirror")) == [
+        "follows",
+        "pushes",
+        "squeezes_in",
+    ]
+    assert evaluate(*words, "--quiet") == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--against", "nothing.json"), "baseline not found: nothing.json (make it with --update)"),
+        (("--fail", "score:-5%"), "add --against"),
+        (("--update", "--fail", "score:+5%"), "say how far it may fall: score:-5%"),
+        (("--update", "--margin", "--in", "sumo"), "the margin is measured in the mirror, not in sumo"),
+        (("--update", "--planner", "nosuch"), "planner 'nosuch' not found"),
+    ],
+)
+def test_wrong_usage(suite, words, said, capsys):
+    planner = () if "--planner" in words else ("--planner", "idm")
+    assert evaluate("suite", *planner, *words) == 2
+    error = " ".join(capsys.readouterr().err.split())
+    assert said in error
+    assert not Path("suite/baseline.json").exists()

@@ -1,0 +1,405 @@
+"""Cases in the formats of other tools: what is written is read back, by our readers and by theirs."""
+
+import csv
+import gzip
+import importlib.util
+import json
+import subprocess
+import sys
+import tempfile
+import tomllib
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import platoon, scene
+
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.errors import RegentsError
+from regents_cosim.exports import openscenario
+from regents_cosim.exports.commonroad import bounds
+from regents_cosim.exports.export import export
+from regents_cosim.exports.stays import stays
+from regents_cosim.geometry.frames import SumoPose, from_sumo, wrap
+from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.scenario import Tracks
+from regents_cosim.sources.fcd import record_fcd
+from regents_cosim.sources.highway import record_highway
+from regents_cosim.sources.logs.record import scenes_of
+
+NEAR_M = 1e-3
+QUICKSTART = shipped("scenarios") / "quickstart"
+
+
+@pytest.fixture(scope="module")
+def attacked():
+    """In SUMO; of its vehicles three leave early."""
+    return load_case(next(QUICKSTART.glob("roundabout-00064*")))
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """In SUMO, with lights."""
+    return load_case(next(QUICKSTART.glob("signals-00064*"))).before_attack()
+
+
+@pytest.fixture(scope="module")
+def highway():
+    return record_highway("merge-v1", count=1, seed=0)[0]
+
+
+def come_and_go(case, spans):
+    """The scene with everyone but the ego there only from one step to another, both included."""
+    valid = np.zeros(case.tracks.valid.shape, bool)
+    valid[0] = True
+    for row, (first, last) in enumerate(spans, start=1):
+        valid[row, first : last + 1] = True
+    values = {name: np.where(valid, getattr(case.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
+    return replace(case, tracks=Tracks(**values, valid=valid))
+
+
+def apart(case, seen):
+    """Largest distance [m] and turn [rad] between the case and {(agent, step): (x, y, yaw)}, the same keys in both."""
+    tracks = case.tracks
+    assert set(seen) == {(case.agents[i].id, k) for i, k in np.argwhere(tracks.valid).tolist()}
+    row = {agent.id: i for i, agent in enumerate(case.agents)}
+    at = tuple(np.array([(row[name], k) for name, k in seen]).T)
+    x, y, yaw = np.array(list(seen.values())).T
+    away = np.hypot(x - tracks.x[at], y - tracks.y[at])
+    return away.max(), np.abs(wrap(yaw - tracks.yaw[at])).max()
+
+
+def read_log(path):
+    """What our own reader of logs finds: {(id, step): pose}, and its agents."""
+    (found,) = [scene for _, _, scene in scenes_of(path)]
+    first = round(found.begin_s / found.dt)
+    poses = {
+        (track.agent.id, first + int(step)): pose
+        for track in found.tracks
+        for step, *pose in zip(track.step, track.x, track.y, track.yaw, strict=True)
+    }
+    return poses, {track.agent.id: track.agent for track in found.tracks}
+
+
+def check_table(case, folder):
+    poses, agents = read_log(folder / "tracks.csv")
+    away, turn = apart(case, poses)
+    assert away < NEAR_M
+    assert turn < 1e-6
+    for agent in case.agents:
+        if agent.id in agents:
+            found = agents[agent.id]
+            assert (found.kind, found.length, found.width) == (agent.kind, agent.length, agent.width)
+
+
+def check_commonroad(case, folder):
+    with (folder / "ids.csv").open() as file:
+        names = {row["number"]: row["id"] for row in csv.DictReader(file) if row["what"] == "obstacle"}
+    poses, agents = read_log(folder / "recorded.xml")
+    away, turn = apart(case, {(names[number], step): pose for (number, step), pose in poses.items()})
+    assert away < NEAR_M
+    assert turn < 1e-6
+    sizes = {agent.id: (agent.length, agent.width) for agent in case.agents}
+    assert all((agent.length, agent.width) == sizes[names[number]] for number, agent in agents.items())
+
+
+@pytest.mark.parametrize("name", ["attacked", "recorded", "highway"])
+def test_a_table_and_commonroad_come_back(name, request, tmp_path):
+    case = request.getfixturevalue(name)
+    export(case, "csv", tmp_path / "table")
+    check_table(case, tmp_path / "table")
+    export(case, "commonroad", tmp_path / "commonroad")
+    check_commonroad(case, tmp_path / "commonroad")
+
+
+# CommonRoad's readers, ours too, take an obstacle with a single state for one that stands there all the time.
+SPAN = st.tuples(st.integers(0, 9), st.integers(0, 9)).map(sorted).filter(lambda span: span[0] < span[1])
+
+
+@given(seed=st.integers(0, 99), spans=st.lists(SPAN, min_size=3, max_size=3))
+@settings(max_examples=8)
+def test_whoever_comes_late_or_leaves_early_does_so_in_the_file(seed, spans):
+    y = np.random.default_rng(seed).uniform(0, 6, 4)
+    case = come_and_go(scene(*((20.0 * i, y[i], 3.0 * i) for i in range(4)), steps=10), spans)
+    with tempfile.TemporaryDirectory() as folder:
+        for to, check in (("csv", check_table), ("commonroad", check_commonroad)):
+            export(case, to, Path(folder) / to)
+            check(case, Path(folder) / to)
+
+
+def test_one_who_comes_back_stays_twice():
+    case = scene((0, 0, 5), (20, 0, 5), steps=10)
+    valid = case.tracks.valid.copy()
+    valid[1, [0, 4, 5]] = False
+    values = {name: np.where(valid, getattr(case.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
+    found = list(stays(replace(case, tracks=Tracks(**values, valid=valid))))
+    assert [(stay.index, stay.first, stay.last) for stay in found] == [(0, 0, 9), (1, 1, 3), (1, 6, 9)]
+
+
+def test_a_table_has_controls_where_they_are_known(attacked, tmp_path):
+    export(attacked, "csv", tmp_path / "out")
+    with (tmp_path / "out" / "tracks.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    ego = [row for row in rows if row["role"] == "ego"]
+    assert [float(row["accel_m_s2"]) for row in ego[:-1]] == attacked.tracks.accel[0].tolist()
+    assert [float(row["curvature_1_m"]) for row in ego[:-1]] == attacked.tracks.curvature[0].tolist()
+    assert ego[-1]["accel_m_s2"] == ""
+    assert {row["lane"] for row in rows} <= set(attacked.road.lane)
+    assert tomllib.loads((tmp_path / "out" / "tracks.toml").read_text())["ego"] == attacked.ego.id
+
+
+# --- SUMO -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["attacked", "recorded", "highway"])
+def test_our_own_reader_finds_the_case_in_the_fcd(name, request, tmp_path):
+    case = request.getfixturevalue(name)
+    export(case, "fcd", tmp_path / "out")
+    log, net, types = (tmp_path / "out" / file for file in ("fcd.xml.gz", "case.net.xml.gz", "types.add.xml"))
+    (found,) = record_fcd(log, net, routes_or_types=(types,), count=1, radius_m=1e6)
+    look = {agent.id: (agent.kind, agent.length, agent.width) for agent in case.agents}
+    assert {agent.id: (agent.kind, agent.length, agent.width) for agent in found.agents} == look
+    tracks = found.tracks
+    seen = {
+        (found.agents[i].id, k): (tracks.x[i, k], tracks.y[i, k], tracks.yaw[i, k])
+        for i, k in np.argwhere(tracks.valid).tolist()
+    }
+    away, turn = apart(case, seen)
+    assert away < NEAR_M
+    assert turn < 1e-6
+
+
+@pytest.mark.parametrize("name", ["attacked", "recorded", "highway"])
+def test_plain_sumo_plays_the_case(name, request, tmp_path):
+    sumo = pytest.importorskip("sumo", reason="needs eclipse-sumo for its binaries")
+    case = request.getfixturevalue(name)
+    export(case, "fcd", tmp_path / "out")
+    program = Path(sumo.SUMO_HOME) / "bin" / "sumo"
+    config = tmp_path / "out" / "case.sumocfg"
+    command = [program, "-c", config, "--fcd-output", tmp_path / "seen.xml", "--precision", "6"]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, cwd="/")
+    assert (done.returncode, done.stderr) == (0, "")
+    tracks, row = case.tracks, {agent.id: i for i, agent in enumerate(case.agents)}
+    first = tracks.valid & ~np.pad(tracks.valid, ((0, 0), (1, 0)))[:, :-1]
+    seen = set()
+    for step, instant in enumerate(ET.parse(tmp_path / "seen.xml").getroot()):
+        for vehicle in instant:
+            i = row[vehicle.get("id")]
+            pose = SumoPose(*(float(vehicle.get(key)) for key in ("x", "y", "angle")))
+            x, y, _ = from_sumo(pose, case.agents[i].length)
+            seen.add((i, step))
+            if tracks.valid[i, step] and not first[i, step]:  # SUMO begins with everyone in the middle of a lane
+                assert np.hypot(x - tracks.x[i, step], y - tracks.y[i, step]) < NEAR_M
+    assert seen >= set(map(tuple, np.argwhere(tracks.valid).tolist()))
+
+
+def test_one_who_comes_back_on_another_lane_can_be_played(tmp_path):
+    sumo = pytest.importorskip("sumo", reason="needs eclipse-sumo for its binaries")
+    case = come_and_go(scene((0, 0, 5), (20, 0, 5), (40, 3.2, 5), steps=10), [(0, 9), (0, 9)])
+    valid = case.tracks.valid.copy()
+    valid[1, [4, 5]] = False
+    y = np.where(np.arange(10) > 5, 3.2, case.tracks.y[1])
+    values = {name: np.where(valid, getattr(case.tracks, name), 0.0) for name in ("x", "yaw", "speed")}
+    rows = np.where(valid, np.stack([case.tracks.y[0], y, case.tracks.y[2]]), 0.0)
+    export(replace(case, tracks=Tracks(y=rows, valid=valid, **values)), "fcd", tmp_path / "out")
+    command = [Path(sumo.SUMO_HOME) / "bin" / "sumo", "-c", tmp_path / "out" / "case.sumocfg"]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_ids_that_sumo_does_not_take_are_changed_in_its_files_only(tmp_path):
+    case = platoon()
+    names = ["car_1", "car 1", "car|1", *(f"dar{k}" for k in range(3, len(case.agents)))]
+    odd = replace(case, agents=tuple(replace(a, id=n) for a, n in zip(case.agents, names, strict=True)))
+    export(odd, "fcd", tmp_path / "out")
+    with gzip.open(tmp_path / "out" / "fcd.xml.gz") as file:
+        found = {vehicle.get("id") for vehicle in ET.parse(file).getroot().iter("vehicle")}
+    assert found == {"car_1", "car_1#2", "car_1#3", *names[3:]}
+
+
+# --- OpenSCENARIO -----------------------------------------------------------------------------
+
+
+def schema():
+    """The official schema of OpenSCENARIO 1.2, which the checker of ASAM ships."""
+    found = importlib.util.find_spec("qc_openscenario")
+    if found is None or found.origin is None:
+        pytest.skip("needs asam-qc-openscenarioxml for the schema")
+    etree = pytest.importorskip("lxml.etree")
+    return etree.XMLSchema(etree.parse(str(Path(found.origin).parent / "schema" / "1.2.0" / "OpenSCENARIO.xsd")))
+
+
+@pytest.fixture(scope="module")
+def xosc(attacked, tmp_path_factory):
+    """Of a case with everybody's kind, whose second agent comes late."""
+    pytest.importorskip("scenariogeneration")
+    folder = tmp_path_factory.mktemp("xosc") / "out"
+    kinds = ("car", "car", "truck", "pedestrian", "bicycle", "motorcycle", "bus", "other")
+    agents = [replace(agent, kind=kind) for agent, kind in zip(attacked.agents, kinds, strict=False)]
+    valid = attacked.tracks.valid.copy()
+    valid[1, :7] = False
+    fields = ("x", "y", "yaw", "speed")
+    values = {name: np.where(valid, getattr(attacked.tracks, name), 0.0) for name in fields}
+    case = replace(attacked, agents=(*agents, *attacked.agents[len(agents) :]), tracks=Tracks(**values, valid=valid))
+    export(case, "openscenario", folder)
+    return case, folder
+
+
+def test_openscenario_follows_the_schema(xosc):
+    from lxml import etree
+
+    found = schema()
+    document = etree.parse(str(xosc[1] / "case.xosc"))
+    assert found.validate(document), found.error_log
+    document.getroot().remove(document.find("Storyboard"))
+    assert not found.validate(document)
+
+
+def test_openscenario_has_everyone_at_their_place_and_time(xosc):
+    case, folder = xosc
+    root = ET.parse(folder / "case.xosc").getroot()
+    ahead = {e.get("name"): float(e.find(".//BoundingBox/Center").get("x")) for e in root.iter("ScenarioObject")}
+    seen = {}
+    for group in root.iter("ManeuverGroup"):
+        who = group.find("Actors/EntityRef").get("entityRef")
+        for vertex in group.iter("Vertex"):
+            place = vertex.find("Position/WorldPosition")
+            x, y, h = (float(place.get(key)) for key in ("x", "y", "h"))
+            centre = (x + ahead[who] * np.cos(h), y + ahead[who] * np.sin(h), h)
+            seen[who, round(float(vertex.get("time")) / case.dt)] = centre
+    away, turn = apart(case, seen)
+    assert away < NEAR_M
+    assert turn < 1e-6
+    here = {e.get("entityRef") for e in root.find("Storyboard/Init").iter("Private")}
+    assert here == {a.id for a, valid in zip(case.agents, case.tracks.valid[:, 0], strict=True) if valid}
+    assert sum(1 for _ in root.iter("AddEntityAction")) == 1
+    gone = sum(1 for _ in root.iter("DeleteEntityAction"))
+    assert gone == sum(1 for stay in stays(case) if stay.last + 1 < case.tracks.steps) > 0
+
+
+def test_a_map_from_elsewhere_has_its_lanes_for_a_road(highway, tmp_path):
+    pytest.importorskip("scenariogeneration")
+    export(highway, "openscenario", tmp_path / "out")
+    root = ET.parse(tmp_path / "out" / "case.xodr").getroot()
+    roads = [road for road in root.iter("road") if road.get("junction") == "-1"]
+    assert len(roads) == len(highway.road.lanes)
+    lengths = sorted(float(road.get("length")) for road in roads)
+    assert lengths == pytest.approx(sorted(lane.length for lane in highway.road.lanes), abs=0.1)
+
+
+def test_a_map_without_lanes_goes_into_a_table_and_not_to_sumo_s_replayer(tmp_path):
+    bare = replace(platoon(), road=RoadMap((), (), platoon().road.drivable))
+    with (export(bare, "csv", tmp_path / "table")[0]).open() as file:
+        assert {row["lane"] for row in csv.DictReader(file)} == {""}
+    with pytest.raises(RegentsError, match="its map has no lanes"):
+        export(bare, "fcd", tmp_path / "fcd")
+    assert not (tmp_path / "fcd").exists()
+
+
+def test_the_opendrive_road_lies_where_the_tracks_are(xosc):
+    case, folder = xosc
+    root = ET.parse(folder / "case.xodr").getroot()
+    begins = np.array([[float(g.get("x")), float(g.get("y"))] for g in root.iter("geometry")])
+    assert len(begins) > 10
+    assert shapely.distance(case.road.drivable, shapely.points(begins)).max() < 0.5
+    box = case.road.drivable.bounds
+    assert np.allclose([begins[:, 0].min(), begins[:, 1].min()], box[:2], atol=5.0)
+    assert str(folder.parent) not in (folder / "case.xodr").read_text()
+
+
+def test_a_missing_package_is_named(attacked, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "scenariogeneration.xosc", None)
+    with pytest.raises(RegentsError, match=r"regents_cosim\[openscenario\]"):
+        export(attacked, "openscenario", tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+    assert openscenario.rear_axle(attacked.ego) > 0
+
+
+# --- CommonRoad -------------------------------------------------------------------------------
+
+
+def test_a_lanelet_is_as_wide_as_its_lane():
+    bend = Lane("a", np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 0.0], [10.0, 10.0]]), 3.0, 10.0)
+    left, right = bounds(bend)
+    np.testing.assert_allclose(left, [[0, 1.5], [8.5, 1.5], [8.5, 10]])
+    np.testing.assert_allclose(right, [[0, -1.5], [11.5, -1.5], [11.5, 10]])
+
+
+def test_the_problem_of_commonroad_is_the_ego_s(recorded, tmp_path):
+    export(recorded, "commonroad", tmp_path / "out")
+    poses, _ = read_log(tmp_path / "out" / "planning.xml")
+    names = {number for number, _ in poses}
+    (ego,) = [name for name in names if name.startswith("ego_")]
+    assert len(names) == len(recorded.agents)
+    assert poses[ego, 0][:2] == pytest.approx([recorded.tracks.x[0, 0], recorded.tracks.y[0, 0]], abs=NEAR_M)
+    root = ET.parse(tmp_path / "out" / "planning.xml").getroot()
+    target = [float(root.find(f"planningProblem/goalState//center/{axis}").text) for axis in ("x", "y")]
+    assert target == pytest.approx(recorded.target)
+    assert len(root.findall("lanelet")) == len(recorded.road.lanes)
+
+
+_THEIR_READER = """
+import json, sys
+from commonroad.common.file_reader import CommonRoadFileReader
+scenario, problems = CommonRoadFileReader(sys.argv[1]).open()
+found = [
+    (str(o.obstacle_id), k, *o.state_at_time(k).position.tolist(), o.state_at_time(k).orientation)
+    for o in scenario.dynamic_obstacles
+    for k in range(o.initial_state.time_step, (o.prediction.final_time_step if o.prediction else 0) + 1)
+]
+print(json.dumps([len(scenario.lanelet_network.lanelets), len(problems.planning_problem_dict), found]))
+"""
+
+
+@pytest.mark.slow
+def test_commonroad_io_reads_it(attacked, tmp_path):
+    python = tmp_path / "venv" / "bin" / "python"
+    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
+    # It pins protobuf and more, so it lives alone.
+    made = subprocess.run([str(python), "-m", "pip", "install", "-q", "commonroad-io"], capture_output=True, text=True)
+    if made.returncode:
+        pytest.skip(f"commonroad-io cannot be installed: {made.stderr[-200:]}")
+    export(attacked, "commonroad", tmp_path / "out")
+    for name, problems in (("recorded", 0), ("planning", 1)):
+        words = [str(python), "-c", _THEIR_READER, str(tmp_path / "out" / f"{name}.xml")]
+        done = subprocess.run(words, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        lanelets, found_problems, found = json.loads(done.stdout.splitlines()[-1])
+        assert (lanelets, found_problems) == (len(attacked.road.lanes), problems)
+        if not problems:
+            with (tmp_path / "out" / "ids.csv").open() as file:
+                names = {row["number"]: row["id"] for row in csv.DictReader(file) if row["what"] == "obstacle"}
+            away, _ = apart(attacked, {(names[number], k): (x, y, yaw) for number, k, x, y, yaw in found})
+            assert away < NEAR_M
+
+
+# --- bad input --------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_command_writes_once_and_complains_on_one_line(tmp_path):
+    program = Path(sys.executable).parent / "regents"
+    case = next(QUICKSTART.glob("merge-00064*"))
+
+    def run(*words):
+        return subprocess.run([str(program), "export", *map(str, words)], capture_output=True, text=True)
+
+    done = run(case, "--to", "csv", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {"tracks.csv", "tracks.toml"}
+    for words, reason in (
+        ([case, "--to", "csv", "-o", tmp_path / "out"], "is not empty"),
+        ([QUICKSTART, "--to", "csv", "-o", tmp_path / "b"], "export takes one"),
+        ([case, "--to", "gif", "-o", tmp_path / "b"], "--to"),
+    ):
+        done = run(*words)
+        assert done.returncode == 2
+        assert reason in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

@@ -1,0 +1,107 @@
+"""A planner in JAX that answers no number, or raises, costs its own case, wherever it drives."""
+
+from dataclasses import replace
+
+import pytest
+from jax_planners import AT_STEP
+from places import SUPPORT
+from scenes import scene
+
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.presets import METHODS, REGENTS
+from regents_cosim.errors import DriveError
+from regents_cosim.evaluation.drives.driving import drive_each
+from regents_cosim.evaluation.reduction.margin import with_margin
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.replay import replay_each
+from regents_cosim.reports.report import drive_for_report, report_of
+from regents_cosim.scenario import AttackRecord
+
+FILE = SUPPORT / "jax_planners.py"
+FAILS, RAISES = (f"{FILE}:{name}" for name in ("FailsInOneCase", "RaisesInOneCase"))
+BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9), steps=30)
+SAID = {"nan": "nan", "plus": "inf", "minus": "-inf"}
+QUICK = replace(REGENTS, iterations=5)
+CASES = [replace(BUSY, id=name) for name in ("good", "nan", "plus", "minus", "fine")]
+CALLED = [replace(BUSY, id=name) for name in ("good", "bad", "fine")]
+
+
+def answered(case):
+    return f"{FAILS!r} answered accel {SAID[case]}, curvature 0.0 at step {AT_STEP} of case {case}, expected finite"
+
+
+def check_errors(errors):
+    assert list(errors) == [case.id for case in CASES]
+    for case, error in errors.items():
+        assert answered(case) in error if case in SAID else not error
+
+
+@pytest.mark.parametrize("where", ["mirror", "highway", pytest.param("sumo", marks=pytest.mark.slow)])
+def test_evaluated(where):
+    drives = list(drive_each(CASES, FAILS, where=where))
+    check_errors({drive.case: drive.error for drive in drives})
+    assert all(drive.completion == (0.0 if drive.case in SAID else pytest.approx(1.0, abs=0.05)) for drive in drives)
+
+
+@pytest.mark.parametrize("where", ["mirror", "highway"])
+def test_one_that_raises_in_a_callback(where):
+    good, bad, fine = drive_each(CALLED, RAISES, where=where)
+    assert not good.error
+    assert not fine.error
+    assert f"planner {RAISES!r} failed on case bad" in bad.error
+    assert "KeyError: 'lost'" in bad.error
+    assert "in _call" in bad.trace
+    if where == "highway":
+        assert "at step 0" in bad.error
+
+
+@pytest.mark.parametrize(
+    ("method", "how"),
+    [
+        ("regents", {}),
+        pytest.param("regents", {"replan_every": 3}, marks=pytest.mark.slow),
+        pytest.param("focused", {"patience": 0}, marks=pytest.mark.slow),
+        pytest.param("random", {}, marks=pytest.mark.slow),
+        pytest.param("cma-es", {}, marks=pytest.mark.slow),
+    ],
+)
+def test_attacked(method, how):
+    config = replace(METHODS[method], iterations=5, **how)
+    found = list(attack(CASES, config, FAILS))
+    check_errors({case.attack.case: case.attack.planner_error for case in found})
+    for case in found:
+        assert (case.attack.outcome == "planner_error") == (case.attack.case in SAID)
+
+
+@pytest.mark.slow
+def test_attacked_in_lanes_and_several_at_once():
+    for how in ({"engine": "lanes"}, {"against": ["constant_velocity"]}):
+        found = list(attack(CASES, QUICK, FAILS, **how))
+        check_errors({case.attack.case: case.attack.planner_error for case in found})
+        good, bad, fine = attack(CALLED, QUICK, RAISES, **how)
+        assert "KeyError: 'lost'" in bad.attack.planner_error
+        assert good.attack.outcome == fine.attack.outcome != "planner_error"
+    several = attack(CASES, QUICK, "constant_velocity", against=[FAILS])
+    assert [case.attack.outcome == "planner_error" for case in several] == [case.id in SAID for case in CASES]
+
+
+@pytest.mark.slow
+def test_attacked_with_a_callback():
+    good, bad, fine = attack(CALLED, QUICK, RAISES)
+    assert f"planner {RAISES!r} failed on case bad: KeyError: 'lost'" in bad.attack.planner_error
+    assert good.attack.outcome == fine.attack.outcome != "planner_error"
+
+
+def test_replayed_reported_and_weakened():
+    replays = list(replay_each(CASES, "mirror", FAILS))
+    check_errors({one.case: one.reason if one.planner_failed else "" for one in replays})
+    driven = list(drive_for_report(CASES, FAILS))
+    page = report_of(CASES, {FAILS: driven})
+    check_errors({case.scenario.id: case.runs[0].error for case in page.cases})
+    nan = replace(CASES[1], attack=AttackRecord("nan", "none", "idm", "no_collision", 0), original=BUSY.tracks)
+    with Wheel(FAILS) as wheel:
+        drive, margin = with_margin(nan, driven[0][0], wheel)
+        assert answered("nan") in drive.error
+        assert margin is None
+        with pytest.raises(DriveError, match="of case nan, expected finite numbers"):
+            wheel.drive(nan)

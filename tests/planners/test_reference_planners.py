@@ -1,0 +1,70 @@
+"""The reference drivers as planners, in the compiled loop."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from reference_scenes import aside
+from scenes import scene, straight_road
+from test_idm import driven
+
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
+from regents_cosim.planners.find import find_attribute
+from regents_cosim.planners.jax_planner import JaxPlanner
+from regents_cosim.planners.reference.parameters import CAREFUL
+from regents_cosim.planners.reference.safety_models import FUZZY, RSS, Beside, fuzzy_braking, rss_braking
+
+NAMES = ["careful", "fuzzy", "rss"]
+
+
+def cutting_in(gap, lateral=1.0, speed=12.0, other=7.0):
+    """Nothing but the traffic: a slower car comes over, `gap` m ahead of an ego that keeps its speed, after 1 s."""
+    made = scene((0, 0, speed), (gap + 4.6 + speed - other, 3.2, other), road=straight_road(2))
+    return replace(made, tracks=aside(made, lateral, other))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_brakes_hard_for_a_cut_in_and_drives_on_as_idm_does_without(name):
+    planner = find_attribute(name)()
+    _, controls, _ = driven(cutting_in(6.0), planner)
+    assert np.asarray(controls.accel).min() < -4.0
+    assert np.asarray(controls.accel).min() >= -planner.most_braking_m_s2
+    beside = scene((0, 0, 12.0), (30.0, 3.2, 12.0), road=straight_road(2))
+    _, calm, _ = driven(beside, planner)
+    _, idm, _ = driven(beside, planner.idm)
+    np.testing.assert_allclose(calm.accel, idm.accel, rtol=1e-5)  # two programs, rounded differently
+
+
+class Slams(JaxPlanner):
+    """Brakes as hard as it may."""
+
+    def step(self, memory, sight, ego):
+        return Controls(jnp.float32(-100.0), jnp.float32(0.0)), memory
+
+
+class SlamsHarder(Slams):
+    most_braking_m_s2 = CAREFUL.most_braking_m_s2
+
+
+def test_a_planner_brakes_no_harder_than_it_may():
+    made = scene((0, 0, 20.0), (100.0, 3.2, 20.0), road=straight_road(2))
+    for planner, most in ((Slams(), ACCEL_LIMIT), (SlamsHarder(), CAREFUL.most_braking_m_s2)):
+        _, controls, _ = driven(made, planner)
+        assert np.asarray(controls.accel)[0] == pytest.approx(-most)
+    assert {find_attribute(name)().most_braking_m_s2 for name in NAMES} == {CAREFUL.most_braking_m_s2}
+
+
+def ahead(gap, speed):
+    return Beside(gap, gap + 10.0, -1.0, speed, 0.0, True)
+
+
+def test_the_safe_distances_are_those_of_the_formulas():
+    # v = 20, a standing leader: 20 x 0.75 + 400 / 8 + 2 (+ 2 of a gap at standstill) = 69 m
+    assert fuzzy_braking(np, 20.0, 0.0, ahead(69.1, 0.0)) == 0.0
+    assert 0.0 < fuzzy_braking(np, 20.0, 0.0, ahead(68.9, 0.0)) < 0.1
+    # below 20 x 0.75 + 400 / 12 = 48.3 m nothing but the hardest will do
+    assert fuzzy_braking(np, 20.0, 0.0, ahead(48.2, 0.0)) == FUZZY.most_braking
+    # RSS: 15 + 0.84 + 22.25^2 / 12 = 57.1 m
+    assert rss_braking(np, 20.0, ahead(57.2, 0.0)) == 0.0
+    assert rss_braking(np, 20.0, ahead(57.0, 0.0)) == RSS.response_braking

@@ -1,0 +1,131 @@
+"""What the documentation says is so: commands exist, examples run, every public name is documented."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from places import ROOT
+
+import regents_cosim
+from regents_cosim.cases.files import load_suite
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.cli.application import app
+
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+BIN = Path(sys.executable).parent
+HOW_TO = sorted(
+    page.stem for page in (ROOT / "docs/how-to").glob("*.md") if page.stem != "aim-bev"
+)  # trains for minutes
+RUN = ["tutorial", "api", "file-formats", *(f"how-to/{name}" for name in HOW_TO)]
+
+
+class Block(NamedTuple):
+    language: str
+    text: str
+
+
+def blocks(page: Path) -> list[Block]:
+    return [Block(*found) for found in re.findall(r"^```(\w+)\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)]
+
+
+def commands(page: Path) -> list[str]:
+    """Lines of shell blocks, those that a backslash continues as one, without comments."""
+    text = "".join(text for language, text in blocks(page) if language == "bash").replace("\\\n", " ")
+    return [line for line in (re.sub(r"\s+#.*", "", line).strip() for line in text.splitlines()) if line]
+
+
+COMMANDS = sorted({c for page in [*PAGES, ROOT / "README.md"] for c in commands(page) if c.startswith("regents ")})
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_are_spelled_as_the_program_wants_them(command):
+    words = shlex.split(command)[1:]
+    words = words[: words.index("--")] if "--" in words else words
+    app.parse_args(words, exit_on_error=False, print_error=False)
+
+
+@pytest.mark.parametrize("target", sorted({c for page in [*PAGES, ROOT / "CONTRIBUTING.md"] for c in commands(page)
+                                           if c.startswith("make ")}))  # fmt: skip
+def test_targets_are_in_the_makefile(target):
+    done = subprocess.run(["make", "--dry-run", *target.split()[1:]], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_public_name_is_documented():
+    text = (ROOT / "docs/api.md").read_text()
+    for name in regents_cosim.__all__:
+        home = getattr(regents_cosim, name)
+        assert re.search(rf"^::: regents_cosim\.\S+\.{name}$|`{name}`", text, re.MULTILINE), (name, home)
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", *(str(page.relative_to(ROOT)) for page in PAGES)])
+def test_files_that_it_names_exist(page):
+    """`regents_cosim/...` and `tests/...` by their path; `attacks/rules.py` and the like within the package."""
+    places = [ROOT, ROOT / "regents_cosim", ROOT / "regents_cosim/sources/logs", ROOT / "tests"]
+    for name in re.findall(r"`((?:\w+/)+\w+\.(?:py|yml|toml))`", (ROOT / page).read_text()):
+        if "yours" not in name:
+            assert any((place / name).is_file() for place in places), f"{page}: {name}"
+
+
+# --- examples -------------------------------------------------------------------------------------
+
+
+def sumo_files(folder: Path) -> None:
+    """`your.sumocfg` is the grid's."""
+    for name in ("grid.net.xml", "grid.rou.xml"):
+        shutil.copy(shipped("sumo_nets") / "grid" / name, folder)
+    shutil.copy(shipped("sumo_nets") / "grid/grid.sumocfg", folder / "your.sumocfg")
+
+
+def a_table(folder: Path) -> None:
+    """Two cars on a straight road, with the columns that the page's mapping names."""
+    rows = [f"{name},{k / 10},{x + 10.0 * k / 10},0,0" for name, x in (("a", 0), ("b", 30)) for k in range(91)]
+    (folder / "tracks.csv").write_text("\n".join(["track,stamp,east,north,heading", *rows]) + "\n")
+
+
+def a_suite(folder: Path) -> None:
+    shutil.copytree(shipped("scenarios") / "quickstart", folder / "suite")
+
+
+BEFORE = {"how-to/sumo": sumo_files, "how-to/logs": a_table, "file-formats": a_suite}
+
+
+def shell(text: str, folder: Path) -> None:
+    environment = os.environ | {"PATH": f"{BIN}:{os.environ['PATH']}"}
+    done = subprocess.run(["bash", "-euc", text], cwd=folder, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+
+
+def file_of(block: Block) -> str | None:
+    """Where a block belongs that begins with a comment that is a file's name."""
+    named = re.match(r"(?:#|//) (\w+\.(?:py|cpp))\b", block.text)
+    return named[1] if named else "tracks.toml" if block.language == "toml" else None
+
+
+def run_page(page: Path, folder: Path) -> None:
+    """First the files of a page are written, then all else runs in one folder, one after the other."""
+    for block in blocks(page):
+        if name := file_of(block):
+            (folder / name).write_text(block.text)
+    for block in blocks(page):
+        text = block.text
+        if "CASE" in text:
+            text = text.replace("CASE", load_suite(folder / "suite").cases[0].case)
+        if block.language == "bash":
+            shell(text, folder)
+        elif block.language == "python" and not file_of(block):
+            (folder / "example.py").write_text(text)
+            shell("python example.py", folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RUN)
+def test_examples_of_a_page_run(name, tmp_path):
+    BEFORE.get(name, lambda folder: None)(tmp_path)
+    run_page(ROOT / f"docs/{name}.md", tmp_path)

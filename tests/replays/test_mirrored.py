@@ -1,0 +1,130 @@
+"""Left-hand traffic is right-hand traffic in a mirror: what is said of a crash is the same there.
+
+And what is said where a map or a log tells little.
+"""
+
+import random
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+import sumolib
+from avoidable_scenes import braking_lead
+from places import ROOT
+
+from regents_cosim.cases.suite import load_cases
+from regents_cosim.cli import run
+from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.planners.find import find_attribute
+from regents_cosim.replays.mirror import replay_in_mirror
+from regents_cosim.routes.ego_route import plan_route
+from regents_cosim.verdicts.judgement import judge
+
+QUICKSTART = ROOT / "scenarios" / "quickstart"
+
+
+def flipped(tracks):
+    """North is south."""
+    curvature = None if tracks.curvature is None else -tracks.curvature
+    return replace(tracks, y=-tracks.y, yaw=-tracks.yaw, curvature=curvature)
+
+
+def mirrored(case):
+    """The same traffic on the other side of the road; of a map without a SUMO network."""
+    road = case.road
+    lanes = (replace(lane, centre=lane.centre * [1, -1], left=lane.right, right=lane.left) for lane in road.lanes)
+    area = shapely.affinity.scale(road.drivable, 1.0, -1.0, origin=(0.0, 0.0))
+    there = RoadMap(tuple(lanes), road.connections, area)
+    tracks = flipped(case.tracks), flipped(case.original)
+    return replace(case, road=there, tracks=tracks[0], original=tracks[1], target=(case.target[0], -case.target[1]))
+
+
+def said(case):
+    """What does not depend on the side of the road."""
+    found = judge(replace(case, judgement=None, evasion=None)).judgement
+    offences = [[(one.name, one.time_s) for one in side] for side in (found.law.adversary, found.law.ego)]
+    drivers = [(drive.driver, drive.avoids, drive.perceives_s, drive.acts_s) for drive in found.drivers]
+    return found.flaws, offences, found.law.unknown, drivers, found.fault.at_fault, found.escape, found.telling
+
+
+def crashes(count):
+    """Of the shipped cases, their maps without networks, one of each place first."""
+    cases = [case for case in load_cases(QUICKSTART) if case.attack and case.attack.collision]
+    places = {case.id.split("-")[0]: case for case in reversed(cases)}
+    return [replace(case, road=replace(case.road, sumo_net=None)) for case in list(places.values())[:count]]
+
+
+def test_a_crash_in_left_hand_traffic_is_judged_as_its_mirror_image():
+    for case in crashes(1):
+        assert said(mirrored(case)) == said(case), case.id
+
+
+@pytest.mark.slow
+def test_every_crash_in_left_hand_traffic_is_judged_as_its_mirror_image():
+    for case in crashes(99):
+        assert said(mirrored(case)) == said(case), case.id
+
+
+def test_a_map_without_lanes_leaves_it_open_whether_a_crash_tells_something():
+    attacked = braking_lead(35.4)
+    judged = judge(replace(attacked, road=RoadMap((), (), attacked.road.drivable))).judgement
+    assert judged.law.lawful is None
+    assert {"oncoming_lanes", "red_light", "gives_no_way"} <= set(judged.law.unknown)
+    assert judged.telling is None or not judged.clean
+    assert {drive.driver for drive in judged.drivers} == {"careful", "fuzzy", "rss"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("planner", ["careful", "fuzzy", "rss", "idm"])
+def test_planners_drive_without_lanes_and_without_a_route(planner):
+    attacked = braking_lead(35.4)
+    bare = replace(attacked, road=RoadMap((), (), attacked.road.drivable)).before_attack()
+    assert not plan_route(bare).stop_lines
+    assert find_attribute(planner) is not None
+    assert np.isfinite(replay_in_mirror(bare, planner).x).all()
+
+
+def left_hand_town(folder):
+    """A grid of two lanes each way, in which one drives on the left, and traffic across it."""
+    import sumo
+
+    net = folder / "left.net.xml"
+    options = "--grid --grid.number 3 --grid.length 90 --grid.attach-length 70 --no-turnarounds --seed 1 --lefthand"
+    options += " --default.lanenumber 2 --tls.guess true"
+    made = [f"{sumo.SUMO_HOME}/bin/netgenerate", *options.split(), "-o", str(net)]
+    subprocess.run(made, check=True, capture_output=True)
+    edges = [edge for edge in sumolib.net.readNet(str(net)).getEdges() if not edge.getFunction()]
+    begins, ends = (
+        [edge for edge in edges if node(edge).getType() == "dead_end"]
+        for node in (sumolib.net.edge.Edge.getFromNode, sumolib.net.edge.Edge.getToNode)
+    )
+    rng, trips, time = random.Random(1), list[str](), 0.0
+    while time < 200.0:
+        begin, end = rng.choice(begins), rng.choice(ends)
+        time += rng.expovariate(0.7)
+        if begin.getFromNode() is not end.getToNode():
+            way = f'from="{begin.getID()}" to="{end.getID()}"'
+            trips.append(f'<trip id="v{len(trips)}" depart="{time:.1f}" {way} departSpeed="max"/>')
+    (folder / "left.rou.xml").write_text("<routes>\n" + "\n".join(trips) + "\n</routes>\n")
+    (folder / "left.sumocfg").write_text(
+        '<configuration><net-file value="left.net.xml"/><route-files value="left.rou.xml"/>'
+        '<begin value="0"/><end value="200"/><step-length value="0.1"/></configuration>'
+    )
+    return folder / "left.sumocfg"
+
+
+@pytest.mark.slow
+def test_left_hand_traffic_is_recorded_attacked_judged_and_replayed(tmp_path):
+    town = left_hand_town(tmp_path)
+    for method in ("king", "focused"):
+        cases = tmp_path / method
+        attack = ["attack", "-c", str(town), "--count", "3", "--seed", "3", "--method", method, "-o", str(cases)]
+        assert run([*attack, "--adversaries", "one"] if method == "focused" else attack) == 0
+        assert run(["replay", str(cases)]) == 0
+    found = [case.judgement for case in load_cases(tmp_path / "king") if case.judgement]
+    assert found
+    for judgement in found:
+        assert judgement.law.lawful is not None
+        assert "oncoming_lanes" not in judgement.law.unknown

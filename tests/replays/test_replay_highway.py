@@ -1,0 +1,292 @@
+"""Cases in highway-env: roads, scripted vehicles, the verdict."""
+
+import itertools
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pygame
+import pytest
+import shapely
+from highway_env.road.lane import StraightLane
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import platoon, scene
+
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.shipped import shipped
+from regents_cosim.errors import PlannerError, RegentsError
+from regents_cosim.geometry.frames import Pose, points_to_highway
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.highway_bicycle import roll_out
+from regents_cosim.mirror.world import scene_origin, to_tracks
+from regents_cosim.replays.highway.cast import ReplayRoad
+from regents_cosim.replays.highway.gym import make_cast, network_of
+from regents_cosim.replays.highway.replay import drive_in_highway, replay_in_highway
+from regents_cosim.replays.highway.road import CentreLine, build_network, route_along
+from regents_cosim.replays.highway.window import opened
+from regents_cosim.replays.replay import replay
+from regents_cosim.routes.to_target import way_to_target
+from regents_cosim.simulators.highway_agents import find_agent
+from regents_cosim.sources.highway import environments
+from regents_cosim.sources.highway_net import to_road_map
+
+QUICKSTART = shipped("scenarios") / "quickstart"
+
+
+def shipped_case(start: str):
+    return load_case(next(QUICKSTART.glob(f"{start}*")))
+
+
+# --- roads ------------------------------------------------------------------------------------
+
+
+def bend() -> CentreLine:
+    angles = np.linspace(0.0, 1.5, 20)
+    arc = 30.0 * np.stack([np.sin(angles), 1.0 - np.cos(angles)], axis=-1)
+    return CentreLine(np.concatenate([[[-20.0, 0.0]], arc]), 3.2, None, 10.0)
+
+
+@given(st.floats(-30.0, 90.0), st.floats(-4.0, 4.0))
+def test_a_lane_finds_its_own_points(along, across):
+    lane = bend()
+    point = lane.position(along, across)
+    longitudinal, lateral = lane.local_coordinates(point)
+    np.testing.assert_allclose(lane.position(longitudinal, lateral), point, atol=1e-9)
+    assert lateral == pytest.approx(across, abs=0.02)  # between two pieces of the polyline
+
+
+@given(st.floats(-50, 50), st.floats(-50, 50))
+def test_a_lane_of_two_points_is_highway_env_s_straight_one(x, y):
+    ends = np.array([[-10.0, 3.0], [25.0, -8.0]])
+    mine, theirs = CentreLine(ends, 3.2, None, 10.0), StraightLane(ends[0], ends[1])
+    assert mine.local_coordinates(np.array([x, y])) == pytest.approx(theirs.local_coordinates(np.array([x, y])))
+    assert mine.heading_at(5.0) == pytest.approx(theirs.heading_at(5.0))
+
+
+def test_the_leftmost_lane_comes_first():
+    network = network_of(platoon())
+    (lanes,) = (found for onward in network.graph.values() for found in onward.values())
+    assert [lane.start[1] for lane in lanes] == pytest.approx([-6.4, -3.2, 0.0])  # y south: the northernmost first
+
+
+def test_a_network_of_highway_env_survives_the_way_there_and_back():
+    """merge-v1 has a ramp that one may leave and not enter, and curved lanes."""
+    environments()
+    before = gymnasium.make("merge-v1", disable_env_checker=True).unwrapped.road.network
+    road = to_road_map(before)
+    after = build_network(road, np.concatenate([lane.centre for lane in road.lanes]))
+    assert len(after.lanes_list()) == len(before.lanes_list()) == 9
+    for lane in before.lanes_list():
+        spots = [lane.position(along, 0.0) for along in np.linspace(2.0, lane.length - 2.0, 5)]
+        index = after.get_closest_lane_index(spots[2], lane.heading_at(lane.length / 2))
+        twin = after.get_lane(index)
+        assert twin.forbidden == lane.forbidden or len(after.all_side_lanes(index)) == 1
+        assert max(twin.distance(spot) for spot in spots) < 0.1
+
+
+@pytest.mark.parametrize("name", ["roundabout-00218", "crossing-00218", "multilane-00064", "grid-00064"])
+def test_everybody_is_on_a_lane_that_the_case_has_there(name):
+    """Cropped, mirrored and regrouped, the network still has the nearest lane of the map under each vehicle."""
+    case = shipped_case(name).before_attack()
+    network = network_of(case)
+    assert len(network.lanes_list()) <= len(case.road.lanes)
+    spots = np.stack([case.tracks.x, case.tracks.y], axis=-1)[case.tracks.valid][::20]
+    for spot in spots:
+        mine = min(lane.distance(points_to_highway(spot)) for lane in network.lanes_list())
+        lines = case.road.centre_lines
+        theirs = lines.geometries[lines.nearest(shapely.Point(spot))].distance(shapely.Point(spot))
+        assert mine == pytest.approx(theirs, abs=0.1)
+
+
+def test_routes_are_connected():
+    case = shipped_case("crossing-00218")
+    network = network_of(case)
+    start = Pose(*(float(values[0, 0]) for values in (case.tracks.x, case.tracks.y, case.tracks.yaw)))
+    route = route_along(network, way_to_target(case.road, start, 0.0, case.target))
+    assert len(route) >= 2
+    assert all(before[1] == after[0] for before, after in itertools.pairwise(route))
+    assert all(network.get_lane(index) for index in route)
+
+
+# --- replays ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["multilane-00218", "merge-00218", "roundabout-00064"])
+def test_on_tracks_the_same_crash_happens_and_nobody_is_off(name):
+    result = replay(shipped_case(name), "highway")
+    assert result.verified, result.reason
+    assert result.position_error_m.max() == 0.0
+    assert result.yaw_error_deg.max() < 1e-9
+    assert result.found is None or result.reports_same_pair
+
+
+def test_a_crash_throws_nobody_off_its_track():
+    """The ego drives through a slower vehicle, highway-env says crashed at every such step."""
+    case = scene((0.0, 0.0, 20.0), (30.0, 0.0, 5.0), (30.0, 3.2, 5.0))
+    for mode in ("track", "actions"):
+        result = replay(case, "highway", mode=mode)
+        assert result.found == ("car01", result.expected[1])
+        assert result.position_error_m.max() < 1e-6
+        assert {hit.victim for hit in result.own_collisions} == {"car01"}
+        assert len(result.own_collisions) > 5
+
+
+def driven_by_the_twin():
+    """A case whose tracks are a roll-out of the twin; every second vehicle brakes to a stand."""
+    recorded = replace(platoon(4), provenance=replace(platoon().provenance, source="highway"))
+    start, steps = jax.tree.map(lambda values: values[:, 0], from_tracks(recorded)), recorded.tracks.steps - 1
+    row, time = np.arange(4)[:, None], np.arange(steps)
+    accel, curvature = -1.5 * (row % 2) + np.sin(0.1 * time + row), 0.03 * np.cos(0.15 * time + row)
+    controls = Controls(*(jnp.asarray(values, jnp.float32) for values in (accel, curvature)))
+    half = jnp.array([0.5 * agent.length for agent in recorded.agents], jnp.float32)
+    return replace(
+        recorded,
+        tracks=to_tracks(roll_out(start, controls, jnp.ones((4, steps), bool), half, recorded.dt), controls, recorded),
+    )
+
+
+def from_tracks(scenario):
+    """Its motion in the device's coordinates."""
+    t, (east, north) = scenario.tracks, scene_origin(scenario)
+    return Motion(*(jnp.asarray(values, jnp.float32) for values in (t.x - east, t.y - north, t.yaw, t.speed)))
+
+
+def test_by_its_actions_highway_env_reproduces_the_twin():
+    case = driven_by_the_twin()
+    assert np.abs(np.diff(case.tracks.yaw, axis=1)).max() > 0.01
+    assert case.tracks.speed.min() == 0.0
+    result = replay(case, "highway", mode="actions")
+    assert result.verified, result.reason
+    assert result.position_error_m.max() < 2e-4
+    assert result.yaw_error_deg.max() < 1e-6
+
+
+def test_tracks_of_another_model_are_followed_closely_by_actions():
+    result = replay(shipped_case("multilane-00218"), "highway", mode="actions")
+    assert result.found == result.expected
+    assert 1e-4 < result.position_error_m.max() < 0.05
+
+
+def test_a_late_agent_comes_and_goes():
+    made = platoon(4)
+    valid = made.tracks.valid.copy()
+    valid[2, :20] = valid[2, 60:] = False
+    tracks = replace(made.tracks, valid=valid, **{n: np.where(valid, getattr(made.tracks, n), 0.0) for n in ("x", "y")})
+    for mode in ("track", "actions"):
+        seen = replay_in_highway(replace(made, tracks=tracks), mode=mode).tracks
+        np.testing.assert_array_equal(seen.valid, valid)
+        np.testing.assert_allclose(seen.x, tracks.x, atol=1e-6)
+
+
+def test_a_planner_of_the_mirror_drives_among_them():
+    case = scene((0.0, 0.0, 12.0), (40.0, 0.0, 4.0))
+    tracks = replace(case.tracks, x=np.where([[True], [False]], 0.0 * case.tracks.x, case.tracks.x))
+    result = replay(replace(case, tracks=tracks), "highway", planner="constant_velocity")
+    assert result.expected is None  # by its track the ego stands
+    assert result.found == ("car01", 45)
+    assert result.position_error_m[1:].max() == 0.0
+
+
+@pytest.mark.parametrize("agent", ["idm", "random"])
+def test_agents_of_highway_env_drive_the_ego(agent):
+    case = scene((0.0, 0.0, 12.0), (40.0, 0.0, 4.0), (60.0, 3.2, 12.0))
+    seen = drive_in_highway(case, agent)
+    assert seen.tracks.steps == case.tracks.steps
+    np.testing.assert_array_equal(seen.tracks.x[1:], case.tracks.x[1:])
+    assert np.abs(seen.tracks.x[0] - case.tracks.x[0]).max() > 1.0
+    again = drive_in_highway(case, agent)
+    np.testing.assert_array_equal(seen.tracks.x, again.tracks.x)
+
+
+def test_highway_env_s_idm_does_not_run_into_the_slow_one():
+    case = scene((0.0, 0.0, 12.0), (40.0, 0.0, 4.0), (37.0, 3.2, 4.0), (40.0, 6.4, 4.0))
+    assert replay(case, "highway", planner="highway:idm").found is None
+
+
+# --- the window -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def window(monkeypatch):
+    """highway-env's own, drawn into memory, on a car at the origin and one behind it."""
+    pygame.quit()
+    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")
+    case = scene((0.0, 0.0, 12.0), (-20.0, 0.0, 12.0), steps=6)
+    road = ReplayRoad(network_of(case), np.random.default_rng(0))
+    ego, *others = make_cast(road, case, "track")
+    road.enter(ego, others)
+    with opened(road, case.dt, gui=True) as made:
+        yield made
+
+
+def test_the_window_follows_the_ego(window):
+    for _ in range(3):
+        window.show()
+        middle, behind = ((400 - metres * 7, 400) for metres in (0, 20))
+        assert pygame.display.get_surface().get_at(middle)[:3] == (0, 114, 178)
+        assert pygame.display.get_surface().get_at(behind)[:3] == (150, 150, 150)
+        window.road.step(0.1)
+
+
+def test_somebody_closes_the_window(window):
+    window.show()
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    window.show()
+    assert not pygame.display.get_init()
+    window.show()
+    assert not pygame.display.get_init()
+
+
+@pytest.mark.parametrize("planner", [None, "highway:idm"])
+def test_a_replay_in_the_window_is_the_same(monkeypatch, planner):
+    pygame.quit()
+    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")
+    case = scene((0.0, 0.0, 12.0), (40.0, 0.0, 4.0), steps=6)
+    shown, unseen = (replay(case, "highway", planner, gui) for gui in (True, False))
+    assert shown.verified, shown.reason
+    np.testing.assert_array_equal(shown.replayed.tracks.x, unseen.replayed.tracks.x)
+    assert not pygame.display.get_init()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_a_window_needs_a_display(monkeypatch):
+    pygame.quit()
+    for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(RegentsError, match="needs a display, and there is none"):
+        replay(platoon(), "highway", gui=True)
+    with pytest.raises(RegentsError, match="the mirror has no window"):
+        replay(platoon(), "mirror", gui=True)
+
+
+def test_wrong_agents_are_explained(tmp_path):
+    with pytest.raises(PlannerError, match="expected one of idm, mdp, random"):
+        replay(platoon(), "highway", planner="highway:idmm")
+    (tmp_path / "bad.py").write_text("number = 3\ndef breaks(observation):\n    raise KeyError('lost')\n")
+    with pytest.raises(PlannerError, match="is a int"):
+        find_agent(f"{tmp_path / 'bad.py'}:number")
+    with pytest.raises(PlannerError, match="lost"):
+        drive_in_highway(platoon(), f"{tmp_path / 'bad.py'}:breaks")
+
+
+@pytest.mark.slow
+def test_the_command(tmp_path):
+    regents = str(Path(sys.executable).parent / "regents")
+    case = next(QUICKSTART.glob("multilane-00218*"))
+    done = subprocess.run(
+        [regents, "replay", str(case), "--in", "highway", "--json", "--record", str(tmp_path / "still.png")],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads(done.stdout)
+    assert row["verified"]
+    assert row["position_error_mm"] == 0.0
+    assert (tmp_path / "still.png").stat().st_size > 1000

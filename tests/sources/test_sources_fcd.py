@@ -1,0 +1,146 @@
+import gzip
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from params import slow
+from places import ROOT
+
+from regents_cosim.cases.files import content_hash
+from regents_cosim.errors import NoWindowError, RegentsError
+from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.sources.fcd import LogError, record_fcd
+from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.system.workers import run_isolated
+
+NETS = ROOT / "sumo_nets"
+FOLDER = NETS / "merge"
+NET, ROUTES = FOLDER / "merge.net.xml", FOLDER / "merge.rou.xml"
+END_S = 80.0
+
+
+def write_log(path: Path, *options: str) -> None:
+    command = ["-c", str(FOLDER / "merge.sumocfg"), "--lanechange.duration", "3", "--seed", "0", "--precision", "6"]
+    with running_sumo([*command, "--no-step-log", "--fcd-output", str(path), *options]) as sumo:
+        while sumo.simulation.getTime() < END_S - 0.05:
+            sumo.simulationStep()
+
+
+@dataclass(frozen=True)
+class Logs:
+    folder: Path
+
+    def __getitem__(self, name: str) -> Path:
+        return self.folder / name
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
+    for name in ("a.xml", "a.csv"):
+        run_isolated(write_log, folder / name)
+    (folder / "a.xml.gz").write_bytes(gzip.compress((folder / "a.xml").read_bytes()))
+    (folder / "a.csv.gz").write_bytes(gzip.compress((folder / "a.csv").read_bytes()))
+    return Logs(folder)
+
+
+def record(log: Path, **asked):
+    return record_fcd(log, NET, routes_or_types=(ROUTES,), **({"count": 3} | asked))
+
+
+def test_a_log_gives_what_the_run_itself_gives(logs):
+    run = record_sumo(SumoInput(FOLDER / "merge.sumocfg", end_s=END_S), count=3)
+    read = record(logs["a.xml"])
+    assert [s.id.removeprefix("a-") for s in read] == [s.id.removeprefix("merge-") for s in run]
+    for ours, theirs in zip(read, run, strict=True):
+        assert ours.agents == theirs.agents
+        assert (ours.tracks.valid == theirs.tracks.valid).all()
+        for name, tolerance in (("x", 1e-5), ("y", 1e-5), ("yaw", 1e-6), ("speed", 1e-4)):
+            np.testing.assert_allclose(getattr(ours.tracks, name), getattr(theirs.tracks, name), atol=tolerance)
+
+
+@pytest.mark.parametrize("name", ["a.csv.gz", slow("a.xml.gz"), slow("a.csv")])
+def test_formats_agree(logs, name):
+    plain, other = record(logs["a.xml"]), record(logs[name])
+    assert [content_hash(s) for s in plain] == [content_hash(s) for s in other]
+    assert other[0].provenance.file == name
+
+
+@pytest.mark.slow
+def test_a_coarser_log_is_resampled(logs):
+    run_isolated(write_log, logs["slow.xml"], "--device.fcd.period", "0.5")
+    fine = {s.provenance.begin_s: s for s in record(logs["a.xml"], count=99)}
+    coarse = record(logs["slow.xml"], count=99)
+    assert coarse
+    for scenario in coarse:
+        assert scenario.dt == 0.1
+        assert scenario.tracks.steps == 81
+        assert scenario.tracks.valid[0].all()
+    compared = 0
+    for scenario in coarse:
+        late = [s for begin, s in fine.items() if abs(begin - scenario.provenance.begin_s) < 4.0]
+        for other in late:
+            names = [a.id for a in other.agents]
+            if scenario.ego.id not in names:
+                continue
+            shift = round((scenario.provenance.begin_s - other.provenance.begin_s) / 0.1)
+            row = names.index(scenario.ego.id)
+            steps = [k for k in range(81) if 0 <= k + shift < 81 and other.tracks.valid[row, k + shift]]
+            there = [k + shift for k in steps]
+            np.testing.assert_allclose(scenario.tracks.x[0, steps], other.tracks.x[row, there], atol=0.2)
+            compared += len(steps)
+    assert compared > 40
+
+
+def test_unknown_types_are_cars_and_a_warning_says_so(logs):
+    with pytest.warns(UserWarning, match=r"no vType for .*truck.* taken as cars of 5.0 m x 1.8 m"):
+        scenarios = record_fcd(logs["a.xml"], NET, count=3)
+    assert {(a.kind, a.length, a.width) for s in scenarios for a in s.agents} == {("car", 5.0, 1.8)}
+
+
+def spoilt(logs) -> dict[str, tuple[bytes, str]]:
+    xml, table = logs["a.xml"].read_bytes(), logs["a.csv"].read_bytes()
+    return {
+        "empty": (b"", "the file is empty"),
+        "truncated xml": (xml[: len(xml) // 2], "truncated XML"),
+        "truncated gzip": (gzip.compress(xml)[:50_000], "gzip data is damaged or cut off"),
+        "truncated csv": (table[: table.rindex(b"main") - 3], "truncated or damaged CSV"),
+        "another xml": (NET.read_bytes(), "root element is <net>"),
+        "another csv": (b"a;b\n1;2\n", "neither XML nor a CSV header"),
+        "no number": (table.replace(b";90.", b";xx."), "could not convert string to float"),
+        "no steps": (b"<fcd-export/>", "0 time steps"),
+        "no position": (b'<fcd-export><timestep time="0"><vehicle id="a"/></timestep></fcd-export>', "has no x"),
+        "backwards": (b'<fcd-export><timestep time="1"/><timestep time="0.5"/></fcd-export>', "does not increase"),
+        "coarse": (b'<fcd-export><timestep time="1"/><timestep time="4"/></fcd-export>', "one sample every 3 s"),
+        "uneven": (
+            b'<fcd-export><timestep time="0"/><timestep time="0.5"/><timestep time="1.2"/></fcd-export>',
+            "expected one step length",
+        ),
+    }
+
+
+def test_damaged_logs_give_one_clear_line(logs, tmp_path):
+    for name, (content, message) in spoilt(logs).items():
+        path = tmp_path / name
+        path.write_bytes(content)
+        with pytest.raises(LogError, match=message) as error:
+            record(path)
+        assert "\n" not in str(error.value)
+
+
+def test_other_ways_to_find_nothing(logs, tmp_path):
+    with pytest.raises(NoWindowError, match=r"500 s does not fit into a\.xml"):
+        record(logs["a.xml"], horizon_s=500.0)
+    with pytest.raises(RegentsError, match="FCD log not found"):
+        record(tmp_path / "none.xml")
+    moved = tmp_path / "moved.xml"
+    moved.write_text(logs["a.xml"].read_text().replace(' x="', ' x="77777'))
+    with pytest.raises(LogError, match="off the network"):
+        record(moved)
+    empty = tmp_path / "empty.xml"
+    steps = "".join(f'<timestep time="{0.1 * k:.1f}"/>' for k in range(200))
+    empty.write_text(f"<fcd-export>{steps}</fcd-export>")
+    with pytest.raises(NoWindowError, match="no vehicle was on the road"):
+        record(empty)

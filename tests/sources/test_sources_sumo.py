@@ -1,0 +1,266 @@
+import multiprocessing
+import os
+import shutil
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from params import slow
+from places import ROOT
+
+from regents_cosim.cases.files import content_hash, load_case, save_case
+from regents_cosim.errors import NoWindowError, RegentsError, SumoError
+from regents_cosim.geometry.boxes import corners
+from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.sumo_config import SumoInput, read_input
+
+NETS = ROOT / "sumo_nets"
+DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data")) / "sumo"
+MERGE = NETS / "merge" / "merge.sumocfg"
+MERGE_NET = NETS / "merge" / "merge.net.xml"
+
+
+@pytest.fixture(scope="module")
+def merge():
+    return record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=1)
+
+
+def config(folder: Path, text: str, name: str = "x.sumocfg") -> Path:
+    path = folder / name
+    path.write_text(f"<configuration>{text}</configuration>")
+    return path
+
+
+def test_every_window_keeps_the_contract(merge):
+    assert len(merge) == 4
+    for scenario in merge:
+        tracks = scenario.tracks
+        assert scenario.dt == 0.1
+        assert tracks.steps == 81
+        assert tracks.valid[0].all()
+        assert np.hypot(np.diff(tracks.x[0]), np.diff(tracks.y[0])).sum() >= 5.0
+        assert tracks.speed[0].mean() > 1.0
+        apart = np.hypot(tracks.x[1:] - tracks.x[0], tracks.y[1:] - tracks.y[0])
+        company = (apart <= 50.0) & (tracks.speed[1:] > 1.0) & tracks.valid[1:]
+        assert company.sum(axis=0).max() >= 2
+        assert (np.where(tracks.valid[1:], apart, np.inf).min(axis=1) <= 100.0).all()
+        assert not any(scenario.ego.id in found.agents for found in scenario.overlaps)
+        assert 0.0 <= scenario.provenance.begin_s <= 200.0 - 8.0
+
+
+def test_boxes_are_on_the_road_and_look_ahead(merge):
+    for scenario in merge:
+        valid = scenario.tracks.valid
+        assert scenario.road.contains(corners(scenario.boxes)[valid]).all()
+        dx, dy = np.diff(scenario.tracks.x), np.diff(scenario.tracks.y)
+        moved = valid[:, 1:] & valid[:, :-1] & (np.hypot(dx, dy) > 0.1)
+        ahead = dx * np.cos(scenario.tracks.yaw[:, 1:]) + dy * np.sin(scenario.tracks.yaw[:, 1:])
+        assert (ahead[moved] > 0.95 * np.hypot(dx, dy)[moved]).all()
+
+
+def lane_changes(*extra: str) -> tuple[int, float]:
+    """How many vehicles on the main road, which runs along x, change lanes; the largest step sideways [m]."""
+    source = SumoInput(MERGE, end_s=150.0, extra=extra)
+    changed, largest = set(), 0.0
+    for scenario in record_sumo(source, count=12):
+        t = scenario.tracks
+        main = np.array([agent.id.startswith("main") for agent in scenario.agents])
+        aside = np.where(t.valid[:, 1:] & t.valid[:, :-1] & main[:, None], np.diff(t.y), 0.0)
+        largest = max(largest, float(np.abs(aside).max()))
+        changed |= {a.id for a, way in zip(scenario.agents, aside.sum(axis=1), strict=True) if abs(way) > 2.5}
+    return len(changed), largest
+
+
+@pytest.mark.slow
+def test_lane_changes_are_motions_not_jumps():
+    changes, largest = lane_changes()
+    assert changes > 0
+    assert largest < 0.35
+    assert lane_changes("--lanechange.duration", "0")[0] == 0  # jumps are cut, so that none is left
+
+
+def test_sizes_and_kinds_come_from_the_vehicle_types(merge):
+    sizes = {(a.kind, a.length, a.width) for s in merge for a in s.agents}
+    assert ("car", 4.8, 1.8) in sizes
+    assert sizes <= {
+        ("car", 4.8, 1.8), ("car", 6.0, 2.0), ("truck", 10.5, 2.5), ("bus", 12.0, 2.5), ("motorcycle", 2.2, 0.9)
+    }  # fmt: skip
+
+
+def test_the_same_seed_gives_the_same_bits_and_survives_the_disk(merge, tmp_path):
+    again = record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=1)
+    assert [content_hash(s) for s in again] == [content_hash(s) for s in merge]
+    assert len({s.id for s in merge}) == 4
+    other = record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=2)
+    assert [content_hash(s) for s in other] != [content_hash(s) for s in merge]
+    loaded = load_case(save_case(merge[0], tmp_path))
+    assert content_hash(loaded) == content_hash(merge[0])
+
+
+@pytest.mark.slow
+def test_an_executor_gives_the_same(merge):
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        there = record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=1, executor=pool)
+    assert [content_hash(s) for s in there] == [content_hash(s) for s in merge]
+
+
+@pytest.mark.slow
+def test_signals_change_over_time():
+    scenarios = record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), count=4)
+    for scenario in scenarios:
+        used = {link.signal for link in scenario.road.connections if link.signal}
+        assert {signal.id for signal in scenario.signals} == used
+        for link in scenario.road.connections:
+            if link.signal:
+                (signal,) = [s for s in scenario.signals if s.id == link.signal]
+                assert signal.letters(0)[link.link] in "rygGusoO"
+    assert any(len(signal.changes) > 1 for s in scenarios for signal in s.signals)
+
+
+@pytest.mark.slow
+def test_standing_traffic_waits_at_red():
+    for scenario in record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), count=4):
+        letters = {signal.id: signal.letters(0) for signal in scenario.signals}
+        for link in scenario.road.connections:
+            if link.signal and letters[link.signal][link.link] == "r":
+                line = scenario.road.lane[link.source].centre[-1]
+                near = np.hypot(scenario.tracks.x[:, 0] - line[0], scenario.tracks.y[:, 0] - line[1]) < 4.0
+                first = scenario.tracks.valid[:, 0] & near
+                assert (scenario.tracks.speed[first, 0] < 15.0).all()
+
+
+def test_net_and_routes_without_a_configuration():
+    routes = NETS / "merge" / "merge.rou.xml"
+    found = record_sumo(SumoInput(net=MERGE_NET, routes=(routes,), end_s=100.0), count=1, horizon_s=4.0)
+    assert found[0].tracks.steps == 41
+    assert found[0].id.startswith("merge-")
+    assert found[0].provenance.file == "merge.rou.xml"
+
+
+def test_a_configuration_is_read_from_any_folder_and_nothing_is_written(tmp_path, monkeypatch):
+    for name in ("merge.net.xml", "merge.rou.xml"):
+        shutil.copy(NETS / "merge" / name, tmp_path)
+    (tmp_path / "d.add.xml").write_text(
+        '<additional><e1Detector id="d" lane="main_0" pos="5" freq="10" file="d.xml"/>'
+        '<edgeData id="e" file="e.xml" freq="10"/></additional>'
+    )
+    path = config(
+        tmp_path,
+        '<input><net-file value="merge.net.xml"/><route-files value="merge.rou.xml"/>'
+        '<additional-files value="d.add.xml"/></input>'
+        '<time><end value="60"/><step-length value="1"/></time>'
+        '<output><tripinfo-output value="trips.xml"/></output><summary-output value="s.xml"/>'
+        '<report><log value="log.txt"/></report><processing><ignore-route-errors value="true"/></processing>',
+    )
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    before = sorted(p.name for p in tmp_path.iterdir())
+    monkeypatch.chdir(elsewhere)
+    options = read_input(SumoInput(path))
+    assert options.others == {"end": "60", "ignore-route-errors": "true"}
+    assert record_sumo(SumoInput(Path("../x.sumocfg")), count=1)
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+    assert list(elsewhere.iterdir()) == []
+
+
+def test_what_is_given_goes_before_the_configuration():
+    options = read_input(SumoInput(MERGE, begin_s=50.0, end_s=70.5, net=NETS / "grid" / "grid.net.xml"))
+    assert (options.others["begin"], options.others["end"]) == ("50", "70.5")
+    assert options.net.name == "grid.net.xml"
+    assert [path.name for path in options.routes] == ["merge.rou.xml"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("city", ["bologna_acosta/run", "resco_cologne1/cologne1", "resco_cologne3/cologne3"])
+def test_real_cities_work_unchanged(city):
+    path = DATA / f"{city}.sumocfg"
+    if not path.is_file():
+        pytest.skip("no recordings (set REGENTS_DATA to their folder)")
+    before = sorted(p.name for p in path.parent.iterdir())
+    begin_s = None if "bologna" in city else 25200.0
+    source = SumoInput(path, begin_s=begin_s, end_s=(begin_s or 0.0) + 200.0)
+    scenarios = record_sumo(source, count=2)
+    assert len(scenarios) == 2
+    assert scenarios[0].signals
+    off = [1.0 - s.road.contains(corners(s.boxes)[s.tracks.valid]).mean() for s in scenarios]
+    assert np.mean(off) < 0.01
+    assert sorted(p.name for p in path.parent.iterdir()) == before
+
+
+BAD_CONFIGS = {
+    "": "no network named",
+    '<net-file value="none.net.xml"/>': "network not found",
+    f'<net-file value="{MERGE_NET}"/><route-files value="none.rou.xml"/>': "route file not found",
+    f'<net-file value="{MERGE_NET}"/><additional-files value="none.add.xml"/>': "additional file not found",
+    f'<net-file value="{MERGE_NET}"/><bogus value="1"/>': "SUMO refused: No option with the name 'bogus'",
+}
+COSTLY_CONFIGS = {  # they start SUMO, too
+    f'<net-file value="{MERGE_NET}"/><time-to-teleport value="soon"/>': "SUMO refused: .*soon",
+    f'<net-file value="{MERGE_NET}"/>': "no vehicle was on the road",
+}
+
+
+@pytest.mark.parametrize("text", [*BAD_CONFIGS, *map(slow, COSTLY_CONFIGS)])
+def test_bad_configurations_give_one_clear_line(tmp_path, text):
+    with pytest.raises(RegentsError, match=(BAD_CONFIGS | COSTLY_CONFIGS)[text]) as error:
+        record_sumo(SumoInput(config(tmp_path, text)))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("<configuration><input>", "broken or truncated XML"),
+        ("", "broken or truncated XML"),
+        ("<net/>", "root element"),
+    ],
+)
+def test_a_broken_configuration_is_said(tmp_path, content, message):
+    path = tmp_path / "x.sumocfg"
+    path.write_text(content)
+    with pytest.raises(SumoError, match=message):
+        record_sumo(SumoInput(path))
+    with pytest.raises(RegentsError, match="SUMO configuration not found"):
+        record_sumo(SumoInput(tmp_path / "none.sumocfg"))
+
+
+ROUTE = '<route id="r" edges="{}"/>'
+BAD_ROUTES = {
+    '<vehicle id="a" type="nope" depart="0"><route edges="main"/></vehicle>': "vehicle type 'nope'",
+    '<vehicle id="a" depart="0"><route edges="nowhere"/></vehicle>': "edge 'nowhere'",
+    '<vehicle id="a" depart="0"><route edges="exit main"/></vehicle>': "no valid route",  # said while SUMO runs
+    "<vehicle": "broken or truncated XML",
+}
+
+
+@pytest.mark.parametrize("text", BAD_ROUTES)
+def test_sumo_says_what_is_wrong_with_routes(tmp_path, text):
+    path = tmp_path / "x.rou.xml"
+    path.write_text(f"<routes>{text}</routes>")
+    with pytest.raises(SumoError, match=BAD_ROUTES[text]) as error:
+        record_sumo(SumoInput(net=MERGE_NET, routes=(path,)))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"horizon_s": 700.0}, "horizon of 700 s does not fit into the simulation, which lasts 600 s"),
+        slow({"begin_s": 700.0}, "The end time should be after the begin time"),
+        slow({"extra": ("--step-length", "0.5")}, "recordings are made at 0.1 s only"),
+        slow({"extra": ("--nonsense",)}, "SUMO refused: .*nonsense"),
+        ({"end_s": 9.0}, "candidate egos in 1 slot"),
+    ],
+)
+def test_requests_that_cannot_be_met(asked, message):
+    horizon_s = asked.pop("horizon_s", 8.0)
+    with pytest.raises(RegentsError, match=message):
+        record_sumo(SumoInput(MERGE, **asked), horizon_s=horizon_s)
+
+
+def test_too_little_traffic_is_said(tmp_path):
+    path = tmp_path / "x.rou.xml"
+    path.write_text('<routes><vehicle id="a" depart="0"><route edges="main"/></vehicle></routes>')
+    with pytest.raises(NoWindowError, match=r"of 1 candidate egos .* 1 had fewer than 2 moving vehicles"):
+        record_sumo(SumoInput(net=MERGE_NET, routes=(path,), end_s=9.0))

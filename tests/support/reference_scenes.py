@@ -1,0 +1,32 @@
+"""Cut-ins and what the careful driver does in them."""
+
+from dataclasses import replace
+
+import numpy as np
+from scenes import DT, crash, scene, straight_road
+
+from regents_cosim.verdicts.reference_drivers import reference_drives
+
+TIME = DT * np.arange(81)
+
+
+WIDTH = 3.2
+
+
+def careful(attacked):
+    return next(drive for drive in reference_drives(attacked) if drive.driver == "careful")
+
+
+def cut_in(gap, lateral, speed=15.0, other=10.0):
+    """A slower car that comes over from the next lane, `gap` m ahead of the ego when it sets out after 1 s."""
+    start = gap + 4.6 + (speed - other) * 1.0
+    made = scene((0, 0, speed), (start, WIDTH, other), road=straight_road(2))
+    return crash(made, aside(made, lateral, other))
+
+
+def aside(made, lateral, speed):
+    """The tracks of `made` with a second car that comes over by a lane, from 1 s on, and points where it goes."""
+    y, yaw = (np.array(values) for values in (made.tracks.y, made.tracks.yaw))
+    y[1] = WIDTH - np.clip(lateral * (TIME - 1.0), 0.0, WIDTH)
+    yaw[1] = np.append(0.0, np.arctan2(np.diff(y[1]) / DT, speed))
+    return replace(made.tracks, y=y, yaw=yaw)

@@ -1,0 +1,72 @@
+"""Runs of a method on windows, made by hand for tables."""
+
+from dataclasses import replace
+
+import numpy as np
+from scenes import scene
+
+from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.evaluation.crashes.scores import Run
+from regents_cosim.scenario import (
+    AttackRecord,
+    Avoidability,
+    Collision,
+    Fault,
+    Judgement,
+    Law,
+    Manoeuvre,
+    ReferenceDrive,
+    Tracks,
+)
+
+AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4), in_time=False)
+
+
+UNAVOIDABLE = Avoidability(False, 500, 0, None, None)
+
+
+LAWFUL = Law((), ())
+
+
+AVOIDS = (ReferenceDrive("careful", True, 1.0, 2.2), ReferenceDrive("rss", False))
+
+
+def missed(name, outcome="no_collision"):
+    made = scene((0, 0, 10), (60, 3.2, 10), name=name)
+    return replace(
+        made, attack=AttackRecord(name, "king", "idm", outcome, 3, candidates=("car01",)), original=made.tracks
+    )
+
+
+def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=()):
+    """A cut-in that ends in a contact."""
+    made = scene((0, 0, 10), (8, 3.2, 9), name=name)
+    y = np.array(made.tracks.y)
+    y[1] -= 3.2 * np.linspace(0, 1, 81) ** 2
+    tracks = replace(made.tracks, y=y)
+    agent, step = first_contact(made.agents, tracks)
+    hit = Collision("car01", step, 0.1 * step, collision_kind(made.agents, tracks, agent, step), 4.0, attributed=True)
+    agents = (made.agents[0], replace(made.agents[1], role="adversary"))
+    judgement = Judgement(tuple(flaws), avoidability, Fault("adversary", "cut_in", "too close"), law, drivers)
+    evasion = Tracks(*(getattr(tracks, f)[:1] for f in ("x", "y", "yaw", "speed", "valid")))
+    return replace(
+        made,
+        agents=agents,
+        tracks=tracks,
+        original=made.tracks,
+        attack=AttackRecord(name, "king", "idm", "collision", 3, hit, ("car01",)),
+        judgement=judgement,
+        evasion=evasion if avoidability.avoidable else None,
+    )
+
+
+WINDOWS = [
+    [missed("a", "already_colliding")],
+    [crashed("b")],
+    [crashed("c", ["off_road"]), crashed("c2", avoidability=UNAVOIDABLE)],
+    [crashed("d", ["off_road"])],
+    [missed("e")],
+]
+
+
+KINGS = Run("king", "idm", 500, WINDOWS, seconds=2.0)

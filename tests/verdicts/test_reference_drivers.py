@@ -1,0 +1,126 @@
+"""Hand-computed crashes, and what holds of every reference driver."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from avoidable_scenes import braking_lead, moved
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from places import ROOT
+from reference_scenes import TIME, aside, careful, cut_in
+from scenes import DT, crash, scene, straight_road
+
+from regents_cosim.cases.suite import load_cases
+from regents_cosim.verdicts.emergency_braking import Brakes, braked_speed
+from regents_cosim.verdicts.reference_drivers import CAREFUL_BRAKES, reference_drives, reference_track
+from regents_cosim.verdicts.words import drive_words
+
+QUICKSTART = ROOT / "scenarios" / "quickstart"
+
+
+def test_a_cut_in_is_seen_once_it_has_left_the_middle_of_its_lane():
+    # 0.375 m at 1 m/s after 1 s: at the first step beyond, 1.4 s; 0.4 s to evaluate, 0.75 s of delay
+    found = careful(cut_in(18.0, 1.0))
+    assert found.perceives_s == pytest.approx(1.4)
+    assert found.acts_s == pytest.approx(2.5, abs=0.051)
+    assert found.avoids
+    assert found.shift_m == 0.0
+
+
+def test_too_close_a_cut_in_is_not_avoided():
+    found = careful(cut_in(2.0, 1.8))
+    assert found.perceives_s is not None
+    assert not found.avoids
+
+
+def test_who_keeps_to_the_next_lane_is_not_suspected():
+    # It is 12 m/s slower and beside the ego before it comes over, which it does within a step or two.
+    found = careful(cut_in(24.0, 12.0, other=3.0))
+    assert found.perceives_s is None or found.perceives_s >= 1.0
+
+
+def test_a_swerve_where_braking_does_not_do():
+    made = scene((0, 3.2, 15), (36.5, 3.2, 15), road=straight_road(3))
+    stands = crash(made, moved(made, 1, x=np.minimum(36.5 + 15.0 * TIME, 41.0), speed=15.0 * (TIME < 0.3)))
+    narrow = replace(stands.agents[1], kind="motorcycle", length=2.0, width=0.8)
+    narrowed = careful(replace(stands, agents=(stands.agents[0], narrow)))
+    assert narrowed.avoids
+    assert abs(narrowed.shift_m) in (0.9, 1.8)
+
+
+def test_followers_that_replay_their_log_are_noted_and_third_parties_count():
+    gap = 35.4
+    assert careful(braking_lead(gap)).avoids
+    assert careful(braking_lead(gap)).rear_ended_by == ()
+    followed = careful(braking_lead(gap, (-4.6 - 3.0, 0, 15)))
+    assert followed.avoids
+    assert followed.rear_ended_by == ("car02",)
+    assert "(car02, replaying a log, runs into its back)" in drive_words(followed)
+    crosses = braking_lead(gap)
+    stopped_at = float(reference_track(crosses).x[0, -1])
+    made = scene((0, 0, 15), (gap + 4.6, 0, 15), (stopped_at + 3.0, 30.0, 0), road=straight_road(1))
+    time = np.minimum(TIME, 2.5)
+    tracks = moved(made, 1, x=gap + 4.6 + 15 * time - 3 * time**2, speed=15 - 6 * time)
+    hit = crash(made, tracks)
+    into = moved(hit, 2, y=np.where(TIME > 6.0, 0.0, 30.0))
+    assert not careful(replace(hit, tracks=into)).avoids
+
+
+@given(
+    own=st.lists(st.floats(0.0, 30.0), min_size=5, max_size=60),
+    onset=st.integers(0, 40),
+    jerk=st.floats(1.0, 20.0),
+    beyond=st.integers(0, 20),
+)
+def test_nobody_brakes_harder_than_their_brakes_or_less_than_the_ego(own, onset, jerk, beyond):
+    speed, onset = np.array(own), min(onset, len(own) - 2)
+    brakes = Brakes(7.6, jerk)
+    braked = braked_speed(speed, onset, brakes, DT, len(own) + beyond)
+    assert len(braked) == len(own) + beyond
+    assert (braked >= 0.0).all()
+    np.testing.assert_array_equal(braked[: onset + 1], speed[: onset + 1])
+    after = np.diff(braked[onset:]) / DT
+    own_accel = np.zeros(len(after))
+    own_accel[: len(own) - 1 - onset] = np.diff(speed[onset:]) / DT
+    assert (after >= np.minimum(own_accel, -7.6) - 1e-9).all()
+    moving = braked[onset + 1 :] > 0.0
+    assert (after[moving] <= np.minimum(own_accel, 0.0)[moving] + 1e-9).all()
+
+
+def test_full_braking_takes_its_time():
+    speed = braked_speed(np.full(40, 30.0), 10, CAREFUL_BRAKES, DT, 40)
+    # 0.6 s to 7.59 m/s^2: 0.5 * 0.6 * 7.59 m/s are lost meanwhile
+    assert speed[16] == pytest.approx(30.0 - 0.5 * 0.6 * 7.593, abs=0.02)
+    assert np.diff(speed)[-1] / DT == pytest.approx(-0.774 * 9.81)
+
+
+@settings(max_examples=6)
+@given(gap=st.floats(1.0, 30.0), lateral=st.floats(0.4, 2.5), other=st.floats(2.0, 12.0))
+def test_until_it_acts_it_is_the_egos_own_drive_and_never_ahead_of_it(gap, lateral, other):
+    made = scene((0, 0, 15), (gap + 4.6, 3.2, other), road=straight_road(2))
+    try:
+        attacked = crash(made, aside(made, lateral, other))
+    except TypeError:  # they never met
+        return
+    found, track = careful(attacked), reference_track(attacked)
+    acts = 80 if found.acts_s is None else round(found.acts_s / DT)
+    np.testing.assert_allclose(track.x[0, : acts + 1], attacked.tracks.x[0, : acts + 1])
+    assert (track.x[0] <= attacked.tracks.x[0] + 1e-6).all()
+    assert careful(attacked) == found
+
+
+def test_it_has_its_place_in_the_judgement_of_every_case():
+    for case in load_cases(QUICKSTART):
+        drives = reference_drives(case)
+        assert bool(drives) == (case.attack is not None and case.attack.collision is not None)
+        for drive in drives:
+            assert not drive.avoids or drive.perceives_s < drive.acts_s < case.attack.collision.time_s
+
+
+def test_every_model_brakes_for_a_cut_in_that_leaves_time_and_none_does_wonders():
+    drivers = ("careful", "fuzzy", "rss")
+    for gap, avoids in ((30.0, True), (1.0, False)):
+        drives = reference_drives(cut_in(gap, 1.0 if avoids else 1.8))
+        assert tuple(drive.driver for drive in drives) == drivers
+        assert [drive.avoids for drive in drives] == [avoids] * 3
