@@ -192,10 +192,10 @@ class _Run:
 
     def _read(self) -> None:
         from regents_cosim.cases.shipped import require_own
+        from regents_cosim.cases.suite import suite_cases
         from regents_cosim.evaluation.regression.baseline import load_baseline, require_one_home
         from regents_cosim.evaluation.regression.comparison import thresholds_measurable
         from regents_cosim.evaluation.regression.thresholds import parse_thresholds
-        from regents_cosim.evaluation.suites.cards import suite_cases
 
         self.cases = {suite.resolve(): suite_cases(suite) for suite in _suites(self.config)}
         for suite in self.cases:
@@ -298,8 +298,8 @@ class _Run:
                 pytest.exit("interrupted while outcomes were being accepted", returncode=pytest.ExitCode.INTERRUPTED)
 
     def _save(self) -> None:
+        from regents_cosim.cases.suite import suite_cases
         from regents_cosim.evaluation.regression.baseline import update_baseline
-        from regents_cosim.evaluation.suites.cards import suite_cases
 
         for file in self.baselines:
             suites = [suite for suite, its in self.baseline_files.items() if its == file]

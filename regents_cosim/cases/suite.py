@@ -1,6 +1,7 @@
 """Folders of cases with their manifest: written case by case, read as a whole."""
 
 import logging
+from collections.abc import Iterable
 from pathlib import Path
 
 from regents_cosim.cases.files import MANIFEST, Suite, add_case, find_cases, load_case, load_suite
@@ -45,3 +46,16 @@ def load_cases(path: Path) -> list[Scenario]:
     if not cases:
         raise CaseError(f"{path}: the suite lists no cases (make some with `regents record`)")
     return cases
+
+
+def suite_cases(suite: Path) -> tuple[str, ...]:
+    """The names of the cases that a suite lists. Raises CaseError where there are none."""
+    cases = tuple(entry.case for entry in load_suite(suite).cases)
+    if not cases:
+        raise CaseError(f"{suite}: the suite lists no cases (make some with `regents attack` or `regents suite build`)")
+    return cases
+
+
+def cases_of(cases: Path | str | Iterable[Scenario]) -> list[Scenario]:
+    """Cases in memory as they are, others loaded from where they lie."""
+    return load_cases(Path(cases)) if isinstance(cases, Path | str) else list(cases)

@@ -8,6 +8,7 @@ from cyclopts import CycloptsError, UnknownOptionError
 
 from regents_cosim.cli.bench import bench
 from regents_cosim.cli.commands import app, training
+from regents_cosim.cli.evaluate import evaluate
 from regents_cosim.cli.run_log import end_run_log
 from regents_cosim.cli.shrink import shrink
 from regents_cosim.cli.suite import suites
@@ -25,6 +26,7 @@ app.command(bench)
 app.command(training)
 app.command(suites)
 app.command(shrink)
+app.command(evaluate)
 
 _FOR_SUMO = (["record"], ["attack"])
 _WITH_SUMO = ("record", "attack", "replay", "evaluate", "live", "bench")

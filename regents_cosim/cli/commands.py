@@ -1,15 +1,15 @@
 """The commands: options in, calls of the package, tables out."""
 
 import dataclasses
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 from regents_cosim.cli.options import (
-    Against,
     Cases,
     Count,
     CountOrZero,
@@ -34,7 +34,11 @@ from regents_cosim.cli.shared import (
     require_other_folder,
     verify_in_sumo,
 )
-from regents_cosim.errors import PLANNER_FAILED, MissingDependencyError, RegentsError
+from regents_cosim.errors import PLANNER_FAILED, RegentsError
+
+if TYPE_CHECKING:
+    from regents_cosim.cli.terminal import Terminal
+    from regents_cosim.planners.aim_bev.train_config import Epoch
 
 
 def _shown_default(value: object) -> str | None:
@@ -330,61 +334,6 @@ def export(
 
 
 @app.command
-def evaluate(
-    cases: Cases,
-    *,
-    planner: str,
-    where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
-    baseline: Against = Against(),
-    act_timeout: float = 10.0,
-    executor: str = "local",
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
-) -> int:
-    """How well a planner drives: route completion, collision rate and driving score; or whether it got worse.
-
-    Parameters
-    ----------
-    cases
-        a case or a folder of cases; attacked ones are driven among their adversaries
-    planner
-        system under test: aim-bev, aim-bev:WEIGHTS, idm, log_replay, constant_velocity, sumo, highway:AGENT,
-        torch:MODULE, exec:COMMAND, package.module:attribute or file.py:attribute
-    where
-        in the mirror, in SUMO, or in highway-env
-    act_timeout
-        in the mirror, a planner outside JAX that takes longer over one decision has failed [s]
-    executor
-        where SUMO runs: local, or dask:ADDRESS
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
-    """
-    from regents_cosim.cases.suite import load_cases
-    from regents_cosim.cli.against import Comparison
-    from regents_cosim.evaluation.drives.driving import drive_each, driving_rows
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
-    from regents_cosim.reports.tables import DRIVEN
-    from regents_cosim.system.workers import executor_for
-
-    terminal = open_terminal(talk)
-    if compile_cache:
-        keep_compiled_programs()
-    comparison = Comparison.asked(baseline, cases, planner, where)
-    scenarios = load_cases(cases)
-    with executor_for(executor) as pool:
-        found = drive_each(scenarios, planner, act_timeout, where, pool)
-        drives = list(terminal.each(found, f"driving {planner}", len(scenarios)))
-    if comparison is not None:
-        return comparison.report(scenarios, drives, terminal)
-    rows = [dataclasses.asdict(row) for row in driving_rows(drives)]
-    terminal.show(f"{planner} on {len(drives)} cases in {where}", rows, essential=DRIVEN)
-    errors = [drive for drive in drives if drive.error]
-    for drive in errors:
-        terminal.say(f"{drive.case}: {drive.error}")
-    return PLANNER_FAILED if errors else 0
-
-
-@app.command
 def report(
     cases: Cases,
     *,
@@ -485,21 +434,11 @@ def train_aim_bev(
     resume
         a checkpoint to go on from, or weights for a warm start
     """
-    from regents_cosim.cases.suite import load_cases
-    from regents_cosim.cli.fine_tuning import course, crashes_of, keep_best, learnt_path, show_before_after
+    from regents_cosim.evaluation.training.fine_tuning import finetune, train
+    from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig
     from regents_cosim.planners.aim_bev.weights_file import SHIPPED
-    from regents_cosim.reports.curve import draw_curve
-    from regents_cosim.system.atomic import require_writable
-    from regents_cosim.system.interruption import keep
 
     terminal = open_terminal(talk)
-    if output.suffix != ".safetensors":
-        raise RegentsError(f"--output {output}: expected a name that ends in .safetensors")
-    require_writable(output.parent)
-    try:
-        from regents_cosim.planners.aim_bev.train import FINE_TUNING, TrainConfig, checkpoint_path, train
-    except ModuleNotFoundError as error:
-        raise MissingDependencyError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
     given = {
         "epochs": epochs, "lessons": lessons, "drives": drives, "frozen": frozen, "learning_rate": learning_rate,
         "teacher": teacher, "evading": fine_tune.evading,
@@ -510,32 +449,38 @@ def train_aim_bev(
         seed=seed,
         threads=threads,
     )
+    show_epoch = partial(_show_epoch, output, config.epochs, fine_tune.finetune is None, terminal)
     if fine_tune.finetune is None:
         if fine_tune.held_out or fine_tune.ordinary:
             raise RegentsError("--held-out and --ordinary judge a fine-tuning; expected --finetune SUITE with them")
-        plan, scenarios, crashes, learnt = None, load_cases(cases), [], output
-    else:
-        resume, learnt = resume or SHIPPED, learnt_path(output)
-        plan = course(cases, fine_tune.finetune, fine_tune)
-        scenarios, crashes = plan.taught.ordinary, crashes_of(resume, plan.taught.adversarial, terminal)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    done = []
-    for done in terminal.each(train(scenarios, learnt, config, resume, crashes), "training", config.epochs):
-        last = done[-1]
-        error = f"loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m"
-        terminal.say(f"epoch {len(done)} of {config.epochs}: {error}")
-        lines = {"loss [m]": [e.loss_m for e in done], "held back [m]": [e.held_back_m for e in done]}
-        names = [f"epoch {number}" for number in range(1, len(done) + 1)]
-        draw_curve("AIM-BEV: error of the waypoints", lines, names, output.with_suffix(".png"))
-        if fine_tune.finetune is None:
-            saved = checkpoint_path(output)
-            keep(f"epoch {len(done)} of {config.epochs} is saved; to go on: the same command with --resume {saved}")
-    if plan is None or resume is None:
+        done = train(cases, output, config, resume=resume, progress=terminal, each_epoch=show_epoch)
         terminal.show(f"weights in {output}", [dataclasses.asdict(epoch) for epoch in done])
-    else:
-        keep_best(resume, learnt, output, plan.chosen_by, terminal)
-        show_before_after(resume, output, plan.judged_by, terminal)
+        return 0
+    weights = resume or SHIPPED
+    found = finetune(
+        cases, fine_tune.finetune, output, config, weights=weights, held_out=fine_tune.held_out,
+        ordinary=fine_tune.ordinary, progress=terminal, each_epoch=show_epoch,
+    )  # fmt: skip
+    title = f"before ({weights.name}) and after ({output.name})"
+    terminal.show(title, [dataclasses.asdict(row) for row in found.rows])
     return 0
+
+
+def _show_epoch(output: Path, of: int, resumable: bool, terminal: "Terminal", done: "list[Epoch]") -> None:
+    """A line, and the curve so far."""
+    from regents_cosim.planners.aim_bev.train_config import checkpoint_path
+    from regents_cosim.reports.curve import draw_curve
+    from regents_cosim.system.interruption import keep
+
+    last = done[-1]
+    error = f"loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m"
+    terminal.say(f"epoch {len(done)} of {of}: {error}")
+    lines = {"loss [m]": [e.loss_m for e in done], "held back [m]": [e.held_back_m for e in done]}
+    names = [f"epoch {number}" for number in range(1, len(done) + 1)]
+    draw_curve("AIM-BEV: error of the waypoints", lines, names, output.with_suffix(".png"))
+    if resumable:
+        saved = checkpoint_path(output)
+        keep(f"epoch {len(done)} of {of} is saved; to go on: the same command with --resume {saved}")
 
 
 @app.command

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.replays.verify import Replay
     from regents_cosim.scenario import Scenario
+    from regents_cosim.sources.record import LogInput
+    from regents_cosim.sources.sumo_config import SumoInput
     from regents_cosim.sources.windows import Prefer
 
 _log = logging.getLogger(__name__)
@@ -29,30 +31,10 @@ def open_terminal(talk: Talk) -> "Terminal":
 def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "Terminal") -> "list[Scenario]":
     """The windows that `traffic` asks for, of whatever source."""
     from regents_cosim.sources.record import record as run_record
-    from regents_cosim.sources.sumo_config import SumoInput
     from regents_cosim.system.workers import executor_for
 
-    if not names_traffic(traffic):
-        raise RegentsError(
-            "no traffic named (expected -c NAME.sumocfg, -n NET with -r ROUTES or --fcd LOG, "
-            "--from highway:ENVIRONMENT, or --log PATH)"
-        )
-    if traffic.log is not None:
-        return _record_log(traffic, terminal)
-    if traffic.source and not traffic.source.startswith("highway:"):
-        raise RegentsError(f"--from {traffic.source}: expected highway:ENVIRONMENT, e.g. highway:merge-v1")
-    if traffic.step_length != 0.1:
-        raise RegentsError(f"--step-length {traffic.step_length:g}: recordings are made at 0.1 s only")
-    source = traffic.source or SumoInput(
-        config=traffic.config,
-        net=traffic.net,
-        routes=_files(traffic.routes),
-        additional=_files(traffic.additional),
-        begin_s=traffic.begin,
-        end_s=traffic.end,
-        extra=sumo,
-    )
-    with executor_for(executor) as pool, terminal.waiting("recording traffic"):
+    source = _source(traffic, sumo)
+    with executor_for(executor) as pool, terminal.waiting("reading the log" if traffic.log else "recording traffic"):
         found = run_record(
             source,
             fcd=traffic.fcd,
@@ -66,32 +48,38 @@ def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, termi
             tell=terminal.say,
         )
     _log.info("recorded %d windows", len(found))
-    if len(found) < traffic.count:
+    if len(found) < traffic.count and traffic.log is None:
         terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
     return found
 
 
-def _record_log(traffic: Traffic, terminal: "Terminal") -> "list[Scenario]":
-    from regents_cosim.sources.logs.formats import Beside
-    from regents_cosim.sources.logs.record import record_log
+def _source(traffic: Traffic, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
+    """What the options name. Raises RegentsError."""
+    from regents_cosim.sources.record import LogInput
+    from regents_cosim.sources.sumo_config import SumoInput
 
-    if traffic.config or traffic.net or traffic.fcd or traffic.source:
-        raise RegentsError("--log stands alone; SUMO's own fcd-output is read with --fcd LOG -n NET")
-    assert traffic.log is not None
-    with terminal.waiting("reading the log"):
-        return record_log(
-            traffic.log,
-            format=traffic.format,
-            ego=traffic.ego,
-            count=traffic.count,
-            seed=traffic.seed,
-            horizon_s=traffic.horizon,
-            stride_s=traffic.stride,
-            radius_m=traffic.radius,
-            prefer=traffic.prefer,
-            beside=Beside(traffic.map, traffic.columns),
-            tell=terminal.say,
+    if not names_traffic(traffic):
+        raise RegentsError(
+            "no traffic named (expected -c NAME.sumocfg, -n NET with -r ROUTES or --fcd LOG, "
+            "--from highway:ENVIRONMENT, or --log PATH)"
         )
+    if traffic.log is not None:
+        if traffic.config or traffic.net or traffic.fcd or traffic.source:
+            raise RegentsError("--log stands alone; SUMO's own fcd-output is read with --fcd LOG -n NET")
+        return LogInput(traffic.log, traffic.format, traffic.ego, traffic.stride, traffic.map, traffic.columns)
+    if traffic.source and not traffic.source.startswith("highway:"):
+        raise RegentsError(f"--from {traffic.source}: expected highway:ENVIRONMENT, e.g. highway:merge-v1")
+    if traffic.step_length != 0.1:
+        raise RegentsError(f"--step-length {traffic.step_length:g}: recordings are made at 0.1 s only")
+    return traffic.source or SumoInput(
+        config=traffic.config,
+        net=traffic.net,
+        routes=_files(traffic.routes),
+        additional=_files(traffic.additional),
+        begin_s=traffic.begin,
+        end_s=traffic.end,
+        extra=sumo,
+    )
 
 
 def names_traffic(traffic: Traffic) -> bool:

@@ -46,11 +46,11 @@ def shrink(
     """
     from regents_cosim.cases.files import load_suite
     from regents_cosim.cases.suite import SuiteWriter, load_cases
+    from regents_cosim.evaluation.reduction.shrink import crashes_of, size
     from regents_cosim.evaluation.reduction.shrink import shrink as run_shrink
-    from regents_cosim.evaluation.reduction.shrink import size
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.planners.find import planner_of
-    from regents_cosim.replays.mirror import Wheel
+    from regents_cosim.planners.under_test import PlannerUnderTest
     from regents_cosim.reports.picture import animate_pair, draw_pair
     from regents_cosim.reports.tables import SHRUNK
 
@@ -61,21 +61,21 @@ def shrink(
         raise RegentsError(f"--lead {lead:g}: expected seconds before the crash, 0 or more")
     found = load_cases(cases)
     is_case = (cases / "scenario.json").is_file()
-    crashes = found if is_case else [case for case in found if case.attack and case.attack.outcome == "collision"]
+    crashes = found if is_case else crashes_of(found)
     if not crashes:
         raise RegentsError(f"{cases} holds no case that ends in a collision (make some with `regents attack`)")
     if record and len(crashes) > 1:
         raise RegentsError(f"{cases} holds {len(crashes)} crashes; --record shows one, name its folder")
     folder = output or _suite_of(cases, is_case)
-    drivers = [planner_of(case, planner) for case in crashes]
+    names = [planner_of(case, planner) for case in crashes]
+    planners = {name: PlannerUnderTest.of(name) for name in names}
     if compile_cache:
         keep_compiled_programs()
     seed = load_suite(folder).seed if (folder / "suite.json").is_file() else 0
     suite = SuiteWriter(folder, seed)
     rows = []
-    for case, driver in terminal.each(zip(crashes, drivers, strict=True), "shrinking", len(crashes)):
-        with Wheel(driver, act_timeout) as wheel:
-            shrunk = run_shrink(case, wheel, lead)
+    for case, name in terminal.each(zip(crashes, names, strict=True), "shrinking", len(crashes)):
+        shrunk = run_shrink(case, planners[name], lead_s=lead, act_timeout_s=act_timeout)
         suite.add(shrunk.case)
         rows += [dataclasses.asdict(size(one)) for one in (shrunk.attacked, shrunk.case)]
         if record:

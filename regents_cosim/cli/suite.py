@@ -115,7 +115,8 @@ def list_cases(suite: Cases | None = None, *, shipped: bool = False, talk: Talk 
     shipped
         list the suites and SUMO networks that come with the package instead
     """
-    from regents_cosim.evaluation.suites.cards import card_of, suite_cases
+    from regents_cosim.cases.suite import suite_cases
+    from regents_cosim.evaluation.suites.cards import card_of
     from regents_cosim.reports.tables import LISTED, shipped_rows
 
     if shipped == (suite is not None):

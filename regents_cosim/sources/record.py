@@ -3,20 +3,37 @@
 import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 
+from regents_cosim.cases.shipped import located
 from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.fcd import record_fcd
+from regents_cosim.sources.logs.formats import Beside
+from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import Prefer
 
 _HIGHWAY = "highway:"
+_SUMO = ".sumocfg"
+
+
+@dataclass(frozen=True)
+class LogInput:
+    """Logged traffic, where its path alone does not say enough."""
+
+    path: Path  # a file, or a folder of files
+    format: str = "auto"  # auto tells it by the content
+    ego: str = "auto"  # id of a road user; auto: the recorder's vehicle or the planning problem's, else one by seed
+    stride_s: float | None = None  # from one window to the next; None: back to back
+    map: Path | None = None  # lanelet2 map (.osm) that does not lie beside it
+    columns: Path | None = None  # TOML file that names the columns of a table (csv, parquet)
 
 
 def record(
-    source: SumoInput | Path | str,
+    source: SumoInput | LogInput | Path | str,
     *,
     fcd: Path | None = None,
     policy: str = "idm",
@@ -30,10 +47,15 @@ def record(
 ) -> list[Scenario]:
     """Up to `count` windows of ordinary traffic; the same seed gives the same.
 
-    `source` is a .sumocfg, a SumoInput, or `highway:` and the id of an environment of highway-env,
-    whose ego `policy` drives: idm, mdp, random, `package.module:attribute` or `file.py:attribute`.
-    With `fcd`, an fcd-output of SUMO, nothing is run: the network and the vehicle types come from
-    `source`. `prefer` says which egos come first, as for `windows.choose_windows`; in highway-env there is one
+    `source` is one of
+
+    - a .sumocfg, `shipped:merge` and its like, or a SumoInput. With `fcd`, an fcd-output of SUMO, nothing is run: the
+      network and the vehicle types come from the SumoInput;
+    - `highway:` and the id of an environment of highway-env, whose ego `policy` drives: idm, mdp, random,
+      `package.module:attribute` or `file.py:attribute`;
+    - any other file or folder: logged traffic of any of our formats, or a LogInput.
+
+    `prefer` says which egos come first, as for `windows.choose_windows`; in highway-env there is one
     alone. `tell` is told what is left out or assumed. Raises RegentsError for bad input, NoWindowError where
     there is no window.
     """
@@ -49,7 +71,21 @@ def record(
             radius_m=radius_m,
             executor=executor,
         )
-    given = source if isinstance(source, SumoInput) else SumoInput(config=Path(source))
+    given = _given(source)
+    if isinstance(given, LogInput):
+        return record_log(
+            given.path,
+            format=given.format,
+            ego=given.ego,
+            count=count,
+            seed=seed,
+            horizon_s=horizon_s,
+            stride_s=given.stride_s,
+            radius_m=radius_m,
+            prefer=prefer,
+            beside=Beside(given.map, given.columns),
+            tell=tell,
+        )
     if fcd is None:
         return record_sumo(
             given,
@@ -75,3 +111,11 @@ def record(
         prefer=prefer,
         tell=tell,
     )
+
+
+def _given(source: SumoInput | LogInput | Path | str) -> SumoInput | LogInput:
+    """What a path stands for: a configuration of SUMO, or a log."""
+    if isinstance(source, SumoInput | LogInput):
+        return source
+    path = located(Path(source))
+    return SumoInput(config=path) if path.suffix == _SUMO else LogInput(path)

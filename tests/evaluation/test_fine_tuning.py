@@ -17,12 +17,12 @@ from scenes import crash, platoon, scene
 
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
-from regents_cosim.cli.fine_tuning import learnt_path
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError
 from regents_cosim.evaluation.drives.driving import Drive
 from regents_cosim.evaluation.training.before_after import before_after, hold_back
 from regents_cosim.evaluation.training.failed_drives import BRAKING, failed_drives, teachable
+from regents_cosim.evaluation.training.fine_tuning import learnt_path
 from regents_cosim.evaluation.training.mixture import SHARES, Mixture, best, mixture
 from regents_cosim.planners.aim_bev.curriculum import EVADING, KINDS, evading_steps, plan
 from regents_cosim.planners.aim_bev.interpolate import interpolate

@@ -8,10 +8,10 @@ from regression_cases import cuts_in, follows, pushes
 
 from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.cases.shipped import suite_folder
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_cases, suite_cases
 from regents_cosim.evaluation.drives.driving import drive_each, driving_row, score
 from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
-from regents_cosim.evaluation.suites.cards import card, card_of, suite_cases
+from regents_cosim.evaluation.suites.cards import card, card_of
 from regents_cosim.evaluation.suites.ranking import rank_rows
 from regents_cosim.replays.mirror import Wheel
 

@@ -11,7 +11,7 @@ from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.reduction.shrink import shrink, size
+from regents_cosim.evaluation.reduction.shrink import shrink_at, size
 from regents_cosim.evaluation.reduction.way_back import WayBack
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.dynamics import controls_between
@@ -34,7 +34,7 @@ def attacked():
 
 @pytest.fixture(scope="module")
 def shrunk(attacked, wheel):
-    return shrink(attacked, wheel)
+    return shrink_at(wheel, attacked)
 
 
 def test_there_is_less_of_everything(attacked, shrunk):
@@ -76,7 +76,7 @@ def test_a_shrunk_crash_tells_no_less(attacked, shrunk):
 
 def test_a_shrunk_case_shrinks_no_further(shrunk, wheel, tmp_path):
     saved = load_case(save_case(shrunk.case, tmp_path))
-    assert content_hash(shrink(saved, wheel).case) == content_hash(shrunk.case)
+    assert content_hash(shrink_at(wheel, saved).case) == content_hash(shrunk.case)
 
 
 @pytest.mark.parametrize("part", ["both", "accel", "curvature"])
@@ -102,9 +102,9 @@ def test_on_the_way_back_vehicles_move_as_they_can(attacked, part):
 def test_without_a_collision_there_is_nothing_to_shrink(wheel):
     missed = next(attack([platoon(6)], replace(REGENTS, iterations=1), "constant_velocity"))
     with pytest.raises(RegentsError, match="no collision to shrink: its attack ended as no_collision"):
-        shrink(missed, wheel)
+        shrink_at(wheel, missed)
     with pytest.raises(RegentsError, match="no collision to shrink: it was never attacked"):
-        shrink(scene((0, 0, 10), (20, 0, 10)), wheel)
+        shrink_at(wheel, scene((0, 0, 10), (20, 0, 10)))
 
 
 def test_a_planner_that_does_not_crash_there(attacked):
@@ -112,7 +112,7 @@ def test_a_planner_that_does_not_crash_there(attacked):
         Wheel("idm") as other,
         pytest.raises(RegentsError, match="planner 'idm' .*, expected a crash with car"),
     ):
-        shrink(safe_for_idm(attacked), other)
+        shrink_at(other, safe_for_idm(attacked))
 
 
 def safe_for_idm(attacked):

@@ -25,6 +25,9 @@ from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.evaluation.crashes.deviation import deviation
 from regents_cosim.evaluation.reduction.pieces import cut, without
 from regents_cosim.evaluation.reduction.way_back import WayBack, changed_agents, with_rows
+from regents_cosim.planners.find import planner_of
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import UNLAWFUL, Collision, Flaw, Scenario, Tracks
 from regents_cosim.verdicts.clean import flaws
@@ -94,12 +97,29 @@ def size(attacked: Scenario) -> Size:
     )
 
 
-def shrink(attacked: Scenario, wheel: Wheel, lead_s: float = LEAD_S) -> Shrunk:
-    """The least of `attacked` in which the planner at the wheel still crashes.
+def shrink(
+    attacked: Scenario,
+    planner: AnyPlanner | None = None,
+    *,
+    lead_s: float = LEAD_S,
+    act_timeout_s: float = ACT_TIMEOUT_S,
+) -> Shrunk:
+    """The least of `attacked` in which `planner` still crashes: by default the one that was attacked, if it is ours.
 
-    The window begins `lead_s` before the crash at the latest. Raises RegentsError for a case
-    without a collision, or in which this planner does not crash; DriveError where it fails.
+    The window begins `lead_s` before the crash at the latest. Raises RegentsError for a case without a collision, or in
+    which this planner does not crash, PlannerError for one that cannot be found, DriveError where it fails.
     """
+    with Wheel(planner_of(attacked) if planner is None else planner, act_timeout_s) as wheel:
+        return shrink_at(wheel, attacked, lead_s)
+
+
+def crashes_of(cases: Sequence[Scenario]) -> list[Scenario]:
+    """Those that end in a collision."""
+    return [case for case in cases if case.attack and case.attack.outcome == "collision"]
+
+
+def shrink_at(wheel: Wheel, attacked: Scenario, lead_s: float = LEAD_S) -> Shrunk:
+    """The same, with the planner that is at the wheel."""
     hit = _collision(attacked)
     trial = _Trial(wheel, hit.agent)
     case = trial.begin(attacked)

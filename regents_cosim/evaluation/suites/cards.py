@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from regents_cosim.cases.files import Header, load_header, load_suite
-from regents_cosim.errors import CaseError
+from regents_cosim.cases.files import Header, load_header
 from regents_cosim.scenario import AttackRecord, Scenario
 
 
@@ -84,11 +83,3 @@ def _kind(attack: AttackRecord | None) -> str:
     if attack.careful_completion is not None:
         return "harmless"
     return attack.collision.kind if attack.collision and attack.outcome == "collision" else "no_collision"
-
-
-def suite_cases(suite: Path) -> tuple[str, ...]:
-    """The names of the cases that a suite lists. Raises CaseError where there are none."""
-    cases = tuple(entry.case for entry in load_suite(suite).cases)
-    if not cases:
-        raise CaseError(f"{suite}: the suite lists no cases (make some with `regents attack` or `regents suite build`)")
-    return cases

@@ -4,14 +4,12 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, evading_steps, plan
@@ -19,69 +17,13 @@ from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
 from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, practise
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
+from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig, checkpoint_path
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 
 _FROM_PRACTICE = 0.4  # share of the lessons, once there is any
 _CHECKED = 256  # lessons that are held back, per epoch
 _AT_ONCE = 64  # drives
-
-
-@dataclass(frozen=True)
-class TrainConfig:
-    """How long and how fast to learn."""
-
-    epochs: int = 40
-    seed: int = 0
-    lessons: int = 4096  # that are new in an epoch
-    kept: int = 4  # epochs that a lesson is repeated in
-    batch: int = 64
-    learning_rate: float = 1e-3  # of Adam; falls to a hundredth of it along a cosine
-    frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
-    warm_up: int = 3  # epochs before the network drives by itself, where it begins without weights
-    drives: int = 40  # of the network by itself, per epoch
-    teacher: Literal["log", "idm"] = "log"  # that, or who drives in the egos' places: `teacher`
-    evading: float = 0.25  # share of the lessons and drives, where there are crashes to learn from
-    threads: int = 2  # of torch
-
-    def __post_init__(self) -> None:
-        check_ranges(self, _RANGES)
-        require(
-            self.lessons >= self.batch,
-            f"lessons is {self.lessons}, expected at least {self.batch}: that many are taught at a time",
-            RegentsError,
-        )
-        require(0 < self.evading < 1, f"a share {self.evading} of lessons, expected one between 0 and 1", RegentsError)
-
-
-_RANGES = {
-    "epochs": Range(1, 100_000, "passes over the lessons", whole=True),
-    "seed": SEED,
-    "lessons": Range(1, 10_000_000, "new lessons in an epoch", whole=True),
-    "kept": Range(1, 1000, "epochs that a lesson is repeated in", whole=True),
-    "batch": Range(1, 100_000, "lessons that are taught at a time", whole=True),
-    "learning_rate": Range(1e-9, 1.0, "the learning rate of Adam"),
-    "frozen": Range(0, 13, "first layers of the encoder that learn no more", whole=True),
-    "drives": Range(0, 100_000, "drives of the network by itself per epoch", whole=True),
-    "threads": Range(1, 1024, "threads of torch", whole=True),
-}
-
-# Of trained weights: lessons cost more than passes over them, and evasions take about ten passes. The log cannot teach
-# them: with it, 66 of 106 held-out attacks ended in a crash before and 64 after, and ordinary traffic suffered.
-FINE_TUNING = TrainConfig(
-    epochs=8, lessons=2048, kept=10, frozen=4, drives=24, learning_rate=5e-4, teacher="idm", evading=0.4
-)
-
-
-@dataclass(frozen=True)
-class Epoch:
-    """How an epoch went."""
-
-    epoch: int
-    loss_m: float  # mean absolute error of the waypoints' coordinates
-    held_back_m: float  # the same on windows that are not taught
-    practice_collision_rate: float | None
-    practice_away_m: float | None  # from the log
 
 
 @dataclass
@@ -153,11 +95,6 @@ def drive_all(scenarios: Sequence[Scenario], weights: Path) -> Iterator[Tracks]:
         scene = np.minimum(np.arange(first, first + at_once), len(scenarios) - 1)  # the last chunk keeps the shape
         driven = np.stack([known for _, known in drive(room, predict, Controller(), scene)], axis=-1)
         yield from map(_with_ego, scenarios[first : first + at_once], driven)
-
-
-def checkpoint_path(output: Path) -> Path:
-    """Where the checkpoint of a training lies that writes its weights to `output`."""
-    return output.with_suffix(".checkpoint.safetensors")
 
 
 def _split(curriculum: Curriculum) -> tuple[Curriculum, Curriculum]:

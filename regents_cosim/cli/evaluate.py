@@ -1,0 +1,138 @@
+"""`regents evaluate`: options in, one call, tables out."""
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from regents_cosim.cli.options import Against, Cases, Switch, Talk
+from regents_cosim.cli.shared import open_terminal
+from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
+
+if TYPE_CHECKING:
+    from regents_cosim.cli.terminal import Terminal
+    from regents_cosim.evaluation.regression.comparison import Verdict
+    from regents_cosim.evaluation.regression.evaluate import AgainstBaseline, Evaluation
+
+_STDOUT = Path("-")
+
+
+def evaluate(
+    cases: Cases,
+    *,
+    planner: str,
+    where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
+    baseline: Against = Against(),
+    act_timeout: float = 10.0,
+    executor: str = "local",
+    compile_cache: Switch = True,
+    talk: Talk = Talk(),
+) -> int:
+    """How well a planner drives: route completion, collision rate and driving score; or whether it got worse.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases; attacked ones are driven among their adversaries
+    planner
+        system under test: aim-bev, aim-bev:WEIGHTS, idm, log_replay, constant_velocity, sumo, highway:AGENT,
+        torch:MODULE, exec:COMMAND, package.module:attribute or file.py:attribute
+    where
+        in the mirror, in SUMO, or in highway-env
+    act_timeout
+        in the mirror, a planner outside JAX that takes longer over one decision has failed [s]
+    executor
+        where SUMO runs: local, or dask:ADDRESS
+    compile_cache
+        keep compiled programs on disk (folder: $REGENTS_CACHE)
+    """
+    from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
+    from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.reports.tables import DRIVEN
+    from regents_cosim.system.workers import executor_for
+
+    terminal = open_terminal(talk)
+    if compile_cache:
+        keep_compiled_programs()
+    if (baseline.strict or baseline.markdown) and baseline.against is None and not baseline.update:
+        raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --against")
+    with executor_for(executor) as pool:
+        found = run_evaluate(
+            cases,
+            planner,
+            where=where,
+            against=baseline.against,
+            update=baseline.update,
+            fail=baseline.fail,
+            margin=baseline.margin,
+            act_timeout_s=act_timeout,
+            executor=pool,
+            progress=terminal,
+        )
+    if found.against is not None:
+        return _show_verdicts(found, found.against, cases, baseline, terminal)
+    rows = [dataclasses.asdict(row) for row in found.rows]
+    terminal.show(f"{planner} on {len(found.drives)} cases in {where}", rows, essential=DRIVEN)
+    for drive in found.errors:
+        terminal.say(f"{drive.case}: {drive.error}")
+    return PLANNER_FAILED if found.errors else 0
+
+
+def _show_verdicts(
+    found: "Evaluation", held: "AgainstBaseline", cases: Path, options: Against, terminal: "Terminal"
+) -> int:
+    """The table, what fails, what was accepted; the exit code."""
+    from regents_cosim.evaluation.regression.comparison import reproduce, tally
+    from regents_cosim.evaluation.regression.evaluate import suite_of
+
+    _show(found, held, cases, options, terminal)
+    terminal.say(tally(held.verdicts))
+    for verdict in held.verdicts:
+        if verdict.fails(options.strict) and not options.update:
+            terminal.say(f"{verdict.case}: {'; '.join(verdict.reasons)}")
+            terminal.say(f"  see it: {reproduce(suite_of(cases) / verdict.case, found.planner, found.where)}")
+    for case in held.unused:
+        terminal.say(f"{'removed' if options.update else 'unused'} baseline entry: {case}")
+    if held.stranger:
+        terminal.say(held.stranger)
+    if held.accepted is None:
+        return NEGATIVE_VERDICT if held.fails(options.strict) else 0
+    terminal.say(f"accepted {len(held.accepted)} changes in {held.file}")
+    for line in held.accepted:
+        terminal.say(f"  {line}")
+    return PLANNER_FAILED if any(v.now.outcome == "planner_error" for v in held.verdicts) else 0
+
+
+def _show(found: "Evaluation", held: "AgainstBaseline", cases: Path, options: Against, terminal: "Terminal") -> None:
+    from regents_cosim.evaluation.regression.comparison import markdown
+    from regents_cosim.evaluation.regression.evaluate import suite_of
+    from regents_cosim.reports.tables import COMPARED
+
+    summary = markdown(held.verdicts, suite_of(cases), found.planner, found.where, held.unused)
+    if options.markdown == _STDOUT:
+        terminal.write(summary)
+        return
+    if options.markdown is not None:
+        _write(options.markdown, summary)
+    rows = [dataclasses.asdict(v) if terminal.json else _row(v) for v in held.verdicts]
+    terminal.show(f"{found.planner} in {found.where} against {held.file}", rows, essential=COMPARED)
+
+
+def _row(verdict: "Verdict") -> dict[str, Any]:
+    from regents_cosim.evaluation.regression.comparison import short
+
+    return {
+        "case": verdict.case,
+        "verdict": verdict.status,
+        "baseline": short(verdict.before),
+        "now": short(verdict.now),
+        "why": "; ".join(verdict.reasons) or None,
+    }
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise RegentsError(f"cannot write {path}: {error.strerror} (choose another file for --markdown)") from error

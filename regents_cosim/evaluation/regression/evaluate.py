@@ -1,0 +1,172 @@
+"""`evaluate`: how well a planner drives a suite, and whether it got worse than a baseline allows."""
+
+import os
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.shipped import located, require_own
+from regents_cosim.cases.suite import cases_of, suite_cases
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_each, driving_rows
+from regents_cosim.evaluation.reduction.margin import with_margin
+from regents_cosim.evaluation.regression.baseline import FILE, Baseline, Driven, load_baseline, update_baseline
+from regents_cosim.evaluation.regression.comparison import Verdict, changes, judge_drive, thresholds_measurable, unused
+from regents_cosim.evaluation.regression.drives_ahead import driven
+from regents_cosim.evaluation.regression.thresholds import Threshold, parse_thresholds
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
+from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.replay import Simulator
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.progress import SILENT, Progress
+
+
+@dataclass(frozen=True)
+class AgainstBaseline:
+    """A planner's drives held against what was accepted of it."""
+
+    file: Path
+    verdicts: tuple[Verdict, ...]
+    unused: tuple[str, ...]  # cases that the baseline has entries of, and the suite does not hold
+    stranger: str  # where the baseline knows other planners alone: that it goes by names, and by which
+    accepted: tuple[str, ...] | None = None  # what was accepted, a line each; None: nothing was to be
+
+    def fails(self, strict: bool = False) -> bool:
+        """Whether it is reason to stop; `strict` wants improvements accepted as well."""
+        return any(verdict.fails(strict) for verdict in self.verdicts)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a planner did in some cases."""
+
+    planner: str  # its name
+    where: Simulator
+    drives: tuple[Drive, ...]  # in the order of the cases
+    against: AgainstBaseline | None = None  # where it was held against a baseline
+
+    @property
+    def rows(self) -> list[DrivingRow]:
+        """Scores by source of traffic, those of all cases last."""
+        return driving_rows(self.drives)
+
+    @property
+    def errors(self) -> list[Drive]:
+        """Cases in which the planner failed, or the simulator."""
+        return [drive for drive in self.drives if drive.error]
+
+
+def evaluate(
+    cases: Path | str | Sequence[Scenario],
+    planner: AnyPlanner,
+    *,
+    where: Simulator = "mirror",
+    against: Path | str | None = None,
+    update: bool = False,
+    fail: str = "",
+    margin: bool = False,
+    act_timeout_s: float = ACT_TIMEOUT_S,
+    executor: Executor | None = None,
+    progress: Progress = SILENT,
+) -> Evaluation:
+    """Let `planner` drive every case: a case or a suite on disk, or cases in memory.
+
+    `against` is a file of accepted outcomes (baseline.json): each drive is held against it, by `fail` also where
+    metrics get worse ("min_ttc_s:-5% collision:+0"). With `update` what the planner does now is accepted, by default in
+    the suite's own file. `margin` measures how little of each attack makes it collide, by up to six more drives.
+
+    A planner that takes longer than `act_timeout_s` over a decision has failed in that case. SUMO runs in processes of
+    its own, or those of `executor`. Raises PlannerError for a planner that cannot be found, RegentsError, before
+    anything is driven, for what cannot be read or measured.
+    """
+    folder = located(Path(cases)) if isinstance(cases, Path | str) else None
+    asked = _asked(folder, against, update, fail, margin, where)
+    given = PlannerUnderTest.of(planner)
+    scenarios = cases_of(cases)
+    drives = drive_each(scenarios, given, act_timeout_s, where, executor)
+    found = tuple(progress.each(drives, f"driving {given.name}", len(scenarios)))
+    evaluation = Evaluation(given.name, where, found)
+    return evaluation if asked is None else asked.held(evaluation, scenarios, given, act_timeout_s)
+
+
+def suite_of(cases: Path) -> Path:
+    """The suite that `cases` is, or that it is a case of."""
+    return cases.absolute().parent if (cases / "scenario.json").is_file() else cases
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a planner is to be held against."""
+
+    suite: Path | None  # None: the cases are in memory
+    file: Path
+    baseline: Baseline
+    thresholds: tuple[Threshold, ...]
+    update: bool
+    margin: bool
+
+    def held(
+        self, found: Evaluation, scenarios: Sequence[Scenario], planner: PlannerUnderTest, act_timeout_s: float
+    ) -> Evaluation:
+        """Judge every drive, and accept where that is asked for."""
+        drives, more = found.drives, [dict[str, float | None]() for _ in scenarios]
+        if self.margin:
+            drives, more = _with_margins(scenarios, drives, planner, act_timeout_s)
+        before = self.baseline.of(found.planner, found.where)
+        now = {
+            scenario.id: driven(drive, content_hash(scenario), scenario.dt, its)
+            for scenario, drive, its in zip(scenarios, drives, more, strict=True)
+        }
+        verdicts = tuple(judge_drive(case, one, before.get(case), self.thresholds) for case, one in now.items())
+        listed = suite_cases(self.suite) if self.suite is not None else (*before, *now)
+        said = AgainstBaseline(
+            self.file,
+            verdicts,
+            unused=tuple(unused(before, listed)),
+            stranger=self.baseline.stranger(found.planner, found.where),
+            accepted=self._accepted(verdicts, found, listed) if self.update else None,
+        )
+        return replace(found, drives=tuple(drives), against=said)
+
+    def _accepted(self, verdicts: Iterable[Verdict], found: Evaluation, listed: Sequence[str]) -> tuple[str, ...]:
+        """Accept all but planners that failed; what that changes."""
+        accepted = [verdict for verdict in verdicts if verdict.now.outcome != "planner_error"]
+        new: dict[str, Driven] = {verdict.case: verdict.now for verdict in accepted}
+        update_baseline(self.file, lambda now: now.accepting(found.planner, found.where, new, listed))
+        return tuple(filter(None, map(changes, accepted)))
+
+
+def _asked(
+    folder: Path | None, against: Path | str | None, update: bool, fail: str, margin: bool, where: Simulator
+) -> _Asked | None:
+    """None where no baseline is asked for. Raises RegentsError."""
+    if against is None and not update:
+        if fail or margin:
+            raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --against")
+        return None
+    suite = suite_of(folder) if folder is not None else None
+    if against is None and suite is None:
+        raise RegentsError("cases in memory have no baseline of their own: name a file with `against`")
+    file = Path(against) if against is not None else suite / FILE  # type: ignore[operator]
+    if not file.exists() and not update:
+        raise RegentsError(f"baseline not found: {file} (make it with --update)")
+    if update:
+        require_own(file, "--against")
+    if margin and where != "mirror":
+        raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
+    thresholds = parse_thresholds(fail)
+    thresholds_measurable(thresholds, margin)
+    return _Asked(suite, file, load_baseline(file), thresholds, update, margin)
+
+
+def _with_margins(
+    scenarios: Sequence[Scenario], drives: Sequence[Drive], planner: PlannerUnderTest, act_timeout_s: float
+) -> tuple[tuple[Drive, ...], list[dict[str, float | None]]]:
+    """The drives, of which some may fail with less of the attack, and their margins."""
+    with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        found = list(pool.map(partial(with_margin, wheel=wheel), scenarios, drives))
+    return tuple(drive for drive, _ in found), [{"margin": margin} for _, margin in found]
