@@ -1,0 +1,191 @@
+"""What the searches on a scenario found, as attacked cases."""
+
+import dataclasses
+from dataclasses import replace
+
+import jax
+import numpy as np
+
+from regents_cosim.attacks import published
+from regents_cosim.attacks.descent import Found
+from regents_cosim.attacks.job import Ended, Job
+from regents_cosim.attacks.pursuit import Request, in_compiled_loop
+from regents_cosim.attacks.replanned import Traffic
+from regents_cosim.attacks.setup import AttackSetup
+from regents_cosim.attacks.universal import Several
+from regents_cosim.checks.names import distinct_word, file_name, word
+from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.errors import DriveError
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.rollout import with_ego
+from regents_cosim.mirror.world import to_tracks
+from regents_cosim.planners.jax_planner import require_finite
+from regents_cosim.scenario import ActTime, AttackRecord, Collision, Outcome, Scenario, Tracks
+
+_LABEL = 40  # characters of a planner or an adversary in the id of a case
+_COST_TERMS = ("ego", "pair", "road")
+
+
+def cases_of(setup: AttackSetup, scenario: Scenario, jobs: list[Job], ended: list[Ended | None]) -> list[Scenario]:
+    """What the descents found, as cases."""
+    made = [(job, one) for job, one in zip(jobs, ended, strict=True) if one]
+    failures = [failure for _, one in made if (failure := _failure(setup.planner_name, scenario.id, one))]
+    cases = (
+        [failed_case(setup, scenario, failures[0])] if failures else _distinct(setup, scenario, made, len(jobs) == 1)
+    )
+    time = _act_time([second for _, one in made for second in one.seconds])
+    made_of_them = sum(
+        one.looks + one.earlier + int(one.found.iterations) for _, one in made if isinstance(one.found, Found)
+    )
+    return [
+        replace(case, attack=replace(case.attack, act_time=time, rollouts=made_of_them))
+        for case in cases
+        if case.attack
+    ]
+
+
+def _distinct(setup: AttackSetup, scenario: Scenario, made: list[tuple[Job, Ended]], joint: bool) -> list[Scenario]:
+    """A case for every adversary, the accepted before the others; or one without a collision."""
+    attacked = [attacked_case(setup, scenario, job, one) for job, one in made]
+    by_adversary: dict[str, Scenario] = {}
+    for case, _ in sorted(zip(attacked, made, strict=True), key=lambda pair: not pair[1][1].accepted):
+        record = case.attack
+        if joint or record is None or record.outcome == "already_colliding":
+            return [case]
+        by_adversary.setdefault(record.collision.agent if record.collision else "", case)
+    missed = by_adversary.pop("", scenario)
+    if missed.attack:
+        records = [case.attack for case in attacked if case.attack]
+        tried = tuple(sorted(name for record in records for name in record.candidates))
+        spoilt = any(record.spoilt for record in records)
+        missed = replace(missed, attack=replace(missed.attack, candidates=tried, spoilt=spoilt))
+    return [_named_after_adversary(hit) for hit in by_adversary.values()] or [missed]
+
+
+def attacked_case(setup: AttackSetup, scenario: Scenario, job: Job, ended: Ended) -> Scenario:
+    """What a descent found, as a case."""
+    found = ended.found
+    assert isinstance(found, Found)
+    outcome = outcome_of(found)
+    present = published.stay(scenario) if setup.config.as_published else scenario
+    # Of a search that met spoilt collisions only there is nothing to show: the traffic stays as it was.
+    as_it_was = outcome == "diverged" or (found.hit and not found.accepted)
+    tracks = scenario.tracks if as_it_was else to_tracks(found.motion, found.controls, present)
+    collision = _collision(scenario, tracks, found) if found.accepted and outcome != "diverged" else None
+    struck = collision.agent if collision and outcome == "collision" else None
+    agents = tuple(replace(a, role="adversary") if a.id == struck else a for a in scenario.agents)
+    record = replace(
+        _record(setup, scenario, outcome),
+        iterations=ended.earlier + int(found.iterations),
+        collision=collision,
+        spoilt=bool(found.hit) and not found.accepted,
+        candidates=tuple(scenario.agents[index].id for index in np.flatnonzero(job.movers.candidate)),
+        cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
+    )
+    if isinstance(setup.planner, Several):
+        # Where the search diverged, one of them may have: the log tells.
+        told = (job.world.log, job.world.controls) if outcome == "diverged" else (found.motion, found.controls)
+        crashed = _who_crashes(setup.planner, scenario, job, *told)
+        if outcome != "diverged":
+            record = replace(record, settings=record.settings | {"crashed": " ".join(crashed)})
+    return replace(
+        scenario, id=_name(setup, scenario), agents=agents, tracks=tracks, attack=record, original=scenario.tracks
+    )
+
+
+def failed_case(setup: AttackSetup, scenario: Scenario, failure: DriveError) -> Scenario:
+    """The case of a planner that failed: the traffic as it was, and what the planner said."""
+    record = replace(_record(setup, scenario, "planner_error"), planner_error=f"{failure}\n{failure.trace}".strip())
+    return replace(scenario, id=_name(setup, scenario), attack=record, original=scenario.tracks)
+
+
+def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackRecord:
+    """What is known of an attack before it has done anything."""
+    config = replace(setup.config, dynamics=setup.dynamics(scenario))
+    settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("method", "universal")}
+    if isinstance(setup.planner, Several):
+        settings |= {"universal": config.universal, "against": " ".join(setup.planner.names[1:])}
+    return AttackRecord(
+        case=scenario.id,
+        method=config.method,
+        planner=setup.planner_name,
+        outcome=outcome,
+        iterations=0,
+        settings=settings,
+    )
+
+
+def _name(setup: AttackSetup, scenario: Scenario) -> str:
+    """The id of an attacked case."""
+    names = setup.planner.names if isinstance(setup.planner, Several) else (setup.planner_name,)
+    return file_name(scenario.id, setup.config.label, "+".join(map(_label, names)))
+
+
+def _named_after_adversary(attacked: Scenario) -> Scenario:
+    adversary = next(agent.id for agent in attacked.agents if agent.role == "adversary")
+    return replace(attacked, id=file_name(attacked.id, distinct_word(adversary, _LABEL)))
+
+
+def _label(planner: str) -> str:
+    """The last part of a planner's name."""
+    return word(planner.rpartition(":")[2], _LABEL)
+
+
+def _who_crashes(several: Several, scenario: Scenario, job: Job, background: Motion, controls: Controls) -> list[str]:
+    """Names of the planners that crash among `background`, each in a drive of its own, by the exact boxes.
+
+    Raises DriveError for one that fails there.
+    """
+    crashed = []
+    for name, planner, memory in zip(several.names, several.planners, job.memory, strict=True):
+        request = Request(scenario, job._replace(memory=memory), Traffic(background, None))
+        (driven,) = in_compiled_loop(planner, name)([request])
+        if isinstance(driven, DriveError):
+            raise driven
+        tracks = to_tracks(with_ego(background, driven.ego.motion), controls, scenario)
+        if first_contact(scenario.agents, tracks):
+            crashed.append(name)
+    return crashed
+
+
+def outcome_of(found: Found) -> Outcome:
+    """How a search ended, in a word."""
+    if not found.finite:
+        return "diverged"
+    if found.accepted:
+        return "collision" if int(found.iterations) > 0 or np.asarray(found.changed).any() else "already_colliding"
+    return "no_collision" if found.any_candidate else "no_candidate"
+
+
+def _collision(scenario: Scenario, tracks: Tracks, found: Found) -> Collision:
+    """The first contact, by the exact boxes of the host."""
+    contact = first_contact(scenario.agents, tracks)
+    if contact is None:
+        raise RuntimeError(f"case {scenario.id}: the mirror saw a collision that the exact boxes do not confirm")
+    return collision_at(scenario.agents, tracks, contact, scenario.dt, bool(np.asarray(found.changed)[contact[0]]))
+
+
+def _history(found: Found) -> list[tuple[float, ...]]:
+    """Costs before each update; those that blew up, which JSON cannot hold, are left out."""
+    rounded = np.asarray(found.history, float)[: int(found.iterations)].round(6)
+    rounded = rounded[np.isfinite(rounded).all(axis=1)]
+    return [tuple(term.tolist()) for term in rounded.T]
+
+
+def _failure(name: str, case: str, ended: Ended) -> DriveError | None:
+    """How the planner failed; one in JAX by an answer that is no number, others are checked as they answer."""
+    if isinstance(ended.found, DriveError):
+        return ended.found
+    try:
+        require_finite(jax.tree.map(lambda values: values[0], ended.found.controls), name, case)
+    except DriveError as failure:
+        return failure
+    return None
+
+
+def _act_time(seconds: list[float]) -> ActTime | None:
+    """Median and 99th percentile of how long decisions took; None for a planner in JAX."""
+    if not seconds:
+        return None
+    median, p99 = (round(1e3 * float(value), 4) for value in np.percentile(seconds, [50, 99]))
+    return ActTime(median, p99, len(seconds))

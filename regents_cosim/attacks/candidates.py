@@ -1,0 +1,124 @@
+"""Which agents of a scenario a search may move, and the drives that each search begins with."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.attacks import published
+from regents_cosim.attacks.attempts import Candidate
+from regents_cosim.attacks.costs import pooled_ego_distances
+from regents_cosim.attacks.descent import to_actions
+from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
+from regents_cosim.attacks.job import Job
+from regents_cosim.attacks.lawful import under_the_law
+from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.pursuit import Drives, Request
+from regents_cosim.attacks.replanned import Traffic
+from regents_cosim.attacks.rules import candidates
+from regents_cosim.attacks.setup import AttackSetup
+from regents_cosim.attacks.starts import Start, followed, starts
+from regents_cosim.attacks.universal import Several
+from regents_cosim.collisions import first_contact
+from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.lane_centres import lane_centres
+from regents_cosim.mirror.rollout import roll_out_background, with_ego
+from regents_cosim.mirror.world import World, scene_origin, to_tracks, to_world
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.scenario import Scenario, Tracks
+
+_CONSIDERED = 3  # times the candidates that are searched: so many are asked for ways that meet the ego
+
+
+def candidates_of(setup: AttackSetup, scenario: Scenario, drives: Drives) -> list[Candidate]:
+    """The searches that a scenario takes: one, or some for each of the candidates that promise most."""
+    if scenario.attack is not None:
+        raise RegentsError(
+            f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
+        )
+    world = to_world(scenario, setup.dynamics(scenario))
+    if setup.config.accept == "telling":
+        world = replace(world, lanes=lane_centres(scenario, scene_origin(scenario)))
+    limits = limits_by_kind(scenario, setup.config)
+    world = with_bounds(world, scenario, setup.config, limits)
+    memory = None
+    if isinstance(setup.planner, JaxPlanner):
+        scene = LoopScene(scenario, world)
+        several = isinstance(setup.planner, Several)
+        memory = setup.planner.init(scene) if several else start(setup.planner, scene, setup.planner_name)
+    allowed = np.asarray(_candidates(world, setup.config))
+    if setup.config.search == "joint" or not allowed.any():
+        return [Candidate(scenario, Job(world, memory, Movers.among(jnp.asarray(allowed))))]
+    nearest = _nearest(world, allowed, setup.config)
+    ego = _unattacked(setup, scenario, world, memory, drives) if setup.config.starts else None
+    if ego is None:
+        return [_candidate(setup, scenario, world, memory, agent, ()) for agent in nearest[: setup.config.nearest]]
+    kinds = [agent.kind for agent in scenario.agents]
+    most = setup.config.starts
+    found = {agent: starts(scenario, agent, ego, most, limits[kinds[agent]]) for agent in nearest}
+    chosen = sorted(nearest, key=lambda agent: -max((one.promise for one in found[agent]), default=-np.inf))
+    return [_candidate(setup, scenario, world, memory, agent, found[agent]) for agent in chosen[: setup.config.nearest]]
+
+
+def candidates_or_failure(setup: AttackSetup, scenario: Scenario, drives: Drives) -> "list[Candidate] | DriveError":
+    """The same, or why the planner cannot drive there."""
+    try:
+        return candidates_of(setup, scenario, drives)
+    except DriveError as failure:
+        return failure
+
+
+def _candidate(
+    setup: AttackSetup, scenario: Scenario, world: World, memory: Any, agent: int, found: Sequence[Start]
+) -> Candidate:
+    """What may be searched for one agent: from each of the starts `found`, and from the log."""
+    if setup.config.law == "strict":
+        world = under_the_law(world, scenario, agent)
+    job = Job(world, memory, Movers.only(agent, len(world.valid)))
+    if not setup.config.starts:
+        return Candidate(scenario, job)
+    # The log is given as a start as well: one compiled program for all searches.
+    job = job._replace(start=job.movers.rows(to_actions(world.controls)))
+    return Candidate(scenario, job, tuple(followed(scenario, job, found, setup.config.starts)))
+
+
+def _unattacked(setup: AttackSetup, scenario: Scenario, world: World, memory: Any, drives: Drives) -> Tracks | None:
+    """The ego's track [1, time] among the traffic as it was recorded; None where it fails or collides there."""
+    job = Job(world, memory[0] if isinstance(setup.planner, Several) else memory, Movers.only(0, len(world.valid)))
+    background = _undisturbed(world)
+    reacting = world.vehicle if setup.config.background == "reactive" else None
+    (driven,) = drives([Request(scenario, job, Traffic(background, reacting))])
+    if isinstance(driven, DriveError):
+        return None  # the first attempt will say why
+    tracks = to_tracks(with_ego(background, driven.ego.motion), world.controls, scenario)
+    return None if first_contact(scenario.agents, tracks) else tracks
+
+
+def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:
+    """The candidates that come nearest to the ego in the log, the nearest first."""
+    distances = np.asarray(_logged_distances(world, config))
+    order = np.argsort(np.where(allowed, distances, np.inf), kind="stable")
+    considered = config.nearest * (_CONSIDERED if config.starts else 1)
+    return [int(agent) for agent in order[:considered] if allowed[agent]]
+
+
+# Compiled as a whole: op by op, the first call of a process would compile each of them alone.
+@compiled
+def _candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
+    return published.candidates(world, config) if config.as_published else candidates(world, config)
+
+
+@compiled
+def _undisturbed(world: World) -> Motion:
+    return roll_out_background(world, world.controls)
+
+
+@compiled
+def _logged_distances(world: World, config: AttackConfig) -> Float[Array, " agent"]:
+    return pooled_ego_distances(world, world.boxes(world.log), config)

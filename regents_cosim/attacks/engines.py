@@ -1,0 +1,65 @@
+"""How the scenarios of an attack are spread over this machine: threads, processes of planners, one program."""
+
+import itertools
+import os
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from regents_cosim.attacks.pursuit import in_process
+from regents_cosim.attacks.searches import pursuits, search_one, search_together, searches_in_lanes
+from regents_cosim.attacks.setup import AttackSetup
+from regents_cosim.errors import DriveError
+from regents_cosim.planners.host_pool import HostPool
+from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.scenario import Scenario
+
+
+def in_threads(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) -> Iterator[list[Scenario]]:
+    """One scenario per core, at most `batch` of them begun before the first is handed on."""
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        waiting: deque[Future[list[Scenario]]] = deque()
+        for scenario in scenarios:
+            waiting.append(pool.submit(search_one, setup, scenario))
+            if len(waiting) >= batch:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def on_hosts(
+    scenarios: Iterable[Scenario], setup: AttackSetup, batch: int, hosts: HostPool
+) -> Iterator[list[Scenario]]:
+    """Planners outside the mirror: batches side by side in one process, or a process for each core."""
+    with hosts.lend() as host:
+        side_by_side = _takes_batches(host)
+    rest = iter(scenarios)
+    with ThreadPoolExecutor(1 if side_by_side else os.cpu_count() or 1) as pool:
+        waiting: deque[Future[list[list[Scenario]]]] = deque()
+        while some := list(itertools.islice(rest, batch if side_by_side else 1)):
+            waiting.append(pool.submit(_driven_on_host, setup, some, hosts))
+            if len(waiting) >= batch:
+                yield from waiting.popleft().result()
+        while waiting:
+            yield from waiting.popleft().result()
+
+
+def _takes_batches(process: HostProcess) -> bool:
+    try:
+        return process.batches()
+    except DriveError:
+        return False  # each case will say so
+
+
+def _driven_on_host(setup: AttackSetup, some: list[Scenario], hosts: HostPool) -> list[list[Scenario]]:
+    with hosts.lend() as host:
+        drives = in_process(host)
+        return search_together(setup, some, pursuits(setup, drives), drives)
+
+
+def in_lanes(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) -> Iterator[list[Scenario]]:
+    """As many scenarios as `batch` at a time in one program."""
+    rest = iter(scenarios)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        while some := list(itertools.islice(rest, batch)):
+            yield from search_together(setup, some, searches_in_lanes(setup, batch), setup.loop(), pool)

@@ -1,0 +1,127 @@
+"""The searches on one scenario, or on several together, from their candidates to the cases they give."""
+
+import itertools
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from regents_cosim.attacks.attacked_cases import attacked_case, cases_of, failed_case, outcome_of
+from regents_cosim.attacks.attempts import Search, attempt
+from regents_cosim.attacks.candidates import candidates_or_failure
+from regents_cosim.attacks.descent import Found
+from regents_cosim.attacks.job import Ended, Job
+from regents_cosim.attacks.lanes import search_in_lanes
+from regents_cosim.attacks.pursuit import Drives, pursue
+from regents_cosim.attacks.search import descend
+from regents_cosim.attacks.setup import AttackSetup
+from regents_cosim.errors import DriveError
+from regents_cosim.planners.jax_planner import JaxPlanner, foreign
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.judgement import is_telling
+
+
+def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
+    """One result, or one for every distinct adversary, against a planner in JAX."""
+    assert isinstance(setup.planner, JaxPlanner)
+    loop = setup.loop()
+    if setup.config.optimiser != "adam":
+        return search_together(setup, [scenario], partial(blind_searches, setup), loop)[0]
+    run = pursuits(setup, loop) if setup.config.replan_every > 1 else partial(descents, setup)
+    return search_together(setup, [scenario], run, loop)[0]
+
+
+def search_together(
+    setup: AttackSetup, scenarios: list[Scenario], run: Search, drives: Drives, pool: Executor | None = None
+) -> list[list[Scenario]]:
+    """The results of several scenarios whose descents are made together; `pool` prepares them.
+
+    Where the planner raises in the program that they share, each answers for itself.
+    """
+    try:
+        with foreign(setup.planner_name, scenarios[0].id):
+            return _search(setup, scenarios, run, drives, pool)
+    except DriveError as failure:
+        if len(scenarios) == 1:
+            return [[failed_case(setup, scenarios[0], failure)]]
+    return [search_together(setup, [scenario], run, drives)[0] for scenario in scenarios]
+
+
+def _search(
+    setup: AttackSetup, scenarios: list[Scenario], run: Search, drives: Drives, pool: Executor | None
+) -> list[list[Scenario]]:
+    prepare = partial(candidates_or_failure, setup, drives=drives)
+    jobs = list((pool.map if pool else map)(prepare, scenarios))
+    made = [one for mine in jobs if not isinstance(mine, DriveError) for one in mine]
+    ended = iter(attempt(made, _told(setup, run), setup.config))
+    return [
+        [failed_case(setup, scenario, mine)]
+        if isinstance(mine, DriveError)
+        else cases_of(setup, scenario, [one.job for one in mine], list(itertools.islice(ended, len(mine))))
+        for scenario, mine in zip(scenarios, jobs, strict=True)
+    ]
+
+
+def _told(setup: AttackSetup, run: Search) -> Search:
+    """The same searches; where a telling crash is wanted, the exact verdict on the host has the last word."""
+    if setup.config.accept != "telling":
+        return run
+    return lambda jobs, most: [
+        _if_telling(setup, *job, one, looked=most == 0) for job, one in zip(jobs, run(jobs, most), strict=True)
+    ]
+
+
+def _if_telling(setup: AttackSetup, scenario: Scenario, job: Job, ended: Ended, looked: bool) -> Ended:
+    """How a search ended; with success where its crash tells something, as far as that is known.
+
+    The device is stricter than the host: of a mere look every crash is judged.
+    """
+    found = ended.found
+    if not isinstance(found, Found) or not (bool(found.hit) if looked else ended.accepted):
+        return ended
+    if not looked and outcome_of(found) != "collision":
+        return ended
+    taken, spoilt = (
+        replace(ended, found=eqx.tree_at(lambda one: one.accepted, found, jnp.asarray(accepted)))
+        for accepted in (True, False)
+    )
+    tells = is_telling(attacked_case(setup, scenario, job, taken), lawful=setup.config.law == "strict")
+    return spoilt if tells is False else taken
+
+
+def descents(setup: AttackSetup, jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
+    """One descent after the other, with a planner in JAX that drives in every iteration."""
+    assert isinstance(setup.planner, JaxPlanner)
+    planner, config, most = setup.planner, setup.config.compiled(), jnp.int32(iterations)
+    return [
+        Ended(descend(job.world, planner, job.memory, config, job.movers, most, job.start, setup.extra_cost))
+        for _, job in jobs
+    ]
+
+
+def blind_searches(setup: AttackSetup, jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
+    """Searches without gradients."""
+    from regents_cosim.attacks.blind import search_blindly  # with a library that takes half a second to import
+
+    assert isinstance(setup.planner, JaxPlanner)
+    return search_blindly(jobs, setup.planner, setup.config, iterations, setup.extra_cost)
+
+
+def pursuits(setup: AttackSetup, drives: Drives) -> Search:
+    """Descents whose planner drives every few iterations."""
+    return lambda jobs, most: pursue(jobs, setup.config, setup.config.replan_every, drives, most, setup.extra_cost)
+
+
+def searches_in_lanes(setup: AttackSetup, batch: int) -> Search:
+    """Descents in `batch` lanes of one program."""
+    assert isinstance(setup.planner, JaxPlanner)
+    planner = setup.planner
+
+    def run(jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
+        found = search_in_lanes((job for _, job in jobs), planner, setup.config, batch, iterations, setup.extra_cost)
+        return [Ended(one) for one in found]
+
+    return run

@@ -1,0 +1,30 @@
+"""What is the same for all scenarios of an attack."""
+
+from dataclasses import dataclass
+
+from regents_cosim.attacks.descent import ExtraCost
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.pursuit import Drives, in_compiled_loop
+from regents_cosim.attacks.universal import Several
+from regents_cosim.planners.jax_planner import JaxPlanner
+from regents_cosim.scenario import Dynamics, Scenario
+
+
+@dataclass(frozen=True)
+class AttackSetup:
+    """How it searches, against which planner."""
+
+    config: AttackConfig
+    planner: JaxPlanner | None  # None: one that is not in JAX
+    planner_name: str
+    extra_cost: ExtraCost | None
+
+    def dynamics(self, scenario: Scenario) -> Dynamics:
+        """The model by which vehicles move in `scenario`."""
+        return scenario.dynamics if self.config.dynamics == "recorded" else self.config.dynamics
+
+    def loop(self) -> Drives:
+        """Closed loops of the planner in JAX; of several, of the first."""
+        first = self.planner.planners[0] if isinstance(self.planner, Several) else self.planner
+        assert isinstance(first, JaxPlanner)
+        return in_compiled_loop(first, self.planner_name)
