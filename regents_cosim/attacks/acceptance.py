@@ -16,11 +16,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim import limits
+from regents_cosim.attacks.careful_driver import careful_avoids
 from regents_cosim.attacks.costs import take
 from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.mirror.bicycle import Motion, accumulate, running_minimum
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.mirror.separation import Box, corners, overlaps, pick
+from regents_cosim.mirror.separation import Box, corners, first_row, overlaps, pick
 from regents_cosim.mirror.world import World
 
 # The blurred map (`road_field`) on a straight edge of the road. Stricter than the verdict on the host, which lets
@@ -29,6 +31,8 @@ _OFF_ROAD = 0.5
 _FURTHER_OFF = 0.02  # by so much more of it a corner that began off the road has gone away from it
 _TOUCH_BAND_M = 1e-3
 _PARALLEL_M = 1e-6  # an edge that goes less far along an axis is parallel to the other one
+# A hit in float32 must be one for the exact judge on the host as well.
+_HIT_DEPTH_M = 1e-3
 
 
 def is_clean(
@@ -153,3 +157,28 @@ def _touches_others(world: World, boxes: Box, box: Box, agent: Int[Array, ""]) -
     index = jnp.arange(boxes.x.shape[0])
     others = take(world.apart, agent) & (index > 0) & (index != agent)
     return (others[:, None] & world.valid & overlaps(box, boxes, -_TOUCH_BAND_M)).any(axis=0)
+
+
+def ego_contacts(world: World, boxes: Box) -> Bool[Array, "agent time"]:
+    """Where the ego's box overlaps another's (eq. 2), pairs that began so left out.
+
+    The ego itself is left out by `apart` as well.
+    """
+    counts = world.valid & world.apart[0][:, None]
+    return counts & overlaps(first_row(boxes), boxes, _HIT_DEPTH_M)
+
+
+def is_wanted(
+    world: World, movers: Movers, motion: Motion, boxes: Box, contacts: Bool[Array, "agent time"], config: AttackConfig
+) -> Bool[Array, ""]:
+    """Whether nothing spoils the first of the ego's `contacts`, and a careful driver avoids it, if asked."""
+    clean = is_clean(world, movers, motion, boxes, contacts)
+    if config.accept != "telling" or world.lanes is None:
+        return clean
+    lanes, step = world.lanes, jnp.argmax(contacts.any(axis=0))
+    agent = jnp.argmax(contacts[:, step])
+    return jax.lax.cond(
+        clean,
+        lambda: careful_avoids(world, motion, boxes, lanes, agent, step),
+        lambda: jnp.asarray(False),
+    )

@@ -7,10 +7,10 @@ import jax
 import numpy as np
 
 from regents_cosim.attacks import published
-from regents_cosim.attacks.descent import Found
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.pursuit import Request, in_compiled_loop
 from regents_cosim.attacks.replanned import Traffic
+from regents_cosim.attacks.search_state import Found
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import Several
 from regents_cosim.checks.names import distinct_word, file_name, word

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from regents_cosim.attacks.descent import Found
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.search_state import Found
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.scenario import Scenario

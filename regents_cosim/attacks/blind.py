@@ -19,10 +19,11 @@ import numpy as np
 from cmaes import CMA
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attacks.descent import PROGRESS, Descent, ExtraCost, Found
+from regents_cosim.attacks.descent import PROGRESS, Descent, ExtraCost
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import descend, set_up
+from regents_cosim.attacks.search_state import Found
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner

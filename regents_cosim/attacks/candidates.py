@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks import published
+from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.attempts import Candidate
 from regents_cosim.attacks.costs import pooled_ego_distances
-from regents_cosim.attacks.descent import to_actions
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
 from regents_cosim.attacks.job import Job
 from regents_cosim.attacks.lawful import under_the_law

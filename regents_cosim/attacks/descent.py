@@ -16,14 +16,14 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attacks.acceptance import is_clean
-from regents_cosim.attacks.careful_driver import careful_avoids
+from regents_cosim.attacks.acceptance import ego_contacts, is_wanted
+from regents_cosim.attacks.actions import allowed, to_actions, to_controls
 from regents_cosim.attacks.costs import Costs, total_cost
-from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, accumulate, running_minimum
+from regents_cosim.attacks.search_state import Found, Search, Seen
+from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.dynamics import controls_between, pull_back, roll_out
 from regents_cosim.mirror.rollout import (
     LoopPlanner,
@@ -32,55 +32,14 @@ from regents_cosim.mirror.rollout import (
     roll_out_background,
     with_ego,
 )
-from regents_cosim.mirror.separation import Box, first_row, overlaps, pose_gradient
+from regents_cosim.mirror.separation import Box, pose_gradient
 from regents_cosim.mirror.world import World
 
 # Whatever else a user wants of the scenario, as a cost to be lowered: smooth, in the cost's units.
 ExtraCost = Callable[[World, Motion, Controls], Float[Array, ""]]
 
-# A hit in float32 must be one for the exact judge on the host as well.
-_HIT_DEPTH_M = 1e-3
 PROGRESS = 0.02  # share of the ego's cost by which it has to come down for the search to go on
 _UNCHANGED = 1e-6  # [1] actions that differ by less from the logged ones are rounding
-
-
-class Found(eqx.Module):
-    """What an attack ended with."""
-
-    motion: Motion  # [agent time] last roll-out, ego in row 0
-    controls: Controls  # [agent step] that made it, the ego's own in row 0
-    changed: Bool[Array, " agent"]  # the attack moved this agent's controls
-    hit: Bool[Array, ""]
-    accepted: Bool[Array, ""]  # a hit of the kind that was looked for
-    finite: Bool[Array, ""]
-    any_candidate: Bool[Array, ""]
-    iterations: Int[Array, ""]  # updates made
-    history: Float[Array, "iteration term"]  # ego, pair and road cost before each update
-
-
-class Seen(eqx.Module):
-    """What a roll-out shows."""
-
-    motion: Motion  # [agent time]
-    boxes: Box  # [agent time] of that motion
-    ego_controls: Controls  # [step]
-    kept: Any  # by the planner, of this drive for the next one
-
-
-class Search(eqx.Module):
-    """What one pass of the loop hands to the next."""
-
-    actions: Controls  # [mover step] as shares of their limits
-    adam: optax.OptState
-    seen: Seen  # of those actions, once it has `looked`; before that of the log
-    looked: Bool[Array, ""]
-    hit: Bool[Array, ""]  # the ego collides in what has been seen
-    accepted: Bool[Array, ""]  # and the search has found what it looks for
-    finite: Bool[Array, ""]
-    iterations: Int[Array, ""]
-    history: Float[Array, "iteration term"]
-    least: Float[Array, ""]  # of the ego's cost, when it last came down by `PROGRESS`
-    least_at: Int[Array, ""]  # the iteration of that
 
 
 class Descent(eqx.Module):
@@ -184,26 +143,8 @@ class Descent(eqx.Module):
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
 
     def allowed(self, actions: Controls) -> Controls:
-        """The nearest actions [mover step] that the configuration allows; logged ones always are."""
-        most = self.config.max_deviation
-        if most > 0.0:
-            actions = jax.tree.map(lambda a, log: jnp.clip(a, log - most, log + most), actions, self.logged())
-        actions = jax.tree.map(lambda values: jnp.clip(values, -1.0, 1.0), actions)
-        if self.config.law == "strict":
-            actions = self.not_too_fast(actions)
-        if self.world.bounds is None:
-            return actions
-        return to_actions(within_bounds(self.world, self.movers, to_controls(actions)))
-
-    def not_too_fast(self, actions: Controls) -> Controls:
-        """The actions [mover step] without what would take a mover beyond its top speed."""
-        world, rows = self.world, self.movers.rows
-        begun, moving, most = rows(world.start.speed), rows(world.moving), rows(world.top_speed)[:, None]
-        summed = accumulate(begun, jnp.where(moving, to_controls(actions).accel * world.dt, 0.0))
-        wanted = summed - running_minimum(jnp.minimum(summed, 0.0), 0.0)  # who stands does not get any slower
-        accel = jnp.diff(jnp.minimum(wanted, most)) / (ACCEL_LIMIT * world.dt)
-        too_fast = moving & (wanted[:, 1:] > most)
-        return Controls(jnp.where(too_fast, jnp.minimum(actions.accel, accel), actions.accel), actions.curvature)
+        """The nearest actions [mover step] that the configuration allows."""
+        return allowed(actions, self.logged(), self.world, self.movers, self.config)
 
     def steps(self, steps: Controls) -> Controls:
         """Adam's steps as shares of the limits: they are, because the actions are."""
@@ -296,21 +237,13 @@ class Descent(eqx.Module):
         contacts = ego_contacts(self.world, search.seen.boxes)
         hit = contacts.any()
         at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
-        wanted = jax.lax.cond(hit, lambda: self.is_wanted(search.seen, contacts), lambda: jnp.asarray(False))
-        return hit & (at_log | wanted)
-
-    def is_wanted(self, seen: Seen, contacts: Bool[Array, "agent time"]) -> Bool[Array, ""]:
-        """Whether nothing spoils the first of the ego's `contacts`, and a careful driver avoids it, if asked."""
-        clean = is_clean(self.world, self.movers, seen.motion, seen.boxes, contacts)
-        if self.config.accept != "telling" or self.world.lanes is None:
-            return clean
-        world, lanes, step = self.world, self.world.lanes, jnp.argmax(contacts.any(axis=0))
-        agent = jnp.argmax(contacts[:, step])
-        return jax.lax.cond(
-            clean,
-            lambda: careful_avoids(world, seen.motion, seen.boxes, lanes, agent, step),
+        seen, world, movers = search.seen, self.world, self.movers
+        wanted = jax.lax.cond(
+            hit,
+            lambda: is_wanted(world, movers, seen.motion, seen.boxes, contacts, self.config),
             lambda: jnp.asarray(False),
         )
+        return hit & (at_log | wanted)
 
     def departs(self, actions: Controls) -> Bool[Array, " mover"]:
         """Whose actions differ from the logged ones."""
@@ -360,22 +293,3 @@ class Descent(eqx.Module):
     def reacting(self) -> Bool[Array, " agent"]:
         """Agents that brake for what stands in their way."""
         return self.world.vehicle & ~self.movers.candidate
-
-
-def ego_contacts(world: World, boxes: Box) -> Bool[Array, "agent time"]:
-    """Where the ego's box overlaps another's (eq. 2), pairs that began so left out.
-
-    The ego itself is left out by `apart` as well.
-    """
-    counts = world.valid & world.apart[0][:, None]
-    return counts & overlaps(first_row(boxes), boxes, _HIT_DEPTH_M)
-
-
-def to_actions(controls: Controls) -> Controls:
-    """Controls as shares of the mirror's limits."""
-    return Controls(controls.accel / ACCEL_LIMIT, controls.curvature / CURVATURE_LIMIT)
-
-
-def to_controls(actions: Controls) -> Controls:
-    """The inverse of `to_actions`."""
-    return Controls(actions.accel * ACCEL_LIMIT, actions.curvature * CURVATURE_LIMIT)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from regents_cosim.attacks.descent import Found
 from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.search_state import Found
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.world import World

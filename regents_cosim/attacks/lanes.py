@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from regents_cosim.attacks.descent import Descent, ExtraCost, Found, Search
+from regents_cosim.attacks.descent import Descent, ExtraCost
 from regents_cosim.attacks.job import Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import set_up
+from regents_cosim.attacks.search_state import Found, Search
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
 

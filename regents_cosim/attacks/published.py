@@ -32,9 +32,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks import rules
+from regents_cosim.attacks.acceptance import ego_contacts
+from regents_cosim.attacks.actions import to_actions, to_controls
 from regents_cosim.attacks.costs import Costs
-from regents_cosim.attacks.descent import Descent, Seen, ego_contacts, to_actions, to_controls
+from regents_cosim.attacks.descent import Descent
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.search_state import Seen
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.rollout import drive, with_ego

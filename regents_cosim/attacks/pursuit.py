@@ -9,10 +9,11 @@ from typing import Any
 
 import jax
 
-from regents_cosim.attacks.descent import ExtraCost, Found
+from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.replanned import Traffic, searching
+from regents_cosim.attacks.search_state import Found
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import EgoTrack, drive, drive_among_reacting

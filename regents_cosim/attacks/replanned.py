@@ -11,10 +11,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from regents_cosim.attacks.descent import Descent, ExtraCost, Found, Search
+from regents_cosim.attacks.descent import Descent, ExtraCost
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import set_up
+from regents_cosim.attacks.search_state import Found, Search
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import EgoTrack, Held

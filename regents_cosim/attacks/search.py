@@ -4,10 +4,11 @@ from typing import Any
 
 from jaxtyping import Array, Int
 
-from regents_cosim.attacks.descent import Descent, ExtraCost, Found
+from regents_cosim.attacks.descent import Descent, ExtraCost
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.published import PublishedDescent
+from regents_cosim.attacks.search_state import Found
 from regents_cosim.attacks.universal import Several, UniversalDescent
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled

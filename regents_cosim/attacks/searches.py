@@ -12,11 +12,11 @@ import jax.numpy as jnp
 from regents_cosim.attacks.attacked_cases import attacked_case, cases_of, failed_case, outcome_of
 from regents_cosim.attacks.attempts import Search, attempt
 from regents_cosim.attacks.candidates import candidates_or_failure
-from regents_cosim.attacks.descent import Found
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.lanes import search_in_lanes
 from regents_cosim.attacks.pursuit import Drives, pursue
 from regents_cosim.attacks.search import descend
+from regents_cosim.attacks.search_state import Found
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from regents_cosim.attacks.descent import to_actions
+from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, lines_ahead
 from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.job import Job

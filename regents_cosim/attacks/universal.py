@@ -14,7 +14,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.costs import Costs
-from regents_cosim.attacks.descent import Descent, Found, Search, Seen
+from regents_cosim.attacks.descent import Descent
+from regents_cosim.attacks.search_state import Found, Search, Seen
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 

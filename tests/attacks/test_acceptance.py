@@ -8,9 +8,8 @@ import pytest
 import shapely
 from scenes import DT, crash, platoon, scene, straight_road
 
-from regents_cosim.attacks.acceptance import is_clean
+from regents_cosim.attacks.acceptance import ego_contacts, is_clean
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.descent import ego_contacts
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS_FOCUSED
 from regents_cosim.collisions import first_contact

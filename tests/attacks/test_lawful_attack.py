@@ -16,9 +16,9 @@ from jax.test_util import check_grads
 from params import slow
 from scenes import platoon
 
+from regents_cosim.attacks.actions import not_too_fast, to_actions, to_controls
 from regents_cosim.attacks.attack import attack, attack_each
 from regents_cosim.attacks.costs import road_deviation
-from regents_cosim.attacks.descent import Descent, to_actions, to_controls
 from regents_cosim.attacks.lawful import under_the_law
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
@@ -27,7 +27,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.rollout import Held, roll_out_background
+from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
@@ -85,7 +85,7 @@ def test_the_road_cost_under_the_law_has_the_gradient_of_finite_differences(x64)
 
 @compiled
 def held_to_its_speed(world, movers, actions):
-    limited = Descent.of(world, Held(), None, movers, FEW).not_too_fast(actions)
+    limited = not_too_fast(actions, world, movers)
     driven = roll_out_background(world, movers.put(world.controls, to_controls(limited)))
     return limited, driven.speed
 

@@ -11,7 +11,7 @@ from crossing_scenes import road
 from params import slow
 from scenes import crash, platoon, scene
 
-from regents_cosim.attacks.descent import to_controls
+from regents_cosim.attacks.actions import to_controls
 from regents_cosim.attacks.job import Job
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.starts import followed, starts

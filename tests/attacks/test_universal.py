@@ -9,8 +9,8 @@ import pytest
 from jax.test_util import check_grads
 from scenes import platoon, scene
 
+from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.descent import to_actions
 from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, REGENTS
 from regents_cosim.attacks.universal import Several, UniversalDescent

@@ -1,0 +1,44 @@
+"""Actions of a search: controls as shares of the mirror's limits, and which of them the configuration allows."""
+
+import jax
+import jax.numpy as jnp
+
+from regents_cosim.attacks.driving_limits import within_bounds
+from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, accumulate, running_minimum
+from regents_cosim.mirror.world import World
+
+
+def to_actions(controls: Controls) -> Controls:
+    """Controls as shares of the mirror's limits."""
+    return Controls(controls.accel / ACCEL_LIMIT, controls.curvature / CURVATURE_LIMIT)
+
+
+def to_controls(actions: Controls) -> Controls:
+    """The inverse of `to_actions`."""
+    return Controls(actions.accel * ACCEL_LIMIT, actions.curvature * CURVATURE_LIMIT)
+
+
+def allowed(actions: Controls, logged: Controls, world: World, movers: Movers, config: AttackConfig) -> Controls:
+    """The nearest actions [mover step] that the configuration allows; logged ones always are."""
+    most = config.max_deviation
+    if most > 0.0:
+        actions = jax.tree.map(lambda a, log: jnp.clip(a, log - most, log + most), actions, logged)
+    actions = jax.tree.map(lambda values: jnp.clip(values, -1.0, 1.0), actions)
+    if config.law == "strict":
+        actions = not_too_fast(actions, world, movers)
+    if world.bounds is None:
+        return actions
+    return to_actions(within_bounds(world, movers, to_controls(actions)))
+
+
+def not_too_fast(actions: Controls, world: World, movers: Movers) -> Controls:
+    """The actions [mover step] without what would take a mover beyond its top speed."""
+    rows = movers.rows
+    begun, moving, most = rows(world.start.speed), rows(world.moving), rows(world.top_speed)[:, None]
+    summed = accumulate(begun, jnp.where(moving, to_controls(actions).accel * world.dt, 0.0))
+    wanted = summed - running_minimum(jnp.minimum(summed, 0.0), 0.0)  # who stands does not get any slower
+    accel = jnp.diff(jnp.minimum(wanted, most)) / (ACCEL_LIMIT * world.dt)
+    too_fast = moving & (wanted[:, 1:] > most)
+    return Controls(jnp.where(too_fast, jnp.minimum(actions.accel, accel), actions.accel), actions.curvature)

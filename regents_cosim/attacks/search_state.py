@@ -1,0 +1,49 @@
+"""What a search passes on: from one roll-out, from one update to the next, and at its end."""
+
+from typing import Any
+
+import equinox as eqx
+import optax
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.separation import Box
+
+
+class Found(eqx.Module):
+    """What an attack ended with."""
+
+    motion: Motion  # [agent time] last roll-out, ego in row 0
+    controls: Controls  # [agent step] that made it, the ego's own in row 0
+    changed: Bool[Array, " agent"]  # the attack moved this agent's controls
+    hit: Bool[Array, ""]
+    accepted: Bool[Array, ""]  # a hit of the kind that was looked for
+    finite: Bool[Array, ""]
+    any_candidate: Bool[Array, ""]
+    iterations: Int[Array, ""]  # updates made
+    history: Float[Array, "iteration term"]  # ego, pair and road cost before each update
+
+
+class Seen(eqx.Module):
+    """What a roll-out shows."""
+
+    motion: Motion  # [agent time]
+    boxes: Box  # [agent time] of that motion
+    ego_controls: Controls  # [step]
+    kept: Any  # by the planner, of this drive for the next one
+
+
+class Search(eqx.Module):
+    """What one pass of the loop hands to the next."""
+
+    actions: Controls  # [mover step] as shares of their limits
+    adam: optax.OptState
+    seen: Seen  # of those actions, once it has `looked`; before that of the log
+    looked: Bool[Array, ""]
+    hit: Bool[Array, ""]  # the ego collides in what has been seen
+    accepted: Bool[Array, ""]  # and the search has found what it looks for
+    finite: Bool[Array, ""]
+    iterations: Int[Array, ""]
+    history: Float[Array, "iteration term"]
+    least: Float[Array, ""]  # of the ego's cost, when it last came down by `PROGRESS`
+    least_at: Int[Array, ""]  # the iteration of that
