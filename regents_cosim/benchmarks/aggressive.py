@@ -11,7 +11,7 @@ from regents_cosim.evaluation.crashes.scores import Results, collides_before
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import SumoDrive, at_hand, drive_in_sumo_each
 from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, DriverParameters
-from regents_cosim.replays.sumo.replay import SumoReplay
+from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.scenario import VEHICLE_KINDS, AttackRecord, Scenario, Tracks
 
 METHOD = "sumo-aggressive"

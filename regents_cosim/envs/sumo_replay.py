@@ -14,9 +14,9 @@ from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.planners.closed_loop import move_by
 from regents_cosim.planners.interface import Seen
+from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.episode import Contacts, RecordedPath, choose_case, require_known
 from regents_cosim.replays.sumo.drivers import background_drivers
-from regents_cosim.replays.sumo.replay import EgoState
 from regents_cosim.replays.sumo.session import Play, SumoSession
 from regents_cosim.reports.camera import View, centred
 from regents_cosim.reports.film import Ground

@@ -17,7 +17,7 @@ from regents_cosim.errors import require
 from regents_cosim.exports.stays import lanes_along, poses, stays
 from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.replays.sumo.bare_network import lane_names, network_of
-from regents_cosim.replays.sumo.replay import free_name
+from regents_cosim.replays.sumo.vehicle_types import free_name
 from regents_cosim.scenario import Agent, Kind, Role, Scenario, Signal
 
 _CLASSES: dict[Kind, str] = {

@@ -14,7 +14,8 @@ from regents_cosim.planners.relay import Relay, RelayedDriver, relayed
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest, Ticket
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.replays.sumo.drivers import DriverParameters, background_drivers
-from regents_cosim.replays.sumo.replay import SumoReplay, replay_in_sumo
+from regents_cosim.replays.sumo.replay import replay_in_sumo
+from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import require_display

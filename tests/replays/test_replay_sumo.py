@@ -24,9 +24,10 @@ from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, Sumo
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.replays import replay as replays
+from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.replay import _in_sumo, replay, replay_each
 from regents_cosim.replays.sumo.drivers import DriverParameters
-from regents_cosim.replays.sumo.replay import EgoState, replay_in_sumo
+from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.verify import compare
 from regents_cosim.scenario import AttackRecord, Collision, Kind, Signal
 from regents_cosim.simulators.sumo_process import load_libsumo

@@ -7,10 +7,10 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.planners.interface import Seen
+from regents_cosim.replays.ego_driver import Driver, ask
 from regents_cosim.replays.highway.cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
 from regents_cosim.replays.highway.window import Window, opened
-from regents_cosim.replays.sumo.replay import Driver, ask
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.simulators.highway_agents import find_agent

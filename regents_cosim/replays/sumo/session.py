@@ -11,8 +11,9 @@ from typing import Any
 
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.planners.interface import Seen
+from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.sumo.drivers import DriverParameters
-from regents_cosim.replays.sumo.replay import EgoState, replay_in_sumo
+from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.processes import begin_child, starting
 

@@ -1,0 +1,62 @@
+"""Who drives the ego in a replay in a simulator, and what is asked of its answers."""
+
+from collections.abc import Callable
+from traceback import format_exception
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+
+from regents_cosim.errors import DriveError, PlannerError, RegentsError
+from regents_cosim.planners.interface import Seen
+from regents_cosim.scenario import Scenario
+
+_R = TypeVar("_R")
+
+
+class EgoState(NamedTuple):
+    """The ego at one step: box centre in the map's frame."""
+
+    x: float  # [m]
+    y: float  # [m]
+    yaw: float  # [rad] counter-clockwise from +x
+    speed: float  # [m/s] never negative
+
+
+@runtime_checkable
+class Driver(Protocol):
+    """Who drives the ego in closed loop. Sent to a worker process, so picklable until `start`."""
+
+    def start(self, scenario: Scenario) -> None:
+        """Prepare to drive through `scenario`."""
+        ...
+
+    def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
+        """An EgoState for `step` + 1 from what SUMO reports at `step`: box centres in the map's frame, 0 if absent."""
+        ...
+
+
+def decision(driver: Driver, step: int, seen: Seen) -> EgoState:
+    """Where the driver puts the ego after `step`. Raises DriveError where it fails, PlannerError for no state."""
+    found = ask(lambda: driver.advance(step, Seen(*(np.copy(values) for values in seen))), f"at step {step}")
+    try:
+        ego = EgoState(*(float(value) for value in found))
+    except (TypeError, ValueError) as error:
+        raise PlannerError(
+            f"the planner answered {found!r} at step {step}, expected four numbers: x, y, yaw, speed"
+        ) from error
+    if not np.isfinite(ego).all() or ego.speed < 0:
+        raise PlannerError(
+            f"the planner put the ego at {ego} after step {step}, expected finite numbers and speed >= 0"
+        )
+    return ego
+
+
+def ask(question: Callable[[], _R], when: str) -> _R:
+    """The answer of somebody else's code. Raises DriveError where it fails."""
+    try:
+        return question()
+    except RegentsError:
+        raise
+    except Exception as error:  # somebody else's code: whatever it raises is an answer
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise DriveError(f"the planner failed {when} ({said})", "".join(format_exception(error))) from error

@@ -1,0 +1,233 @@
+"""The running simulation of a replay: who is placed where, whom SUMO drives, and what it reports."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+
+from regents_cosim.errors import SumoError
+from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
+from regents_cosim.planners.interface import Seen
+from regents_cosim.replays.ego_driver import EgoState
+from regents_cosim.replays.sumo.bare_network import BARE_EDGE
+from regents_cosim.replays.sumo.drivers import DriverParameters, driven_type
+from regents_cosim.replays.sumo.routes import edge_of
+from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_name
+from regents_cosim.replays.verify import ReportedCollision
+from regents_cosim.scenario import Scenario, Signal, Tracks
+
+EXACT = 2  # keepRoute of moveToXY: this very position, on any edge or on none
+_EXACT_ON_ROUTE = 3  # the same, and the route is kept
+_AS_SUMO_LIKES = -1.0  # speed
+_COLOURS = {"ego": (0, 114, 178, 255), "adversary": (213, 94, 0, 255), "background": (150, 150, 150, 255)}
+_LETTERS = "rygGuosOY"
+_IN_SIGHT_M = 40.0  # around the ego, in sumo-gui
+
+
+@dataclass(frozen=True, eq=False)
+class SumoReplay:
+    """What SUMO reports after each step, in the order of the scenario's agents and signals."""
+
+    tracks: Tracks  # box centres in the map's frame; speeds of the placed as SUMO was told them
+    collisions: tuple[ReportedCollision, ...]  # its own list, which never holds side-swipes
+    signals: tuple[Signal, ...]
+    driven: frozenset[int] = frozenset()  # agents that SUMO drove
+
+
+class Stage:
+    """The running simulation, and what has been seen of it."""
+
+    def __init__(
+        self,
+        sumo: ModuleType,
+        scenario: Scenario,
+        routes: Mapping[int, list[str]],
+        drivers: Mapping[int, DriverParameters],
+    ) -> None:
+        self._sumo = sumo
+        self._scenario = scenario
+        self._drivers = drivers
+        self._waiting = set(routes)  # to be driven by SUMO, once they are there
+        self._driven: set[int] = set()
+        track = scenario.tracks
+        self._size = np.array([[agent.length, agent.width] for agent in scenario.agents]).T  # [2, agent]
+        self._pose = np.stack(to_sumo(Pose(track.x, track.y, track.yaw), self._size[0, :, None]))  # [3, agent, time]
+        self._speed = track.speed.copy()
+        self._names: dict[int, str] = {}  # SUMO's name of every agent on the road
+        self._agent: dict[str, int] = {}  # and back; names are never used twice
+        self._seen: list[Seen] = []
+        self._collisions: list[ReportedCollision] = []
+        self._signals = scenario.signals if scenario.road.sumo_net else ()  # bare lanes have no lights
+        self._letters: dict[str, list[str]] = {signal.id: [] for signal in self._signals}
+        self._check_signals()
+        sumo.route.add("replay", [_some_edge(scenario)])
+        for index, edges in routes.items():
+            sumo.route.add(driven_type(index), edges)
+        for index, agent in enumerate(scenario.agents):
+            add_type(sumo, type_name(index), agent)
+
+    @property
+    def seen(self) -> Seen:
+        """The agents after the last step."""
+        return self._seen[-1]
+
+    def play(self, step: int) -> None:
+        """Place everything, let SUMO make one step, read everything."""
+        self._show_signals(step)
+        entering = [index for index in sorted(self._waiting) if self._may_enter(index, step)]
+        for index in entering:
+            self._place(index, step)
+        for index in range(len(self._scenario.agents)):
+            if index in self._drivers:
+                continue
+            if self._scenario.tracks.valid[index, step]:
+                self._place(index, step)
+            elif index in self._names:
+                self._remove(index)
+        self._sumo.simulationStep()
+        self._read(step)
+        for index in entering:
+            self._release(index, step)
+
+    def show(self, step: int) -> None:
+        """Keep sumo-gui on the ego, in real time."""
+        if step == 0:
+            window, ego = self._sumo.gui, self.seen
+            (view,) = window.getIDList()
+            low, high = (np.array([ego.x[0], ego.y[0]]) + side * _IN_SIGHT_M for side in (-1, 1))
+            window.setSchema(view, "real world")
+            window.setBoundary(view, *low.tolist(), *high.tolist())
+            window.trackVehicle(view, self._names[0])
+        time.sleep(self._scenario.dt)
+
+    def move_ego(self, step: int, ego: EgoState) -> None:
+        """Let the ego be at `ego` at `step`."""
+        self._pose[:, 0, step] = to_sumo(Pose(ego.x, ego.y, ego.yaw), self._scenario.ego.length)
+        self._speed[0, step] = ego.speed
+
+    def finish(self) -> SumoReplay:
+        """All that was seen."""
+        columns = (np.stack(values, axis=1) for values in zip(*self._seen, strict=True))
+        tracks = Tracks(**dict(zip(Seen._fields, columns, strict=True)))
+        signals = tuple(Signal(name, _changes(letters)) for name, letters in self._letters.items())
+        return SumoReplay(tracks, tuple(self._collisions), signals, frozenset(self._drivers))
+
+    def _place(self, index: int, step: int) -> None:
+        vehicle = self._sumo.vehicle
+        if index not in self._names:
+            self._enter(index)
+        name = self._names[index]
+        x, y, angle = self._pose[:, index, step].tolist()
+        vehicle.moveToXY(name, "", -1, x, y, angle, _EXACT_ON_ROUTE if index in self._drivers else EXACT)
+        vehicle.setSpeed(name, float(self._speed[index, step]))
+
+    def _may_enter(self, index: int, step: int) -> bool:
+        """Whether an agent is there that SUMO is to drive, and its place is free: others may have come differently."""
+        if not self._scenario.tracks.valid[index, step]:
+            return False
+        if step == 0:
+            return True
+        seen, track = self.seen, self._scenario.tracks
+        x, y, yaw, z = (float(values[index, step]) for values in (track.x, track.y, track.yaw, track.z))
+        own = Boxes(x, y, yaw, *self._size[:, index].tolist(), z=z)
+        taken = overlap(own, Boxes(seen.x, seen.y, seen.yaw, *self._size, z=seen.z))
+        return not (taken & seen.valid).any()
+
+    def _release(self, index: int, step: int) -> None:
+        """From here on SUMO drives; above the limit only who was so from the beginning."""
+        vehicle, name, driver = self._sumo.vehicle, self._names[index], self._drivers[index]
+        if name not in vehicle.getIDList():
+            return  # SUMO did not take it; it is asked again
+        vehicle.setSpeed(name, _AS_SUMO_LIKES)
+        vehicle.setSpeedMode(name, driver.speed_mode)
+        vehicle.setLaneChangeMode(name, driver.lane_change_mode)
+        limit = vehicle.getAllowedSpeed(name)
+        if self._speed[index, step] > limit > 0.0:
+            vehicle.setSpeedFactor(name, vehicle.getSpeedFactor(name) * float(self._speed[index, step]) / limit)
+        self._waiting.discard(index)
+        self._driven.add(index)
+
+    def _enter(self, index: int) -> None:
+        vehicle, agent = self._sumo.vehicle, self._scenario.agents[index]
+        name = free_name(agent.id, self._agent)
+        if index in self._drivers:
+            vehicle.add(name, driven_type(index), driven_type(index))
+        else:
+            vehicle.add(name, "replay", type_name(index))
+        vehicle.setSpeedMode(name, 0)
+        vehicle.setLaneChangeMode(name, 0)
+        vehicle.setColor(name, _COLOURS[agent.role])
+        self._names[index], self._agent[name] = name, index
+
+    def _remove(self, index: int) -> None:
+        name = self._names.pop(index)
+        if name in self._sumo.vehicle.getIDList():
+            self._sumo.vehicle.remove(name)
+
+    def _read(self, step: int) -> None:
+        vehicle, agents = self._sumo.vehicle, self._scenario.agents
+        states, valid = np.zeros((4, len(agents))), np.zeros(len(agents), bool)
+        there = set(vehicle.getIDList())
+        for index, name in self._names.items():
+            if name in there:
+                if index not in self._driven:
+                    # SUMO keeps the old speed, or says 0, where an agent enters or comes onto another lane:
+                    # at 1.5 % of the steps of random drives around a crossing
+                    vehicle.setPreviousSpeed(name, float(self._speed[index, step]))
+                front_x, front_y = vehicle.getPosition(name)
+                pose = from_sumo(SumoPose(front_x, front_y, vehicle.getAngle(name)), agents[index].length)
+                states[:, index] = *pose, vehicle.getSpeed(name)
+                valid[index] = True
+        x, y, yaw, speed = states
+        z = np.where(valid, self._scenario.heights(x, y), 0.0)
+        self._seen.append(Seen(x, y, yaw, speed, valid, z))
+        for found in self._sumo.simulation.getCollisions():
+            collider, victim = (agents[self._agent[name]].id for name in (found.collider, found.victim))
+            self._collisions.append(ReportedCollision(step, collider, victim, found.type))
+        for name, letters in self._letters.items():
+            letters.append(self._sumo.trafficlight.getRedYellowGreenState(name))
+
+    def _check_signals(self) -> None:
+        light = self._sumo.trafficlight
+        known = set(light.getIDList())
+        for signal in self._signals:
+            if signal.id not in known:
+                raise SumoError(
+                    f"case {self._scenario.id}: signal {signal.id!r} is not in its SUMO network, which has "
+                    f"{', '.join(sorted(known)) or 'no signals'}; the case and its map do not belong together"
+                )
+            links, shown = len(light.getControlledLinks(signal.id)), len(signal.letters(0))
+            if links != shown:
+                raise SumoError(
+                    f"case {self._scenario.id}: signal {signal.id!r} shows {shown} letters, SUMO's has {links} links; "
+                    "the case and its map do not belong together"
+                )
+            _check_letters(signal)
+
+    def _show_signals(self, step: int) -> None:
+        for signal in self._signals:
+            for since, letters in signal.changes:
+                if since == step:
+                    self._sumo.trafficlight.setRedYellowGreenState(signal.id, letters)
+
+
+def _some_edge(scenario: Scenario) -> str:
+    """An edge that cars may use: SUMO wants a route for every vehicle, wherever it is placed."""
+    if scenario.road.sumo_net is None:
+        return BARE_EDGE
+    return edge_of(next(lane for lane in scenario.road.lanes if not lane.junction))
+
+
+def _check_letters(signal: Signal) -> None:
+    """SUMO itself takes any letter without a word."""
+    for step, letters in signal.changes:
+        for letter in letters:
+            if letter not in _LETTERS:
+                raise SumoError(f"signal {signal.id!r} shows {letter!r} at step {step}, expected SUMO's: {_LETTERS}")
+
+
+def _changes(letters: list[str]) -> tuple[tuple[int, str], ...]:
+    return tuple((k, now) for k, now in enumerate(letters) if k == 0 or now != letters[k - 1])
