@@ -21,10 +21,11 @@ from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 _AROUND_EGO_M = 40.0  # of its track: a candidate that is further away is no danger yet
 
 
-def under_the_law(world: World, scenario: Scenario, agent: int) -> World:
+def under_the_law(world: World, scenario: Scenario, agent: int, room: int = 0) -> World:
     """The same world with a road and a top speed for `agent` alone.
 
-    Without a road of its own where the map does not tell, and where roads lie above each other.
+    Without a road of its own where the map does not tell, and where roads lie above each other. The road has `room`
+    for so many cells at least.
     """
     area = lawful_area(scenario, agent)
     limited = world.top_speed.at[agent].set(_top_speed(scenario, agent))
@@ -32,7 +33,7 @@ def under_the_law(world: World, scenario: Scenario, agent: int) -> World:
     if area is None or area.is_empty or world.heights is not None:
         return world
     low, high = _bounds(scenario, area)
-    road = blur_areas([area], low, high, scene_origin(scenario))
+    road = blur_areas([area], low, high, scene_origin(scenario), room=room)
     on_road = world.on_road.at[:, agent].set(_began_on(scenario, agent, area))
     return replace(world, own_road=road, on_road=on_road)
 

@@ -1,10 +1,13 @@
 """The middle of lanes on the device, as points with a direction: who keeps to a lane that runs their way."""
 
+from functools import lru_cache
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from regents_cosim.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 
 _SPACING_M = 1.0
@@ -34,25 +37,29 @@ class LaneCentres(eqx.Module):
         return jnp.where(runs & (off <= _REACH_M), off, _FAR_M).min(axis=-1)
 
 
-def lane_centres(scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> LaneCentres:
-    """The centre lines of lanes near the scene's tracks, on all levels, in the map's coordinates less `origin` [m]."""
+def lane_centres(scenario: Scenario, origin: Float[np.ndarray, " 2"], room: int = 0) -> LaneCentres:
+    """The centre lines of lanes near the scene's tracks, on all levels, in the map's coordinates less `origin` [m].
+
+    There is `room` for so many points at least.
+    """
     tracks = scenario.tracks
-    points, direction = _along_lanes(scenario)
+    points, direction = _along_lanes(scenario.road)
     placed = np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid]
     low, high = placed.min(axis=0) - _MARGIN_M, placed.max(axis=0) + _MARGIN_M
     near = ((points >= low) & (points <= high)).all(axis=1)
     points, direction = points[near] - origin, direction[near]
-    size = next((size for size in _SIZES if size >= len(points)), len(points))
+    size = next((size for size in _SIZES if size >= max(len(points), room)), len(points))
     extra = size - len(points)
     x, y = (np.pad(values, (0, extra), constant_values=_FAR_M) for values in points.T)
     angle = np.pad(direction, (0, extra))
     return LaneCentres(*(jnp.asarray(values, jnp.float32) for values in (x, y, np.cos(angle), np.sin(angle))))
 
 
-def _along_lanes(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+@lru_cache(maxsize=8)
+def _along_lanes(road: RoadMap) -> tuple[np.ndarray, np.ndarray]:
     """Points [m] a metre apart and the direction [rad] of the lane at each."""
     points, directions = [np.zeros((0, 2))], [np.zeros(0)]
-    for lane in scenario.road.lanes:
+    for lane in road.lanes:
         steps = np.diff(lane.centre, axis=0)
         lengths = np.hypot(*steps.T)
         along = np.concatenate([[0.0], np.cumsum(lengths)])

@@ -5,6 +5,7 @@ the map once and looking it up bilinearly is the same number, and far cheaper.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -47,6 +48,10 @@ class RoadField(eqx.Module):
         Heights `z` [m] choose the level. Differentiable with respect to the points alone.
         """
         return _look_up(self, x, y, z)
+
+    def seen_from(self, origin: Float[np.ndarray, " 2"]) -> "RoadField":
+        """The same in coordinates that begin at `origin` [m] of those that it has."""
+        return replace(self, corner=jnp.asarray(np.asarray(self.corner, float) - origin, jnp.float32))
 
 
 @jax.custom_jvp
@@ -104,14 +109,18 @@ def blur_areas(
     high: Float[np.ndarray, " 2"],
     origin: Float[np.ndarray, " 2"],
     bands: Bands | None = None,
+    room: int = 0,
 ) -> RoadField:
-    """The field of areas in which one may drive, one for each level, over the bounds `low`..`high` [m, map frame]."""
+    """The field of areas in which one may drive, one for each level, over the bounds `low`..`high` [m, map frame].
+
+    There is `room` for so many cells at least.
+    """
     # Centres at odd tenths of a metre: edges of lanes lie at even ones (a width of 3.2 m), and would tie.
     low = (np.floor(low / CELL_M) + 0.5) * CELL_M
     rows, columns = grid_shape(low, high, CELL_M)
     off_road = (~inside(area, low, (rows, columns), CELL_M) for area in areas)
     field = np.stack([gaussian_filter(off.astype(np.float32), SIGMA_M / CELL_M, mode="nearest") for off in off_road])
-    size = next((size for size in _SIZES if size >= field.size), field.size)
+    size = next((size for size in _SIZES if size >= max(field.size, room)), field.size)
     flat = np.zeros(size, np.float32)
     flat[: field.size] = field.ravel()
     cells = _with_neighbours(jnp.asarray(flat), jnp.asarray(np.int32(columns)))

@@ -91,15 +91,18 @@ def padded_agents(agents: int) -> int:
     return next((size for size in AGENT_BUCKETS if size >= agents), agents)
 
 
-def to_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
+def to_world(
+    scenario: Scenario, dynamics: Dynamics | None = None, room: int = 0, road: RoadField | None = None
+) -> World:
     """Move a Scenario to the device; controls are the smooth fit of its tracks (`actions`).
 
-    Vehicles move by `dynamics`, by default by the model that the scenario's controls belong to.
+    Vehicles move by `dynamics`, by default by the model that the scenario's controls belong to. There is `room` for so
+    many agents at least. `road` is the field of its map where that is known already, in the map's frame.
     """
     dynamics = dynamics or scenario.dynamics
     tracks, origin = scenario.tracks, scene_origin(scenario)
     real = len(scenario.agents)
-    padded = padded_agents(real)
+    padded = padded_agents(max(real, room))
     extra = padded - real
     valid = np.pad(tracks.valid, ((0, extra), (0, 0)))
     filled = fill_gaps(tracks)
@@ -129,7 +132,9 @@ def to_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
         vehicle=jnp.asarray([a.kind in VEHICLE_KINDS for a in scenario.agents] + [False] * extra),
         apart=jnp.asarray(np.pad(_apart_at_first(scenario), (0, extra))),
         on_road=jnp.asarray(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra)))),
-        road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin, levels),
+        road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin, levels)
+        if road is None
+        else road,
         top_speed=jnp.full(padded, jnp.inf, jnp.float32),
         dt=dt,
         heights=heights,

@@ -1,0 +1,167 @@
+"""What happened live as an ordinary case: everybody's tracks up to the contact and a little beyond.
+
+Beyond it nothing has happened yet, so what is predicted from there is appended: whoever asks whether a crash could have
+been avoided has to see where that would have led. `original` is what was predicted of the ego and of the adversary when
+the attack began, and of all others what they did.
+"""
+
+import dataclasses
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.frames import SumoPose, from_sumo
+from regents_cosim.live.reading import Frame
+from regents_cosim.names import distinct_word, file_name, word
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.scenario import AttackRecord, Outcome, Scenario, Signal, Tracks
+from regents_cosim.sources.recording import Recording, changes
+from regents_cosim.sources.windows import Origin, Scene, Windows, make_scenario
+
+_LABEL = 40  # characters of a planner or an adversary in the id of a case
+_FIELDS = ("x", "y", "yaw", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Foretold:
+    """What was predicted at some time, by id."""
+
+    time_s: float
+    dt: float  # [s]
+    ids: tuple[str, ...]
+    tracks: Tracks
+
+    def at(self, name: str, times_s: np.ndarray) -> dict[str, np.ndarray]:
+        """X, y, yaw, z and speed of somebody at times; straight on beyond the prediction's end."""
+        row = self.ids.index(name)
+        own = np.arange(self.tracks.steps) * self.dt
+        since = np.asarray(times_s) - self.time_s
+        found = {key: np.interp(since, own, getattr(self.tracks, key)[row]) for key in (*_FIELDS, "speed")}
+        beyond = np.maximum(since - own[-1], 0.0) * found["speed"]
+        found["x"] = found["x"] + beyond * np.cos(found["yaw"])
+        found["y"] = found["y"] + beyond * np.sin(found["yaw"])
+        return found
+
+    def there(self, name: str) -> bool:
+        """Whether somebody is there throughout."""
+        return name in self.ids and bool(self.tracks.valid[self.ids.index(name)].all())
+
+
+@dataclass(frozen=True)
+class Attacked:
+    """How an attack went, for its record."""
+
+    adversary: str
+    planner: str
+    config: AttackConfig
+    outcome: Outcome
+    iterations: int
+    rollouts: int
+    replan_s: float
+    source: Origin
+    seed: int = 0
+
+
+def case_of(
+    frames: Sequence[Frame],
+    dt: float,
+    road: RoadMap,
+    attacked: Attacked,
+    before: Foretold,
+    after: Foretold,
+    tail_s: float,
+) -> Scenario:
+    """The case of some frames. Of a near miss, `attacked.outcome` says that there was no collision."""
+    recording = _recording(frames, dt, after, round(tail_s / dt))
+    ego = recording.ids.index(frames[0].ids[0])
+    scene = Scene.where(recording, recording.valid)
+    reach = Windows(count=1, seed=attacked.seed, horizon_s=max((recording.x.shape[1] - 1) * dt, 0.2), radius_m=1e5)
+    base = make_scenario(scene, ego, road, attacked.source, reach, Counter())
+    original = _original(base, recording.begin_s, dt, (base.ego.id, attacked.adversary), before)
+    agents = tuple(
+        dataclasses.replace(agent, role="adversary") if agent.id == attacked.adversary else agent
+        for agent in base.agents
+    )
+    contact = first_contact(agents, base.tracks)
+    hit = None
+    if attacked.outcome == "collision" and contact is not None:
+        hit = collision_at(agents, base.tracks, contact, dt, agents[contact[0]].id == attacked.adversary)
+    settings = {k: v for k, v in dataclasses.asdict(attacked.config).items() if k not in ("method", "universal")}
+    record = AttackRecord(
+        case=base.id,
+        method=attacked.config.method,
+        planner=attacked.planner,
+        outcome=attacked.outcome,
+        iterations=attacked.iterations,
+        collision=hit,
+        candidates=(attacked.adversary,),
+        settings=settings | {"live": True, "replan_s": attacked.replan_s},
+        rollouts=attacked.rollouts,
+    )
+    name = file_name(base.id, attacked.config.method, word(attacked.planner.rpartition(":")[2], _LABEL))
+    name = file_name(name, distinct_word(attacked.adversary, _LABEL))
+    return dataclasses.replace(base, id=name, agents=agents, attack=record, original=original)
+
+
+def _recording(frames: Sequence[Frame], dt: float, after: Foretold, further: int) -> Recording:
+    """Everybody's motion in the frames, and what is foretold for some steps after them."""
+    ids = sorted({name for frame in frames for name in frame.ids})
+    row = {name: index for index, name in enumerate(ids)}
+    types = {name: kind for frame in frames for name, kind in zip(frame.ids, frame.types, strict=True)}
+    values = {key: np.zeros((len(ids), len(frames) + further)) for key in _FIELDS}
+    valid = np.zeros((len(ids), len(frames) + further), bool)
+    for step, frame in enumerate(frames):
+        at = [row[name] for name in frame.ids]
+        length = np.array([kind.length for kind in frame.types])
+        pose = from_sumo(SumoPose(frame.x, frame.y, frame.angle), length)
+        for key, one in zip(_FIELDS, (*pose, frame.z), strict=True):
+            values[key][at, step] = one
+        valid[at, step] = True
+    times = frames[-1].time_s + np.arange(1, further + 1) * dt
+    for name in frames[-1].ids:
+        if after.there(name):
+            foretold = after.at(name, times)
+            for key in _FIELDS:
+                values[key][row[name], len(frames) :] = foretold[key]
+            valid[row[name], len(frames) :] = True
+    lights = sorted({name for frame in frames for name in frame.lights})
+    signals = tuple(Signal(name, changes(_letters(name, frames, further))) for name in lights)
+    return Recording(
+        begin_s=round(frames[0].time_s, 6),
+        dt=dt,
+        ids=tuple(ids),
+        types=tuple(types[name] for name in ids),
+        valid=valid,
+        signals=signals,
+        **values,
+    )
+
+
+def _letters(name: str, frames: Sequence[Frame], further: int) -> list[str]:
+    """What a light showed at every step; where it was too far away to be read, what it showed next or last."""
+    shown = [frame.lights.get(name) for frame in frames]
+    now = next(letters for letters in shown if letters is not None)
+    found = []
+    for letters in shown:
+        now = now if letters is None else letters
+        found.append(now)
+    return found + [now] * further
+
+
+def _original(base: Scenario, begin_s: float, dt: float, names: Sequence[str], before: Foretold) -> Tracks:
+    """The tracks, with what was foretold of some from then on."""
+    tracks = base.tracks
+    values = {key: getattr(tracks, key).copy() for key in (*_FIELDS, "speed")}
+    times = begin_s + np.arange(tracks.steps) * dt
+    since = int(np.searchsorted(times, before.time_s + 1e-6))
+    for name in names:
+        if name in before.ids and since < tracks.steps:
+            row = next(index for index, agent in enumerate(base.agents) if agent.id == name)
+            foretold = before.at(name, times[since:])
+            for key, one in values.items():
+                one[row, since:] = np.where(tracks.valid[row, since:], foretold[key], 0.0)
+    return Tracks(valid=tracks.valid, **values)

@@ -1,0 +1,38 @@
+"""What happened around the ego within the last seconds, and whom it touches: by exact boxes, at every step."""
+
+from collections import deque
+
+import numpy as np
+
+from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.live.reading import Frame
+
+_GAP = 1.5  # of a step: then somebody went on without telling us
+
+
+class History:
+    """Frames of the last `horizon_s`, without gaps."""
+
+    def __init__(self, horizon_s: float, step_s: float) -> None:
+        self._step_s = step_s
+        self.frames: deque[Frame] = deque(maxlen=max(round(horizon_s / step_s), 1) + 1)
+
+    def add(self, frame: Frame) -> None:
+        """One step more; what came before a gap is forgotten."""
+        if self.frames and frame.time_s - self.frames[-1].time_s > _GAP * self._step_s:
+            self.frames.clear()
+        self.frames.append(frame)
+
+    def recent_m_s(self, seconds: float = 3.0) -> float:
+        """The fastest that the ego went lately."""
+        last = self.frames[-1].time_s
+        return max(float(frame.speed[0]) for frame in self.frames if last - frame.time_s <= seconds)
+
+
+def touched(frame: Frame) -> list[str]:
+    """Whom the ego touches."""
+    boxes = frame.boxes
+    ego = Boxes(*(np.asarray(values)[0] for values in boxes))
+    hits = np.asarray(overlap(ego, boxes))
+    hits[0] = False
+    return [frame.ids[index] for index in np.flatnonzero(hits)]

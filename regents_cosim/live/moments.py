@@ -1,0 +1,99 @@
+"""A moment of traffic, with what is predicted from it, in the forms that planners and searches take.
+
+All moments of a run have the same shapes on the device, so each of its programs is compiled once.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.live.predict import Predictor
+from regents_cosim.live.traffic import Traffic
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.lane_centres import lane_centres
+from regents_cosim.mirror.road_field import RoadField, blur
+from regents_cosim.mirror.rollout import roll_out_background
+from regents_cosim.mirror.world import World, scene_origin, to_world
+from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.scenario import Provenance, Scenario, Signal
+
+DT_S = 0.1  # of predictions and plans, whatever the simulation's step
+MOST_AGENTS = 32
+CELLS = 2**20  # room of every road field
+_LANE_POINTS = 2**12
+_TILE_M = 80.0  # the road is known so far around the middle of a tile ...
+_LEAVES_TILE_M = 25.0  # ... which the ego leaves here
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Traffic at one instant, and the scenario that is predicted from there on."""
+
+    traffic: Traffic
+    scenario: Scenario
+    world: World
+
+    @property
+    def origin(self) -> Float[np.ndarray, " 2"]:
+        """Of the device's coordinates [m, map frame]."""
+        return scene_origin(self.scenario)
+
+    @cached_property
+    def background(self) -> Motion:
+        """Everybody's motion [agent time] as predicted, by the mirror's model."""
+        return jax.block_until_ready(_as_predicted(self.world))
+
+    def memory(self, planner: JaxPlanner, name: str) -> Any:
+        """What a planner remembers at the beginning. Raises DriveError."""
+        return start(planner, LoopScene(self.scenario, self.world), name)
+
+    @cached_property
+    def with_lanes(self) -> World:
+        """The world, with the middle of its lanes: what a careful driver would see."""
+        return replace(self.world, lanes=lane_centres(self.scenario, self.origin, _LANE_POINTS))
+
+
+class Moments:
+    """Makes them, and remembers the road around the ego."""
+
+    def __init__(self, predictor: Predictor, horizon_s: float) -> None:
+        self.predictor, self.horizon_s = predictor, horizon_s
+        self.steps = round(horizon_s / DT_S) + 1
+        self._tile: tuple[RoadMap, np.ndarray, RoadField] | None = None
+
+    def of(self, traffic: Traffic) -> Moment:
+        """The moment of some traffic."""
+        tracks = self.predictor.predict(traffic, DT_S, self.steps)
+        scenario = Scenario(
+            id="live",
+            dt=DT_S,
+            agents=tuple(user.agent for user in traffic.users),
+            tracks=tracks,
+            target=(float(tracks.x[0, -1]), float(tracks.y[0, -1])),
+            road=traffic.road,
+            provenance=Provenance("live", "", "", traffic.time_s),
+            signals=tuple(Signal(name, ((0, letters),)) for name, letters in sorted(traffic.lights.items())),
+        )
+        road = None if scenario.heights.stacked else self._road(scenario)
+        return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road))
+
+    def _road(self, scenario: Scenario) -> RoadField:
+        """The field around the ego, blurred again only where that has left the last tile."""
+        ego = np.array([scenario.tracks.x[0, 0], scenario.tracks.y[0, 0]])
+        known = self._tile
+        if known is None or known[0] is not scenario.road or np.abs(ego - known[1]).max() > _LEAVES_TILE_M:
+            middle = np.round(ego)
+            field = blur(scenario.road, middle - _TILE_M, middle + _TILE_M, middle)
+            known = self._tile = scenario.road, middle, field
+        return known[2].seen_from(scene_origin(scenario) - known[1])
+
+
+@compiled
+def _as_predicted(world: World) -> Motion:
+    return roll_out_background(world, world.controls)

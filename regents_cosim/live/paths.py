@@ -1,0 +1,131 @@
+"""The line that somebody will drive along: the middle of the lanes ahead, joined smoothly from where it is.
+
+As in SUMO the front bumper follows the line, and so does the rear.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from regents_cosim.planners.route import evenly
+from regents_cosim.roadmap import Lane, RoadMap
+
+SPACING_M = 1.0
+BEHIND_M = 20  # points that a path has behind the front bumper
+_JOIN_S = 3.0  # over which it comes to the middle of its lane
+_SHORTEST_JOIN_M = 12.0
+_SEARCHED = 8  # lanes of a way through a junction
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """A line before which somebody has to wait as things stand: a red light, or others that have priority."""
+
+    at_m: float  # from the front bumper
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Points every metre: `BEHIND_M` of them behind the front bumper, the rest ahead."""
+
+    points: Float[np.ndarray, "point 2"]  # [m]
+    limit: Float[np.ndarray, " point"]  # [m/s] speed limit of the lane there
+    ends_m: float  # ahead of the front bumper, where the route ends; infinite where it goes on
+    stops: tuple[Stop, ...] = ()
+
+
+def path_along(
+    lanes: Sequence[Lane],
+    along_m: float,
+    front: tuple[float, float],
+    yaw: float,
+    speed: float,
+    reach_m: float,
+    arrives: bool = False,
+    stops: Sequence[Stop] = (),
+) -> Path:
+    """The path of somebody whose front bumper is beside the first of `lanes`, `along_m` from its begin.
+
+    It comes to the middle within some seconds, and goes straight on where the lanes end.
+    """
+    centre, limit, length = _middle(lanes, along_m, reach_m)
+    place, heading = np.array(front), np.array([np.cos(yaw), np.sin(yaw)])
+    if len(centre) < 2:
+        centre = place + np.array([[0.0], [1.0]]) * heading
+        limit = np.full(2, lanes[0].speed_limit if lanes else np.inf)
+    centre = evenly(_straight_on(centre, reach_m), SPACING_M)[: int(reach_m) + 1]
+    join_m = max(_JOIN_S * speed, _SHORTEST_JOIN_M)
+    done = np.clip(np.arange(len(centre)) * SPACING_M / join_m, 0.0, 1.0)
+    left = 1.0 - (done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi))
+    ahead = centre + left[:, None] * (place - centre[0])
+    behind = place - np.arange(BEHIND_M, 0, -1)[:, None] * SPACING_M * heading
+    limits = np.concatenate([np.full(BEHIND_M, limit[0]), limit, np.full(len(centre), limit[-1])])
+    points = np.concatenate([behind, ahead])
+    return Path(points, limits[: len(points)], length if arrives and length < reach_m else np.inf, tuple(stops))
+
+
+def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Points along the middle of the lanes from a place on the first, the limit every metre, and their length [m]."""
+    points, limits, length = [np.zeros((0, 2))], [np.zeros(0)], 0.0
+    since = along_m
+    for lane in lanes:
+        line = shapely.LineString(lane.centre)
+        piece = shapely.get_coordinates(shapely.ops.substring(line, min(since, line.length), line.length))
+        here = max(line.length - since, 0.0)
+        points.append(piece)
+        whole = int(length + here) - int(length)
+        limits.append(np.full(whole, lane.speed_limit))
+        length += here
+        since = 0.0
+        if length > reach_m:
+            break
+    joined = np.concatenate(points)
+    apart = np.hypot(*np.diff(joined, axis=0, prepend=joined[:1] - 1.0).T) > 1e-3
+    limit = np.concatenate(limits)
+    return joined[apart], limit if len(limit) else np.full(1, lanes[0].speed_limit if lanes else np.inf), length
+
+
+def _straight_on(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:
+    ahead = points[-1] - points[-2]
+    return np.vstack([points, points[-1] + (reach_m + 2.0) * ahead / np.hypot(*ahead)])
+
+
+class LaneChains:
+    """The ways between lanes of a map: which internal lanes lie between two others."""
+
+    def __init__(self, road: RoadMap) -> None:
+        self._road = road
+        self._known: dict[tuple[str, str], tuple[str, ...] | None] = {}
+
+    def between(self, source: str, target: str) -> tuple[str, ...] | None:
+        """The lanes after `source` up to `target`, with `target`; None where no way through a junction leads there."""
+        if (source, target) not in self._known:
+            self._known[source, target] = self._search(source, target)
+        return self._known[source, target]
+
+    def _search(self, source: str, target: str) -> tuple[str, ...] | None:
+        waiting: list[tuple[str, ...]] = [(source,)]
+        while waiting:
+            way = waiting.pop(0)
+            for link in self._road.exits.get(way[-1], ()):
+                if link.target == target:
+                    return (*way[1:], target)
+                if self._road.lane[link.target].junction and len(way) < _SEARCHED:
+                    waiting.append((*way, link.target))
+        return None
+
+    def out_of_junction(self, lane: str) -> tuple[str, ...]:
+        """The lanes after an internal one, up to the first outside; none after any other."""
+        found: list[str] = []
+        while self._road.lane[lane].junction and self._road.exits[lane] and len(found) < _SEARCHED:
+            lane = self._road.exits[lane][0].target
+            found.append(lane)
+        return tuple(found)
+
+    def lanes(self, names: Sequence[str]) -> list[Lane]:
+        """The lanes of a way, up to the first that the map does not know."""
+        return [self._road.lane[name] for name in itertools.takewhile(self._road.lane.__contains__, names)]

@@ -1,0 +1,200 @@
+"""What everybody will do within the next seconds: the log that a live attack departs from.
+
+A predictor is anything with `predict(traffic, dt, steps) -> Tracks`. `Mirror` lets everybody go on along their own
+route by car-following with their own parameters, the lights as they stand.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from regents_cosim.frames import wrap
+from regents_cosim.live.paths import BEHIND_M, SPACING_M
+from regents_cosim.live.traffic import Traffic
+from regents_cosim.scenario import Tracks
+
+_CELL_M = 2.0  # of the grid that knows which point of a path is near
+_STEPS_AT_ONCE = 2  # of the tracks, for each step of the drivers
+_BESIDE_M = 0.1  # that a leader may be beside the body
+_HARDEST_BRAKE = 8.0  # [m/s^2]
+_LEAST_GAP_M = 0.1
+_FAR_M = 1e4
+
+
+class Predictor(Protocol):
+    """Says where everybody will be."""
+
+    def predict(self, traffic: Traffic, dt: float, steps: int) -> Tracks:
+        """The tracks [user, time] of the traffic's users from now on, `steps` instants `dt` [s] apart."""
+        ...
+
+
+class Mirror:
+    """Everybody on their own route, by the Intelligent Driver Model with SUMO's parameters of each.
+
+    Source: Treiber, Hennecke and Helbing 2000. Whoever's body is on one's path is a leader; closed lights, and
+    junctions that others have to be let through first, are standing leaders.
+    """
+
+    def predict(self, traffic: Traffic, dt: float, steps: int) -> Tracks:
+        """The tracks [user, time] from now on."""
+        drivers = _Drivers.of(traffic)
+        coarse = _STEPS_AT_ONCE * dt
+        begun = drivers.begin()
+        driven = [begun]
+        while len(driven) * _STEPS_AT_ONCE < steps + _STEPS_AT_ONCE - 1:
+            driven.append(drivers.advance(*driven[-1], coarse))
+        along, speed = (np.stack(values, axis=1) for values in zip(*driven, strict=True))
+        at, fine = np.arange(along.shape[1]) * coarse, np.arange(steps) * dt
+        along, speed = (np.stack([np.interp(fine, at, row) for row in values]) for values in (along, speed))
+        return drivers.tracks(along, speed, traffic)
+
+
+@dataclass(frozen=True, eq=False)
+class _Drivers:
+    """All users as arrays."""
+
+    points: Float[np.ndarray, "user point 2"]  # of the paths
+    wanted: Float[np.ndarray, "user point"]  # [m/s] there, slow enough for what comes
+    near: Int[np.ndarray, "user cell"]  # which point of a path is near a cell, -1 for none
+    corner: Float[np.ndarray, " 2"]
+    columns: int
+    length: Float[np.ndarray, " user"]
+    width: Float[np.ndarray, " user"]
+    speed: Float[np.ndarray, " user"]
+    accel: Float[np.ndarray, " user"]
+    decel: Float[np.ndarray, " user"]
+    tau: Float[np.ndarray, " user"]
+    min_gap: Float[np.ndarray, " user"]
+    stop: Float[np.ndarray, " user"]  # [m] ahead of the front at first, where it has to wait
+    ends: Float[np.ndarray, " user"]  # [m] likewise, where the route ends
+
+    @classmethod
+    def of(cls, traffic: Traffic) -> "_Drivers":
+        """Those of the traffic."""
+        users = traffic.users
+        most = max(len(user.path.points) for user in users)
+        points = np.stack([_prolonged(user.path.points, most) for user in users])
+        limit = np.stack([np.pad(u.path.limit, (0, most - len(u.path.limit)), "edge") for u in users])
+        follows = {name: np.array([getattr(u.following, name) for u in users]) for name in vars(users[0].following)}
+        allowed = np.minimum(limit * follows["speed_factor"][:, None], follows["max_speed_m_s"][:, None])
+        wanted = _in_time(np.maximum(allowed, 0.1), follows["decel"])
+        near, corner, columns = _grid(points)
+        size = np.array([(u.agent.length, u.agent.width) for u in users]).T
+        decel, speed = follows["decel"], traffic.values("speed")
+        return cls(
+            points, wanted, near, corner, columns, *size, speed, follows["accel"], decel, follows["tau_s"],
+            follows["min_gap_m"], np.array([_first_stop(u.path.stops, v, b) for u, v, b in zip(users, speed, decel, strict=True)]),
+            np.array([u.path.ends_m for u in users]),
+        )  # fmt: skip
+
+    def begin(self) -> tuple[np.ndarray, np.ndarray]:
+        """How far everybody is [m], and how fast [m/s]."""
+        return np.zeros_like(self.speed), self.speed
+
+    def advance(self, along: np.ndarray, speed: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """The same a step later."""
+        gap, lead = self._leaders(along, speed)
+        waits = self.stop - along
+        closed = waits > -1.0
+        gap = np.where(closed & (waits + self.min_gap < gap), waits + self.min_gap, gap)
+        lead = np.where(closed & (waits + self.min_gap <= gap), 0.0, lead)
+        wanted = self.wanted[np.arange(len(along)), self._index(along)]
+        closing = speed * (speed - lead) / (2.0 * np.sqrt(self.accel * self.decel))
+        apart = self.min_gap + np.maximum(speed * self.tau + closing, 0.0)
+        free = np.maximum(1.0 - (speed / wanted) ** 4, -self.decel / self.accel)
+        accel = self.accel * (free - (apart / np.maximum(gap, _LEAST_GAP_M)) ** 2)
+        after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
+        return along + 0.5 * (speed + after) * dt, after
+
+    def tracks(self, along: np.ndarray, speed: np.ndarray, traffic: Traffic) -> Tracks:
+        """The tracks of users that are so far along [user time], with those speeds."""
+        front, rear = self._at(along), self._at(along - self.length[:, None])
+        ahead = front - rear
+        yaw = np.arctan2(ahead[..., 1], ahead[..., 0])
+        centre = front - 0.5 * self.length[:, None, None] * np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+        # From exactly where they are: a body is no chord of its path at first.
+        lasting = np.clip(1.0 - along / (self.length[:, None] + 1.0), 0.0, 1.0)
+        x = centre[..., 0] + lasting * (traffic.values("x") - centre[:, 0, 0])[:, None]
+        y = centre[..., 1] + lasting * (traffic.values("y") - centre[:, 0, 1])[:, None]
+        turned = np.asarray(wrap(traffic.values("yaw") - yaw[:, 0]))
+        yaw = np.unwrap(yaw + lasting * turned[:, None], axis=1)
+        valid = along <= self.ends[:, None]
+        valid[0] = True
+        z = np.repeat(traffic.values("z")[:, None], along.shape[1], axis=1)
+        x, y, yaw, speed, z = (np.where(valid, values, 0.0) for values in (x, y, yaw, speed, z))
+        return Tracks(x, y, yaw, speed, valid, z=z)
+
+    def _leaders(self, along: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The gap to the nearest body on everybody's path [m], and how fast that goes along it [m/s]."""
+        back = np.stack([np.zeros_like(along), 0.5 * self.length, self.length], axis=1)
+        body = self._at(along[:, None] - back)  # [other part 2]
+        cell = np.rint((body - self.corner) / _CELL_M).astype(int)
+        rows = self.near.shape[1] // self.columns
+        inside = ((cell >= 0) & (cell < (self.columns, rows))).all(axis=-1)
+        flat = np.where(inside, cell[..., 1] * self.columns + cell[..., 0], 0)
+        index = np.where(inside, self.near[:, flat], -1)  # [user other part]
+        user = np.arange(len(along))[:, None, None]
+        known = np.maximum(index, 0)
+        here = self.points[user, known]
+        way = self.points[user, np.minimum(known + 1, self.points.shape[1] - 1)] - here
+        way /= np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-6)[..., None]
+        away = body - here
+        place = known * SPACING_M - BEHIND_M + (away * way).sum(axis=-1)
+        across = away[..., 1] * way[..., 0] - away[..., 0] * way[..., 1]
+        beside = 0.5 * (self.width[:, None] + self.width)[..., None] + _BESIDE_M
+        gap = place - along[:, None, None]
+        ahead = (index >= 0) & (np.abs(across) < beside) & (gap > -0.5 * self.length[:, None, None])
+        ahead[np.arange(len(along)), np.arange(len(along))] = False
+        gap = np.where(ahead, gap, _FAR_M)
+        nearest = gap.reshape(len(along), -1).argmin(axis=1)
+        other, part = np.divmod(nearest, gap.shape[2])
+        heading = body[:, 0] - body[:, 2]
+        heading /= np.maximum(np.hypot(*heading.T), 1e-6)[:, None]
+        mine = np.arange(len(along))
+        lead = speed[other] * (heading[other] * way[mine, other, part]).sum(axis=-1)
+        return gap[mine, other, part], np.where(gap[mine, other, part] < _FAR_M, np.maximum(lead, 0.0), speed)
+
+    def _index(self, along: np.ndarray) -> Int[np.ndarray, " user"]:
+        return np.clip((along / SPACING_M + BEHIND_M).astype(int), 0, self.points.shape[1] - 1)
+
+    def _at(self, along: np.ndarray) -> Float[np.ndarray, "user *axes 2"]:
+        """Places on the paths, so far ahead of the fronts at first [m]."""
+        at = np.clip(along / SPACING_M + BEHIND_M, 0.0, self.points.shape[1] - 1.001)
+        index = at.astype(int)
+        part = (at - index)[..., None]
+        user = np.arange(len(along)).reshape(-1, *(1,) * (along.ndim - 1))
+        return self.points[user, index] * (1.0 - part) + self.points[user, index + 1] * part
+
+
+def _prolonged(points: Float[np.ndarray, "point 2"], most: int) -> Float[np.ndarray, "most 2"]:
+    ahead = points[-1] - points[-2]
+    return np.concatenate([points, points[-1] + np.arange(1, most - len(points) + 1)[:, None] * ahead])
+
+
+def _in_time(allowed: Float[np.ndarray, "user point"], decel: Float[np.ndarray, " user"]) -> np.ndarray:
+    """Slow enough everywhere for what is allowed further on."""
+    gained = 2.0 * decel[:, None] * SPACING_M * np.arange(allowed.shape[1])
+    square = allowed**2 + gained
+    return np.sqrt(np.minimum.accumulate(square[:, ::-1], axis=1)[:, ::-1] - gained)
+
+
+def _first_stop(stops: tuple, speed: float, decel: float) -> float:
+    """Where somebody has to wait first, of the places before which it can still stop [m]."""
+    need_m = speed**2 / (2.0 * decel)
+    return min((stop.at_m for stop in stops if stop.at_m >= need_m - 1.0), default=_FAR_M)
+
+
+def _grid(points: Float[np.ndarray, "user point 2"]) -> tuple[Int[np.ndarray, "user cell"], np.ndarray, int]:
+    """For every user the cells around its path with a point of it, the grid's corner [m], and its columns."""
+    corner = points.min(axis=(0, 1)) - 2.0 * _CELL_M
+    columns, rows = np.ceil((points.max(axis=(0, 1)) - corner) / _CELL_M).astype(int) + 3
+    near = np.full((len(points), rows * columns), -1, np.int32)
+    cell = np.rint((points - corner) / _CELL_M).astype(int)
+    user, number = np.arange(len(points))[:, None], np.arange(points.shape[1])
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            near[user, (cell[..., 1] + down) * columns + cell[..., 0] + right] = number
+    return near, corner, int(columns)

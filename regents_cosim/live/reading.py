@@ -1,0 +1,279 @@
+"""What a running SUMO simulation says, read through TraCI or libsumo, never changing it.
+
+Every step: who is where around the ego (`Frame`). Before a plan: where their routes lead and how they follow as well
+(`Traffic`). With libsumo calls are cheap. Through TraCI each is a message, so the ego's surroundings are subscribed
+to, unless the user's own code has subscribed to them already.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from traci import constants as tc
+
+from regents_cosim.boxes import Boxes
+from regents_cosim.errors import SumoError
+from regents_cosim.frames import SumoPose, from_sumo
+from regents_cosim.live.paths import LaneChains, Path, Stop, path_along
+from regents_cosim.live.traffic import Following, RoadUser, Traffic
+from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.scenario import Agent
+from regents_cosim.sources.sumo_net import read_road_map
+from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
+
+_WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED]
+_CLOSED = "ryuU"  # letters of a light before which one waits
+_NEAR_JUNCTION_S = 1.5  # so near, those with priority are waited for as SUMO sees it now
+_LEAST_NEAR_M = 8.0
+_CHANGES_WITHIN_M = 120.0  # of the end of its lane, the ego changes it if its route needs that
+_NOWHERE_M = 1e8
+_REACH_S = 3.0  # of paths, beyond the horizon
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Who is where around the ego after one step: front bumpers in SUMO's terms, the ego first."""
+
+    time_s: float
+    ids: tuple[str, ...]
+    x: Float[np.ndarray, " vehicle"]  # [m] front bumper
+    y: Float[np.ndarray, " vehicle"]  # [m]
+    angle: Float[np.ndarray, " vehicle"]  # degrees clockwise from north
+    speed: Float[np.ndarray, " vehicle"]  # [m/s]
+    z: Float[np.ndarray, " vehicle"]  # [m] of the road
+    types: tuple[VehicleType, ...]
+    lights: dict[str, str]  # letters by the id of the signal
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """Everybody's box."""
+        length = np.array([kind.length for kind in self.types])
+        width = np.array([kind.width for kind in self.types])
+        pose = from_sumo(SumoPose(self.x, self.y, self.angle), length)
+        return Boxes(pose.x, pose.y, pose.yaw, length, width, self.z)
+
+    @cached_property
+    def number(self) -> dict[str, int]:
+        """Where each vehicle stands."""
+        return {name: index for index, name in enumerate(self.ids)}
+
+
+class Reader:
+    """One simulation. `connection` is libsumo, traci, or a connection of traci's."""
+
+    def __init__(self, connection: Any, radius_m: float, net: File | None = None) -> None:
+        """Raises SumoError for a simulation that no vehicle can be followed in, InputError for its network."""
+        self._sumo, self._radius_m = connection, radius_m
+        self._in_process = getattr(connection, "__name__", "") == "libsumo"
+        if self.option("mesosim") == "true":
+            raise SumoError("a mesoscopic simulation (mesosim): its vehicles have no place of their own on the road")
+        found = net or File(self.option("net-file"))
+        self.road: RoadMap = read_road_map(found)
+        self.step_s = float(connection.simulation.getDeltaT())
+        # Where a vehicle put off its lane makes SUMO 1.28 crash: with lane changes that take time.
+        self.sideways = float(self.option("lateral-resolution") or 0) > 0 or (
+            float(self.option("lanechange.duration") or 0) > 0
+        )
+        self._chains = LaneChains(self.road)
+        self._types: dict[str, VehicleType] = {}
+        self._following: dict[str, Following] = {}
+        self._subscribed = ""  # the ego whose surroundings are subscribed to
+        places: dict[str, list[np.ndarray]] = {}
+        for link in self.road.connections:
+            if link.signal is not None:
+                places.setdefault(link.signal, []).append(self.road.lane[link.source].centre[-1])
+        self._lights = {name: np.mean(points, axis=0) for name, points in places.items()}
+
+    def option(self, name: str) -> str:
+        """An option of the simulation; empty where it has none of that name."""
+        try:
+            return str(self._sumo.simulation.getOption(name))
+        except Exception:  # an older SUMO, or none: TraCI's errors have no common class
+            return ""
+
+    # --- every step ------------------------------------------------------------------------------
+
+    def frame(self, ego: str, time_s: float) -> Frame | None:
+        """Everybody around the ego; None where that is not on the road."""
+        rows = self._rows(ego)
+        if not rows or rows[0][0] != ego:
+            return None
+        ids = tuple(row[0] for row in rows)
+        values = np.array([row[1:] for row in rows], float).T
+        types = tuple(self._type(name) for name in ids)
+        return Frame(time_s, ids, *values, types, self._shown(values[0, 0], values[1, 0]))
+
+    def forget(self) -> None:
+        """Stop being told of the ego's surroundings."""
+        if self._subscribed:
+            name, self._subscribed = self._subscribed, ""
+            if name in self._sumo.vehicle.getIDList():
+                self._sumo.vehicle.unsubscribeContext(name, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
+
+    def _rows(self, ego: str) -> list[tuple[Any, ...]]:
+        """Name, x, y, angle, speed, z of everybody around, the ego first; empty where it is not there."""
+        vehicle = self._sumo.vehicle
+        if not self._in_process:
+            told = self._told(ego)
+            if told:
+                return told
+        names = vehicle.getIDList()
+        if ego not in names:
+            return []
+        where = {name: vehicle.getPosition3D(name) for name in names}
+        x, y, _ = where[ego]
+        rows = []
+        for name in (ego, *names):
+            px, py, pz = where[name]
+            if abs(px) > _NOWHERE_M or (name == ego and rows) or (px - x) ** 2 + (py - y) ** 2 > self._radius_m**2:
+                continue
+            rows.append((name, px, py, vehicle.getAngle(name), vehicle.getSpeed(name), pz))
+        return rows
+
+    def _told(self, ego: str) -> list[tuple[Any, ...]]:
+        """The same from a subscription; empty where there is none."""
+        vehicle = self._sumo.vehicle
+        results = vehicle.getContextSubscriptionResults(ego)
+        if self._subscribed != ego:
+            if results or ego not in vehicle.getIDList():
+                return []  # the user's own, which stays as it is
+            vehicle.subscribeContext(ego, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m, _WANTED)
+            self._subscribed = ego
+            results = vehicle.getContextSubscriptionResults(ego)
+        if not results or ego not in results:
+            return []
+        rows = []
+        for name in (ego, *(name for name in results if name != ego)):
+            told = results[name]
+            if not all(item in told for item in _WANTED):
+                return []  # overwritten since by the user's own
+            px, py, pz = told[tc.VAR_POSITION3D]
+            if abs(px) <= _NOWHERE_M:
+                rows.append((name, px, py, told[tc.VAR_ANGLE], told[tc.VAR_SPEED], pz))
+        return rows
+
+    def _shown(self, x: float, y: float) -> dict[str, str]:
+        reach = self._radius_m
+        light = self._sumo.trafficlight
+        return {
+            name: light.getRedYellowGreenState(name)
+            for name, (px, py) in self._lights.items()
+            if abs(px - x) < reach and abs(py - y) < reach
+        }
+
+    def _type(self, name: str) -> VehicleType:
+        if name not in self._types:
+            vehicle = self._sumo.vehicle
+            kind = vehicle.getVehicleClass(name)
+            articulated = is_articulated(kind, vehicle.getShapeClass(name))
+            self._types[name] = VehicleType(kind_of(kind), vehicle.getLength(name), vehicle.getWidth(name), articulated)
+        return self._types[name]
+
+    def keep_only(self, names: set[str]) -> None:
+        """Forget what is known of all others."""
+        for known in (self._types, self._following):
+            for gone in [name for name in known if name not in names]:
+                del known[gone]
+
+    # --- before a plan ---------------------------------------------------------------------------
+
+    def traffic(self, frame: Frame, most: int, horizon_s: float, recent_m_s: float) -> Traffic:
+        """The ego and the nearest others, `most` in all, with what they are about to do."""
+        boxes = frame.boxes
+        x, y = np.asarray(boxes.x), np.asarray(boxes.y)
+        order = np.argsort(np.hypot(x - x[0], y - y[0]), kind="stable")
+        chosen = [int(k) for k in order if k != 0][: most - 1]
+        others = sorted(chosen, key=lambda index: frame.ids[index])
+        users = [self._user(frame, index, horizon_s) for index in (0, *others)]
+        users[0] = RoadUser(**{**vars(users[0]), "recent_m_s": recent_m_s})
+        return Traffic(frame.time_s, tuple(users), self.road, frame.lights)
+
+    def _user(self, frame: Frame, index: int, horizon_s: float) -> RoadUser:
+        name, kind, boxes = frame.ids[index], frame.types[index], frame.boxes
+        x, y, yaw = (float(np.asarray(values)[index]) for values in (boxes.x, boxes.y, boxes.yaw))
+        agent = Agent(name, kind.kind, kind.length, kind.width, "ego" if index == 0 else "background")
+        speed = max(float(frame.speed[index]), 0.0)
+        front = float(frame.x[index]), float(frame.y[index])
+        path = self.path(name, front, yaw, speed, horizon_s, is_ego=index == 0)
+        return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), float(frame.z[index]))
+
+    def path(
+        self, name: str, front: tuple[float, float], yaw: float, speed: float, horizon_s: float, is_ego: bool = False
+    ) -> Path:
+        """Where a vehicle's route leads it."""
+        lanes, along_m, stops, arrives = self._lanes(name, speed, is_ego)
+        fastest = max([speed, *(lane.speed_limit for lane in lanes[:3])])
+        reach_m = 20.0 + 1.2 * fastest * (horizon_s + (_REACH_S if is_ego else 0.0))
+        return path_along(lanes, along_m, front, yaw, speed, min(reach_m, 300.0), arrives and not is_ego, stops)
+
+    def _lanes(self, name: str, speed: float, is_ego: bool) -> tuple[list[Lane], float, list[Stop], bool]:
+        """The lanes ahead, how far along the first it is [m], where it has to wait, and whether it arrives there."""
+        vehicle = self._sumo.vehicle
+        lane, along_m = vehicle.getLaneID(name), vehicle.getLanePosition(name)
+        if lane not in self.road.lane:
+            return [], 0.0, [], False
+        changed = self._changed_lane(name, lane, along_m) if is_ego else None
+        if changed is not None:
+            return *changed, [], False
+        names, stops, link = [lane, *self._chains.out_of_junction(lane)], list[Stop](), None
+        left_m = sum(self.road.lane[one].length for one in names) - along_m
+        for link in vehicle.getNextLinks(name):
+            approached, _, is_open, _, _, state = link[:6]
+            waits = state in _CLOSED if state in "ryuUgGsoO" else False
+            yields = not is_open and left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M)
+            if waits or yields:
+                stops.append(Stop(left_m - 1.0))
+            onward = self._chains.between(names[-1], approached)
+            if onward is None:
+                break
+            names += onward
+            left_m += sum(self.road.lane[one].length for one in onward)
+        route = vehicle.getRoute(name)
+        arrives = bool(route) and names[-1].rpartition("_")[0] == route[-1]
+        lanes = self._chains.lanes(names)
+        if is_ego:
+            lanes = self._further(lanes)
+        return lanes, along_m, stops, arrives
+
+    def _changed_lane(self, name: str, lane: str, along_m: float) -> tuple[list[Lane], float] | None:
+        """The neighbour that the route needs soon, and those that follow it; None where it needs none."""
+        if self.road.lane[lane].junction:
+            return None
+        best = {one[0]: one for one in self._sumo.vehicle.getBestLanes(name)}
+        own = best.get(lane)
+        if own is None or own[3] == 0 or own[1] - along_m > _CHANGES_WITHIN_M:
+            return None
+        edge, _, number = lane.rpartition("_")
+        target = f"{edge}_{int(number) + (1 if own[3] > 0 else -1)}"
+        if target not in best or target not in self.road.lane:
+            return None
+        names = [target]
+        for onward in best[target][5][1:]:
+            through = self._chains.between(names[-1], onward)
+            if through is None:
+                break
+            names += through
+        share = along_m / max(self.road.lane[lane].length, 1e-3)
+        return self._further(self._chains.lanes(names)), share * self.road.lane[target].length
+
+    def _further(self, lanes: list[Lane]) -> list[Lane]:
+        """With the straightest ones that follow: an ego may be faster than its route is known."""
+        from regents_cosim.planners.route import lanes_ahead
+
+        return [*lanes, *lanes_ahead(self.road, lanes[-1])[1:]] if lanes else lanes
+
+    def _follows(self, name: str) -> Following:
+        if name not in self._following:
+            vehicle = self._sumo.vehicle
+            self._following[name] = Following(
+                accel=max(vehicle.getAccel(name), 0.1),
+                decel=max(vehicle.getDecel(name), 0.5),
+                tau_s=max(vehicle.getTau(name), 0.0),
+                min_gap_m=max(vehicle.getMinGap(name), 0.0),
+                speed_factor=max(vehicle.getSpeedFactor(name), 0.01),
+                max_speed_m_s=max(vehicle.getMaxSpeed(name), 0.1),
+            )
+        return self._following[name]

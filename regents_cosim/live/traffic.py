@@ -1,0 +1,60 @@
+"""Traffic at one instant, as a plan needs it: who is where, where routes lead, how everybody follows. No SUMO here."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.live.paths import Path
+from regents_cosim.roadmap import RoadMap
+from regents_cosim.scenario import Agent
+
+
+@dataclass(frozen=True)
+class Following:
+    """How somebody follows a leader and the limit, in SUMO's own parameters."""
+
+    accel: float = 2.6  # [m/s^2]
+    decel: float = 4.5  # [m/s^2]
+    tau_s: float = 1.0  # wanted headway
+    min_gap_m: float = 2.5
+    speed_factor: float = 1.0  # of the limit
+    max_speed_m_s: float = 55.6
+
+
+@dataclass(frozen=True, eq=False)
+class RoadUser:
+    """One of them: box centre in the map's frame."""
+
+    agent: Agent
+    x: float  # [m]
+    y: float  # [m]
+    yaw: float  # [rad]
+    speed: float  # [m/s]
+    path: Path  # from its front bumper on
+    following: Following = Following()
+    z: float = 0.0  # [m] of the road
+    recent_m_s: float = 0.0  # the fastest it went within the last seconds
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """Everybody near the ego, who comes first, and what the lights show."""
+
+    time_s: float
+    users: tuple[RoadUser, ...]  # the ego first, then by increasing id
+    road: RoadMap
+    lights: dict[str, str]  # letters by the id of the signal
+
+    @property
+    def ego(self) -> RoadUser:
+        """The one that the planner drives."""
+        return self.users[0]
+
+    def values(self, name: str) -> Float[np.ndarray, " user"]:
+        """One field of all users."""
+        return np.array([getattr(user, name) for user in self.users], float)
+
+    def index(self, agent: str) -> int | None:
+        """Where an agent stands among the users; None where it is not there."""
+        return next((k for k, user in enumerate(self.users) if user.agent.id == agent), None)
