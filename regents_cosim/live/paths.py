@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.planners.route import evenly
 from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.routes.ego_route import evenly
 
 SPACING_M = 1.0
 BEHIND_M = 20  # points that a path has behind the front bumper

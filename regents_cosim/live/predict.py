@@ -84,10 +84,10 @@ class _Drivers:
         near, corner, columns = _grid(points)
         size = np.array([(u.agent.length, u.agent.width) for u in users]).T
         decel, speed = follows["decel"], traffic.values("speed")
+        waits = [_first_stop(u.path.stops, v, b) for u, v, b in zip(users, speed, decel, strict=True)]
         return cls(
             points, wanted, near, corner, columns, *size, speed, follows["accel"], decel, follows["tau_s"],
-            follows["min_gap_m"], np.array([_first_stop(u.path.stops, v, b) for u, v, b in zip(users, speed, decel, strict=True)]),
-            np.array([u.path.ends_m for u in users]),
+            follows["min_gap_m"], np.array(waits), np.array([u.path.ends_m for u in users]),
         )  # fmt: skip
 
     def begin(self) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ to, unless the user's own code has subscribed to them already.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path as File
 from typing import Any
 
@@ -20,6 +20,7 @@ from regents_cosim.frames import SumoPose, from_sumo
 from regents_cosim.live.paths import LaneChains, Path, Stop, path_along
 from regents_cosim.live.traffic import Following, RoadUser, Traffic
 from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
@@ -61,6 +62,12 @@ class Frame:
         return {name: index for index, name in enumerate(self.ids)}
 
 
+@lru_cache(maxsize=4)
+def _road(net: File, written_ns: int) -> RoadMap:
+    """The map of a network as it was `written_ns`; runs of one after the other share it."""
+    return read_road_map(net)
+
+
 class Reader:
     """One simulation. `connection` is libsumo, traci, or a connection of traci's."""
 
@@ -71,7 +78,7 @@ class Reader:
         if self.option("mesosim") == "true":
             raise SumoError("a mesoscopic simulation (mesosim): its vehicles have no place of their own on the road")
         found = net or File(self.option("net-file"))
-        self.road: RoadMap = read_road_map(found)
+        self.road = _road(found, found.stat().st_mtime_ns if found.exists() else 0)
         self.step_s = float(connection.simulation.getDeltaT())
         # Where a vehicle put off its lane makes SUMO 1.28 crash: with lane changes that take time.
         self.sideways = float(self.option("lateral-resolution") or 0) > 0 or (
@@ -261,8 +268,6 @@ class Reader:
 
     def _further(self, lanes: list[Lane]) -> list[Lane]:
         """With the straightest ones that follow: an ego may be faster than its route is known."""
-        from regents_cosim.planners.route import lanes_ahead
-
         return [*lanes, *lanes_ahead(self.road, lanes[-1])[1:]] if lanes else lanes
 
     def _follows(self, name: str) -> Following:

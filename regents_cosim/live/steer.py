@@ -13,8 +13,8 @@ import numpy as np
 
 from regents_cosim.frames import Pose, to_sumo
 from regents_cosim.live.plan import Plan
-from regents_cosim.planners.lane_matching import match_lanes
 from regents_cosim.roadmap import RoadMap
+from regents_cosim.routes.lane_matching import match_lanes
 
 ADVERSARY_COLOUR = (213, 94, 0, 255)
 _EXACT_ON_ROUTE = 3
@@ -37,7 +37,15 @@ class _Found:
 class Hand:
     """Holds one vehicle until it is given back."""
 
-    def __init__(self, connection: Any, name: str, length_m: float, road: RoadMap, only_speed: bool) -> None:
+    def __init__(
+        self,
+        connection: Any,
+        name: str,
+        length_m: float,
+        road: RoadMap,
+        only_speed: bool = False,
+        colour: tuple[int, ...] = ADVERSARY_COLOUR,
+    ) -> None:
         self._sumo, self.name, self._length_m = connection, name, length_m
         self._road, self._only_speed = road, only_speed
         vehicle = connection.vehicle
@@ -49,7 +57,7 @@ class Hand:
         )
         vehicle.setSpeedMode(name, _UNCHECKED)
         vehicle.setLaneChangeMode(name, _UNCHECKED)
-        vehicle.setColor(name, ADVERSARY_COLOUR)
+        vehicle.setColor(name, colour)
         self._told_m_s: float | None = None
 
     def take_way_of(self, plan: Plan) -> None:

@@ -132,9 +132,7 @@ def to_world(
         vehicle=jnp.asarray([a.kind in VEHICLE_KINDS for a in scenario.agents] + [False] * extra),
         apart=jnp.asarray(np.pad(_apart_at_first(scenario), (0, extra))),
         on_road=jnp.asarray(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra)))),
-        road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin, levels)
-        if road is None
-        else road,
+        road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin, levels) if road is None else road,
         top_speed=jnp.full(padded, jnp.inf, jnp.float32),
         dt=dt,
         heights=heights,

@@ -62,9 +62,9 @@ class LoopDriver:
     def __init__(self, name: str, planner: JaxPlanner) -> None:
         self._name, self._loop = name, planner
 
-    def start(self, scenario: Scenario) -> None:
-        """Prepare for `scenario`. Raises DriveError where the planner fails."""
-        self._world = to_world(scenario)
+    def start(self, scenario: Scenario, world: World | None = None) -> None:
+        """Prepare for `scenario`, whose `world` may be known. Raises DriveError where the planner fails."""
+        self._world = to_world(scenario) if world is None else world
         self._scene = LoopScene(scenario, self._world)
         self._memory = start(self._loop, self._scene, self._name)
 
@@ -92,9 +92,10 @@ class HostDriver:
     def __init__(self, process: HostProcess) -> None:
         self._process = process
 
-    def start(self, scenario: Scenario) -> None:
-        """Prepare for `scenario`. Raises DriveError where the planner fails."""
-        self._world, self._origin = to_world(scenario), np.array([*scene_origin(scenario), 0.0, 0.0])
+    def start(self, scenario: Scenario, world: World | None = None) -> None:
+        """Prepare for `scenario`, whose `world` may be known. Raises DriveError where the planner fails."""
+        self._world = to_world(scenario) if world is None else world
+        self._origin = np.array([*scene_origin(scenario), 0.0, 0.0])
         self._process.reset([scene_of(scenario)])
 
     def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:

@@ -1,0 +1,192 @@
+"""Runs of SUMO with a planner at the wheel of one vehicle, and an adversary after it: one episode for each seed."""
+
+import random
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.errors import DriveError
+from regents_cosim.live.adversary import Adversary
+from regents_cosim.live.history import touched
+from regents_cosim.live.wheel import Wheel
+from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.planners.driver import Drivers
+from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.scratch import scratch_folder
+from regents_cosim.sources.sumo_config import SumoOptions, write_config
+from regents_cosim.sources.sumo_types import kind_of
+from regents_cosim.sumo_process import running_sumo
+from regents_cosim.workers import local_processes, result_of, submit
+
+How = Literal["crash", "met another", "arrived", "time over", "gone", "never departed", "planner failed"]
+
+_SIMULATED = {
+    "time-to-teleport": "-1",
+    "collision.action": "warn",
+    "collision.mingap-factor": "0",
+    "collision.check-junctions": "true",
+    "no-step-log": "true",
+    "no-warnings": "true",
+}
+AUTO = "auto"
+_DRAWN_FROM_S = (20.0, 40.0)  # after the begin, when an ego is drawn by seed
+_WAITED_S = 600.0  # for the ego to depart
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """What is the same for all of them."""
+
+    options: SumoOptions
+    ego: str  # a vehicle, a type or a flow; or auto
+    planner: str
+    method: AttackConfig | str = "focused"
+    expected: str = ""  # how the ego is expected to react, where that is not its planner
+    attack: bool = True
+    replan_s: float = 0.5
+    horizon_s: float = 5.0
+    radius_m: float = 100.0
+    most_s: float = 60.0
+    output: Path | None = None
+    keep: Literal["crashes", "near-misses"] = "crashes"
+    act_timeout_s: float = ACT_TIMEOUT_S
+    gui: bool = False
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one of them ended."""
+
+    seed: int
+    how: How
+    ego: str = ""
+    departed_s: float = 0.0
+    lasted_s: float = 0.0
+    adversary: str = ""  # the last
+    attacks: int = 0
+    cases: tuple[str, ...] = ()
+    told: tuple[str, ...] = ()
+    step_ms: tuple[float, ...] = field(default=(), repr=False)  # of the adversary alone, while it attacks
+
+
+def run_episodes(episodes: Episodes, seeds: list[int]) -> Iterator[Ended]:
+    """All of them, one after the other in one process; one that dies costs its episode only."""
+    with local_processes(1) as executor:
+        for seed in seeds:
+            yield result_of(submit(executor, run_episode, episodes, seed))
+
+
+def run_episode(episodes: Episodes, seed: int) -> Ended:
+    """One of them. Call it in a worker process."""
+    keep_compiled_programs()
+    with scratch_folder() as folder:
+        forced = {"step-length": "0.1", "seed": str(seed), **_SIMULATED}
+        command = ["-c", str(write_config(episodes.options, folder, forced, {})), *episodes.options.extra]
+        if episodes.gui:
+            command += ["--start", "true", "--quit-on-end", "true"]
+        with (
+            running_sumo(command, episodes.gui) as sumo,
+            Drivers(episodes.planner, episodes.act_timeout_s) as drivers,
+            drivers.lend() as driver,
+        ):
+            return _Episode(episodes, seed, sumo, driver).run()
+
+
+class _Episode:
+    """One that runs."""
+
+    def __init__(self, episodes: Episodes, seed: int, sumo: Any, driver: Any) -> None:
+        self._of, self._seed, self._sumo, self._driver = episodes, seed, sumo, driver
+        self._told: list[str] = []
+        self._ms: list[float] = []
+
+    def run(self) -> Ended:
+        """To its end."""
+        ego = self._departed()
+        if ego is None:
+            return Ended(self._seed, "never departed", self._of.ego)
+        begun_s = self._now
+        adversary = Adversary(
+            self._sumo, ego, self._of.expected or self._of.planner, self._of.method,
+            replan_s=self._of.replan_s, horizon_s=self._of.horizon_s, radius_m=self._of.radius_m,
+            attack_when=None if self._of.attack else _never, output=self._of.output, keep=self._of.keep,
+            seed=self._seed, tell=self._told.append,
+        )  # fmt: skip
+        how: How = "time over"
+        try:
+            how = self._drive(ego, adversary, begun_s + self._of.most_s)
+        except DriveError as failure:
+            self._told.append(str(failure))
+            how = "planner failed"
+        finally:
+            adversary.detach()
+        tally = adversary.tally
+        last = tally.adversaries[-1] if tally.adversaries else ""
+        lasted_s = round(self._now - begun_s, 3)
+        return Ended(
+            self._seed, how, ego, begun_s, lasted_s, last, tally.attacks, tuple(tally.cases), tuple(self._told),
+            tuple(self._ms),
+        )  # fmt: skip
+
+    def _drive(self, ego: str, adversary: Adversary, until_s: float) -> How:
+        wheel = Wheel(self._sumo, self._driver, self._of.radius_m)
+        while self._now < until_s:
+            frame = wheel.go(ego)
+            if frame is None:
+                return "arrived" if ego in self._sumo.vehicle.getIDList() else "gone"
+            begun = time.perf_counter()
+            held, crashes = adversary.adversary, adversary.tally.crashes
+            adversary.step()
+            if held:
+                self._ms.append(1e3 * (time.perf_counter() - begun))
+            if touched(frame):
+                return "crash" if adversary.tally.crashes > crashes else "met another"
+            if self._of.gui:
+                time.sleep(0.1)
+            self._sumo.simulationStep()
+        return "time over"
+
+    @property
+    def _now(self) -> float:
+        return float(self._sumo.simulation.getTime())
+
+    def _departed(self) -> str | None:
+        """The ego, as soon as it is on the road."""
+        begun_s = self._now
+        dice = random.Random(self._seed)
+        from_s = begun_s + (dice.uniform(*_DRAWN_FROM_S) if self._of.ego == AUTO else 0.0)
+        while self._now < begun_s + _WAITED_S and self._sumo.simulation.getMinExpectedNumber() > 0:
+            self._sumo.simulationStep()
+            there = self._sumo.vehicle.getIDList()
+            if self._of.ego == AUTO:
+                new = self._sumo.simulation.getDepartedIDList() if self._now >= from_s else ()
+                chosen = next((name for name in new if self._drives(name)), None)
+            else:
+                chosen = next((name for name in there if self._is_named(name)), None)
+            if chosen is not None:
+                return chosen
+        return None
+
+    def _drives(self, name: str) -> bool:
+        return kind_of(self._sumo.vehicle.getVehicleClass(name)) in VEHICLE_KINDS
+
+    def _is_named(self, name: str) -> bool:
+        """By its id, its type, or the flow that it is one of."""
+        wanted = self._of.ego
+        return name == wanted or name.rpartition(".")[0] == wanted or self._sumo.vehicle.getTypeID(name) == wanted
+
+
+def _never(_: Any) -> bool:
+    return False
+
+
+def percentile_ms(ended: list[Ended], share: float) -> float:
+    """Of the time that the adversary took for its steps while it attacked [ms]; NaN where it never did."""
+    steps = [one for episode in ended for one in episode.step_ms]
+    return float(np.percentile(steps, share)) if steps else float("nan")

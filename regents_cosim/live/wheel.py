@@ -1,0 +1,78 @@
+"""A planner at the wheel of one vehicle of a running simulation, among SUMO's own traffic.
+
+The planner is told a scene of what is predicted, drives in it by what SUMO reports step by step, and is told another
+every half a second: lights change, and others turn up.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from regents_cosim.errors import SumoError
+from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moment, Moments
+from regents_cosim.live.predict import Mirror
+from regents_cosim.live.reading import Frame, Reader
+from regents_cosim.live.steer import Hand
+from regents_cosim.planners.driver import HostDriver, LoopDriver
+from regents_cosim.planners.interface import Seen
+
+_EGO_COLOUR = (0, 114, 178, 255)
+_HORIZON_S = 5.0  # of the scenes that it is told
+_ANOTHER_S = 0.5  # scene
+_ARRIVED_M = 15.0  # before the end of the last edge
+
+
+class Wheel:
+    """Drives the ego; call `go` after every step of the simulation, whose steps are 0.1 s."""
+
+    def __init__(self, connection: Any, driver: LoopDriver | HostDriver, radius_m: float = 100.0) -> None:
+        """Raises SumoError for a simulation with other steps."""
+        self._sumo, self._driver = connection, driver
+        self._reader = Reader(connection, radius_m)
+        if abs(self._reader.step_s - DT_S) > 1e-9:
+            raise SumoError(f"steps of {self._reader.step_s:g} s, expected {DT_S} s: a planner drives at that")
+        self._moments = Moments(Mirror(), _HORIZON_S)
+        self._moment: Moment | None = None
+        self._hand: Hand | None = None
+        self._step = 0
+
+    def go(self, ego: str) -> Frame | None:
+        """Decide where the ego is after the next step. What was seen; None where the ego is gone, or has arrived."""
+        frame = self._reader.frame(ego, float(self._sumo.simulation.getTime()))
+        if frame is None or self._has_arrived(ego):
+            self.give_back()
+            return None
+        if self._hand is None:
+            self._hand = Hand(self._sumo, ego, frame.types[0].length, self._reader.road, colour=_EGO_COLOUR)
+        self._hand.confirm()
+        if self._moment is None or self._step * DT_S >= _ANOTHER_S - 1e-9:
+            traffic = self._reader.traffic(frame, MOST_AGENTS, _HORIZON_S, float(frame.speed[0]))
+            self._moment, self._step = self._moments.of(traffic), 0
+            self._driver.start(self._moment.scenario, self._moment.world)
+        self._hand.place(*self._driver.advance(self._step, _seen(frame, self._moment)))
+        self._step += 1
+        return frame
+
+    def give_back(self) -> None:
+        """Let SUMO drive it."""
+        if self._hand is not None:
+            self._hand.give_back()
+            self._hand, self._moment = None, None
+
+    def _has_arrived(self, ego: str) -> bool:
+        vehicle = self._sumo.vehicle
+        lane, route = vehicle.getLaneID(ego), vehicle.getRoute(ego)
+        if not route or lane.rpartition("_")[0] != route[-1]:
+            return False
+        return self._sumo.lane.getLength(lane) - vehicle.getLanePosition(ego) < _ARRIVED_M
+
+
+def _seen(frame: Frame, moment: Moment) -> Seen:
+    """The agents of a moment as they are now; those that came later are seen in the next."""
+    boxes, agents = frame.boxes, moment.scenario.agents
+    rows = [frame.number.get(agent.id, -1) for agent in agents]
+    valid = np.array(rows) >= 0
+    x, y, yaw, speed, z = (
+        np.where(valid, np.asarray(values)[rows], 0.0) for values in (boxes.x, boxes.y, boxes.yaw, frame.speed, boxes.z)
+    )
+    return Seen(x, y, yaw, np.maximum(speed, 0.0), valid, z)

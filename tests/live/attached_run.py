@@ -1,0 +1,64 @@
+"""A user's own script: SUMO by libsumo or traci, with an adversary or without one, and what became of it as JSON."""
+
+import json
+import os
+import sys
+
+os.environ["LIBSUMO_AS_TRACI"] = "quiet"
+
+
+def run(how):
+    """Run the crossing as told; what there is to say afterwards."""
+    if how["by"] == "libsumo":
+        import libsumo as sumo
+
+        binary = "sumo"
+    else:
+        import sumo as installed
+        import traci as sumo
+
+        binary = os.path.join(installed.SUMO_HOME, "bin", "sumo")
+    command = [binary, "-c", how["config"], "--no-step-log", "--seed", str(how.get("seed", 1)), *how.get("options", [])]
+    if how["by"] == "labelled":
+        sumo.start(command, label="mine")
+        sumo = sumo.getConnection("mine")
+    else:
+        sumo.start(command)
+    told, adversary = [], None
+    if "adversary" in how:
+        from regents_cosim.live import Adversary
+
+        given = dict(how["adversary"])
+        if given.pop("never", False):
+            given["attack_when"] = lambda _: False
+        adversary = Adversary(sumo, tell=told.append, **given)
+        for _ in range(how.get("added", 1)):
+            sumo.addStepListener(adversary)
+        if how.get("paused"):
+            adversary.pause()
+    states, removed, raised = [], None, None
+    try:
+        while sumo.simulation.getTime() < how["until_s"]:
+            sumo.simulationStep()
+            if adversary is not None and adversary.state not in states[-1:]:
+                states.append(adversary.state)
+            if how.get("remove") and adversary.adversary and removed is None:
+                removed = adversary.adversary
+                sumo.vehicle.remove(removed)
+    except Exception as error:
+        raised = repr(error)
+    there = sumo.vehicle.getIDList()
+    modes = {name: (sumo.vehicle.getSpeedMode(name), sumo.vehicle.getLaneChangeMode(name)) for name in there}
+    sumo.close()
+    found = {"told": told, "states": states, "removed": removed, "raised": raised, "modes": modes}
+    if adversary is not None:
+        found |= {
+            "attacks": adversary.tally.attacks,
+            "crashes": adversary.tally.crashes,
+            "cases": adversary.tally.cases,
+        }
+    return found
+
+
+if __name__ == "__main__":
+    print(json.dumps(run(json.loads(sys.argv[1]))))

@@ -1,0 +1,109 @@
+"""An adversary in somebody's own run of SUMO: real libsumo and traci, in processes of their own."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from regents_cosim.replays.replay import replay_each
+from regents_cosim.shipped import network
+from regents_cosim.suite import load_cases
+
+SCRIPT = Path(__file__).with_name("attached_run.py")
+
+
+def run(by="libsumo", until_s=30.0, adversary=None, **how):
+    how |= {"by": by, "until_s": until_s, "config": str(network("crossing"))}
+    if adversary is not None:
+        how["adversary"] = {"ego": "west_in.east_out.5", **adversary}
+    done = subprocess.run([sys.executable, str(SCRIPT), json.dumps(how)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.strip().splitlines()[-1])
+
+
+def fcd(tmp_path, name, by="libsumo", until_s=30.0, **how):
+    file = tmp_path / f"{name}.xml"
+    run(by, until_s, options=["--fcd-output", str(file), "--precision", "9"], **how)
+    text = file.read_text()
+    return text[text.index("<fcd-export") :]  # before it, SUMO writes the time and its options
+
+
+@pytest.mark.parametrize("by", ["libsumo", pytest.param("labelled", marks=pytest.mark.slow)])
+def test_a_run_whose_adversary_never_attacks_is_that_without_it(tmp_path, by):
+    assert fcd(tmp_path, "idle", by, adversary={"never": True}) == fcd(tmp_path, "bare", by)
+
+
+@pytest.mark.slow
+def test_a_paused_adversary_leaves_the_run_alone(tmp_path):
+    assert fcd(tmp_path, "paused", "traci", adversary={}, paused=True) == fcd(tmp_path, "bare", "traci")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", ["libsumo", "traci", "labelled"])
+def test_what_happens_live_becomes_a_case_that_replays_to_the_same_step(tmp_path, by):
+    suite = tmp_path / "suite"
+    warn = ["--collision.action", "warn"]
+    found = run(by, 45.0, {"planner": "observed", "output": str(suite)}, options=warn)
+    assert found["crashes"] == 1
+    assert found["states"][:3] == ["waiting", "watching", "attacking"]
+    assert not found["told"]
+    (case,) = load_cases(suite)
+    assert case.attack.outcome == "collision"
+    assert case.judgement is not None
+    assert case.original is not None
+    (replay,) = replay_each([case], "sumo")
+    assert replay.verified, replay.reason
+    assert set(map(tuple, found["modes"].values())) == {(31, 1621)}
+
+
+@pytest.mark.slow
+def test_an_ego_that_never_departs_is_said_once():
+    found = run(until_s=5.0, adversary={"ego": "nobody"})
+    assert found["states"] == ["waiting"]
+
+
+@pytest.mark.slow
+def test_a_listener_that_is_added_twice_works_once(tmp_path):
+    found = run(until_s=45.0, adversary={"planner": "observed"}, added=2, options=["--collision.action", "warn"])
+    assert found["crashes"] == 1
+
+
+@pytest.mark.slow
+def test_an_adversary_that_the_user_removes_ends_the_attack():
+    found = run(until_s=45.0, adversary={"planner": "observed"}, remove=True)
+    assert found["removed"]
+    assert found["raised"] is None
+    assert not found["told"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("step_s", [0.05, 0.25, 1.0])
+def test_steps_may_have_any_length(tmp_path, step_s):
+    options = ["--step-length", str(step_s), "--collision.action", "warn"]
+    found = run(until_s=60.0, adversary={"planner": "observed", "output": str(tmp_path / "suite")}, options=options)
+    assert found["raised"] is None
+    assert not found["told"]
+    if found["cases"]:
+        assert all(replay.verified for replay in replay_each(load_cases(tmp_path / "suite"), "sumo"))
+
+
+@pytest.mark.slow
+def test_a_planner_that_raises_ends_the_attack_and_not_the_run(tmp_path):
+    file = tmp_path / "breaks.py"
+    file.write_text(
+        "class Breaks:\n    def reset(self, scene): pass\n    def act(self, observation): raise ValueError('broken')\n"
+    )
+    found = run(until_s=40.0, adversary={"planner": f"{file}:Breaks"})
+    assert found["raised"] is None
+    assert found["states"][-1] == "detached"
+    assert len(found["told"]) == 1
+
+
+@pytest.mark.slow
+def test_a_mesoscopic_run_is_refused_in_one_line():
+    found = run(until_s=40.0, adversary={"ego": "passenger"}, options=["--mesosim", "true"])
+    assert found["states"][-1] == "detached"
+    assert "mesoscopic" in found["told"][0]
+    assert found["raised"] is None
