@@ -184,7 +184,7 @@ class Adversary(StepListener):
 
     # --- every step ------------------------------------------------------------------------------
 
-    def step(self, t: float = 0) -> bool:
+    def step(self, t: float = 0) -> Literal[True]:
         """Called by traci and libsumo after every step. Always True: the listener stays."""
         if self._off is None:
             self._guarded(self._step)

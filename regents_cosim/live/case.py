@@ -137,7 +137,10 @@ def _recording(frames: Sequence[Frame], dt: float, after: Foretold, further: int
         types=tuple(types[name] for name in ids),
         valid=valid,
         signals=signals,
-        **values,
+        x=values["x"],
+        y=values["y"],
+        yaw=values["yaw"],
+        z=values["z"],
     )
 
 

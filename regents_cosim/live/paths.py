@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from jaxtyping import Float
+from shapely.ops import substring
 
 from regents_cosim.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import evenly
@@ -74,7 +75,7 @@ def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.n
     since = along_m
     for lane in lanes:
         line = shapely.LineString(lane.centre)
-        piece = shapely.get_coordinates(shapely.ops.substring(line, min(since, line.length), line.length))
+        piece = shapely.get_coordinates(substring(line, min(since, line.length), line.length))
         here = max(line.length - since, 0.0)
         points.append(piece)
         whole = int(length + here) - int(length)

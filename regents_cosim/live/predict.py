@@ -82,13 +82,24 @@ class _Drivers:
         allowed = np.minimum(limit * follows["speed_factor"][:, None], follows["max_speed_m_s"][:, None])
         wanted = _in_time(np.maximum(allowed, 0.1), follows["decel"])
         near, corner, columns = _grid(points)
-        size = np.array([(u.agent.length, u.agent.width) for u in users]).T
         decel, speed = follows["decel"], traffic.values("speed")
         waits = [_first_stop(u.path.stops, v, b) for u, v, b in zip(users, speed, decel, strict=True)]
         return cls(
-            points, wanted, near, corner, columns, *size, speed, follows["accel"], decel, follows["tau_s"],
-            follows["min_gap_m"], np.array(waits), np.array([u.path.ends_m for u in users]),
-        )  # fmt: skip
+            points=points,
+            wanted=wanted,
+            near=near,
+            corner=corner,
+            columns=columns,
+            length=np.array([user.agent.length for user in users]),
+            width=np.array([user.agent.width for user in users]),
+            speed=speed,
+            accel=follows["accel"],
+            decel=decel,
+            tau=follows["tau_s"],
+            min_gap=follows["min_gap_m"],
+            stop=np.array(waits),
+            ends=np.array([user.path.ends_m for user in users]),
+        )
 
     def begin(self) -> tuple[np.ndarray, np.ndarray]:
         """How far everybody is [m], and how fast [m/s]."""

@@ -74,7 +74,7 @@ class Reader:
     def __init__(self, connection: Any, radius_m: float, net: File | None = None) -> None:
         """Raises SumoError for a simulation that no vehicle can be followed in, InputError for its network."""
         self._sumo, self._radius_m = connection, radius_m
-        self._in_process = getattr(connection, "__name__", "") == "libsumo"
+        self._in_process = bool(getattr(connection, "isLibsumo", bool)())
         if self.option("mesosim") == "true":
             raise SumoError("a mesoscopic simulation (mesosim): its vehicles have no place of their own on the road")
         found = net or File(self.option("net-file"))
@@ -109,9 +109,9 @@ class Reader:
         if not rows or rows[0][0] != ego:
             return None
         ids = tuple(row[0] for row in rows)
-        values = np.array([row[1:] for row in rows], float).T
+        x, y, angle, speed, z = np.array([row[1:] for row in rows], float).T
         types = tuple(self._type(name) for name in ids)
-        return Frame(time_s, ids, *values, types, self._shown(values[0, 0], values[1, 0]))
+        return Frame(time_s, ids, x, y, angle, speed, z, types, self._shown(x[0], y[0]))
 
     def forget(self) -> None:
         """Stop being told of the ego's surroundings."""

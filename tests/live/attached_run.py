@@ -4,12 +4,11 @@ import json
 import os
 import sys
 
-os.environ["LIBSUMO_AS_TRACI"] = "quiet"
-
 
 def run(how):
     """Run the crossing as told; what there is to say afterwards."""
     if how["by"] == "libsumo":
+        os.environ["LIBSUMO_AS_TRACI"] = "quiet"
         import libsumo as sumo
 
         binary = "sumo"

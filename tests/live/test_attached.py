@@ -17,7 +17,7 @@ SCRIPT = Path(__file__).with_name("attached_run.py")
 def run(by="libsumo", until_s=30.0, adversary=None, **how):
     how |= {"by": by, "until_s": until_s, "config": str(network("crossing"))}
     if adversary is not None:
-        how["adversary"] = {"ego": "west_in.east_out.5", **adversary}
+        how["adversary"] = {"ego": "west_in.east_out.0", **adversary}
     done = subprocess.run([sys.executable, str(SCRIPT), json.dumps(how)], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.strip().splitlines()[-1])
@@ -45,7 +45,7 @@ def test_a_paused_adversary_leaves_the_run_alone(tmp_path):
 def test_what_happens_live_becomes_a_case_that_replays_to_the_same_step(tmp_path, by):
     suite = tmp_path / "suite"
     warn = ["--collision.action", "warn"]
-    found = run(by, 45.0, {"planner": "observed", "output": str(suite)}, options=warn)
+    found = run(by, 25.0, {"planner": "observed", "output": str(suite)}, options=warn)
     assert found["crashes"] == 1
     assert found["states"][:3] == ["waiting", "watching", "attacking"]
     assert not found["told"]
@@ -66,13 +66,13 @@ def test_an_ego_that_never_departs_is_said_once():
 
 @pytest.mark.slow
 def test_a_listener_that_is_added_twice_works_once(tmp_path):
-    found = run(until_s=45.0, adversary={"planner": "observed"}, added=2, options=["--collision.action", "warn"])
+    found = run(until_s=25.0, adversary={"planner": "observed"}, added=2, options=["--collision.action", "warn"])
     assert found["crashes"] == 1
 
 
 @pytest.mark.slow
 def test_an_adversary_that_the_user_removes_ends_the_attack():
-    found = run(until_s=45.0, adversary={"planner": "observed"}, remove=True)
+    found = run(until_s=25.0, adversary={"planner": "observed"}, remove=True)
     assert found["removed"]
     assert found["raised"] is None
     assert not found["told"]
@@ -95,7 +95,7 @@ def test_a_planner_that_raises_ends_the_attack_and_not_the_run(tmp_path):
     file.write_text(
         "class Breaks:\n    def reset(self, scene): pass\n    def act(self, observation): raise ValueError('broken')\n"
     )
-    found = run(until_s=40.0, adversary={"planner": f"{file}:Breaks"})
+    found = run(until_s=25.0, adversary={"planner": f"{file}:Breaks"})
     assert found["raised"] is None
     assert found["states"][-1] == "detached"
     assert len(found["told"]) == 1
@@ -103,7 +103,7 @@ def test_a_planner_that_raises_ends_the_attack_and_not_the_run(tmp_path):
 
 @pytest.mark.slow
 def test_a_mesoscopic_run_is_refused_in_one_line():
-    found = run(until_s=40.0, adversary={"ego": "passenger"}, options=["--mesosim", "true"])
+    found = run(until_s=25.0, adversary={"ego": "passenger"}, options=["--mesosim", "true"])
     assert found["states"][-1] == "detached"
     assert "mesoscopic" in found["told"][0]
     assert found["raised"] is None
