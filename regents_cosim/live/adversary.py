@@ -26,29 +26,31 @@ import numpy as np
 from traci.step import StepListener
 
 from regents_cosim.attacks.presets import METHODS, AttackConfig
-from regents_cosim.boxes import Boxes, distance, overlap
+from regents_cosim.cases.provenance import sha256_of
+from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError, SumoError, require
+from regents_cosim.geometry.boxes import Boxes, distance, overlap
 from regents_cosim.live.case import Attacked, Foretold, case_of
 from regents_cosim.live.history import History, touched
-from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moments
+from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moments, with_drives
 from regents_cosim.live.observed import OBSERVED
 from regents_cosim.live.plan import Plan, Search
 from regents_cosim.live.predict import Mirror, Predictor
 from regents_cosim.live.reading import Frame, Reader
 from regents_cosim.live.steer import Hand
 from regents_cosim.live.traffic import Traffic
-from regents_cosim.provenance import sha256_of
-from regents_cosim.ranges import Range
+from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Outcome, Scenario
 from regents_cosim.sources.windows import Origin
-from regents_cosim.suite import SuiteWriter
 from regents_cosim.verdicts.judgement import judge
 
 State = Literal["waiting", "watching", "attacking", "returning", "paused", "detached"]
 Picks = str | Callable[[Any], str | None]
 When = float | Callable[[Any], bool] | None
 
-_STARTS, _ITERATIONS = 4, 10  # live: there is half a second, and another moment after it
+_STARTS, _ITERATIONS = 4, 15  # live: there is half a second, and another moment after it
+_LEARNING_RATE = 5e-3  # as far in so few iterations as offline in its median of 75
 _MISSES = 3  # renewals that fail one after the other, after which a plan is given up
 _LATE_S = 1.0  # after it should have met the ego
 _NO_PLAN_S = 0.4  # to the contact: what is planned by then stays
@@ -78,8 +80,18 @@ class _Attack:
     before: Foretold  # what was predicted when it began
     closest_m: float = np.inf
     misses: int = 0
+    met: bool = False  # it has touched the ego
     iterations: int = 0
     rollouts: int = 0
+
+
+@dataclass(eq=False)
+class _Return:
+    """A vehicle on its way back to its lane after an attack."""
+
+    plan: Plan
+    attack: _Attack
+    since_s: float
 
 
 @dataclass
@@ -101,7 +113,7 @@ class Adversary(StepListener):
         self,
         connection: Any,
         ego: Picks,
-        planner: str = "idm",
+        planner: AnyPlanner = "idm",
         method: str | AttackConfig = "focused",
         *,
         replan_s: float = 0.5,
@@ -130,7 +142,7 @@ class Adversary(StepListener):
         self._net = Path(net) if net is not None else None
         self._judged, self._seed, self._tell = judged, seed, tell or _to_stderr
         self._search = Search(planner, _live(method))
-        self._observed = planner == OBSERVED
+        self._observed = self._search.planner_name == OBSERVED
         self._moments = Moments(predictor or Mirror(), horizon_s)
         self._writer = SuiteWriter(Path(output), seed) if output is not None else None
         self._said: set[str] = set()
@@ -323,7 +335,8 @@ class Adversary(StepListener):
         attack.hand.confirm()
         met = touched(frame)
         if met:
-            self.tally.crashes += attack.plan.adversary in met
+            attack.met = attack.plan.adversary in met
+            self.tally.crashes += attack.met
             self.tally.others_hit += attack.plan.adversary not in met
             self._end_attack("collision", frame)
             return
@@ -337,8 +350,9 @@ class Adversary(StepListener):
                 self._renew(frame, attack)
 
     def _renew(self, frame: Frame, attack: _Attack) -> None:
-        moment = self._moments.of(self._traffic(frame))
-        plan = self._search.renewed(moment, attack.plan)
+        known = {attack.plan.adversary: attack.plan.rest(self._now, self._moments.steps)}
+        moment = self._moments.of(self._traffic(frame), known)
+        plan = self._search.renewed(moment, attack.plan.adversary)
         if plan is None:
             attack.misses += 1
             return
@@ -359,7 +373,7 @@ class Adversary(StepListener):
         if self._attack is not None:
             plan, hand = self._attack.plan, self._attack.hand
         elif self._home is not None:
-            plan, hand, _ = self._home
+            plan, hand = self._home.plan, self._home.attack.hand
         else:
             return
         assert self._reader is not None
@@ -367,7 +381,7 @@ class Adversary(StepListener):
             self._end_attack("no_collision", frame, stopping=True)
             if self._home is None:
                 return
-            plan, hand, _ = self._home
+            plan = self._home.plan
         hand.place(*plan.at(self._now + self._reader.step_s))
 
     def _touches_others(self, frame: Frame, plan: Plan) -> bool:
@@ -398,14 +412,14 @@ class Adversary(StepListener):
         if attack is None:
             return
         self._barred[attack.plan.adversary] = self._now + _RESTS_S
-        self._home = (attack.plan, attack.hand, self._now)
+        self._home = _Return(attack.plan, attack, self._now)
         wanted = outcome == "collision" or (self._keep == "near-misses" and attack.closest_m < _NEAR_MISS_M)
         if frame is not None and wanted:
             self._save(frame, attack, outcome)
         if frame is not None:
             self._next_s = self._now + self._replan_s
             plan = _braking(attack.plan, self._now) if stopping else self._homeward(frame, attack.plan)
-            self._home = None if plan is None else (plan, attack.hand, self._now)
+            self._home = None if plan is None else _Return(plan, attack, self._now)
             if plan is None:
                 attack.hand.give_back()
 
@@ -422,27 +436,29 @@ class Adversary(StepListener):
 
     def _come_home(self, frame: Frame) -> None:
         assert self._home is not None
-        plan, hand, since_s = self._home
-        if plan.adversary not in frame.number:
-            away = plan.adversary not in self._sumo.vehicle.getIDList()
-            if not away:
-                hand.give_back()
-            self._home = None
+        home, name = self._home, self._home.plan.adversary
+        hand = home.attack.hand
+        if name not in frame.number:
+            self._let_go()
             return
         hand.confirm()
-        if hand.off_lane_m() < _OFF_LANE_M or self._now - since_s > _LONGEST_RETURN_S:
+        if name in touched(frame) and not home.attack.met:
+            home.attack.met = True
+            self.tally.crashes += 1
+            self._save(frame, home.attack, "collision")
+        if hand.off_lane_m() < _OFF_LANE_M or self._now - home.since_s > _LONGEST_RETURN_S:
             self._let_go()
         elif self._now >= self._next_s - 1e-6:
             self._next_s = self._now + self._replan_s
-            onward = self._homeward(frame, plan)
+            onward = self._homeward(frame, home.plan)
             if onward is None:
                 self._let_go()
             else:
-                self._home = (onward, hand, since_s)
+                home.plan = onward
 
     def _let_go(self) -> None:
         """Give back what is held at once."""
-        hand = self._attack.hand if self._attack else self._home[1] if self._home else None
+        hand = self._attack.hand if self._attack else self._home.attack.hand if self._home else None
         self._attack, self._home = None, None
         if hand is not None:
             hand.give_back()
@@ -455,8 +471,8 @@ class Adversary(StepListener):
         assert self._reader is not None
         traffic = self._traffic(frame)
         steps = round(_TAIL_S / DT_S) + 1
-        after = self._moments.predictor.predict(traffic, DT_S, steps)
-        after = _with_plan(after, traffic.index(attack.plan.adversary), attack.plan, self._now)
+        known = {attack.plan.adversary: attack.plan.rest(self._now, steps)}
+        after = with_drives(self._moments.predictor.predict(traffic, DT_S, steps), traffic, known)
         ids = tuple(user.agent.id for user in traffic.users)
         attacked = Attacked(
             attack.plan.adversary, self._search.planner_name, self._search.config, outcome, attack.iterations,
@@ -482,7 +498,7 @@ class Adversary(StepListener):
         self._reader: Reader | None = None
         self._history: History | None = None
         self._attack: _Attack | None = None
-        self._home: tuple[Plan, Hand, float] | None = None
+        self._home: _Return | None = None
         self._barred: dict[str, float] = {}
         self._is_type: bool | None = None
         self._now, self._next_s = -np.inf, -np.inf
@@ -502,25 +518,18 @@ def _live(method: str | AttackConfig) -> AttackConfig:
         raise RegentsError(f"method {method!r}, expected one of focused, regents, king (or an AttackConfig)")
     starts = min(preset.starts, _STARTS)
     return dataclasses.replace(
-        preset, search="per-candidate", starts=starts, iterations=_ITERATIONS, attempts=1, patience=0
+        preset,
+        search="per-candidate",
+        starts=starts,
+        iterations=_ITERATIONS,
+        learning_rate=_LEARNING_RATE,
+        attempts=1,
+        patience=0,
     )
 
 
 def _states(tracks: Any) -> tuple[np.ndarray, ...]:
     return tracks.x, tracks.y, tracks.yaw, tracks.speed
-
-
-def _with_plan(tracks: Any, index: int | None, plan: Plan, now_s: float) -> Any:
-    """Tracks whose row follows a plan from a time on."""
-    if index is None:
-        return tracks
-    values = {name: getattr(tracks, name).copy() for name in ("x", "y", "yaw", "speed", "valid", "z")}
-    rest = np.array([plan.at(now_s + step * DT_S) for step in range(tracks.steps)]).T
-    for name, row in zip(("x", "y", "yaw", "speed"), rest, strict=True):
-        values[name][index] = row
-    values["valid"][index] = True
-    values["z"][index] = tracks.z[index, 0]
-    return dataclasses.replace(tracks, **values)
 
 
 def _braking(plan: Plan, now_s: float) -> Plan:

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.frames import SumoPose, from_sumo
+from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.live.reading import Frame
-from regents_cosim.names import distinct_word, file_name, word
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import AttackRecord, Outcome, Scenario, Signal, Tracks
 from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.windows import Origin, Scene, Windows, make_scenario

@@ -16,13 +16,13 @@ from regents_cosim.live.history import touched
 from regents_cosim.live.wheel import Wheel
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.driver import Drivers
-from regents_cosim.planners.systems import ACT_TIMEOUT_S
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.scenario import VEHICLE_KINDS
-from regents_cosim.scratch import scratch_folder
+from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.sources.sumo_config import SumoOptions, write_config
 from regents_cosim.sources.sumo_types import kind_of
-from regents_cosim.sumo_process import running_sumo
-from regents_cosim.workers import local_processes, result_of, submit
+from regents_cosim.system.scratch import scratch_folder
+from regents_cosim.system.workers import local_processes, result_of, submit
 
 How = Literal["crash", "met another", "arrived", "time over", "gone", "never departed", "planner failed"]
 

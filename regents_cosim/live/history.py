@@ -4,7 +4,7 @@ from collections import deque
 
 import numpy as np
 
-from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.live.reading import Frame
 
 _GAP = 1.5  # of a step: then somebody went on without telling us

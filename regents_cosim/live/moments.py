@@ -3,6 +3,7 @@
 All moments of a run have the same shapes on the device, so each of its programs is compiled once.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,7 @@ from jaxtyping import Float
 
 from regents_cosim.live.predict import Predictor
 from regents_cosim.live.traffic import Traffic
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lane_centres import lane_centres
@@ -20,8 +22,7 @@ from regents_cosim.mirror.road_field import RoadField, blur
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, scene_origin, to_world
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
-from regents_cosim.roadmap import RoadMap
-from regents_cosim.scenario import Provenance, Scenario, Signal
+from regents_cosim.scenario import Provenance, Scenario, Signal, Tracks
 
 DT_S = 0.1  # of predictions and plans, whatever the simulation's step
 MOST_AGENTS = 32
@@ -29,6 +30,9 @@ CELLS = 2**20  # room of every road field
 _LANE_POINTS = 2**12
 _TILE_M = 80.0  # the road is known so far around the middle of a tile ...
 _LEAVES_TILE_M = 25.0  # ... which the ego leaves here
+
+
+Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s], every `DT_S`
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +71,9 @@ class Moments:
         self.steps = round(horizon_s / DT_S) + 1
         self._tile: tuple[RoadMap, np.ndarray, RoadField] | None = None
 
-    def of(self, traffic: Traffic) -> Moment:
-        """The moment of some traffic."""
-        tracks = self.predictor.predict(traffic, DT_S, self.steps)
+    def of(self, traffic: Traffic, known: Mapping[str, Drive] | None = None) -> Moment:
+        """The moment of some traffic, of which some will drive as is `known`, by id."""
+        tracks = with_drives(self.predictor.predict(traffic, DT_S, self.steps), traffic, known or {})
         scenario = Scenario(
             id="live",
             dt=DT_S,
@@ -92,6 +96,20 @@ class Moments:
             field = blur(scenario.road, middle - _TILE_M, middle + _TILE_M, middle)
             known = self._tile = scenario.road, middle, field
         return known[2].seen_from(scene_origin(scenario) - known[1])
+
+
+def with_drives(tracks: Tracks, traffic: Traffic, known: Mapping[str, Drive]) -> Tracks:
+    """Tracks of the traffic's users in which those that are known drive as they will."""
+    rows = {index: drive for name, drive in known.items() if (index := traffic.index(name)) is not None}
+    if not rows:
+        return tracks
+    values = {name: getattr(tracks, name).copy() for name in ("x", "y", "yaw", "speed", "valid", "z")}
+    for index, drive in rows.items():
+        for name, row in zip(("x", "y", "yaw", "speed"), drive[:, : tracks.steps], strict=True):
+            values[name][index] = row
+        values["valid"][index] = True
+        values["z"][index] = traffic.users[index].z
+    return Tracks(**values)
 
 
 @compiled

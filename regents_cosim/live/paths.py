@@ -12,7 +12,7 @@ import shapely
 from jaxtyping import Float
 from shapely.ops import substring
 
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import evenly
 
 SPACING_M = 1.0

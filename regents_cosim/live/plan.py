@@ -7,6 +7,7 @@ from where everybody is by now, and descended from where it would miss.
 """
 
 from collections.abc import Collection, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.descent import Found, to_actions
+from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
 from regents_cosim.attacks.job import Ended, Job
 from regents_cosim.attacks.lawful import under_the_law
 from regents_cosim.attacks.movers import Movers
@@ -27,15 +29,15 @@ from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.live.moments import CELLS, DT_S, Moment
+from regents_cosim.live.moments import CELLS, DT_S, Drive, Moment
 from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import World, to_tracks
 from regents_cosim.planners.host_pool import HostPool
-from regents_cosim.planners.jax_planner import JaxPlanner
-from regents_cosim.planners.systems import ACT_TIMEOUT_S, find_planner
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
 
 _ASKED = 2  # candidates that are searched at one moment
@@ -68,20 +70,19 @@ class Plan:
         beyond = max(since - own[-1], 0.0) * speed
         return x + beyond * float(np.cos(yaw)), y + beyond * float(np.sin(yaw)), yaw, speed
 
-    def from_now(self, time_s: float, steps: int) -> "Plan":
-        """What is left of it, as long as `steps` instants."""
-        rows = np.array([self.at(time_s + step * DT_S) for step in range(steps)]).T
-        return replace(self, begun_s=time_s, x=rows[0], y=rows[1], yaw=rows[2], speed=rows[3])
+    def rest(self, time_s: float, steps: int) -> Drive:
+        """What is left of it from a time on, as long as `steps` instants."""
+        return np.array([self.at(time_s + step * DT_S) for step in range(steps)]).T
 
 
 class Search:
     """Searches against one planner. A context manager: a planner outside JAX has a process."""
 
-    def __init__(self, planner: str, config: AttackConfig, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
+    def __init__(self, planner: AnyPlanner, config: AttackConfig, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises PlannerError where there is no such planner."""
-        self.planner_name, self.config = planner, config
-        self._planner = Observed() if planner == OBSERVED else find_planner(planner)
-        self._pool = HostPool(planner, act_timeout_s)
+        self.config = config
+        given = PlannerUnderTest(OBSERVED, Observed()) if planner == OBSERVED else PlannerUnderTest.of(planner)
+        self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
         self._asked: dict[str, float] = {}  # when a candidate was searched last
 
     def __enter__(self) -> "Search":
@@ -92,7 +93,7 @@ class Search:
 
     def close(self) -> None:
         """End the planner's process, if any."""
-        self._pool.__exit__()
+        self.hosts.__exit__()
 
     def fresh(self, moment: Moment, barred: Collection[str] = (), alone: bool = False) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
@@ -107,17 +108,17 @@ class Search:
                     return plan
         return None
 
-    def renewed(self, moment: Moment, plan: Plan) -> Plan | None:
-        """The rest of a plan from a later moment on, changed where it would miss; None where it leads nowhere."""
-        agent = moment.traffic.index(plan.adversary)
+    def renewed(self, moment: Moment, adversary: str) -> Plan | None:
+        """The plan that a moment knows its adversary to follow, changed where it would miss; None where it cannot be.
+
+        Whether a careful driver would see it coming was asked when it began; by now there may be no time left to.
+        """
+        agent = moment.traffic.index(adversary)
         if agent is None:
             return None
-        rest = plan.from_now(moment.traffic.time_s, moment.scenario.tracks.steps)
-        kept = Start(rest.x, rest.y, rest.yaw, rest.speed, 0, (0.0, 0.0, 0.0), 0.0)
         with _Wheel(self, moment) as wheel:
             job = self._job(moment, wheel, agent)
-            begun = followed(moment.scenario, job, [kept], max(self.config.starts, 1))[:1]
-            return self._tried(moment, wheel, job, agent, begun, replace(self.config, accept="clean"))
+            return self._tried(moment, wheel, job, agent, [job.start], replace(self.config, accept="clean"))
 
     def _candidates(self, moment: Moment, ego: Tracks, barred: Collection[str]) -> list[int]:
         """Those that could be where the ego is soon, who were not asked lately first."""
@@ -136,7 +137,8 @@ class Search:
         return chosen
 
     def _plan_for(self, moment: Moment, wheel: "_Wheel", agent: int, ego: Tracks, alone: bool) -> Plan | None:
-        found = starts(moment.scenario, agent, ego, self.config.starts) if self.config.starts else []
+        limits = limits_by_kind(moment.scenario, self.config)[moment.scenario.agents[agent].kind]
+        found = starts(moment.scenario, agent, ego, self.config.starts, limits) if self.config.starts else []
         if alone:
             found = [start for start in found if _on_own_way(start, moment.scenario, agent)]
         if not found and (self.config.starts or alone):
@@ -149,6 +151,7 @@ class Search:
         """A search that moves one agent, and begins with what is predicted of it."""
         lawful = self.config.law == "strict"
         world = under_the_law(moment.with_lanes, moment.scenario, agent, CELLS) if lawful else moment.with_lanes
+        world = with_bounds(world, moment.scenario, self.config, limits_by_kind(moment.scenario, self.config))
         movers = Movers.only(agent, len(world.valid))
         return Job(world, wheel.memory, movers, movers.rows(to_actions(world.controls)))
 
@@ -181,21 +184,20 @@ class _Wheel:
 
     def __init__(self, search: Search, moment: Moment) -> None:
         self._search, self._moment = search, moment
-        self._planner, self._name = search._planner, search.planner_name
         self.memory: Any = None
+        self._lent = ExitStack()
 
     def __enter__(self) -> "_Wheel":
-        if isinstance(self._planner, JaxPlanner):
-            self.memory = self._moment.memory(self._planner, self._name)
-            self._drives: Drives = in_compiled_loop(self._planner, self._name)
+        loop, name = self._search.loop, self._search.planner_name
+        if loop is not None:
+            self.memory = self._moment.memory(loop, name)
+            self._drives: Drives = in_compiled_loop(loop, name)
         else:
-            self._lent = self._search._pool.lend()
-            self._drives = in_process(self._lent.__enter__())
+            self._drives = in_process(self._lent.enter_context(self._search.hosts.lend()))
         return self
 
-    def __exit__(self, *error: Any) -> None:
-        if not isinstance(self._planner, JaxPlanner):
-            self._lent.__exit__(*error)
+    def __exit__(self, *error: object) -> None:
+        self._lent.close()
 
     def unattacked(self) -> Tracks:
         """Where the ego goes [1, time] if nobody attacks it. Raises DriveError."""
@@ -209,9 +211,10 @@ class _Wheel:
 
     def search(self, job: Job, iterations: int, config: AttackConfig) -> Ended:
         """A search of so many iterations at most. Raises DriveError."""
-        if isinstance(self._planner, JaxPlanner):
+        loop = self._search.loop
+        if loop is not None:
             found = descend(
-                job.world, self._planner, job.memory, config.compiled(), job.movers, jnp.int32(iterations), job.start
+                job.world, loop, job.memory, config.compiled(), job.movers, jnp.int32(iterations), job.start
             )
             return Ended(jax.block_until_ready(found))
         (ended,) = pursue([(self._moment.scenario, job)], config, max(iterations, 1), self._drives, iterations)

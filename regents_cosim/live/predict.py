@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
-from regents_cosim.frames import wrap
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.live.paths import BEHIND_M, SPACING_M
 from regents_cosim.live.traffic import Traffic
 from regents_cosim.scenario import Tracks

@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Float
 from traci import constants as tc
 
-from regents_cosim.boxes import Boxes
 from regents_cosim.errors import SumoError
-from regents_cosim.frames import SumoPose, from_sumo
+from regents_cosim.geometry.boxes import Boxes
+from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.live.paths import LaneChains, Path, Stop, path_along
 from regents_cosim.live.traffic import Following, RoadUser, Traffic
-from regents_cosim.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.sumo_net import read_road_map

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.frames import Pose, to_sumo
+from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.live.plan import Plan
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
 
 ADVERSARY_COLOUR = (213, 94, 0, 255)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.live.paths import Path
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.roadmap import RoadMap
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 
 _SPACING_M = 1.0

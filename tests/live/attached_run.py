@@ -39,8 +39,13 @@ def run(how):
     try:
         while sumo.simulation.getTime() < how["until_s"]:
             sumo.simulationStep()
+            if how.get("blind") and adversary.ego:  # the user's planner: it looks at nobody
+                sumo.vehicle.setSpeedMode(adversary.ego, 32)
+                sumo.vehicle.setSpeed(adversary.ego, 12.0)
             if adversary is not None and adversary.state not in states[-1:]:
                 states.append(adversary.state)
+            if how.get("until_crash") and adversary.tally.crashes:
+                break
             if how.get("remove") and adversary.adversary and removed is None:
                 removed = adversary.adversary
                 sumo.vehicle.remove(removed)

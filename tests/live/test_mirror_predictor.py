@@ -5,11 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import box
 
-from regents_cosim.boxes import Boxes, overlap
+from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.live.paths import Stop, path_along
 from regents_cosim.live.predict import Mirror
 from regents_cosim.live.traffic import RoadUser, Traffic
-from regents_cosim.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Agent
 
 LIMIT = 14.0
