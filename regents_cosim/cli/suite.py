@@ -56,8 +56,9 @@ def build(
         windows of recorded traffic that the planner and the careful driver drive without a collision, and
         constant_velocity does not, as far as there are such; half of them behind somebody
     harmless
-        with each crash its harmless neighbour: the same scene with so little of the attack left that a careful driver
-        keeps 1 m from all others, brakes by no more than 3 m/s^2 and gets on. Who always brakes is held up there
+        only crashes that have a harmless neighbour, each with it: the same scene with so little of the attack left that
+        a careful driver keeps 1 m from all others, brakes by no more than 3 m/s^2 and gets on. Who always brakes is
+        held up there
     planner
         that is attacked; may be given more than once, the best first. A crash is kept where the careful driver
         (--planner careful) and all planners before it pass: the crashes of a bad planner are near misses of a good

@@ -2,7 +2,7 @@
 
 The planners of a recipe are a ladder, the best first, with the careful driver (`--planner careful`) on top. A crash
 that is found for one of them is kept where all above it pass: so it shows what this one lacks, and tells when a better
-one gets worse. Each crash that is chosen brings its harmless neighbour (`evaluation.reduction.harmless`).
+one gets worse. Each crash brings its harmless neighbour (`evaluation.reduction.harmless`); one without is left out.
 """
 
 import os
@@ -49,7 +49,7 @@ class Recipe:
     adversarial: int = 80
     unavoidable: int = 5
     ordinary: int = 40
-    harmless: bool = True  # each crash with the neighbour of it in which nothing is to be feared
+    harmless: bool = True  # crashes that have a neighbour in which nothing is to be feared, each with it
     planners: tuple[str, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
     method: str = "focused"
     seed: int = 0
@@ -60,17 +60,20 @@ def build(recipe: Recipe, tell: Callable[[str], None] = lambda line: None) -> li
     recorded_by_source = [_recorded(source, recipe, tell) for source in _sources(recipe)]
     crashes = _crashes([one for its in recorded_by_source for one in _spread(its, recipe.attacked)], recipe, tell)
     ordinary = _collision_free([one for its in recorded_by_source for one in its], recipe)
-    adversarial = choose_adversarial(_cards(crashes), recipe.adversarial, recipe.unavoidable, recipe.seed)
+    neighbours = _neighbours(crashes) if recipe.harmless else {}
+    met = [one for one in crashes if one.id in neighbours] if recipe.harmless else crashes
+    adversarial = choose_adversarial(_cards(met), recipe.adversarial, recipe.unavoidable, recipe.seed)
     recorded = _chosen_ordinary(ordinary, recipe)
     by_name = {scenario.id: scenario for scenario in (*crashes, *ordinary)}
     chosen = [by_name[one.case] for one in (*adversarial, *recorded)]
     if not chosen:
         raise RegentsError("no case is left for the suite: ask for more --windows, or other traffic")
-    neighbours = _neighbours([by_name[one.case] for one in adversarial]) if recipe.harmless else []
+    beside = [neighbours[one.case] for one in adversarial] if recipe.harmless else []
     telling = sum(one.telling is True for one in adversarial)
-    found = f"{len(adversarial)} of {len(crashes)} crashes ({telling} telling), {len(neighbours)} harmless neighbours"
+    without = f", {len(crashes) - len(met)} have no harmless neighbour" if recipe.harmless else ""
+    found = f"{len(adversarial)} of {len(crashes)} crashes ({telling} telling{without})"
     tell(f"chosen: {found}, {len(recorded)} of {len(ordinary)} ordinary cases")
-    return sorted(map(_lean, (*chosen, *neighbours)), key=lambda case: case.id)
+    return sorted(map(_lean, (*chosen, *beside)), key=lambda case: case.id)
 
 
 def _spread(windows: Sequence[Scenario], count: int) -> Sequence[Scenario]:
@@ -163,11 +166,11 @@ def _collision_free(windows: Sequence[Scenario], recipe: Recipe) -> list[Scenari
     return _passed_by([_CAREFUL, recipe.planners[0]], list(windows))
 
 
-def _neighbours(crashes: Sequence[Scenario]) -> list[Scenario]:
-    """The harmless neighbours of crashes, where they have one."""
+def _neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
+    """The harmless neighbours of those crashes that have one, by the crash."""
     with Wheel(_CAREFUL) as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
         found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
-        return [neighbour for neighbour in found if neighbour is not None]
+        return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}
 
 
 def _cards(scenarios: Sequence[Scenario]) -> list[Card]:
