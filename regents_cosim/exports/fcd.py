@@ -1,6 +1,6 @@
 """A folder that plain `sumo-gui` opens: the network, vehicle types, the case as FCD, and a configuration.
 
-SUMO's own replayer (`--device.fcd-replay.files`, 1.28) places every vehicle where the FCD has it;
+SUMO's own replayer (`--device.fcd-replay.files`, since 1.28) places every vehicle where the FCD has it;
 nothing of this package is needed to watch. It starts at time 0, and the lights show what they
 showed in the case.
 """

@@ -177,7 +177,7 @@ def test_our_own_reader_finds_the_case_in_the_fcd(name, request, tmp_path):
 
 @pytest.mark.parametrize("name", ["attacked", "recorded", "highway"])
 def test_plain_sumo_plays_the_case(name, request, tmp_path):
-    sumo = pytest.importorskip("sumo", reason="needs eclipse-sumo for its binaries")
+    sumo = pytest.importorskip("sumo", "1.28", reason="needs eclipse-sumo 1.28, the first with device.fcd-replay.files")
     case = request.getfixturevalue(name)
     export(case, "fcd", tmp_path / "out")
     program = Path(sumo.SUMO_HOME) / "bin" / "sumo"
@@ -200,7 +200,7 @@ def test_plain_sumo_plays_the_case(name, request, tmp_path):
 
 
 def test_one_who_comes_back_on_another_lane_can_be_played(tmp_path):
-    sumo = pytest.importorskip("sumo", reason="needs eclipse-sumo for its binaries")
+    sumo = pytest.importorskip("sumo", "1.28", reason="needs eclipse-sumo 1.28, the first with device.fcd-replay.files")
     case = come_and_go(scene((0, 0, 5), (20, 0, 5), (40, 3.2, 5), steps=10), [(0, 9), (0, 9)])
     valid = case.tracks.valid.copy()
     valid[1, [4, 5]] = False

@@ -1,5 +1,6 @@
 import gzip
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,8 @@ def test_a_log_gives_what_the_run_itself_gives(logs):
 
 @pytest.mark.parametrize("name", ["a.csv.gz", slow("a.xml.gz"), slow("a.csv")])
 def test_formats_agree(logs, name):
+    if name.startswith("a.csv") and version("libsumo") < "1.27":
+        pytest.skip("SUMO before 1.27 leaves steps without vehicles out of a CSV")
     plain, other = record(logs["a.xml"]), record(logs[name])
     assert [content_hash(s) for s in plain] == [content_hash(s) for s in other]
     assert other[0].provenance.file == name
