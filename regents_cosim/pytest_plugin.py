@@ -181,6 +181,8 @@ class _Run:
         self.margin = config.option.regents_margin
         self._drives: DrivesAhead | None = None
         self.verdicts: dict[tuple[Path, str], Verdict] = {}
+        if pytest.version_tuple < (9,):  # older ones leave out the other tests of the folder that a suite lies in
+            raise pytest.UsageError(f"--regents-suite needs pytest 9 or newer, this is {pytest.__version__}")
         if not self.planner:
             raise pytest.UsageError("--regents-suite needs the planner that is tested: --regents-planner NAME")
         self.where = _where(config)

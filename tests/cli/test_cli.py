@@ -339,6 +339,9 @@ def test_missing_system_libraries_are_named(tmp_path):
     hidden = tmp_path / "libsumo"
     hidden.mkdir()
     (hidden / "__init__.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
+    info = tmp_path / "libsumo-1.28.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: libsumo\nVersion: 1.28.0\n")
     path = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
     done = regents("record", "-c", GRID, "-o", tmp_path / "out", PYTHONPATH=path)
     assert (done.returncode, len(done.stderr.splitlines())) == (3, 1)
