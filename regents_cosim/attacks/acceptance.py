@@ -18,8 +18,8 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim import limits
 from regents_cosim.attacks.careful_driver import careful_avoids
 from regents_cosim.attacks.costs import take
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import Motion, accumulate, running_minimum
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.separation import Box, corners, first_row, overlaps, pick
@@ -36,7 +36,7 @@ _HIT_DEPTH_M = 1e-3
 
 
 def is_clean(
-    world: World, movers: Movers, motion: Motion, boxes: Box, hits: Bool[Array, "agent time"]
+    world: World, searched: SearchedAgents, motion: Motion, boxes: Box, hits: Bool[Array, "agent time"]
 ) -> Bool[Array, ""]:
     """Whether nothing spoils the first of the ego's contacts `hits` along `motion`; the ego in row 0."""
     step = jnp.argmax(hits.any(axis=0))
@@ -45,7 +45,7 @@ def is_clean(
     there = take(world.valid, agent)
     so_far = there & (jnp.arange(there.shape[0]) <= step)
     return (
-        take(movers.candidate, agent)
+        take(searched.candidate, agent)
         & _moved(world, adversary, agent, so_far)
         & (motion.speed[0, step] >= limits.STANDING_M_S)
         & ~_from_behind(ego, adversary, there, step, world.dt)
@@ -169,10 +169,15 @@ def ego_contacts(world: World, boxes: Box) -> Bool[Array, "agent time"]:
 
 
 def is_wanted(
-    world: World, movers: Movers, motion: Motion, boxes: Box, contacts: Bool[Array, "agent time"], config: AttackConfig
+    world: World,
+    searched: SearchedAgents,
+    motion: Motion,
+    boxes: Box,
+    contacts: Bool[Array, "agent time"],
+    config: AttackConfig,
 ) -> Bool[Array, ""]:
     """Whether nothing spoils the first of the ego's `contacts`, and a careful driver avoids it, if asked."""
-    clean = is_clean(world, movers, motion, boxes, contacts)
+    clean = is_clean(world, searched, motion, boxes, contacts)
     if config.accept != "telling" or world.lanes is None:
         return clean
     lanes, step = world.lanes, jnp.argmax(contacts.any(axis=0))

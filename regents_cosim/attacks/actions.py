@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 
 from regents_cosim.attacks.driving_limits import within_bounds
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, accumulate, running_minimum
 from regents_cosim.mirror.world import World
 
@@ -20,22 +20,24 @@ def to_controls(actions: Controls) -> Controls:
     return Controls(actions.accel * ACCEL_LIMIT, actions.curvature * CURVATURE_LIMIT)
 
 
-def allowed(actions: Controls, logged: Controls, world: World, movers: Movers, config: AttackConfig) -> Controls:
-    """The nearest actions [mover step] that the configuration allows; logged ones always are."""
+def allowed(
+    actions: Controls, logged: Controls, world: World, searched: SearchedAgents, config: AttackConfig
+) -> Controls:
+    """The nearest actions [searched step] that the configuration allows; logged ones always are."""
     most = config.max_deviation
     if most > 0.0:
         actions = jax.tree.map(lambda a, log: jnp.clip(a, log - most, log + most), actions, logged)
     actions = jax.tree.map(lambda values: jnp.clip(values, -1.0, 1.0), actions)
     if config.law == "strict":
-        actions = not_too_fast(actions, world, movers)
+        actions = not_too_fast(actions, world, searched)
     if world.bounds is None:
         return actions
-    return to_actions(within_bounds(world, movers, to_controls(actions)))
+    return to_actions(within_bounds(world, searched, to_controls(actions)))
 
 
-def not_too_fast(actions: Controls, world: World, movers: Movers) -> Controls:
-    """The actions [mover step] without what would take a mover beyond its top speed."""
-    rows = movers.rows
+def not_too_fast(actions: Controls, world: World, searched: SearchedAgents) -> Controls:
+    """The actions [searched step] without what would take a searched agent beyond its top speed."""
+    rows = searched.rows
     begun, moving, most = rows(world.start.speed), rows(world.moving), rows(world.top_speed)[:, None]
     summed = accumulate(begun, jnp.where(moving, to_controls(actions).accel * world.dt, 0.0))
     wanted = summed - running_minimum(jnp.minimum(summed, 0.0), 0.0)  # who stands does not get any slower

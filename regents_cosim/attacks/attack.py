@@ -7,7 +7,7 @@ from typing import Literal
 import jax
 
 from regents_cosim.attacks.descent import ExtraCost
-from regents_cosim.attacks.engines import in_lanes, in_threads, on_hosts
+from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import Several
@@ -21,7 +21,7 @@ from regents_cosim.system.logged import logged
 
 _BATCH = Range(1, 100_000, "scenarios on the device at once", whole=True)
 
-Engine = Literal["auto", "threads", "lanes"]
+Engine = Literal["auto", "threads", "batched"]
 
 
 def attack(
@@ -69,8 +69,8 @@ def attack_each(
     PlannerError where the planner cannot be found, RegentsError for a scenario that was attacked
     before.
 
-    `engine` is "threads", one scenario per core, or "lanes", `batch` searches in one program;
-    "auto" takes threads on a CPU and lanes on an accelerator. Lanes are for planners in JAX that
+    `engine` is "threads", one scenario per core, or "batched", `batch` searches in one program;
+    "auto" takes threads on a CPU and batches on an accelerator. Batches are for planners in JAX that
     drive in every iteration; others go by threads.
 
     A planner that is not in JAX drives in a process of its own, every `config.replan_every`
@@ -98,9 +98,9 @@ def attack_each(
         return
     under_attack = AttackSetup(_replanning(config, 1), loop, name, extra_cost)
     if engine == "auto":
-        engine = "threads" if jax.default_backend() == "cpu" else "lanes"
+        engine = "threads" if jax.default_backend() == "cpu" else "batched"
     only_threads = under_attack.config.replan_every > 1 or config.optimiser != "adam"
-    run = in_threads if engine == "threads" or only_threads else in_lanes
+    run = in_threads if engine == "threads" or only_threads else in_batches
     yield from run(scenarios, under_attack, batch)
 
 

@@ -7,10 +7,10 @@ import jax
 import numpy as np
 
 from regents_cosim.attacks import published
-from regents_cosim.attacks.job import Ended, Job
-from regents_cosim.attacks.pursuit import Request, in_compiled_loop
-from regents_cosim.attacks.replanned import Traffic
-from regents_cosim.attacks.search_state import Found
+from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.pursuit import DriveRequest, in_compiled_loop
+from regents_cosim.attacks.replanned import BackgroundTraffic
+from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import Several
 from regents_cosim.checks.names import distinct_word, file_name, word
@@ -26,7 +26,9 @@ _LABEL = 40  # characters of a planner or an adversary in the id of a case
 _COST_TERMS = ("ego", "pair", "road")
 
 
-def cases_of(setup: AttackSetup, scenario: Scenario, jobs: list[Job], ended: list[Ended | None]) -> list[Scenario]:
+def cases_of(
+    setup: AttackSetup, scenario: Scenario, jobs: list[SearchJob], ended: list[SearchEnd | None]
+) -> list[Scenario]:
     """What the descents found, as cases."""
     made = [(job, one) for job, one in zip(jobs, ended, strict=True) if one]
     failures = [failure for _, one in made if (failure := _failure(setup.planner_name, scenario.id, one))]
@@ -35,7 +37,7 @@ def cases_of(setup: AttackSetup, scenario: Scenario, jobs: list[Job], ended: lis
     )
     time = _act_time([second for _, one in made for second in one.seconds])
     made_of_them = sum(
-        one.looks + one.earlier + int(one.found.iterations) for _, one in made if isinstance(one.found, Found)
+        one.looks + one.earlier + int(one.found.iterations) for _, one in made if isinstance(one.found, SearchResult)
     )
     return [
         replace(case, attack=replace(case.attack, act_time=time, rollouts=made_of_them))
@@ -44,7 +46,9 @@ def cases_of(setup: AttackSetup, scenario: Scenario, jobs: list[Job], ended: lis
     ]
 
 
-def _distinct(setup: AttackSetup, scenario: Scenario, made: list[tuple[Job, Ended]], joint: bool) -> list[Scenario]:
+def _distinct(
+    setup: AttackSetup, scenario: Scenario, made: list[tuple[SearchJob, SearchEnd]], joint: bool
+) -> list[Scenario]:
     """A case for every adversary, the accepted before the others; or one without a collision."""
     attacked = [attacked_case(setup, scenario, job, one) for job, one in made]
     by_adversary: dict[str, Scenario] = {}
@@ -62,10 +66,10 @@ def _distinct(setup: AttackSetup, scenario: Scenario, made: list[tuple[Job, Ende
     return [_named_after_adversary(hit) for hit in by_adversary.values()] or [missed]
 
 
-def attacked_case(setup: AttackSetup, scenario: Scenario, job: Job, ended: Ended) -> Scenario:
+def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> Scenario:
     """What a descent found, as a case."""
     found = ended.found
-    assert isinstance(found, Found)
+    assert isinstance(found, SearchResult)
     outcome = outcome_of(found)
     present = published.stay(scenario) if setup.config.as_published else scenario
     # Of a search that met spoilt collisions only there is nothing to show: the traffic stays as it was.
@@ -79,7 +83,7 @@ def attacked_case(setup: AttackSetup, scenario: Scenario, job: Job, ended: Ended
         iterations=ended.earlier + int(found.iterations),
         collision=collision,
         spoilt=bool(found.hit) and not found.accepted,
-        candidates=tuple(scenario.agents[index].id for index in np.flatnonzero(job.movers.candidate)),
+        candidates=tuple(scenario.agents[index].id for index in np.flatnonzero(job.searched.candidate)),
         cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
     )
     if isinstance(setup.planner, Several):
@@ -131,14 +135,16 @@ def _label(planner: str) -> str:
     return word(planner.rpartition(":")[2], _LABEL)
 
 
-def _who_crashes(several: Several, scenario: Scenario, job: Job, background: Motion, controls: Controls) -> list[str]:
+def _who_crashes(
+    several: Several, scenario: Scenario, job: SearchJob, background: Motion, controls: Controls
+) -> list[str]:
     """Names of the planners that crash among `background`, each in a drive of its own, by the exact boxes.
 
     Raises DriveError for one that fails there.
     """
     crashed = []
     for name, planner, memory in zip(several.names, several.planners, job.memory, strict=True):
-        request = Request(scenario, job._replace(memory=memory), Traffic(background, None))
+        request = DriveRequest(scenario, job._replace(memory=memory), BackgroundTraffic(background, None))
         (driven,) = in_compiled_loop(planner, name)([request])
         if isinstance(driven, DriveError):
             raise driven
@@ -148,7 +154,7 @@ def _who_crashes(several: Several, scenario: Scenario, job: Job, background: Mot
     return crashed
 
 
-def outcome_of(found: Found) -> Outcome:
+def outcome_of(found: SearchResult) -> Outcome:
     """How a search ended, in a word."""
     if not found.finite:
         return "diverged"
@@ -157,7 +163,7 @@ def outcome_of(found: Found) -> Outcome:
     return "no_collision" if found.any_candidate else "no_candidate"
 
 
-def _collision(scenario: Scenario, tracks: Tracks, found: Found) -> Collision:
+def _collision(scenario: Scenario, tracks: Tracks, found: SearchResult) -> Collision:
     """The first contact, by the exact boxes of the host."""
     contact = first_contact(scenario.agents, tracks)
     if contact is None:
@@ -165,14 +171,14 @@ def _collision(scenario: Scenario, tracks: Tracks, found: Found) -> Collision:
     return collision_at(scenario.agents, tracks, contact, scenario.dt, bool(np.asarray(found.changed)[contact[0]]))
 
 
-def _history(found: Found) -> list[tuple[float, ...]]:
+def _history(found: SearchResult) -> list[tuple[float, ...]]:
     """Costs before each update; those that blew up, which JSON cannot hold, are left out."""
     rounded = np.asarray(found.history, float)[: int(found.iterations)].round(6)
     rounded = rounded[np.isfinite(rounded).all(axis=1)]
     return [tuple(term.tolist()) for term in rounded.T]
 
 
-def _failure(name: str, case: str, ended: Ended) -> DriveError | None:
+def _failure(name: str, case: str, ended: SearchEnd) -> DriveError | None:
     """How the planner failed; one in JAX by an answer that is no number, others are checked as they answer."""
     if isinstance(ended.found, DriveError):
         return ended.found

@@ -9,39 +9,39 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from regents_cosim.attacks.job import Ended, Job
+from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.search_state import Found
+from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.scenario import Scenario
 
 # Searches that make at most so many updates; none is a look at their starts.
-Search = Callable[[Sequence[tuple[Scenario, Job]], int], list[Ended]]
+RunSearches = Callable[[Sequence[tuple[Scenario, SearchJob]], int], list[SearchEnd]]
 
 
 class Candidate(NamedTuple):
     """What may be searched for one candidate, or for all of them together."""
 
     scenario: Scenario
-    job: Job  # that begins with the log
-    starts: tuple[Controls, ...] = ()  # actions [mover step] to begin with instead, the most promising first
+    job: SearchJob  # that begins with the log
+    starts: tuple[Controls, ...] = ()  # actions [searched step] to begin with instead, the most promising first
 
 
 class _Candidates:
     """Several of them, and how the searches for each have ended so far."""
 
-    def __init__(self, candidates: Sequence[Candidate], search: Search, config: AttackConfig) -> None:
+    def __init__(self, candidates: Sequence[Candidate], search: RunSearches, config: AttackConfig) -> None:
         self._all, self._search, self._config = candidates, search, config
         self._near: dict[int, list[Controls]] = defaultdict(list)  # starts that crashed the ego, but not as wanted
-        self.ended: list[Ended | None] = [None] * len(candidates)
+        self.ended: list[SearchEnd | None] = [None] * len(candidates)
 
     def look(self, rank: int, some: list[int]) -> None:
         """Look at the start of that rank of some candidates."""
         some = [index for index in some if rank < len(self._all[index].starts)]
         for index, seen in self._searched({index: self._all[index].starts[rank] for index in some}, 0):
             self._after(index, seen)
-            if isinstance(seen.found, Found) and bool(seen.found.hit):
+            if isinstance(seen.found, SearchResult) and bool(seen.found.hit):
                 self._near[index].append(self._all[index].starts[rank])
 
     def descend(self, rank: int, some: list[int]) -> None:
@@ -80,18 +80,18 @@ class _Candidates:
         others = [start for start in one.starts if not any(start is other for other in near)]
         return (*[*near, *others][: self._config.attempts - 1], one.job.start)
 
-    def _searched(self, begun: Mapping[int, Controls | None], iterations: int) -> Iterator[tuple[int, Ended]]:
+    def _searched(self, begun: Mapping[int, Controls | None], iterations: int) -> Iterator[tuple[int, SearchEnd]]:
         chosen = [self._all[index] for index in begun]
         jobs = [
             (one.scenario, one.job._replace(start=start)) for one, start in zip(chosen, begun.values(), strict=True)
         ]
         yield from zip(begun, self._search(jobs, iterations) if jobs else [], strict=True)
 
-    def _after(self, index: int, new: Ended) -> None:
+    def _after(self, index: int, new: SearchEnd) -> None:
         """The new end, with what all before it cost."""
         old = self.ended[index]
         if old is not None:
-            assert isinstance(old.found, Found)
+            assert isinstance(old.found, SearchResult)
             earlier = old.earlier + int(old.found.iterations)
             new = replace(new, seconds=old.seconds + new.seconds, earlier=earlier, looks=old.looks + new.looks)
         self.ended[index] = new
@@ -104,10 +104,10 @@ class _Candidates:
         ended = self.ended[index]
         if ended is None:
             return True
-        return not self._is_settled(index) and isinstance(ended.found, Found) and bool(ended.found.any_candidate)
+        return not self._is_settled(index) and isinstance(ended.found, SearchResult) and bool(ended.found.any_candidate)
 
 
-def attempt(candidates: Sequence[Candidate], search: Search, config: AttackConfig) -> list[Ended | None]:
+def attempt(candidates: Sequence[Candidate], search: RunSearches, config: AttackConfig) -> list[SearchEnd | None]:
     """How the searches for each candidate ended, at its first accepted collision or its last attempt.
 
     Where one adversary is enough, a scenario's candidates have their turns one after the other, and after the first

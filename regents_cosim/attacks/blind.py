@@ -20,10 +20,10 @@ from cmaes import CMA
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.descent import PROGRESS, Descent, ExtraCost
-from regents_cosim.attacks.job import Ended, Job
+from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import descend, set_up
-from regents_cosim.attacks.search_state import Found
+from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
@@ -76,26 +76,31 @@ class ByEvolution:
 
 
 def search_blindly(
-    jobs: Sequence[tuple[Scenario, Job]],
+    jobs: Sequence[tuple[Scenario, SearchJob]],
     planner: LoopPlanner,
     config: AttackConfig,
     most: int,
     extra_cost: ExtraCost | None,
-) -> list[Ended]:
+) -> list[SearchEnd]:
     """Look at what each job begins with, then try changes of it until one is accepted or `most` roll-outs are spent."""
-    return [Ended(_search(scenario, job, planner, config, most, extra_cost)) for scenario, job in jobs]
+    return [SearchEnd(_search(scenario, job, planner, config, most, extra_cost)) for scenario, job in jobs]
 
 
 def _search(
-    scenario: Scenario, job: Job, planner: LoopPlanner, config: AttackConfig, most: int, extra_cost: ExtraCost | None
-) -> Found:
+    scenario: Scenario,
+    job: SearchJob,
+    planner: LoopPlanner,
+    config: AttackConfig,
+    most: int,
+    extra_cost: ExtraCost | None,
+) -> SearchResult:
     compiled = config.compiled()
     # A look is that of our descent, by the same program: a planner that collides in the log is not attacked.
     looks = replace(compiled, optimiser="adam")
-    begun = descend(job.world, planner, job.memory, looks, job.movers, jnp.int32(0), job.start, extra_cost)
+    begun = descend(job.world, planner, job.memory, looks, job.searched, jnp.int32(0), job.start, extra_cost)
     if most == 0 or config.optimiser == "none" or bool(begun.accepted) or not bool(begun.any_candidate):
         return begun
-    seed = zlib.crc32(f"{scenario.id} {int(job.movers.first)}".encode())
+    seed = zlib.crc32(f"{scenario.id} {int(job.searched.first)}".encode())
     sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
     history = np.zeros((compiled.iterations, 3), np.float32)
     best, least, tried, done = np.zeros(2 * _KNOTS), np.inf, 0, False
@@ -125,7 +130,7 @@ def _search(
 
 @compiled
 def _try(
-    job: Job,
+    job: SearchJob,
     planner: LoopPlanner,
     config: AttackConfig,
     extra_cost: ExtraCost | None,
@@ -135,7 +140,7 @@ def _try(
 
     One after the other: side by side, all would be judged for the sake of the few that crash.
     """
-    descent = set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost)
+    descent = set_up(job.world, planner, job.memory, config, job.searched, job.start, extra_cost)
     begun = descent.begin()
 
     def one(change: Float[Array, " coordinate"]) -> tuple[Array, Array, Array]:
@@ -149,15 +154,15 @@ def _try(
 
 @compiled
 def _end(
-    job: Job,
+    job: SearchJob,
     planner: LoopPlanner,
     config: AttackConfig,
     extra_cost: ExtraCost | None,
     change: Float[Array, " coordinate"],
     tried: Int[Array, ""],
     history: Float[Array, "iteration term"],
-) -> Found:
-    descent = set_up(job.world, planner, job.memory, config, job.movers, job.start, extra_cost)
+) -> SearchResult:
+    descent = set_up(job.world, planner, job.memory, config, job.searched, job.start, extra_cost)
     search = descent.seeing(replace(descent.begin(), actions=_changed(descent, change)))
     return descent.result(replace(search, iterations=tried, history=history))
 

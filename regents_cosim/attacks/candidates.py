@@ -13,13 +13,13 @@ from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.attempts import Candidate
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
-from regents_cosim.attacks.job import Job
+from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.lawful import under_the_law
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.pursuit import Drives, Request
-from regents_cosim.attacks.replanned import Traffic
+from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops
+from regents_cosim.attacks.replanned import BackgroundTraffic
 from regents_cosim.attacks.rules import candidates
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.attacks.universal import Several
@@ -36,7 +36,7 @@ from regents_cosim.scenario import Scenario, Tracks
 _CONSIDERED = 3  # times the candidates that are searched: so many are asked for ways that meet the ego
 
 
-def candidates_of(setup: AttackSetup, scenario: Scenario, drives: Drives) -> list[Candidate]:
+def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops) -> list[Candidate]:
     """The searches that a scenario takes: one, or some for each of the candidates that promise most."""
     if scenario.attack is not None:
         raise RegentsError(
@@ -54,7 +54,7 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: Drives) -> lis
         memory = setup.planner.init(scene) if several else start(setup.planner, scene, setup.planner_name)
     allowed = np.asarray(_candidates(world, setup.config))
     if setup.config.search == "joint" or not allowed.any():
-        return [Candidate(scenario, Job(world, memory, Movers.among(jnp.asarray(allowed))))]
+        return [Candidate(scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
     nearest = _nearest(world, allowed, setup.config)
     ego = _unattacked(setup, scenario, world, memory, drives) if setup.config.starts else None
     if ego is None:
@@ -66,7 +66,9 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: Drives) -> lis
     return [_candidate(setup, scenario, world, memory, agent, found[agent]) for agent in chosen[: setup.config.nearest]]
 
 
-def candidates_or_failure(setup: AttackSetup, scenario: Scenario, drives: Drives) -> "list[Candidate] | DriveError":
+def candidates_or_failure(
+    setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
+) -> "list[Candidate] | DriveError":
     """The same, or why the planner cannot drive there."""
     try:
         return candidates_of(setup, scenario, drives)
@@ -80,20 +82,24 @@ def _candidate(
     """What may be searched for one agent: from each of the starts `found`, and from the log."""
     if setup.config.law == "strict":
         world = under_the_law(world, scenario, agent)
-    job = Job(world, memory, Movers.only(agent, len(world.valid)))
+    job = SearchJob(world, memory, SearchedAgents.only(agent, len(world.valid)))
     if not setup.config.starts:
         return Candidate(scenario, job)
     # The log is given as a start as well: one compiled program for all searches.
-    job = job._replace(start=job.movers.rows(to_actions(world.controls)))
+    job = job._replace(start=job.searched.rows(to_actions(world.controls)))
     return Candidate(scenario, job, tuple(followed(scenario, job, found, setup.config.starts)))
 
 
-def _unattacked(setup: AttackSetup, scenario: Scenario, world: World, memory: Any, drives: Drives) -> Tracks | None:
+def _unattacked(
+    setup: AttackSetup, scenario: Scenario, world: World, memory: Any, drives: RunClosedLoops
+) -> Tracks | None:
     """The ego's track [1, time] among the traffic as it was recorded; None where it fails or collides there."""
-    job = Job(world, memory[0] if isinstance(setup.planner, Several) else memory, Movers.only(0, len(world.valid)))
+    job = SearchJob(
+        world, memory[0] if isinstance(setup.planner, Several) else memory, SearchedAgents.only(0, len(world.valid))
+    )
     background = _undisturbed(world)
     reacting = world.vehicle if setup.config.background == "reactive" else None
-    (driven,) = drives([Request(scenario, job, Traffic(background, reacting))])
+    (driven,) = drives([DriveRequest(scenario, job, BackgroundTraffic(background, reacting))])
     if isinstance(driven, DriveError):
         return None  # the first attempt will say why
     tracks = to_tracks(with_ego(background, driven.ego.motion), world.controls, scenario)

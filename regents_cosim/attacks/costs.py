@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, AttackConfig
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.limits import STANDING_M_S
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
@@ -32,7 +32,7 @@ class Costs(eqx.Module):
     total: Float[Array, ""]
 
 
-def total_cost(world: World, boxes: Box, movers: Movers, config: AttackConfig) -> Costs:
+def total_cost(world: World, boxes: Box, searched: SearchedAgents, config: AttackConfig) -> Costs:
     """C = C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev (section 3.2), the ego being row 0 of `boxes`.
 
     C_ego_col = min over candidates i of (1/T) sum_k d_BB(0, i, k) [m] (eq. 4), pooled as `pooled_ego_distances`
@@ -42,14 +42,14 @@ def total_cost(world: World, boxes: Box, movers: Movers, config: AttackConfig) -
     Both distances are taken at once: in two places they cost twice the time to compile.
     """
     found = jax.lax.stop_gradient(boxes)
-    adversary = _nearest_candidate(world, found, movers, config)
-    i, j, step = _closest_pair(world, found, movers, config.pair_reach_m)
+    adversary = _nearest_candidate(world, found, searched, config)
+    i, j, step = _closest_pair(world, found, searched, config.pair_reach_m)
     ours, theirs = pick(boxes, jnp.stack([jnp.int32(0), i])), pick(boxes, jnp.stack([adversary, j]))
     to_ego, between = distance(ours, theirs)
     pulls = _pulls(world, take(world.valid, adversary)[None], first_row(ours), first_row(theirs), config)
     ego = _pool(to_ego, pulls[0], config.softmin_m)
     pair = -jnp.where(i == j, config.pair_reach_m, jnp.minimum(_at(between, step), config.pair_reach_m))
-    road = road_deviation(world, boxes, movers)
+    road = road_deviation(world, boxes, searched)
     return Costs(ego, pair, road, ego + config.pair_weight * pair + config.road_weight * road)
 
 
@@ -63,15 +63,15 @@ def pooled_ego_distances(world: World, boxes: Box, config: AttackConfig = KING) 
     return _pool(distance(ego, boxes), _pulls(world, world.valid, ego, boxes, config), config.softmin_m)
 
 
-def road_deviation(world: World, boxes: Box, movers: Movers) -> Float[Array, ""]:
-    """C_adv_dev = (1/T) sum_k sum_i sum over the corners c of i of (m_oob * K)(c), over the movers.
+def road_deviation(world: World, boxes: Box, searched: SearchedAgents) -> Float[Array, ""]:
+    """C_adv_dev = (1/T) sum_k sum_i sum over the corners c of i of (m_oob * K)(c), over the searched agents.
 
     Corners that are off the road at the agent's first step are left out. Agents that cannot
     change would only add a constant.
     """
     agents, steps = world.valid.shape
-    background = movers.rows(world.valid & (jnp.arange(agents) > 0)[:, None])
-    boxes, on_road = movers.rows(boxes), movers.rows(world.on_road.T)
+    background = searched.rows(world.valid & (jnp.arange(agents) > 0)[:, None])
+    boxes, on_road = searched.rows(boxes), searched.rows(world.on_road.T)
     return jnp.where(background & on_road.T[:, :, None], world.allowed(*corners(boxes), boxes.z), 0.0).sum() / steps
 
 
@@ -84,17 +84,17 @@ def _at(values: Float[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]
     return jax.lax.dynamic_index_in_dim(values, step, keepdims=False)
 
 
-def _nearest_candidate(world: World, boxes: Box, movers: Movers, config: AttackConfig) -> Int[Array, ""]:
+def _nearest_candidate(world: World, boxes: Box, searched: SearchedAgents, config: AttackConfig) -> Int[Array, ""]:
     """The candidate whose pooled distance to the ego is least."""
-    if movers.count == 1:
-        return movers.first
-    return jnp.argmin(jnp.where(movers.candidate, pooled_ego_distances(world, boxes, config), jnp.inf)).astype(
+    if searched.count == 1:
+        return searched.first
+    return jnp.argmin(jnp.where(searched.candidate, pooled_ego_distances(world, boxes, config), jnp.inf)).astype(
         jnp.int32
     )
 
 
 def _closest_pair(
-    world: World, boxes: Box, movers: Movers, reach_m: float
+    world: World, boxes: Box, searched: SearchedAgents, reach_m: float
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
     """(i, j, step) of the closest pair of background agents, i == j where none comes within reach.
 
@@ -103,15 +103,15 @@ def _closest_pair(
     """
     agents = world.valid.shape[0]
     background = jnp.arange(agents) > 0
-    if movers.count == 1:
-        mine = pick(boxes, movers.first[None])
-        counts = take(world.apart, movers.first) & background & (jnp.arange(agents) != movers.first)
-        counts = counts[:, None] & world.valid & take(world.valid, movers.first)
+    if searched.count == 1:
+        mine = pick(boxes, searched.first[None])
+        counts = take(world.apart, searched.first) & background & (jnp.arange(agents) != searched.first)
+        counts = counts[:, None] & world.valid & take(world.valid, searched.first)
         exact = jnp.where(counts, distance(mine, boxes), jnp.inf)
         j, step = _argmin(exact)
         j, step = j.astype(jnp.int32), step.astype(jnp.int32)
-        return jnp.where(exact[j, step] < reach_m, movers.first, j), j, step
-    counts = jnp.triu(world.apart & (movers.candidate[:, None] | movers.candidate) & background[:, None], k=1)
+        return jnp.where(exact[j, step] < reach_m, searched.first, j), j, step
+    counts = jnp.triu(world.apart & (searched.candidate[:, None] | searched.candidate) & background[:, None], k=1)
     return _closest_of(counts, world.valid, _full(boxes), reach_m)
 
 

@@ -19,10 +19,10 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.acceptance import ego_contacts, is_wanted
 from regents_cosim.attacks.actions import allowed, to_actions, to_controls
 from regents_cosim.attacks.costs import Costs, total_cost
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
-from regents_cosim.attacks.search_state import Found, Search, Seen
+from regents_cosim.attacks.search_state import Rollout, SearchResult, SearchState
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.dynamics import controls_between, pull_back, roll_out
 from regents_cosim.mirror.rollout import (
@@ -48,9 +48,9 @@ class Descent(eqx.Module):
     world: World
     planner: LoopPlanner
     memory: Any
-    movers: Movers
-    undisturbed: Motion | None  # [agent time] what the logged controls make of all; None: all are movers
-    start: Controls | None  # [mover step] actions to begin with; None: the logged ones
+    searched: SearchedAgents
+    undisturbed: Motion | None  # [agent time] what the logged controls make of all; None: all are searched
+    start: Controls | None  # [searched step] actions to begin with; None: the logged ones
     config: AttackConfig = eqx.field(static=True)
     extra_cost: ExtraCost | None = eqx.field(static=True)
 
@@ -60,19 +60,19 @@ class Descent(eqx.Module):
         world: World,
         planner: LoopPlanner,
         memory: Any,
-        movers: Movers,
+        searched: SearchedAgents,
         config: AttackConfig,
         start: Controls | None = None,
         extra_cost: ExtraCost | None = None,
     ) -> "Descent":
         """Set a descent up, to begin with the logged actions unless others are given."""
-        undisturbed = None if movers.everybody else roll_out_background(world, world.controls)
-        return cls(world, planner, memory, movers, undisturbed, start, config, extra_cost)
+        undisturbed = None if searched.everybody else roll_out_background(world, world.controls)
+        return cls(world, planner, memory, searched, undisturbed, start, config, extra_cost)
 
-    def begin(self) -> Search:
+    def begin(self) -> SearchState:
         """The actions at the start, of which nothing has been seen yet."""
         actions = self.first()
-        return Search(
+        return SearchState(
             actions=actions,
             adam=self.optimiser().init(actions),
             seen=self.unseen(),
@@ -86,7 +86,7 @@ class Descent(eqx.Module):
             least_at=jnp.int32(0),
         )
 
-    def advance(self, search: Search, passes: int | Int[Array, ""]) -> Search:
+    def advance(self, search: SearchState, passes: int | Int[Array, ""]) -> SearchState:
         """A first look where there was none, and at most so many updates more."""
         last = search.iterations + passes
         # Lambdas, because JAX hashes the functions of a loop, and a bound method hashes its object.
@@ -96,32 +96,32 @@ class Descent(eqx.Module):
             search,
         )
 
-    def seeing(self, search: Search) -> Search:
+    def seeing(self, search: SearchState) -> SearchState:
         """The search once it has looked at what its actions do."""
         search = replace(search, seen=self.look(search.actions, search.seen), looked=jnp.asarray(True))
         return replace(search, hit=self.hit(search.seen), accepted=self.accepts(search))
 
-    def goes_on(self, search: Search) -> Bool[Array, ""]:
+    def goes_on(self, search: SearchState) -> Bool[Array, ""]:
         """Neither hit, nor blown up, nor at the end of the iterations or the patience; of a search that has looked."""
         return (
             ~search.accepted
             & search.finite
             & (search.iterations < self.config.iterations)
             & self.has_patience(search)
-            & self.movers.candidate.any()
+            & self.searched.candidate.any()
         )
 
-    def has_patience(self, search: Search) -> Bool[Array, ""]:
+    def has_patience(self, search: SearchState) -> Bool[Array, ""]:
         """Whether the ego's distance has come down lately, or need not."""
         waited = search.iterations - search.least_at
         return (waited <= self.config.patience) if self.config.patience else jnp.asarray(True)
 
-    def update(self, search: Search) -> Search:
+    def update(self, search: SearchState) -> SearchState:
         """One step of Adam; of a search that has not looked yet, the search as it is."""
         total, costs, gradient = self.gradient(search.actions, search.seen)
         steps, state = self.optimiser().update(gradient, search.adam)
         steps = self.steps(steps)
-        accelerates = self.movers.rows(self.movers.candidate)
+        accelerates = self.searched.rows(self.searched.candidate)
         steers = accelerates & self.may_steer(search.seen)
         moved = Controls(
             search.actions.accel + jnp.where(accelerates[:, None], steps.accel, 0.0),
@@ -143,40 +143,40 @@ class Descent(eqx.Module):
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
 
     def allowed(self, actions: Controls) -> Controls:
-        """The nearest actions [mover step] that the configuration allows."""
-        return allowed(actions, self.logged(), self.world, self.movers, self.config)
+        """The nearest actions [searched step] that the configuration allows."""
+        return allowed(actions, self.logged(), self.world, self.searched, self.config)
 
     def steps(self, steps: Controls) -> Controls:
         """Adam's steps as shares of the limits: they are, because the actions are."""
         return steps
 
-    def look(self, actions: Controls, before: Seen) -> Seen:
+    def look(self, actions: Controls, before: Rollout) -> Rollout:
         """Roll out, after a roll-out that showed what was seen `before`."""
         motion, ego_controls, last = self.drive(actions, self.planner.recall(self.memory, before.kept))
-        return Seen(motion, self.world.boxes(motion), ego_controls, self.planner.keep(last))
+        return Rollout(motion, self.world.boxes(motion), ego_controls, self.planner.keep(last))
 
-    def unseen(self) -> Seen:
+    def unseen(self) -> Rollout:
         """What stands where nothing has been seen yet: the log, of the shapes of what will be."""
         log, of_ego = self.world.log, jax.tree.map(lambda values: values[0], self.world.controls)
-        return Seen(log, self.world.boxes(log), of_ego, self.planner.keep(self.memory))
+        return Rollout(log, self.world.boxes(log), of_ego, self.planner.keep(self.memory))
 
     def drive(self, actions: Controls, memory: Any) -> tuple[Motion, Controls, Any]:
-        """Everybody's motion [agent time] and the ego's controls [step] under the movers' actions.
+        """Everybody's motion [agent time] and the ego's controls [step] under the searched agents' actions.
 
         `memory` is the planner's at first, the third that at the end.
         """
-        world, movers = self.world, self.movers
+        world, searched = self.world, self.searched
         own = self.own_motion(actions)
         background = self.among_all(own)
         if self.config.background == "log":
             ego, controls, last = drive(self.planner, memory, world, background)
             return with_ego(background, ego), controls, last
         motion, controls, last = drive_among_reacting(self.planner, memory, world, background, self.reacting())
-        return movers.put(motion, own), controls, last
+        return searched.put(motion, own), controls, last
 
     def own_motion(self, actions: Controls) -> Motion:
-        """Where the movers go [mover time]."""
-        world, rows = self.world, self.movers.rows
+        """Where the searched agents go [searched time]."""
+        world, rows = self.world, self.searched.rows
         start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
         return roll_out(world.dynamics, start, to_controls(actions), moving, half_length, world.dt)
 
@@ -185,11 +185,11 @@ class Descent(eqx.Module):
         return self.among_all(self.own_motion(actions))
 
     def among_all(self, own: Motion) -> Motion:
-        """Everybody's motion [agent time], of which `own` [mover time] is the movers'."""
-        return own if self.undisturbed is None else self.movers.put(self.undisturbed, own)
+        """Everybody's motion [agent time], of which `own` [searched time] is the searched agents'."""
+        return own if self.undisturbed is None else self.searched.put(self.undisturbed, own)
 
-    def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
-        """The cost, its terms, and its gradient with respect to the actions [mover step].
+    def gradient(self, actions: Controls, seen: Rollout) -> tuple[Float[Array, ""], Costs, Controls]:
+        """The cost, its terms, and its gradient with respect to the actions [searched step].
 
         Where an agent went is differentiated without rolling out again, and without the planner.
         """
@@ -200,7 +200,7 @@ class Descent(eqx.Module):
             seen.boxes, seen.motion, actions
         )
         on_motion = jax.tree.map(jnp.add, on_motion, pose_gradient(seen.boxes, on_boxes))
-        rows, world = self.movers.rows, self.world
+        rows, world = self.searched.rows, self.world
         heading = rows(seen.boxes.cos), rows(seen.boxes.sin)
         start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
         on_controls = pull_back(
@@ -214,77 +214,77 @@ class Descent(eqx.Module):
         costs = self.terms(boxes, motion)
         if self.extra_cost is None:
             return costs.total, costs
-        controls = self.movers.put(self.world.controls, to_controls(actions))
+        controls = self.searched.put(self.world.controls, to_controls(actions))
         return costs.total + self.extra_cost(self.world, motion, controls), costs
 
     def terms(self, boxes: Box, motion: Motion) -> Costs:
         """The terms of the cost."""
-        return total_cost(self.world, boxes, self.movers, self.config)
+        return total_cost(self.world, boxes, self.searched, self.config)
 
     def cost_through_planner(self, actions: Controls) -> tuple[Float[Array, ""], Costs]:
         """The cost as a function of the actions alone."""
         motion, *_ = self.drive(actions, self.memory)
         return self.cost(self.world.boxes(motion), motion, actions)
 
-    def hit(self, seen: Seen) -> Bool[Array, ""]:
+    def hit(self, seen: Rollout) -> Bool[Array, ""]:
         """Whether the ego collides."""
         return ego_contacts(self.world, seen.boxes).any()
 
-    def accepts(self, search: Search) -> Bool[Array, ""]:
+    def accepts(self, search: SearchState) -> Bool[Array, ""]:
         """Whether the search has found its collision, or need not look: the ego collides in the log already."""
         if self.config.accept == "any":
             return self.hit(search.seen)
         contacts = ego_contacts(self.world, search.seen.boxes)
         hit = contacts.any()
         at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
-        seen, world, movers = search.seen, self.world, self.movers
+        seen, world, searched = search.seen, self.world, self.searched
         wanted = jax.lax.cond(
             hit,
-            lambda: is_wanted(world, movers, seen.motion, seen.boxes, contacts, self.config),
+            lambda: is_wanted(world, searched, seen.motion, seen.boxes, contacts, self.config),
             lambda: jnp.asarray(False),
         )
         return hit & (at_log | wanted)
 
-    def departs(self, actions: Controls) -> Bool[Array, " mover"]:
+    def departs(self, actions: Controls) -> Bool[Array, " searched"]:
         """Whose actions differ from the logged ones."""
         deviation = jax.tree.map(lambda new, old: jnp.abs(new - old).max(axis=1), actions, self.logged())
         return jnp.maximum(deviation.accel, deviation.curvature) > _UNCHANGED
 
-    def may_steer(self, seen: Seen) -> Bool[Array, " mover"]:
-        """Movers whose steering is updated (rule 1)."""
-        motion, valid = seen.motion, self.movers.rows(self.world.valid)
+    def may_steer(self, seen: Rollout) -> Bool[Array, " searched"]:
+        """Searched agents whose steering is updated (rule 1)."""
+        motion, valid = seen.motion, self.searched.rows(self.world.valid)
         if not self.config.cancel_front_steering:
             return jnp.ones(valid.shape[0], bool)
         ego = jax.tree.map(lambda values: values[0], motion)
-        around = self.movers.rows(motion)
+        around = self.searched.rows(motion)
         return ~diverging_in_front(ego, around, valid, self.config.front_share, self.config.front_window_rad)
 
-    def result(self, end: Search) -> Found:
+    def result(self, end: SearchState) -> SearchResult:
         """Where the loop ended, in terms of all agents."""
-        motion, movers = end.seen.motion, self.movers
-        controls = movers.put(self.world.controls, to_controls(end.actions))
+        motion, searched = end.seen.motion, self.searched
+        controls = searched.put(self.world.controls, to_controls(end.actions))
         if self.config.background == "reactive":
             reacted, reacting = controls_between(self.world.dynamics, motion, self.world.dt), self.reacting()[:, None]
             controls = jax.tree.map(lambda own, seen: jnp.where(reacting, seen, own), controls, reacted)
-        return Found(
+        return SearchResult(
             motion=motion,
             controls=jax.tree.map(lambda all_, own: all_.at[0].set(own), controls, end.seen.ego_controls),
-            changed=movers.put(jnp.zeros_like(movers.candidate), self.departs(end.actions)),
+            changed=searched.put(jnp.zeros_like(searched.candidate), self.departs(end.actions)),
             hit=end.hit,
             accepted=end.accepted,
             finite=end.finite & jnp.isfinite(motion.x).all() & jnp.isfinite(motion.y).all(),
-            any_candidate=movers.candidate.any(),
+            any_candidate=searched.candidate.any(),
             iterations=end.iterations,
             history=end.history,
         )
 
     def first(self) -> Controls:
-        """The actions [mover step] that the search begins with."""
+        """The actions [searched step] that the search begins with."""
         return self.logged() if self.start is None else self.start
 
     def logged(self) -> Controls:
-        """The actions [mover step] that reproduce the log."""
-        return self.movers.rows(to_actions(self.world.controls))
+        """The actions [searched step] that reproduce the log."""
+        return self.searched.rows(to_actions(self.world.controls))
 
     def optimiser(self) -> Any:
         """Adam as configured; optax types its trees too narrowly for modules."""
@@ -292,4 +292,4 @@ class Descent(eqx.Module):
 
     def reacting(self) -> Bool[Array, " agent"]:
         """Agents that brake for what stands in their way."""
-        return self.world.vehicle & ~self.movers.candidate
+        return self.world.vehicle & ~self.searched.candidate

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import Controls, accumulate, stopping_speed
 from regents_cosim.mirror.world import DriveBounds, World
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
@@ -40,11 +40,11 @@ def with_bounds(world: World, scenario: Scenario, config: AttackConfig, limits: 
     return replace(world, bounds=DriveBounds(**{name: jnp.asarray(row) for name, row in rows.items()}))
 
 
-def within_bounds(world: World, movers: Movers, controls: Controls) -> Controls:
-    """The nearest `controls` [mover step] within the world's bounds; those that reproduce the log always are."""
+def within_bounds(world: World, searched: SearchedAgents, controls: Controls) -> Controls:
+    """The nearest `controls` [searched step] within the world's bounds; those that reproduce the log always are."""
     if world.bounds is None:
         return controls
-    rows = movers.rows
+    rows = searched.rows
     bounds, logged, moving = rows(world.bounds), rows(world.controls), rows(world.moving)
     accel = _eased(controls.accel, logged.accel, moving, bounds, world.dt)
     speed = stopping_speed(rows(world.start.speed), jnp.where(moving, accel, 0.0) * world.dt)
@@ -53,12 +53,12 @@ def within_bounds(world: World, movers: Movers, controls: Controls) -> Controls:
 
 
 def _eased(
-    accel: Float[Array, "mover step"],
-    logged: Float[Array, "mover step"],
+    accel: Float[Array, "searched step"],
+    logged: Float[Array, "searched step"],
     moving: Array,
     bounds: DriveBounds,
     dt: Float[Array, ""],
-) -> Float[Array, "mover step"]:
+) -> Float[Array, "searched step"]:
     """Clipped, and changing by no more than the jerk allows from step to step, the first from what the log begins with.
 
     The mean of the least function above and the greatest below that keep to the jerk (McShane 1934): of all that do,
@@ -76,11 +76,13 @@ def _eased(
     return 0.5 * ((clipped + apart).min(axis=2) + (clipped - apart).max(axis=2))
 
 
-def _lateral(bounds: DriveBounds, logged: Controls, speed: Float[Array, "mover time"]) -> Float[Array, "mover step"]:
+def _lateral(
+    bounds: DriveBounds, logged: Controls, speed: Float[Array, "searched time"]
+) -> Float[Array, "searched step"]:
     """Sideways acceleration that is allowed at each step [m/s^2]: as much as in the log, too."""
     return jnp.maximum(bounds.lateral_accel[:, None], jnp.abs(logged.curvature) * _square(speed))
 
 
-def _square(speed: Float[Array, "mover time"]) -> Float[Array, "mover step"]:
+def _square(speed: Float[Array, "searched time"]) -> Float[Array, "searched step"]:
     """The square of the mean speed of each step."""
     return (0.5 * (speed[:, :-1] + speed[:, 1:])) ** 2

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from regents_cosim.attacks.pursuit import in_process
-from regents_cosim.attacks.searches import pursuits, search_one, search_together, searches_in_lanes
+from regents_cosim.attacks.searches import batched_searches, pursuits, search_one, search_together
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.host_pool import HostPool
@@ -57,9 +57,9 @@ def _driven_on_host(setup: AttackSetup, some: list[Scenario], hosts: HostPool) -
         return search_together(setup, some, pursuits(setup, drives), drives)
 
 
-def in_lanes(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) -> Iterator[list[Scenario]]:
+def in_batches(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) -> Iterator[list[Scenario]]:
     """As many scenarios as `batch` at a time in one program."""
     rest = iter(scenarios)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         while some := list(itertools.islice(rest, batch)):
-            yield from search_together(setup, some, searches_in_lanes(setup, batch), setup.loop(), pool)
+            yield from search_together(setup, some, batched_searches(setup, batch), setup.loop(), pool)

@@ -3,27 +3,27 @@
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from regents_cosim.attacks.movers import Movers
-from regents_cosim.attacks.search_state import Found
+from regents_cosim.attacks.search_state import SearchResult
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.world import World
 
 
-class Job(NamedTuple):
+class SearchJob(NamedTuple):
     """One descent to be made."""
 
     world: World
     memory: Any  # the planner's, of the scene
-    movers: Movers
-    start: Controls | None = None  # [mover step] actions to begin with; None: the logged ones
+    searched: SearchedAgents
+    start: Controls | None = None  # [searched step] actions to begin with; None: the logged ones
 
 
 @dataclass(frozen=True, eq=False)
-class Ended:
+class SearchEnd:
     """How a descent ended, and what it took."""
 
-    found: Found | DriveError
+    found: SearchResult | DriveError
     seconds: list[float] = field(default_factory=list)  # of each decision of a planner outside the mirror
     earlier: int = 0  # updates of earlier attempts
     looks: int = 1  # roll-outs that no update led to
@@ -31,4 +31,4 @@ class Ended:
     @property
     def accepted(self) -> bool:
         """Whether it found what it looked for."""
-        return isinstance(self.found, Found) and bool(self.found.accepted)
+        return isinstance(self.found, SearchResult) and bool(self.found.accepted)

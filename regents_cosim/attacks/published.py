@@ -37,7 +37,7 @@ from regents_cosim.attacks.actions import to_actions, to_controls
 from regents_cosim.attacks.costs import Costs
 from regents_cosim.attacks.descent import Descent
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.search_state import Seen
+from regents_cosim.attacks.search_state import Rollout
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.rollout import drive, with_ego
@@ -196,26 +196,26 @@ class PublishedDescent(Descent):
         ego, controls, last = drive(self.planner, memory, stage(self.world), seen)
         return with_ego(others, ego), controls, last
 
-    def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
+    def gradient(self, actions: Controls, seen: Rollout) -> tuple[Float[Array, ""], Costs, Controls]:
         """By differentiating the roll-out as a whole."""
         (total, costs), gradient = jax.value_and_grad(self.cost_through_planner, has_aux=True)(actions)
         return total, costs, gradient
 
     def terms(self, boxes: Box, motion: Motion) -> Costs:
         """The terms of the cost."""
-        return total_cost(self.world, motion, self.movers.candidate, self.config)
+        return total_cost(self.world, motion, self.searched.candidate, self.config)
 
     def steps(self, steps: Controls) -> Controls:
         """Adam's steps as shares of the limits."""
         return in_physical_units(steps, self.config)
 
-    def may_steer(self, seen: Seen) -> Bool[Array, " mover"]:
+    def may_steer(self, seen: Rollout) -> Bool[Array, " searched"]:
         """Rule 1."""
         if not self.config.cancel_front_steering:
-            return jnp.ones_like(self.movers.candidate)
+            return jnp.ones_like(self.searched.candidate)
         return ~diverging_in_front(seen.motion, self.config)
 
-    def hit(self, seen: Seen) -> Bool[Array, ""]:
+    def hit(self, seen: Rollout) -> Bool[Array, ""]:
         """Whether an optimised agent meets the ego."""
-        judged = optimised_only(stage(self.world), seen.motion, self.movers.candidate)
+        judged = optimised_only(stage(self.world), seen.motion, self.searched.candidate)
         return ego_contacts(judged, seen.boxes).any()

@@ -10,10 +10,10 @@ from typing import Any
 import jax
 
 from regents_cosim.attacks.descent import ExtraCost
-from regents_cosim.attacks.job import Ended, Job
+from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.replanned import Traffic, searching
-from regents_cosim.attacks.search_state import Found
+from regents_cosim.attacks.replanned import BackgroundTraffic, searching
+from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import EgoTrack, drive, drive_among_reacting
@@ -25,16 +25,16 @@ from regents_cosim.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False)
-class Request:
+class DriveRequest:
     """A closed loop that a search wants."""
 
     scenario: Scenario
-    job: Job
-    traffic: Traffic
+    job: SearchJob
+    traffic: BackgroundTraffic
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class ClosedLoopDrive:
     """The ego's track in a closed loop, and how long its decisions took [s]."""
 
     ego: EgoTrack
@@ -42,25 +42,25 @@ class Driven:
 
 
 # Answers in the order of the requests.
-Drives = Callable[[Sequence[Request]], list[Driven | DriveError]]
+RunClosedLoops = Callable[[Sequence[DriveRequest]], list[ClosedLoopDrive | DriveError]]
 
 
 def pursue(
-    jobs: Sequence[tuple[Scenario, Job]],
+    jobs: Sequence[tuple[Scenario, SearchJob]],
     config: AttackConfig,
     every: int,
-    drives: Drives,
+    drives: RunClosedLoops,
     iterations: int,
     extra_cost: ExtraCost | None = None,
-) -> list[Ended]:
+) -> list[SearchEnd]:
     """Search all `jobs` side by side, of so many iterations at most, a closed loop every few of them."""
-    searches = [searching(job.world, config, job.movers, every, iterations, job.start, extra_cost) for _, job in jobs]
+    searches = [searching(job.world, config, job.searched, every, iterations, job.start, extra_cost) for _, job in jobs]
     seconds: list[list[float]] = [[] for _ in jobs]
-    ended: dict[int, Found | DriveError] = {}
+    ended: dict[int, SearchResult | DriveError] = {}
     waiting = {index: next(search) for index, search in enumerate(searches)}
     while waiting:
-        answers = drives([Request(*jobs[index], traffic) for index, traffic in waiting.items()])
-        after: dict[int, Traffic] = {}
+        answers = drives([DriveRequest(*jobs[index], traffic) for index, traffic in waiting.items()])
+        after: dict[int, BackgroundTraffic] = {}
         for index, answer in zip(waiting, answers, strict=True):
             if isinstance(answer, DriveError):
                 ended[index] = answer
@@ -71,16 +71,16 @@ def pursue(
             except StopIteration as end:
                 ended[index] = end.value
         waiting = after
-    return [Ended(ended[index], seconds[index]) for index in range(len(jobs))]
+    return [SearchEnd(ended[index], seconds[index]) for index in range(len(jobs))]
 
 
-def in_compiled_loop(planner: JaxPlanner, name: str) -> Drives:
+def in_compiled_loop(planner: JaxPlanner, name: str) -> RunClosedLoops:
     """Closed loops of a planner in JAX, which remembers the last drive of each search, or at first of its scene."""
-    kept: dict[tuple[int, ...], tuple[Request, Any]] = {}  # requests keep the ids from being given away
+    kept: dict[tuple[int, ...], tuple[DriveRequest, Any]] = {}  # requests keep the ids from being given away
 
-    def drive_once(request: Request) -> Driven | DriveError:
+    def drive_once(request: DriveRequest) -> ClosedLoopDrive | DriveError:
         scenario, job, memory = request.scenario, request.job, request.job.memory
-        of_scene, of_search = (id(scenario),), (id(scenario), id(job.movers))
+        of_scene, of_search = (id(scenario),), (id(scenario), id(job.searched))
         if last := kept.get(of_search) or kept.get(of_scene):
             memory = planner.recall(memory, last[1])
         try:
@@ -91,22 +91,22 @@ def in_compiled_loop(planner: JaxPlanner, name: str) -> Drives:
             return failure
         kept[of_search] = request, after
         kept.setdefault(of_scene, kept[of_search])
-        return Driven(ego)
+        return ClosedLoopDrive(ego)
 
-    def answer(requests: Sequence[Request]) -> list[Driven | DriveError]:
+    def answer(requests: Sequence[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
         return [drive_once(request) for request in requests]
 
     return answer
 
 
-def in_process(process: HostProcess) -> Drives:
+def in_process(process: HostProcess) -> RunClosedLoops:
     """Closed loops of the planner that `process` hosts."""
 
-    def answer(requests: Sequence[Request]) -> list[Driven | DriveError]:
+    def answer(requests: Sequence[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
         by_length: dict[int, list[int]] = {}
         for index, request in enumerate(requests):
             by_length.setdefault(request.scenario.tracks.steps, []).append(index)
-        found: dict[int, Driven | DriveError] = {}
+        found: dict[int, ClosedLoopDrive | DriveError] = {}
         for group in by_length.values():
             found.update(zip(group, _side_by_side(process, [requests[index] for index in group]), strict=True))
         return [found[index] for index in range(len(requests))]
@@ -114,7 +114,7 @@ def in_process(process: HostProcess) -> Drives:
     return answer
 
 
-def _side_by_side(process: HostProcess, requests: list[Request]) -> list[Driven | DriveError]:
+def _side_by_side(process: HostProcess, requests: list[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
     if len(requests) > 1 and not process.batches():
         return [_side_by_side(process, [request])[0] for request in requests]
     loops = [ClosedLoop(r.scenario, r.job.world, r.traffic.background, r.traffic.reacting) for r in requests]
@@ -126,11 +126,11 @@ def _side_by_side(process: HostProcess, requests: list[Request]) -> list[Driven 
         # Somebody in the batch made it fail; alone, each answers for itself.
         return [_side_by_side(process, [request])[0] for request in requests]
     share = len(seconds) // len(loops)
-    return [Driven(loop.track, seconds[:share]) for loop in loops]
+    return [ClosedLoopDrive(loop.track, seconds[:share]) for loop in loops]
 
 
 @compiled
-def _drive(planner: JaxPlanner, memory: Any, world: World, traffic: Traffic) -> tuple[EgoTrack, Any]:
+def _drive(planner: JaxPlanner, memory: Any, world: World, traffic: BackgroundTraffic) -> tuple[EgoTrack, Any]:
     if traffic.reacting is None:
         motion, controls, last = drive(planner, memory, world, traffic.background)
     else:

@@ -12,17 +12,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from regents_cosim.attacks.descent import Descent, ExtraCost
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import set_up
-from regents_cosim.attacks.search_state import Found, Search
+from regents_cosim.attacks.search_state import SearchResult, SearchState
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.rollout import EgoTrack, Held
+from regents_cosim.mirror.rollout import EgoTrack, FixedEgo
 from regents_cosim.mirror.world import World
 
 
-class Traffic(eqx.Module):
+class BackgroundTraffic(eqx.Module):
     """What a closed loop is asked to drive among."""
 
     background: Motion  # [agent time] everybody's own track
@@ -32,17 +32,17 @@ class Traffic(eqx.Module):
 def searching(
     world: World,
     config: AttackConfig,
-    movers: Movers,
+    searched: SearchedAgents,
     every: int,
     iterations: int,
     start: Controls | None = None,
     extra_cost: ExtraCost | None = None,
-) -> Generator[Traffic, EgoTrack, Found]:
+) -> Generator[BackgroundTraffic, EgoTrack, SearchResult]:
     """The search: yields traffic, wants the ego's track among it, returns what was found.
 
     `every` is the number of iterations between two closed loops, `iterations` the most of all.
     """
-    given = (world, config.compiled(), movers, start, extra_cost)
+    given = (world, config.compiled(), searched, start, extra_cost)
     search, traffic = _begin(given)
     while True:
         ego = yield traffic
@@ -53,40 +53,42 @@ def searching(
         search, traffic = _advance(given, ego, search, passes)
 
 
-_Given = tuple[World, AttackConfig, Movers, Controls | None, ExtraCost | None]
+_Given = tuple[World, AttackConfig, SearchedAgents, Controls | None, ExtraCost | None]
 
 
 def _descent(given: _Given, ego: EgoTrack | None) -> Descent:
-    world, config, movers, start, extra_cost = given
-    return set_up(world, Held(), ego, config, movers, start, extra_cost)
+    world, config, searched, start, extra_cost = given
+    return set_up(world, FixedEgo(), ego, config, searched, start, extra_cost)
 
 
 @compiled
-def _begin(given: _Given) -> tuple[Search, Traffic]:
+def _begin(given: _Given) -> tuple[SearchState, BackgroundTraffic]:
     descent = _descent(given, None)
     search = descent.begin()
     return search, _traffic(descent, search.actions)
 
 
 @compiled
-def _advance(given: _Given, ego: EgoTrack, search: Search, passes: Int[Array, ""]) -> tuple[Search, Traffic]:
+def _advance(
+    given: _Given, ego: EgoTrack, search: SearchState, passes: Int[Array, ""]
+) -> tuple[SearchState, BackgroundTraffic]:
     descent = _descent(given, ego)
     search = descent.advance(search, passes)
     return search, _traffic(descent, search.actions)
 
 
 @compiled
-def _look(given: _Given, ego: EgoTrack, search: Search) -> tuple[Search, Bool[Array, ""]]:
+def _look(given: _Given, ego: EgoTrack, search: SearchState) -> tuple[SearchState, Bool[Array, ""]]:
     descent = _descent(given, ego)
     search = descent.seeing(search)
     return search, descent.goes_on(search)
 
 
 @compiled
-def _result(given: _Given, ego: EgoTrack, search: Search) -> Found:
+def _result(given: _Given, ego: EgoTrack, search: SearchState) -> SearchResult:
     return _descent(given, ego).result(search)
 
 
-def _traffic(descent: Descent, actions: Controls) -> Traffic:
+def _traffic(descent: Descent, actions: Controls) -> BackgroundTraffic:
     reacts = descent.config.background == "reactive"
-    return Traffic(descent.background(actions), descent.reacting() if reacts else None)
+    return BackgroundTraffic(descent.background(actions), descent.reacting() if reacts else None)

@@ -5,10 +5,10 @@ from typing import Any
 from jaxtyping import Array, Int
 
 from regents_cosim.attacks.descent import Descent, ExtraCost
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.published import PublishedDescent
-from regents_cosim.attacks.search_state import Found
+from regents_cosim.attacks.search_state import SearchResult
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.universal import Several, UniversalDescent
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
@@ -21,14 +21,14 @@ def set_up(
     planner: LoopPlanner,
     memory: Any,
     config: AttackConfig,
-    movers: Movers,
+    searched: SearchedAgents,
     start: Controls | None = None,
     extra_cost: ExtraCost | None = None,
 ) -> Descent:
     """The descent that `config` asks for, on `planner` (with its `memory` of the scene) in `world`."""
     kind = PublishedDescent if config.as_published else Descent
     kind = UniversalDescent if isinstance(planner, Several) else kind
-    return kind.of(world, planner, memory, movers, config, start, extra_cost)
+    return kind.of(world, planner, memory, searched, config, start, extra_cost)
 
 
 @compiled
@@ -37,15 +37,15 @@ def descend(
     planner: LoopPlanner,
     memory: Any,
     config: AttackConfig,
-    movers: Movers,
+    searched: SearchedAgents,
     iterations: Int[Array, ""],
     start: Controls | None = None,
     extra_cost: ExtraCost | None = None,
-) -> Found:
-    """Attack `planner` in `world` with the controls of `movers`, up to a collision or the last of `iterations`.
+) -> SearchResult:
+    """Attack `planner` in `world` with the controls of `searched`, up to a collision or the last of `iterations`.
 
-    The search begins with the actions `start` [mover step], or with the logged ones. `config` is what
+    The search begins with the actions `start` [searched step], or with the logged ones. `config` is what
     `AttackConfig.compiled` leaves, so that the number of iterations needs no program of its own.
     """
-    descent = set_up(world, planner, memory, config, movers, start, extra_cost)
+    descent = set_up(world, planner, memory, config, searched, start, extra_cost)
     return descent.result(descent.advance(descent.begin(), iterations))

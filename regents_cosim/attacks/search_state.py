@@ -10,7 +10,7 @@ from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.separation import Box
 
 
-class Found(eqx.Module):
+class SearchResult(eqx.Module):
     """What an attack ended with."""
 
     motion: Motion  # [agent time] last roll-out, ego in row 0
@@ -24,7 +24,7 @@ class Found(eqx.Module):
     history: Float[Array, "iteration term"]  # ego, pair and road cost before each update
 
 
-class Seen(eqx.Module):
+class Rollout(eqx.Module):
     """What a roll-out shows."""
 
     motion: Motion  # [agent time]
@@ -33,12 +33,12 @@ class Seen(eqx.Module):
     kept: Any  # by the planner, of this drive for the next one
 
 
-class Search(eqx.Module):
+class SearchState(eqx.Module):
     """What one pass of the loop hands to the next."""
 
-    actions: Controls  # [mover step] as shares of their limits
+    actions: Controls  # [searched step] as shares of their limits
     adam: optax.OptState
-    seen: Seen  # of those actions, once it has `looked`; before that of the log
+    seen: Rollout  # of those actions, once it has `looked`; before that of the log
     looked: Bool[Array, ""]
     hit: Bool[Array, ""]  # the ego collides in what has been seen
     accepted: Bool[Array, ""]  # and the search has found what it looks for

@@ -10,13 +10,13 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from regents_cosim.attacks.attacked_cases import attacked_case, cases_of, failed_case, outcome_of
-from regents_cosim.attacks.attempts import Search, attempt
+from regents_cosim.attacks.attempts import RunSearches, attempt
+from regents_cosim.attacks.batched_search import search_batched
 from regents_cosim.attacks.candidates import candidates_or_failure
-from regents_cosim.attacks.job import Ended, Job
-from regents_cosim.attacks.lanes import search_in_lanes
-from regents_cosim.attacks.pursuit import Drives, pursue
+from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.pursuit import RunClosedLoops, pursue
 from regents_cosim.attacks.search import descend
-from regents_cosim.attacks.search_state import Found
+from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign
@@ -35,7 +35,11 @@ def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
 
 
 def search_together(
-    setup: AttackSetup, scenarios: list[Scenario], run: Search, drives: Drives, pool: Executor | None = None
+    setup: AttackSetup,
+    scenarios: list[Scenario],
+    run: RunSearches,
+    drives: RunClosedLoops,
+    pool: Executor | None = None,
 ) -> list[list[Scenario]]:
     """The results of several scenarios whose descents are made together; `pool` prepares them.
 
@@ -51,7 +55,7 @@ def search_together(
 
 
 def _search(
-    setup: AttackSetup, scenarios: list[Scenario], run: Search, drives: Drives, pool: Executor | None
+    setup: AttackSetup, scenarios: list[Scenario], run: RunSearches, drives: RunClosedLoops, pool: Executor | None
 ) -> list[list[Scenario]]:
     prepare = partial(candidates_or_failure, setup, drives=drives)
     jobs = list((pool.map if pool else map)(prepare, scenarios))
@@ -65,7 +69,7 @@ def _search(
     ]
 
 
-def _told(setup: AttackSetup, run: Search) -> Search:
+def _told(setup: AttackSetup, run: RunSearches) -> RunSearches:
     """The same searches; where a telling crash is wanted, the exact verdict on the host has the last word."""
     if setup.config.accept != "telling":
         return run
@@ -74,13 +78,13 @@ def _told(setup: AttackSetup, run: Search) -> Search:
     ]
 
 
-def _if_telling(setup: AttackSetup, scenario: Scenario, job: Job, ended: Ended, looked: bool) -> Ended:
+def _if_telling(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd, looked: bool) -> SearchEnd:
     """How a search ended; with success where its crash tells something, as far as that is known.
 
     The device is stricter than the host: of a mere look every crash is judged.
     """
     found = ended.found
-    if not isinstance(found, Found) or not (bool(found.hit) if looked else ended.accepted):
+    if not isinstance(found, SearchResult) or not (bool(found.hit) if looked else ended.accepted):
         return ended
     if not looked and outcome_of(found) != "collision":
         return ended
@@ -92,17 +96,17 @@ def _if_telling(setup: AttackSetup, scenario: Scenario, job: Job, ended: Ended, 
     return spoilt if tells is False else taken
 
 
-def descents(setup: AttackSetup, jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
+def descents(setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int) -> list[SearchEnd]:
     """One descent after the other, with a planner in JAX that drives in every iteration."""
     assert isinstance(setup.planner, JaxPlanner)
     planner, config, most = setup.planner, setup.config.compiled(), jnp.int32(iterations)
     return [
-        Ended(descend(job.world, planner, job.memory, config, job.movers, most, job.start, setup.extra_cost))
+        SearchEnd(descend(job.world, planner, job.memory, config, job.searched, most, job.start, setup.extra_cost))
         for _, job in jobs
     ]
 
 
-def blind_searches(setup: AttackSetup, jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
+def blind_searches(setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int) -> list[SearchEnd]:
     """Searches without gradients."""
     from regents_cosim.attacks.blind import search_blindly  # with a library that takes half a second to import
 
@@ -110,18 +114,18 @@ def blind_searches(setup: AttackSetup, jobs: Sequence[tuple[Scenario, Job]], ite
     return search_blindly(jobs, setup.planner, setup.config, iterations, setup.extra_cost)
 
 
-def pursuits(setup: AttackSetup, drives: Drives) -> Search:
+def pursuits(setup: AttackSetup, drives: RunClosedLoops) -> RunSearches:
     """Descents whose planner drives every few iterations."""
     return lambda jobs, most: pursue(jobs, setup.config, setup.config.replan_every, drives, most, setup.extra_cost)
 
 
-def searches_in_lanes(setup: AttackSetup, batch: int) -> Search:
-    """Descents in `batch` lanes of one program."""
+def batched_searches(setup: AttackSetup, batch: int) -> RunSearches:
+    """Descents of at most `batch` scenarios at a time in one program."""
     assert isinstance(setup.planner, JaxPlanner)
     planner = setup.planner
 
-    def run(jobs: Sequence[tuple[Scenario, Job]], iterations: int) -> list[Ended]:
-        found = search_in_lanes((job for _, job in jobs), planner, setup.config, batch, iterations, setup.extra_cost)
-        return [Ended(one) for one in found]
+    def run(jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int) -> list[SearchEnd]:
+        found = search_batched((job for _, job in jobs), planner, setup.config, batch, iterations, setup.extra_cost)
+        return [SearchEnd(one) for one in found]
 
     return run

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.pursuit import Drives, in_compiled_loop
+from regents_cosim.attacks.pursuit import RunClosedLoops, in_compiled_loop
 from regents_cosim.attacks.universal import Several
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Dynamics, Scenario
@@ -23,7 +23,7 @@ class AttackSetup:
         """The model by which vehicles move in `scenario`."""
         return scenario.dynamics if self.config.dynamics == "recorded" else self.config.dynamics
 
-    def loop(self) -> Drives:
+    def loop(self) -> RunClosedLoops:
         """Closed loops of the planner in JAX; of several, of the first."""
         first = self.planner.planners[0] if isinstance(self.planner, Several) else self.planner
         assert isinstance(first, JaxPlanner)

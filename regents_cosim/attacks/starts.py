@@ -20,8 +20,8 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, lines_ahead
 from regents_cosim.attacks.driving_limits import within_bounds
-from regents_cosim.attacks.job import Job
-from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.job import SearchJob
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.speed_profiles import drive, profiles
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
@@ -56,35 +56,35 @@ class Start:
     promise: float  # the greater the earlier it is tried
 
 
-def followed(scenario: Scenario, job: Job, found: Sequence[Start], most: int) -> list[Controls]:
+def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int) -> list[Controls]:
     """The actions [1, step] with which a job's candidate follows drives, of which there are at most `most`."""
     if not found:
         return []
     padded = [*found, *[found[-1]] * (most - len(found))]  # one compiled program for any number
     origin = scene_origin(scenario)
-    begun = float(job.movers.rows(job.world.start.yaw)[0])
+    begun = float(job.searched.rows(job.world.start.yaw)[0])
     x, y, yaw, speed = (np.stack([getattr(s, name) for s in padded]) for name in ("x", "y", "yaw", "speed"))
     yaw = yaw + 2.0 * np.pi * np.round((begun - yaw[:, :1]) / (2.0 * np.pi))
     wanted = Motion(*(jnp.asarray(v, jnp.float32) for v in (x - origin[0], y - origin[1], yaw, speed)))
     world = replace(job.world.without_road(), bounds=job.world.bounds)
-    actions = to_actions(_allowed(world, job.movers, _fitted(job, wanted)))
+    actions = to_actions(_allowed(world, job.searched, _fitted(job, wanted)))
     return [jax.tree.map(lambda values, k=k: values[k], actions) for k in range(len(found))]
 
 
-def _fitted(job: Job, wanted: Motion) -> Controls:
+def _fitted(job: SearchJob, wanted: Motion) -> Controls:
     """The controls [drive, step] with which the job's candidate follows drives [drive, time]."""
     start, moving, half_length = jax.tree.map(
         lambda values: jnp.repeat(values, len(wanted.x), axis=0),
-        job.movers.rows((job.world.start, job.world.moving, job.world.half_length)),
+        job.searched.rows((job.world.start, job.world.moving, job.world.half_length)),
     )
     there = jnp.ones(wanted.x.shape, bool)
     return fit_controls(wanted, there, start, moving, job.world.dt, half_length, job.world.dynamics)
 
 
 @compiled
-def _allowed(world: World, movers: Movers, fitted: Controls) -> Controls:
-    """The nearest of some drives' controls that keep to the world's bounds [drive mover step]."""
-    return jax.vmap(lambda own: within_bounds(world, movers, jax.tree.map(lambda values: values[None], own)))(fitted)
+def _allowed(world: World, searched: SearchedAgents, fitted: Controls) -> Controls:
+    """The nearest of some drives' controls that keep to the world's bounds [drive searched step]."""
+    return jax.vmap(lambda own: within_bounds(world, searched, jax.tree.map(lambda values: values[None], own)))(fitted)
 
 
 def starts(scenario: Scenario, agent: int, ego: Tracks, most: int, limits: DrivingLimits) -> list[Start]:

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.costs import Costs
 from regents_cosim.attacks.descent import Descent
-from regents_cosim.attacks.search_state import Found, Search, Seen
+from regents_cosim.attacks.search_state import Rollout, SearchResult, SearchState
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 
@@ -23,7 +23,7 @@ from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 class Several(JaxPlanner):
     """Planners that one adversary is to make crash, the first one being the ego of the case that results.
 
-    Stands in a planner's place as `rollout.Held` does: it is never asked for a step.
+    Stands in a planner's place as `rollout.FixedEgo` does: it is never asked for a step.
     """
 
     planners: tuple[JaxPlanner, ...]
@@ -35,10 +35,10 @@ class Several(JaxPlanner):
         return tuple(start(planner, scene, name) for name, planner in named)
 
 
-class SeenByAll(Seen):
+class RolloutsWithEach(Rollout):
     """What the roll-out with the first planner shows, and those with each of them."""
 
-    each: tuple[Seen, ...]
+    each: tuple[Rollout, ...]
 
 
 class UniversalDescent(Descent):
@@ -49,20 +49,20 @@ class UniversalDescent(Descent):
         assert isinstance(self.planner, Several)
         return tuple(
             Descent(
-                self.world, planner, memory, self.movers, self.undisturbed, self.start, self.config, self.extra_cost
+                self.world, planner, memory, self.searched, self.undisturbed, self.start, self.config, self.extra_cost
             )
             for planner, memory in zip(self.planner.planners, self.memory, strict=True)
         )
 
-    def look(self, actions: Controls, before: Seen) -> Seen:
+    def look(self, actions: Controls, before: Rollout) -> Rollout:
         """Roll out with each planner."""
         return _by_all(tuple(one.look(actions, shown) for one, shown in zip(self.alone(), _each(before), strict=True)))
 
-    def unseen(self) -> Seen:
+    def unseen(self) -> Rollout:
         """The log, as often as there are planners."""
         return _by_all(tuple(one.unseen() for one in self.alone()))
 
-    def gradient(self, actions: Controls, seen: Seen) -> tuple[Float[Array, ""], Costs, Controls]:
+    def gradient(self, actions: Controls, seen: Rollout) -> tuple[Float[Array, ""], Costs, Controls]:
         """Of the mean cost, or of the cost of the planner that is furthest from the adversary."""
         found = [one.gradient(actions, own) for one, own in zip(self.alone(), _each(seen), strict=True)]
         totals, costs, gradients = (jax.tree.map(lambda *v: jnp.stack(v), *part) for part in zip(*found, strict=True))
@@ -72,22 +72,22 @@ class UniversalDescent(Descent):
             weights = jnp.full(len(found), 1.0 / len(found), costs.ego.dtype)
         return jax.tree.map(lambda values: jnp.tensordot(weights, values, 1), (totals, costs, gradients))
 
-    def may_steer(self, seen: Seen) -> Bool[Array, " mover"]:
-        """Movers that rule 1 lets steer in front of at least one of the egos."""
+    def may_steer(self, seen: Rollout) -> Bool[Array, " searched"]:
+        """Searched agents that rule 1 lets steer in front of at least one of the egos."""
         return self._of_each("may_steer", _each(seen)).any(axis=0)
 
-    def hit(self, seen: Seen) -> Bool[Array, ""]:
+    def hit(self, seen: Rollout) -> Bool[Array, ""]:
         """Whether one of them collides."""
         return self._of_each("hit", _each(seen)).any()
 
-    def accepts(self, search: Search) -> Bool[Array, ""]:
+    def accepts(self, search: SearchState) -> Bool[Array, ""]:
         """Whether all of them crash as wanted; or need not be looked at: one of them collides in the log already."""
         each = _each(search.seen)
         at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
         searches = [replace(search, seen=own) for own in each]
         return self._of_each("accepts", searches).all() | (at_log & self.hit(search.seen))
 
-    def result(self, end: Search) -> Found:
+    def result(self, end: SearchState) -> SearchResult:
         """Where the loop ended, with the ego of the first planner, or of the first that collides in the log."""
         each = _each(end.seen)
         log_only = end.iterations == 0
@@ -101,10 +101,10 @@ class UniversalDescent(Descent):
         return jnp.stack([getattr(one, question)(own) for one, own in asked])
 
 
-def _by_all(each: tuple[Seen, ...]) -> SeenByAll:
-    return SeenByAll(each[0].motion, each[0].boxes, each[0].ego_controls, None, each)
+def _by_all(each: tuple[Rollout, ...]) -> RolloutsWithEach:
+    return RolloutsWithEach(each[0].motion, each[0].boxes, each[0].ego_controls, None, each)
 
 
-def _each(seen: Seen) -> tuple[Seen, ...]:
-    assert isinstance(seen, SeenByAll)
+def _each(seen: Rollout) -> tuple[Rollout, ...]:
+    assert isinstance(seen, RolloutsWithEach)
     return seen.each

@@ -144,7 +144,7 @@ def attack(
     output: Annotated[Path, Parameter(["--output", "-o"])],
     search: Search = Search(),
     batch: Count = 32,
-    engine: Literal["auto", "threads", "lanes"] = "auto",
+    engine: Literal["auto", "threads", "batched"] = "auto",
     act_timeout: float = 10.0,
     executor: str = "local",
     judge: Switch = True,
@@ -170,7 +170,7 @@ def attack(
     batch
         scenarios held on the device at once
     engine
-        one scenario per core (threads), or `batch` searches in one program (lanes); auto: lanes where there is a GPU.
+        one scenario per core (threads), or `batch` searches in one program (batched); auto: batched on a GPU.
         The two round differently: their results are not equal bit for bit, and a search may end otherwise
     act_timeout
         a planner outside JAX that takes longer over one decision has failed [s]

@@ -16,16 +16,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.attacks.descent import Found, to_actions
+from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
-from regents_cosim.attacks.job import Ended, Job
+from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.lawful import under_the_law
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.pursuit import Drives, Request, in_compiled_loop, in_process, pursue
-from regents_cosim.attacks.replanned import Traffic as Background
+from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops, in_compiled_loop, in_process, pursue
+from regents_cosim.attacks.replanned import BackgroundTraffic
 from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.search import descend
+from regents_cosim.attacks.search_state import SearchResult
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
@@ -147,19 +148,19 @@ class Search:
         begun = followed(moment.scenario, job, found, self.config.starts) if found else []
         return self._tried(moment, wheel, job, agent, begun or [job.start], self.config)
 
-    def _job(self, moment: Moment, wheel: "_Wheel", agent: int) -> Job:
+    def _job(self, moment: Moment, wheel: "_Wheel", agent: int) -> SearchJob:
         """A search that moves one agent, and begins with what is predicted of it."""
         lawful = self.config.law == "strict"
         world = under_the_law(moment.with_lanes, moment.scenario, agent, CELLS) if lawful else moment.with_lanes
         world = with_bounds(world, moment.scenario, self.config, limits_by_kind(moment.scenario, self.config))
-        movers = Movers.only(agent, len(world.valid))
-        return Job(world, wheel.memory, movers, movers.rows(to_actions(world.controls)))
+        searched = SearchedAgents.only(agent, len(world.valid))
+        return SearchJob(world, wheel.memory, searched, searched.rows(to_actions(world.controls)))
 
     def _tried(
         self,
         moment: Moment,
         wheel: "_Wheel",
-        job: Job,
+        job: SearchJob,
         agent: int,
         begun: Sequence[Controls | None],
         config: AttackConfig,
@@ -171,7 +172,7 @@ class Search:
             plan = _plan(moment, job, agent, ended, config, rank + 1)
             if plan is not None:
                 return plan
-            if best is None or (isinstance(ended.found, Found) and bool(ended.found.hit)):
+            if best is None or (isinstance(ended.found, SearchResult) and bool(ended.found.hit)):
                 best = controls
         if not config.iterations or best is None:
             return None
@@ -191,7 +192,7 @@ class _Wheel:
         loop, name = self._search.loop, self._search.planner_name
         if loop is not None:
             self.memory = self._moment.memory(loop, name)
-            self._drives: Drives = in_compiled_loop(loop, name)
+            self._drives: RunClosedLoops = in_compiled_loop(loop, name)
         else:
             self._drives = in_process(self._lent.enter_context(self._search.hosts.lend()))
         return self
@@ -202,31 +203,33 @@ class _Wheel:
     def unattacked(self) -> Tracks:
         """Where the ego goes [1, time] if nobody attacks it. Raises DriveError."""
         moment, world = self._moment, self._moment.world
-        job = Job(world, self.memory, Movers.only(0, len(world.valid)))
+        job = SearchJob(world, self.memory, SearchedAgents.only(0, len(world.valid)))
         reacting = world.vehicle if self._search.config.background == "reactive" else None
-        (driven,) = self._drives([Request(moment.scenario, job, Background(moment.background, reacting))])
+        (driven,) = self._drives([DriveRequest(moment.scenario, job, BackgroundTraffic(moment.background, reacting))])
         if isinstance(driven, DriveError):
             raise driven
         return to_tracks(with_ego(moment.background, driven.ego.motion), world.controls, moment.scenario)
 
-    def search(self, job: Job, iterations: int, config: AttackConfig) -> Ended:
+    def search(self, job: SearchJob, iterations: int, config: AttackConfig) -> SearchEnd:
         """A search of so many iterations at most. Raises DriveError."""
         loop = self._search.loop
         if loop is not None:
             found = descend(
-                job.world, loop, job.memory, config.compiled(), job.movers, jnp.int32(iterations), job.start
+                job.world, loop, job.memory, config.compiled(), job.searched, jnp.int32(iterations), job.start
             )
-            return Ended(jax.block_until_ready(found))
+            return SearchEnd(jax.block_until_ready(found))
         (ended,) = pursue([(self._moment.scenario, job)], config, max(iterations, 1), self._drives, iterations)
         if isinstance(ended.found, DriveError):
             raise ended.found
         return ended
 
 
-def _plan(moment: Moment, job: Job, agent: int, ended: Ended, config: AttackConfig, rollouts: int) -> Plan | None:
+def _plan(
+    moment: Moment, job: SearchJob, agent: int, ended: SearchEnd, config: AttackConfig, rollouts: int
+) -> Plan | None:
     """What a search found, as a plan; None where it is not what is wanted, or the ego meets somebody else first."""
     found = ended.found
-    assert isinstance(found, Found)
+    assert isinstance(found, SearchResult)
     if not bool(found.accepted) or not bool(found.finite):
         return None
     scenario = moment.scenario

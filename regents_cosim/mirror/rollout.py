@@ -64,7 +64,7 @@ class EgoTrack(eqx.Module):
     controls: Controls  # [step] that made it, or come closest to it
 
 
-class Held(eqx.Module):
+class FixedEgo(eqx.Module):
     """In a planner's place: the ego stays on the `EgoTrack` that is its memory, whatever the others do."""
 
     most_braking_m_s2: ClassVar[float] = ACCEL_LIMIT
@@ -90,7 +90,7 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
 
     The third is the planner's memory at the end.
     """
-    if isinstance(planner, Held):
+    if isinstance(planner, FixedEgo):
         return memory.motion, memory.controls, memory
     sight = planner.look(memory, others(world, background, world.valid))
 
@@ -139,7 +139,7 @@ def drive_among_reacting(
 
     log, present = jax.tree.map(lambda values: values.T[:-1], (background, world.valid))
     held = None
-    if isinstance(planner, Held):
+    if isinstance(planner, FixedEgo):
         held = memory.controls, jax.tree.map(lambda values: values[1:], memory.motion)
     start = (ego_start(world), None if held else memory, begin(background))
     (ego, memory, progress), (motion, controls) = jax.lax.scan(

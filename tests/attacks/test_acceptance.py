@@ -10,8 +10,8 @@ from scenes import DT, crash, platoon, scene, straight_road
 
 from regents_cosim.attacks.acceptance import ego_contacts, is_clean
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS_FOCUSED
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.boxes import Boxes, corners, overlap
@@ -24,10 +24,10 @@ from regents_cosim.verdicts.leaving_road import corners_leave
 
 
 @compiled
-def accepted(world, driven, movers):
+def accepted(world, driven, searched):
     boxes = world.boxes(driven)
     contacts = ego_contacts(world, boxes)
-    return is_clean(world, movers, driven, boxes, contacts), contacts
+    return is_clean(world, searched, driven, boxes, contacts), contacts
 
 
 def driven_in(world, tracks, origin):
@@ -88,8 +88,8 @@ def both_verdicts(seed, roads, crashes):
             extra = (0, len(world.valid) - len(made.agents))
             apart, on_road = np.pad(_apart_at_first(made), extra), np.pad(_corners_on_road(made), ((0, 0), extra))
             here = replace(world, log=log, apart=jnp.asarray(apart), on_road=jnp.asarray(on_road))
-            movers = Movers.only(contact[0], world.valid.shape[0])
-            clean, hits = accepted(here, driven_in(world, tracks, origin), movers)
+            searched = SearchedAgents.only(contact[0], world.valid.shape[0])
+            clean, hits = accepted(here, driven_in(world, tracks, origin), searched)
             if int(np.argmax(np.asarray(hits).any(axis=0))) == contact[1] and bool(hits[contact]):
                 found += 1
                 yield crash(made, tracks), bool(clean)

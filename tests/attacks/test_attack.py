@@ -152,7 +152,7 @@ def test_a_search_per_candidate_finds_every_adversary_once():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["threads", pytest.param("lanes", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("engine", ["threads", pytest.param("batched", marks=pytest.mark.slow)])
 def test_where_one_adversary_is_enough_it_is_the_first_of_all(engine):
     empty = replace(scene((0, 0, 10)), id="empty")
     recorded = [platoon(), empty, replace(platoon(), id="again")]

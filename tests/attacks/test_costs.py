@@ -10,8 +10,8 @@ from params import slow
 from scenes import platoon, scene
 
 from regents_cosim.attacks import costs
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.geometry import boxes as host
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
@@ -24,12 +24,12 @@ road_deviation = eqx.filter_jit(costs.road_deviation)
 total_cost = eqx.filter_jit(costs.total_cost)
 
 
-def ego_distance(world, boxes, movers):
-    return total_cost(world, boxes, movers, KING).ego
+def ego_distance(world, boxes, searched):
+    return total_cost(world, boxes, searched, KING).ego
 
 
-def pair_proximity(world, boxes, movers, reach_m):
-    return total_cost(world, boxes, movers, replace(KING, pair_reach_m=reach_m)).pair
+def pair_proximity(world, boxes, searched, reach_m):
+    return total_cost(world, boxes, searched, replace(KING, pair_reach_m=reach_m)).pair
 
 
 def prepared(scenario, candidates=None):
@@ -37,28 +37,28 @@ def prepared(scenario, candidates=None):
     world = to_world(scenario)
     chosen = np.zeros(world.valid.shape[0], bool)
     chosen[list(range(1, len(scenario.agents)) if candidates is None else candidates)] = True
-    return world, world.boxes(world.log), Movers.among(jnp.asarray(chosen))
+    return world, world.boxes(world.log), SearchedAgents.among(jnp.asarray(chosen))
 
 
 def test_the_ego_distance_is_the_mean_gap_to_the_nearest_candidate():
-    world, boxes, movers = prepared(scene((0, 0, 10), (20, 0, 10), (30, 0, 10)))
-    assert ego_distance(world, boxes, movers) == pytest.approx(20 - 4.6, abs=1e-3)
+    world, boxes, searched = prepared(scene((0, 0, 10), (20, 0, 10), (30, 0, 10)))
+    assert ego_distance(world, boxes, searched) == pytest.approx(20 - 4.6, abs=1e-3)
 
 
 def test_only_candidates_count():
-    world, boxes, movers = prepared(scene((0, 0, 10), (20, 0, 10), (30, 0, 10)), [2])
-    assert ego_distance(world, boxes, movers) == pytest.approx(30 - 4.6, abs=1e-3)
+    world, boxes, searched = prepared(scene((0, 0, 10), (20, 0, 10), (30, 0, 10)), [2])
+    assert ego_distance(world, boxes, searched) == pytest.approx(30 - 4.6, abs=1e-3)
 
 
 def test_the_mean_is_over_time_and_over_valid_steps_only():
     made = scene((0, 0, 10), (20, 0, 12))
-    world, boxes, movers = prepared(made)
-    assert ego_distance(world, boxes, movers) == pytest.approx(20 - 4.6 + 0.5 * 2 * 8, abs=1e-2)
+    world, boxes, searched = prepared(made)
+    assert ego_distance(world, boxes, searched) == pytest.approx(20 - 4.6 + 0.5 * 2 * 8, abs=1e-2)
     valid = np.array(made.tracks.valid)
     valid[1, 41:] = False
     half = replace(made, tracks=replace(made.tracks, valid=valid))
-    world, boxes, movers = prepared(half)
-    assert ego_distance(world, boxes, movers) == pytest.approx(20 - 4.6 + 0.5 * 2 * 4, abs=1e-2)
+    world, boxes, searched = prepared(half)
+    assert ego_distance(world, boxes, searched) == pytest.approx(20 - 4.6 + 0.5 * 2 * 4, abs=1e-2)
 
 
 def test_the_soft_minimum_pulls_the_closest_moments_together():
@@ -88,34 +88,34 @@ def test_mean_distances_are_those_of_the_exact_boxes():
 
 
 def test_the_pair_cost_is_the_least_gap_of_two_background_agents():
-    world, boxes, movers = prepared(scene((0, 0, 10), (40, 0, 10), (45, 0, 10), (80, 0, 10)))
-    assert pair_proximity(world, boxes, movers, 1.25) == pytest.approx(-(5 - 4.6), abs=1e-3)
+    world, boxes, searched = prepared(scene((0, 0, 10), (40, 0, 10), (45, 0, 10), (80, 0, 10)))
+    assert pair_proximity(world, boxes, searched, 1.25) == pytest.approx(-(5 - 4.6), abs=1e-3)
 
 
 def test_beyond_tau_pairs_do_not_repel():
-    world, boxes, movers = prepared(scene((0, 0, 10), (40, 0, 10), (50, 0, 10)))
-    assert pair_proximity(world, boxes, movers, 1.25) == pytest.approx(-1.25)
+    world, boxes, searched = prepared(scene((0, 0, 10), (40, 0, 10), (50, 0, 10)))
+    assert pair_proximity(world, boxes, searched, 1.25) == pytest.approx(-1.25)
 
 
 def test_the_ego_is_in_no_pair():
-    world, boxes, movers = prepared(scene((0, 0, 10), (5, 0, 10), (60, 0, 10)))
-    assert pair_proximity(world, boxes, movers, 1.25) == pytest.approx(-1.25)
+    world, boxes, searched = prepared(scene((0, 0, 10), (5, 0, 10), (60, 0, 10)))
+    assert pair_proximity(world, boxes, searched, 1.25) == pytest.approx(-1.25)
 
 
 def test_pairs_that_overlap_in_the_log_are_left_out():
-    world, boxes, movers = prepared(scene((0, 0, 10), (40, 0, 10), (42, 0, 10), (45.1, 3.2, 10)))
+    world, boxes, searched = prepared(scene((0, 0, 10), (40, 0, 10), (42, 0, 10), (45.1, 3.2, 10)))
     # the gap of the third to the fourth is across the lanes: 3.2 - 1.8
-    assert pair_proximity(world, boxes, movers, 9.0) == pytest.approx(-1.4, abs=1e-3)
+    assert pair_proximity(world, boxes, searched, 9.0) == pytest.approx(-1.4, abs=1e-3)
 
 
 def test_pairs_of_which_neither_may_change_do_not_hide_the_others():
-    world, boxes, movers = prepared(scene((0, 0, 10), (40, 0, 10), (45, 0, 10), (50.6, 0, 10)), [3])
-    assert pair_proximity(world, boxes, movers, 1.25) == pytest.approx(-1.0, abs=1e-3)
+    world, boxes, searched = prepared(scene((0, 0, 10), (40, 0, 10), (45, 0, 10), (50.6, 0, 10)), [3])
+    assert pair_proximity(world, boxes, searched, 1.25) == pytest.approx(-1.0, abs=1e-3)
 
 
 def test_one_background_agent_makes_no_pair():
-    world, boxes, movers = prepared(scene((0, 0, 10), (40, 0, 10)))
-    assert pair_proximity(world, boxes, movers, 1.25) == pytest.approx(-1.25)
+    world, boxes, searched = prepared(scene((0, 0, 10), (40, 0, 10)))
+    assert pair_proximity(world, boxes, searched, 1.25) == pytest.approx(-1.25)
 
 
 def test_the_closest_pair_is_found_among_many():
@@ -126,7 +126,7 @@ def test_the_closest_pair_is_found_among_many():
             for x, y, v in zip(rng.uniform(0, 150, 20), rng.uniform(0, 60, 20), rng.uniform(5, 15, 20), strict=True)
         ]
         made = scene(*cars)
-        world, boxes, movers = prepared(made)
+        world, boxes, searched = prepared(made)
         mine, theirs = (
             host.Boxes(*(np.expand_dims(np.broadcast_to(v, made.tracks.x.shape), axis) for v in made.boxes))
             for axis in (1, 0)
@@ -135,63 +135,63 @@ def test_the_closest_pair_is_found_among_many():
         i, j = np.triu_indices(20, k=1)
         counted = (i > 0) & (exact[i, j, 0] > 0)
         least = exact[i[counted], j[counted]].min()
-        assert pair_proximity(world, boxes, movers, 99.0) == pytest.approx(-least, abs=1e-3)
+        assert pair_proximity(world, boxes, searched, 99.0) == pytest.approx(-least, abs=1e-3)
 
 
 @pytest.mark.slow
 def test_the_closest_pair_is_found_where_more_come_within_reach_than_there_are_agents():
     rng = np.random.default_rng(1)
     made = scene(*((x, y, 10) for x, y in rng.uniform(0, 60, (60, 2))))
-    world, boxes, movers = prepared(made)
+    world, boxes, searched = prepared(made)
     first = host.Boxes(*(np.broadcast_to(v, made.tracks.x.shape)[:, 0] for v in made.boxes))
     exact = host.distance(*(host.Boxes(*(np.expand_dims(v, axis) for v in first)) for axis in (1, 0)))
     i, j = np.triu_indices(60, k=1)
     apart = exact[i, j][(i > 0) & (exact[i, j] > 0)]
     assert (apart < 9.0).sum() > 64, "not all of them fit among the pairs that are compared first"
-    assert pair_proximity(world, boxes, movers, 9.0) == pytest.approx(-apart.min(), abs=1e-3)
+    assert pair_proximity(world, boxes, searched, 9.0) == pytest.approx(-apart.min(), abs=1e-3)
 
 
 @pytest.mark.parametrize("agent", [1, 4, 8])
 def test_one_mover_costs_what_it_costs_among_all_rows(agent):
     world, boxes, among = prepared(platoon(), [agent])
-    alone = Movers.only(agent, world.valid.shape[0])
-    mine, same = (total_cost(world, boxes, movers, KING) for movers in (alone, among))
+    alone = SearchedAgents.only(agent, world.valid.shape[0])
+    mine, same = (total_cost(world, boxes, searched, KING) for searched in (alone, among))
     assert mine.ego == pytest.approx(float(same.ego), abs=1e-4)
     assert mine.pair == pytest.approx(float(same.pair), abs=1e-4)
     others = [i for i in range(1, 9) if i != agent]
-    rest = sum(road_deviation(world, boxes, Movers.only(i, world.valid.shape[0])) for i in others)
+    rest = sum(road_deviation(world, boxes, SearchedAgents.only(i, world.valid.shape[0])) for i in others)
     assert mine.road + rest == pytest.approx(float(same.road), abs=1e-4)
 
 
 def test_leaving_the_road_costs_one_per_corner():
-    world, boxes, movers = prepared(scene((0, 0, 10), (30, 3.2, 10)))
-    assert road_deviation(world, boxes, movers) == pytest.approx(0, abs=0.05)
+    world, boxes, searched = prepared(scene((0, 0, 10), (30, 3.2, 10)))
+    assert road_deviation(world, boxes, searched) == pytest.approx(0, abs=0.05)
     off = jax.tree.map(lambda v: v, world.log)
     off = type(off)(off.x, off.y.at[1, 41:].add(100.0), off.yaw, off.speed)
-    assert road_deviation(world, world.boxes(off), movers) == pytest.approx(4 * 40 / 81, abs=0.05)
+    assert road_deviation(world, world.boxes(off), searched) == pytest.approx(4 * 40 / 81, abs=0.05)
 
 
 def test_corners_that_began_off_the_road_are_left_out():
-    world, boxes, movers = prepared(scene((0, 0, 10), (30, -1.2, 10)))
-    assert road_deviation(world, boxes, movers) == pytest.approx(0, abs=0.1)
+    world, boxes, searched = prepared(scene((0, 0, 10), (30, -1.2, 10)))
+    assert road_deviation(world, boxes, searched) == pytest.approx(0, abs=0.1)
 
 
 @eqx.filter_jit
-def cost_along(amount, direction, world, movers):
+def cost_along(amount, direction, world, searched):
     controls = jax.tree.map(lambda v, d: v + amount * 1e-3 * d, world.controls, direction)
-    return total_cost(world, world.boxes(roll_out_background(world, controls)), movers, KING).total
+    return total_cost(world, world.boxes(roll_out_background(world, controls)), searched, KING).total
 
 
 @pytest.mark.parametrize("seed", [0, slow(1), slow(2)])
 def test_the_gradient_of_the_whole_cost_is_that_of_finite_differences(x64, seed):
-    world, _, movers = prepared(platoon(seed=seed))
+    world, _, searched = prepared(platoon(seed=seed))
     world = jax.tree.map(lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, world)
     direction = jax.tree.map(
         lambda v, s=seed: jnp.asarray(np.random.default_rng(s).normal(size=v.shape)), world.controls
     )
 
     def cost(amount):
-        return cost_along(jnp.asarray(amount), direction, world, movers)
+        return cost_along(jnp.asarray(amount), direction, world, searched)
 
     check_grads(cost, (jnp.asarray(0.3),), order=1, modes=["rev"], eps=1e-5, rtol=1e-4)
 
@@ -201,10 +201,10 @@ def test_masked_agents_send_no_gradient():
     valid = np.array(made.tracks.valid)
     valid[4] = False
     valid[4, :3] = True
-    world, _, movers = prepared(replace(made, tracks=replace(made.tracks, valid=valid)))
+    world, _, searched = prepared(replace(made, tracks=replace(made.tracks, valid=valid)))
 
     def cost(controls):
-        return total_cost(world, world.boxes(roll_out_background(world, controls)), movers, KING).total
+        return total_cost(world, world.boxes(roll_out_background(world, controls)), searched, KING).total
 
     gradient = eqx.filter_jit(jax.grad(cost))(world.controls)
     assert np.abs(gradient.accel[4, 3:]).max() == 0
@@ -217,7 +217,7 @@ def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
 
     With the slow tests, which XLA compiles with all its passes.
     """
-    world, _, movers = prepared(scene((0, 0, 10), (20, 2.9, 9), (50, 3.2, 10)), [1])
+    world, _, searched = prepared(scene((0, 0, 10), (20, 2.9, 9), (50, 3.2, 10)), [1])
     noise = 0.03 * np.random.default_rng(0).normal(size=(2, *world.controls.accel.shape)).astype(np.float32)
     controls = Controls(world.controls.accel + 6.0 * noise[0], world.controls.curvature + 0.3 * noise[1])
 
@@ -227,7 +227,7 @@ def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
 
     @eqx.filter_jit
     def compiled(at):
-        return jax.grad(lambda boxes: costs.total_cost(world, boxes, movers, KING).ego)(at)
+        return jax.grad(lambda boxes: costs.total_cost(world, boxes, searched, KING).ego)(at)
 
     def one_by_one(at):
         """The same, operation by operation, of the only candidate."""

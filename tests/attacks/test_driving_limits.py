@@ -16,8 +16,8 @@ from usual_scenes import driven, traffic
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds, within_bounds
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
@@ -98,8 +98,8 @@ def braking():
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(0.05, 1.0))
 def test_controls_keep_to_the_bounds_unless_the_log_does_more(seed, scale):
     made, world = braking()
-    movers = Movers.among(world.vehicle)
-    kept = _within(world, movers, wild_controls(world, seed, scale))
+    searched = SearchedAgents.among(world.vehicle)
+    kept = _within(world, searched, wild_controls(world, seed, scale))
     logged, bounds, rows = world.controls, world.bounds, slice(0, len(made.agents))
     accel, curvature = (np.asarray(values)[rows] for values in (kept.accel, kept.curvature))
     log_accel = np.asarray(logged.accel)[rows]
@@ -121,11 +121,11 @@ def _driven(world, controls):
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(0.05, 1.0))
 def test_what_is_allowed_is_left_as_it_is(seed, scale):
     _, world = braking()
-    movers = Movers.among(world.vehicle)
-    once = _within(world, movers, wild_controls(world, seed, scale))
-    twice = _within(world, movers, once)
+    searched = SearchedAgents.among(world.vehicle)
+    once = _within(world, searched, wild_controls(world, seed, scale))
+    twice = _within(world, searched, once)
     np.testing.assert_allclose(twice.accel, once.accel, atol=1e-4)
-    log = _within(world, movers, world.controls)
+    log = _within(world, searched, world.controls)
     np.testing.assert_allclose(log.accel, world.controls.accel, atol=1e-5)
     np.testing.assert_allclose(log.curvature, world.controls.curvature, atol=1e-6)
 
@@ -133,8 +133,8 @@ def test_what_is_allowed_is_left_as_it_is(seed, scale):
 def test_of_one_mover_they_are_those_of_all():
     world = bounded(platoon())
     wild = wild_controls(world, 3)
-    everyone = _within(world, Movers.among(world.vehicle), wild)
-    one = Movers.only(4, len(world.valid))
+    everyone = _within(world, SearchedAgents.among(world.vehicle), wild)
+    one = SearchedAgents.only(4, len(world.valid))
     alone = _within(world, one, one.rows(wild))
     np.testing.assert_allclose(alone.accel[0], everyone.accel[4], atol=1e-5)
     np.testing.assert_allclose(alone.curvature[0], everyone.curvature[4], atol=1e-6)
@@ -142,7 +142,7 @@ def test_of_one_mover_they_are_those_of_all():
 
 def test_they_have_the_gradient_of_finite_differences(x64):
     world = jax.tree.map(lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, bounded(platoon()))
-    one = Movers.only(4, len(world.valid))
+    one = SearchedAgents.only(4, len(world.valid))
     rng = np.random.default_rng(0)
     wild = Controls(*(jnp.asarray(rng.uniform(-s, s, (1, 80))) for s in (ACCEL_LIMIT, 0.03)))
     weight = jnp.asarray(rng.normal(size=(1, 80)))

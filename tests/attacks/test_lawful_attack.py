@@ -20,8 +20,8 @@ from regents_cosim.attacks.actions import not_too_fast, to_actions, to_controls
 from regents_cosim.attacks.attack import attack, attack_each
 from regents_cosim.attacks.costs import road_deviation
 from regents_cosim.attacks.lawful import under_the_law
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.cli import run as regents
 from regents_cosim.errors import RegentsError
 from regents_cosim.limits import OVER_LIMIT
@@ -71,32 +71,32 @@ def test_the_road_cost_under_the_law_has_the_gradient_of_finite_differences(x64)
     world = jax.tree.map(
         lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, lawful_world(scenario(EGO, TURN))
     )
-    movers = Movers.only(1, len(world.valid))
+    searched = SearchedAgents.only(1, len(world.valid))
     turn = world.controls.curvature.at[1].add(1e-2)
 
     @jax.jit
     def cost(amount):
         controls = replace(world.controls, curvature=turn * amount)
-        return road_deviation(world, world.boxes(roll_out_background(world, controls)), movers)
+        return road_deviation(world, world.boxes(roll_out_background(world, controls)), searched)
 
     assert cost(jnp.asarray(0.9)) > 0.05
     check_grads(cost, (jnp.asarray(0.9),), order=1, modes=["rev"], eps=1e-5, rtol=1e-3)
 
 
 @compiled
-def held_to_its_speed(world, movers, actions):
-    limited = not_too_fast(actions, world, movers)
-    driven = roll_out_background(world, movers.put(world.controls, to_controls(limited)))
+def held_to_its_speed(world, searched, actions):
+    limited = not_too_fast(actions, world, searched)
+    driven = roll_out_background(world, searched.put(world.controls, to_controls(limited)))
     return limited, driven.speed
 
 
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(0.05, 1.0))
 def test_nobody_gets_faster_than_its_top_speed(seed, scale):
     world = turning_world()
-    movers = Movers.only(1, len(world.valid))
-    logged = movers.rows(to_actions(world.controls))
+    searched = SearchedAgents.only(1, len(world.valid))
+    logged = searched.rows(to_actions(world.controls))
     wild = jnp.asarray(np.random.default_rng(seed).normal(0.2, scale, logged.accel.shape).clip(-1, 1), jnp.float32)
-    limited, speed = held_to_its_speed(world, movers, Controls(wild, logged.curvature))
+    limited, speed = held_to_its_speed(world, searched, Controls(wild, logged.curvature))
     assert float(speed[1].max()) <= float(world.top_speed[1]) + 1e-2
     assert (np.asarray(limited.accel) <= np.asarray(wild) + 1e-6).all()
 
@@ -166,7 +166,7 @@ def test_threads_and_lanes_search_under_the_law_alike():
     windows = [shipped_window(name) for name in ("crossing-00064", "signals-00218")]
     threads, lanes = (
         [case for some in attack_each(windows, FEW, "idm", batch=4, engine=engine) for case in some]
-        for engine in ("threads", "lanes")
+        for engine in ("threads", "batched")
     )
     check_telling(threads)
     check_telling(lanes)

@@ -12,8 +12,8 @@ from params import slow
 from scenes import crash, platoon, scene
 
 from regents_cosim.attacks.actions import to_controls
-from regents_cosim.attacks.job import Job
-from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.job import SearchJob
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import followed, starts
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
@@ -115,8 +115,8 @@ def test_a_start_is_driven_as_people_do(found):
 
 
 @compiled
-def driven(world, movers, actions):
-    return roll_out_background(world, movers.put(world.controls, to_controls(actions)))
+def driven(world, searched, actions):
+    return roll_out_background(world, searched.put(world.controls, to_controls(actions)))
 
 
 def test_a_start_can_be_followed(found):
@@ -124,10 +124,10 @@ def test_a_start_can_be_followed(found):
     world, origin = to_world(made), scene_origin(made)
     for agent in dict.fromkeys(agent for agent, _ in drives):
         mine = [start for one, start in drives if one == agent]
-        job = Job(world, None, Movers.only(agent, len(world.valid)))
+        job = SearchJob(world, None, SearchedAgents.only(agent, len(world.valid)))
         there = made.tracks.valid[agent]
         for start, actions in zip(mine, followed(made, job, mine, 6), strict=True):
-            motion = driven(world, job.movers, actions)
+            motion = driven(world, job.searched, actions)
             upto = there & (np.arange(made.tracks.steps) <= start.meets)
             off = np.hypot(motion.x[agent] + origin[0] - start.x, motion.y[agent] + origin[1] - start.y)
             assert off[upto].max() < 0.3

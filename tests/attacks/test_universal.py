@@ -11,14 +11,14 @@ from scenes import platoon, scene
 
 from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, REGENTS
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.universal import Several, UniversalDescent
 from regents_cosim.benchmarks.cross import among_adversaries, cross_rows
 from regents_cosim.cases.files import content_hash
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.rollout import EgoTrack, Held
+from regents_cosim.mirror.rollout import EgoTrack, FixedEgo
 from regents_cosim.mirror.world import to_world
 from regents_cosim.replays.mirror import Wheel
 
@@ -61,11 +61,11 @@ def test_the_gradient_is_that_of_finite_differences(x64, how):
     world = jax.tree.map(lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, world)
     here = EgoTrack(*jax.tree.map(lambda v: v[0], (world.log, world.controls)))
     there = replace(here, motion=replace(here.motion, x=here.motion.x + 3.0, y=here.motion.y + 0.4))
-    movers = Movers.among(jnp.arange(world.valid.shape[0]) == 1)
-    several = Several((Held(), Held()), ("here", "there"))
-    descent = UniversalDescent.of(world, several, (here, there), movers, replace(KING, universal=how))
+    searched = SearchedAgents.among(jnp.arange(world.valid.shape[0]) == 1)
+    several = Several((FixedEgo(), FixedEgo()), ("here", "there"))
+    descent = UniversalDescent.of(world, several, (here, there), searched, replace(KING, universal=how))
     rng = np.random.default_rng(0)
-    moves = movers.candidate[:, None]
+    moves = searched.candidate[:, None]
     direction = jax.tree.map(lambda v: jnp.where(moves, jnp.asarray(rng.normal(size=v.shape)), 0.0), world.controls)
 
     def actions(amount):

@@ -10,8 +10,8 @@ import optax
 import pytest
 from scenes import platoon
 
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import METHODS
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.outline import NoOutlineError, outline, rebuild
 from regents_cosim.mirror.traces import keep_traced_programs, traced, version_of
@@ -190,7 +190,7 @@ def test_versions_long_gone_are_dropped(kept):
         *METHODS.values(),
         IDM(),
         to_world(platoon()),
-        Movers.only(1, 8),
+        SearchedAgents.only(1, 8),
         optax.adam(1e-3).init(jnp.zeros(3)),
         float("inf"),
         compiled,

@@ -74,8 +74,8 @@ def test_attacked(method, how):
 
 
 @pytest.mark.slow
-def test_attacked_in_lanes_and_several_at_once():
-    for how in ({"engine": "lanes"}, {"against": ["constant_velocity"]}):
+def test_attacked_in_batches_and_several_at_once():
+    for how in ({"engine": "batched"}, {"against": ["constant_velocity"]}):
         found = list(attack(CASES, QUICK, FAILS, **how))
         check_errors({case.attack.case: case.attack.planner_error for case in found})
         good, bad, fine = attack(CALLED, QUICK, RAISES, **how)

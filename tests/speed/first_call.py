@@ -17,5 +17,5 @@ from regents_cosim.mirror.compile_cache import keep_compiled_programs
 keep_compiled_programs()
 planner, wanted = job(dense_traffic(32), "idm")
 begin = perf_counter()
-descend.lower(wanted.world, planner, wanted.memory, KING.compiled(), wanted.movers, jnp.int32(500)).compile()
+descend.lower(wanted.world, planner, wanted.memory, KING.compiled(), wanted.searched, jnp.int32(500)).compile()
 print(perf_counter() - begin)

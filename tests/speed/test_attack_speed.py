@@ -12,7 +12,7 @@ from plain_numpy import cost
 from timing import STILL, attack, dense_traffic, in_threads, job, seconds
 
 from regents_cosim.attacks.attack import attack as attack_scenarios
-from regents_cosim.attacks.lanes import search_in_lanes
+from regents_cosim.attacks.batched_search import search_batched
 from regents_cosim.attacks.presets import KING, REGENTS
 from regents_cosim.mirror.world import to_world
 
@@ -81,12 +81,14 @@ def test_against_plain_numpy(benchmark):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lanes", [1, 8, 32, 128] if ON_CPU else [1, 32, 256, 1024, 4096])
-def test_lanes(benchmark, lanes):
+@pytest.mark.parametrize("slots", [1, 8, 32, 128] if ON_CPU else [1, 32, 256, 1024, 4096])
+def test_batched(benchmark, slots):
     """Searches side by side in one program, which is how a GPU runs them."""
     under_test, wanted = job(dense_traffic(AGENTS), "log_replay")
     few = replace(STILL, iterations=25)
-    took = seconds(lambda: search_in_lanes([wanted] * lanes, under_test, few, lanes), rounds=2)
-    benchmark.pedantic(search_in_lanes, ([wanted] * lanes, under_test, few, lanes), rounds=1)
-    rate = lanes * few.iterations / took
-    print(f"\n{jax.default_backend()}, {lanes} lanes: {rate:.0f} iterations per second, {1e3 / rate:.3f} ms each")
+    took = seconds(lambda: search_batched([wanted] * slots, under_test, few, slots), rounds=2)
+    benchmark.pedantic(search_batched, ([wanted] * slots, under_test, few, slots), rounds=1)
+    rate = slots * few.iterations / took
+    print(
+        f"\n{jax.default_backend()}, {slots} side by side: {rate:.0f} iterations per second, {1e3 / rate:.3f} ms each"
+    )

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from scenes import scene
 
-from regents_cosim.attacks.lanes import Job
-from regents_cosim.attacks.movers import Movers
+from regents_cosim.attacks.batched_search import SearchJob
 from regents_cosim.attacks.presets import KING, AttackConfig
 from regents_cosim.attacks.search import descend
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import LoopScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest
@@ -31,18 +31,20 @@ def dense_traffic(agents: int, steps: int = 80, seed: int = 0) -> Scenario:
     return scene(*cars, steps=steps + 1, name=f"dense{agents}-{steps}-{seed}")
 
 
-def job(scenario: Scenario, planner: str) -> tuple[Any, Job]:
+def job(scenario: Scenario, planner: str) -> tuple[Any, SearchJob]:
     """A planner and a joint search on it in which everybody but the ego is a candidate."""
     under_test, world = PlannerUnderTest.of(planner).loop, to_world(scenario)
     assert under_test is not None
     memory = start(under_test, LoopScene(scenario, world), planner)
-    return under_test, Job(world, memory, Movers.among(world.vehicle & (np.arange(len(world.vehicle)) > 0)))
+    return under_test, SearchJob(
+        world, memory, SearchedAgents.among(world.vehicle & (np.arange(len(world.vehicle)) > 0))
+    )
 
 
-def attack(planner: Any, wanted: Job, config: AttackConfig = STILL) -> Any:
+def attack(planner: Any, wanted: SearchJob, config: AttackConfig = STILL) -> Any:
     """One search to its end."""
     return jax.block_until_ready(
-        descend(wanted.world, planner, wanted.memory, config.compiled(), wanted.movers, jnp.int32(config.iterations))
+        descend(wanted.world, planner, wanted.memory, config.compiled(), wanted.searched, jnp.int32(config.iterations))
     )
 
 

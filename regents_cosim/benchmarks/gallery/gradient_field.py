@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.costs import total_cost
-from regents_cosim.attacks.movers import Movers
 from regents_cosim.attacks.presets import KING, REGENTS
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.benchmarks.gallery.roads import straight_road
 from regents_cosim.benchmarks.gallery.scenes import Car, traffic
 from regents_cosim.geometry.frames import wrap
@@ -100,7 +100,7 @@ def _gradients(
     world: World, ahead: Float[Array, " place"], left: Float[Array, " place"], yaw: Float[Array, " place"]
 ) -> tuple[Float[Array, " place"], Float[Array, " place"]]:
     """dC/da and dC/dk where the adversary ends at each place relative to the ego."""
-    movers = Movers.only(_ADVERSARY, world.valid.shape[0])
+    searched = SearchedAgents.only(_ADVERSARY, world.valid.shape[0])
 
     def cost(controls: tuple[Array, Array], place: tuple[Array, Array, Array]) -> Float[Array, ""]:
         placed = eqx.tree_at(lambda w: w.start, world, _start(world, place))
@@ -108,7 +108,7 @@ def _gradients(
             world.controls.accel.at[_ADVERSARY].set(controls[0]),
             world.controls.curvature.at[_ADVERSARY].set(controls[1]),
         )
-        return total_cost(placed, placed.boxes(roll_out_background(placed, steered)), movers, KING).ego
+        return total_cost(placed, placed.boxes(roll_out_background(placed, steered)), searched, KING).ego
 
     straight_on = (jnp.float32(0.0), jnp.float32(0.0))
     return jax.vmap(lambda *place: jax.grad(cost)(straight_on, place))(ahead, left, yaw)

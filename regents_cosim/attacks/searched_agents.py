@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int, PyTree
 _Tree = TypeVar("_Tree", bound=PyTree)
 
 
-class Movers(eqx.Module):
+class SearchedAgents(eqx.Module):
     """`count` rows of the agent axis from `first` on, and which of them are candidates."""
 
     candidate: Bool[Array, " agent"]
@@ -22,14 +22,14 @@ class Movers(eqx.Module):
     count: int = eqx.field(static=True)
 
     @staticmethod
-    def among(candidate: Bool[Array, " agent"]) -> "Movers":
+    def among(candidate: Bool[Array, " agent"]) -> "SearchedAgents":
         """All candidates together."""
-        return Movers(candidate, jnp.int32(0), candidate.shape[0])
+        return SearchedAgents(candidate, jnp.int32(0), candidate.shape[0])
 
     @staticmethod
-    def only(agent: int, agents: int) -> "Movers":
+    def only(agent: int, agents: int) -> "SearchedAgents":
         """One of `agents` agents."""
-        return Movers(jnp.arange(agents) == agent, jnp.int32(agent), 1)
+        return SearchedAgents(jnp.arange(agents) == agent, jnp.int32(agent), 1)
 
     @property
     def everybody(self) -> bool:
@@ -37,7 +37,7 @@ class Movers(eqx.Module):
         return self.count == self.candidate.shape[0]
 
     def rows(self, values: _Tree) -> _Tree:
-        """The movers' rows of arrays [agent, ...]."""
+        """The searched agents' rows of arrays [agent, ...]."""
         if self.everybody:
             return values
         return jax.tree.map(lambda v: jax.lax.dynamic_slice_in_dim(v, self.first, self.count), values)

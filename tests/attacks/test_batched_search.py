@@ -24,23 +24,23 @@ MIXED = [HARD, platoon(seed=0), ALONE, platoon(seed=1)]
         slow(replace(FOCUSED_COST, iterations=80, background="log"), MIXED),
     ],
 )
-def test_lanes_find_what_threads_find(config, scenarios):
-    threads, lanes = (
-        list(attack_each(scenarios, config, "log_replay", batch=2, engine=engine)) for engine in ("threads", "lanes")
+def test_batches_find_what_threads_find(config, scenarios):
+    threads, batches = (
+        list(attack_each(scenarios, config, "log_replay", batch=2, engine=engine)) for engine in ("threads", "batched")
     )
-    assert [[s.id for s in results] for results in lanes] == [[s.id for s in results] for results in threads]
-    for mine, theirs in zip(itertools.chain(*lanes), itertools.chain(*threads), strict=True):
+    assert [[s.id for s in results] for results in batches] == [[s.id for s in results] for results in threads]
+    for mine, theirs in zip(itertools.chain(*batches), itertools.chain(*threads), strict=True):
         assert mine.attack.outcome == theirs.attack.outcome
         # They round differently, and Adam follows the sign of however small a gradient.
         assert mine.attack.iterations == pytest.approx(theirs.attack.iterations, rel=0.1)
 
 
 @pytest.mark.slow
-def test_the_number_of_lanes_changes_nothing():
+def test_how_many_go_side_by_side_changes_nothing():
     scenarios = [platoon(seed=seed) for seed in range(4)]
     few = replace(REGENTS, iterations=60)
     two, four = (
-        [s.attack.outcome for (s,) in attack_each(scenarios, few, "log_replay", batch=batch, engine="lanes")]
+        [s.attack.outcome for (s,) in attack_each(scenarios, few, "log_replay", batch=batch, engine="batched")]
         for batch in (2, 4)
     )
     assert two == four
