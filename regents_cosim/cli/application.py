@@ -9,6 +9,7 @@ from cyclopts import CycloptsError, UnknownOptionError
 from regents_cosim.cli.bench import bench
 from regents_cosim.cli.commands import app, training
 from regents_cosim.cli.evaluate import evaluate
+from regents_cosim.cli.live import live
 from regents_cosim.cli.run_log import end_run_log
 from regents_cosim.cli.shrink import shrink
 from regents_cosim.cli.suite import suites
@@ -27,8 +28,9 @@ app.command(training)
 app.command(suites)
 app.command(shrink)
 app.command(evaluate)
+app.command(live)
 
-_FOR_SUMO = (["record"], ["attack"])
+_FOR_SUMO = (["record"], ["attack"], ["live"])
 _WITH_SUMO = ("record", "attack", "replay", "evaluate", "live", "bench")
 
 
@@ -43,7 +45,9 @@ def run(arguments: Sequence[str]) -> int:
     """Run one command and return its exit code."""
     mine, for_sumo = _split(arguments)
     if for_sumo and mine[:1] not in _FOR_SUMO:
-        return _complain("what follows -- goes to the SUMO that `record` and `attack` start: leave it out", WRONG_USAGE)
+        return _complain(
+            "what follows -- goes to the SUMO that `record`, `attack` and `live` start: leave it out", WRONG_USAGE
+        )
     if mine[:1] and mine[0] in _WITH_SUMO and (note := untested_sumo()):
         print(one_line(f"regents: note: {note}"), file=sys.stderr)
     words = [*mine, *(f"--sumo-option={word}" for word in for_sumo)]

@@ -52,7 +52,8 @@ class Traffic:
     format: str = "auto"
     """of the log; auto tells it by the content, a wrong name lists all"""
     ego: str = "auto"
-    """id of a logged road user; auto: the recorder's vehicle or the planning problem's, else one drawn by seed"""
+    """id of a logged road user, or in SUMO of a vehicle, a vehicle type or a flow; auto: the recorder's vehicle or the
+    planning problem's, else one drawn by seed"""
     stride: float | None = None
     """from one window of a log to the next [s]; the horizon by default"""
     map: Path | None = None

@@ -69,6 +69,8 @@ def _source(traffic: Traffic, sumo: tuple[str, ...]) -> "SumoInput | LogInput | 
         return LogInput(traffic.log, traffic.format, traffic.ego, traffic.stride, traffic.map, traffic.columns)
     if traffic.source and not traffic.source.startswith("highway:"):
         raise RegentsError(f"--from {traffic.source}: expected highway:ENVIRONMENT, e.g. highway:merge-v1")
+    if traffic.source and traffic.ego != "auto":
+        raise RegentsError(f"--ego {traffic.ego}: an environment of highway-env has one ego of its own; leave it out")
     if traffic.step_length != 0.1:
         raise RegentsError(f"--step-length {traffic.step_length:g}: recordings are made at 0.1 s only")
     return traffic.source or SumoInput(
@@ -79,6 +81,7 @@ def _source(traffic: Traffic, sumo: tuple[str, ...]) -> "SumoInput | LogInput | 
         begin_s=traffic.begin,
         end_s=traffic.end,
         extra=sumo,
+        ego=traffic.ego,
     )
 
 

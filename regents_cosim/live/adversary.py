@@ -42,6 +42,7 @@ from regents_cosim.live.steer import Hand
 from regents_cosim.live.traffic import Traffic
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Outcome, Scenario
+from regents_cosim.sources.recording import is_called
 from regents_cosim.sources.windows import Origin
 from regents_cosim.verdicts.judgement import judge
 
@@ -130,9 +131,10 @@ class Adversary(StepListener):
     ) -> None:
         """`connection` is libsumo, traci, or one of traci's connections.
 
-        `ego` is the id of a vehicle, which is waited for, a vehicle type, or a function of the connection. `planner` is
-        how it is expected to react: what `regents attack` takes, or `observed`. `attack_when` is None for always, a
-        time [s] from which on, or a function of the connection. Raises RegentsError for values that cannot be meant.
+        `ego` is the id of a vehicle, which is waited for, a vehicle type or a flow, or a function of the connection.
+        `planner` is how it is expected to react: what `regents attack` takes, or `observed`. `attack_when` is
+        None for always, a time [s] from which on, or a function of the connection. Raises RegentsError for values that
+        cannot be meant.
         """
         for name, value in (("replan_s", replan_s), ("horizon_s", horizon_s), ("radius_m", radius_m)):
             _RANGES[name].check(name, value)
@@ -259,14 +261,13 @@ class Adversary(StepListener):
         return True
 
     def _by_name(self, name: str) -> str | None:
-        """The vehicle of that id; else the first of that type."""
+        """The vehicle of that id, else the first of that type or flow."""
         vehicle = self._sumo.vehicle
-        there = vehicle.getIDList()
-        if name in there:
+        if name in vehicle.getIDList():
             return name
-        if self._is_type is None:
-            self._is_type = name in self._sumo.vehicletype.getIDList()
-        return next((one for one in there if vehicle.getTypeID(one) == name), None) if self._is_type else None
+        new = self._sumo.simulation.getDepartedIDList() if self._looked else vehicle.getIDList()
+        self._looked = True
+        return next((one for one in new if is_called(name, one, vehicle.getTypeID(one))), None)
 
     def _wanted(self) -> bool:
         if self._when is None:
@@ -291,7 +292,7 @@ class Adversary(StepListener):
         self._let_go()
         self._history = None
         if frame is None:
-            self.ego = None
+            self.ego, self._looked = None, False
 
     # --- plans -----------------------------------------------------------------------------------
 
@@ -500,7 +501,7 @@ class Adversary(StepListener):
         self._attack: _Attack | None = None
         self._home: _Return | None = None
         self._barred: dict[str, float] = {}
-        self._is_type: bool | None = None
+        self._looked = False  # at everybody who is there
         self._now, self._next_s = -np.inf, -np.inf
 
     def _say_once(self, line: str) -> None:

@@ -19,6 +19,7 @@ from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.sources.recording import ANY_EGO, is_called
 from regents_cosim.sources.sumo_config import SumoOptions, write_config
 from regents_cosim.sources.sumo_types import kind_of
 from regents_cosim.system.scratch import scratch_folder
@@ -34,7 +35,6 @@ _SIMULATED = {
     "no-step-log": "true",
     "no-warnings": "true",
 }
-AUTO = "auto"
 _DRAWN_FROM_S = (20.0, 40.0)  # after the begin, when an ego is drawn by seed
 _WAITED_S = 600.0  # for the ego to depart
 
@@ -160,11 +160,11 @@ class _Episode:
         """The ego, as soon as it is on the road."""
         begun_s = self._now
         dice = random.Random(self._seed)
-        from_s = begun_s + (dice.uniform(*_DRAWN_FROM_S) if self._of.ego == AUTO else 0.0)
+        from_s = begun_s + (dice.uniform(*_DRAWN_FROM_S) if self._of.ego == ANY_EGO else 0.0)
         while self._now < begun_s + _WAITED_S and self._sumo.simulation.getMinExpectedNumber() > 0:
             self._sumo.simulationStep()
             there = self._sumo.vehicle.getIDList()
-            if self._of.ego == AUTO:
+            if self._of.ego == ANY_EGO:
                 new = self._sumo.simulation.getDepartedIDList() if self._now >= from_s else ()
                 chosen = next((name for name in new if self._drives(name)), None)
             else:
@@ -178,8 +178,7 @@ class _Episode:
 
     def _is_named(self, name: str) -> bool:
         """By its id, its type, or the flow that it is one of."""
-        wanted = self._of.ego
-        return name == wanted or name.rpartition(".")[0] == wanted or self._sumo.vehicle.getTypeID(name) == wanted
+        return is_called(self._of.ego, name, self._sumo.vehicle.getTypeID(name))
 
 
 def _never(_: Any) -> bool:

@@ -16,6 +16,7 @@ RECORDED = ("case", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
 ATTACKED = ("case", "outcome", "telling", "clean", "avoidable", "SUMO_verified")
 REPLAYED = ("case", "verified", "found")
+LIVED = ("seed", "ego", "ended", "after_s", "telling", "SUMO_verified")
 DRIVEN = (
     "source", "n", "telling_collisions", "held_up", "route_completion_percent", "collisions", "collision_rate_percent",
     "driving_score_percent",

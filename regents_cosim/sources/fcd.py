@@ -29,7 +29,7 @@ from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.motion import smooth_pieces
-from regents_cosim.sources.recording import Names, Recording, Slot, left_out
+from regents_cosim.sources.recording import ANY_EGO, Names, Recording, Slot, left_out
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, VehicleType, read_types
 from regents_cosim.sources.windows import Origin, Prefer, Windows, choose_windows, draw_slots
@@ -53,6 +53,7 @@ def record_fcd(
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
+    ego: str = ANY_EGO,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
     """Up to `count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same.
@@ -63,7 +64,7 @@ def record_fcd(
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """
-    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer)
+    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, ego=ego)
     require_file(log, "FCD log")
     road = read_road_map(net)
     known = read_types(routes_or_types)
@@ -122,14 +123,17 @@ def _recordings(
             f"no window found: a horizon of {windows.horizon_s:g} s does not fit into {log.name}, which lasts "
             f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter --horizon"
         )
-    slots = {i: Slot(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps) for i in draw_slots(total, windows)}
     names, kinds = Names(), dict[str, str]()
+    slots = {
+        i: Slot(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps, names=names, ego=windows.ego)
+        for i in draw_slots(total, windows)
+    }
     for time, rows, persons in _instants(log):
         index, step = divmod(round((time - grid.begin_s) / grid.dt), steps)
         if index in slots:
             slots[index].persons.update(persons)
             for name, kind, x, y, angle, z, lane in rows:
-                one = names.of(name, kind)
+                one = slots[index].named(name, kind)
                 height = heights(x, y, lane) if z is None else z
                 slots[index].rows.append((one, step, x, y, angle, height))
                 kinds[one] = kind

@@ -109,6 +109,7 @@ def record(
         horizon_s=horizon_s,
         radius_m=radius_m,
         prefer=prefer,
+        ego=given.ego,
         tell=tell,
     )
 

@@ -52,6 +52,14 @@ class Names:
         return name if number == 1 else f"{name}#{number}"
 
 
+ANY_EGO = "auto"
+
+
+def is_called(wanted: str, vehicle: str, kind: str) -> bool:
+    """Whether a vehicle of SUMO's of the type `kind` is meant: by its id, its type, or the flow that it is one of."""
+    return wanted in (vehicle, kind, vehicle.rpartition(".")[0])
+
+
 @dataclass
 class Slot:
     """A Recording while it grows, in SUMO's terms."""
@@ -64,6 +72,15 @@ class Slot:
     letters: dict[str, list[str]] = field(default_factory=dict)  # of every signal, per step
     persons: set[str] = field(default_factory=set)
     names: Names = field(default_factory=Names)
+    ego: str = ANY_EGO  # who may be the ego
+    egos: set[str] = field(default_factory=set)
+
+    def named(self, name: str, kind: str) -> str:
+        """The id of a vehicle that SUMO calls `name` and that is of the type `kind`."""
+        one = self.names.of(name, kind)
+        if self.ego != ANY_EGO and is_called(self.ego, name, kind):
+            self.egos.add(one)
+        return one
 
     def finish(self, types: dict[str, VehicleType]) -> Recording:
         """The Recording; `types` gives the type of every vehicle."""
@@ -95,6 +112,7 @@ class Slot:
             yaw=arrays["yaw"],
             valid=valid,
             signals=signals,
+            egos=None if self.ego == ANY_EGO else frozenset(self.egos),
             persons=frozenset(self.persons),
             z=arrays["z"],
         )

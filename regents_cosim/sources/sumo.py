@@ -45,7 +45,7 @@ def record_sumo(
     Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words
     where it refuses, NoWindowError where no window is found.
     """
-    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer)
+    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego)
     options = read_input(source)
     _require_microscopic(options)
     require_bounded((*options.routes, *options.additional), options.others.values())
@@ -114,7 +114,7 @@ def _recordings(sumo: ModuleType, job: RecordingJob) -> Iterator[Recording]:
         if first > done:
             sumo.simulationStep(begin_s + first * STEP_S)
         done = first + steps
-        slot = Slot(round(begin_s + first * STEP_S, 6), STEP_S, steps, names=names)
+        slot = Slot(round(begin_s + first * STEP_S, 6), STEP_S, steps, names=names, ego=job.windows.ego)
         _fill(slot, sumo, types)
         yield slot.finish(types)
 
@@ -129,7 +129,7 @@ def _span(sumo: ModuleType) -> tuple[float, float]:
 
 def _fill(slot: Slot, sumo: ModuleType, types: dict[str, VehicleType]) -> None:
     vehicle, light = sumo.vehicle, sumo.trafficlight
-    position, angle, type_of, names = vehicle.getPosition3D, vehicle.getAngle, vehicle.getTypeID, slot.names
+    position, angle, type_of = vehicle.getPosition3D, vehicle.getAngle, vehicle.getTypeID
     add = slot.rows.append
     slot.letters.update((name, []) for name in light.getIDList())
     for step in range(slot.steps):
@@ -138,7 +138,7 @@ def _fill(slot: Slot, sumo: ModuleType, types: dict[str, VehicleType]) -> None:
         for name in vehicle.getIDList():
             x, y, z = position(name)
             kind = type_of(name)
-            one = names.of(name, kind)
+            one = slot.named(name, kind)
             add((one, step, x, y, angle(name), z))
             if one not in types:
                 types[one] = _type_of(vehicle, name)

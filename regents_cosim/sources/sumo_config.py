@@ -13,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 from regents_cosim.cases.shipped import NETWORKS, located, names
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import SumoError, require_file
+from regents_cosim.sources.recording import ANY_EGO
 from regents_cosim.sources.sumo_files import OUTPUT_ATTRIBUTES, exists
 from regents_cosim.sources.xml_input import read_tree
 
@@ -30,6 +31,7 @@ class SumoInput:
     begin_s: float | None = None  # -b
     end_s: float | None = None  # -e
     extra: tuple[str, ...] = ()  # further options as typed, the last word
+    ego: str = ANY_EGO  # of the windows: a vehicle, a vehicle type or a flow
 
     def __post_init__(self) -> None:
         if self.begin_s is not None:

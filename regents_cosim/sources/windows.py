@@ -25,7 +25,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Provenance, Scenario, Tracks
 from regents_cosim.sources.conflicts import Conflicts
 from regents_cosim.sources.motion import smooth_pieces, speeds
-from regents_cosim.sources.recording import Recording
+from regents_cosim.sources.recording import ANY_EGO, Recording
 
 Prefer = Literal["conflicts", "none"]
 
@@ -53,6 +53,8 @@ class Windows:
     radius_m: float = 100.0  # agents that never come closer to the ego are left out
     company: int = 2  # moving vehicles near the ego at the same instant
     prefer: Prefer = "conflicts"  # egos whose path others can cross or join, before the rest; or none before others
+
+    ego: str = ANY_EGO  # or a vehicle of SUMO's, a vehicle type or a flow
 
     def __post_init__(self) -> None:
         for name, one in _RANGES.items():
@@ -85,8 +87,10 @@ def draw_slots(total: int, windows: Windows) -> list[int]:
 
     Reading every vehicle at every step costs as much as simulating it, so a third of the time
     is read at most, unless there are only a few slots. Where egos with a conflict are preferred,
-    there is more to choose from.
+    there is more to choose from. For an ego that is named all are read: it may be there in one of them only.
     """
+    if windows.ego != ANY_EGO:
+        return list(range(total))
     spare = 3.0 if windows.prefer == "conflicts" else 1.5
     wanted = min(total, max(4, min(math.ceil(spare * windows.count), total // 3)))
     bounds = np.linspace(0, total, wanted + 1).astype(int)
@@ -254,6 +258,11 @@ def _overlaps_any(scene: Scene, ego: int, apart: Float[np.ndarray, "vehicle time
 
 
 def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: Windows) -> str:
+    if windows.ego != ANY_EGO and not any(recording.egos for recording in recordings):
+        return (
+            f"no window found: the ego {windows.ego!r} is never on the road (expected the id of a vehicle, a vehicle "
+            "type or a flow; see --begin and --end)"
+        )
     tried = f"{len(recordings)} slot{'s' * (len(recordings) != 1)} of {windows.horizon_s:g} s"
     if not refused:
         when = f"in {tried}" if recordings else "at any time"

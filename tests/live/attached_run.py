@@ -35,16 +35,20 @@ def run(how):
             sumo.addStepListener(adversary)
         if how.get("paused"):
             adversary.pause()
-    states, removed, raised = [], None, None
+    states, removed, raised, wheel = [], None, None, None
+    if how.get("driven"):  # by a planner, as a user would
+        from regents_cosim.live.wheel import Wheel
+        from regents_cosim.planners.driver import Drivers
+
+        wheel = Wheel(sumo, Drivers(how["driven"]).lend().__enter__())
     try:
         while sumo.simulation.getTime() < how["until_s"]:
             sumo.simulationStep()
-            if how.get("blind") and adversary.ego:  # the user's planner: it looks at nobody
-                sumo.vehicle.setSpeedMode(adversary.ego, 32)
-                sumo.vehicle.setSpeed(adversary.ego, 12.0)
+            if wheel is not None and adversary.ego:
+                wheel.go(adversary.ego)
             if adversary is not None and adversary.state not in states[-1:]:
                 states.append(adversary.state)
-            if how.get("until_crash") and adversary.tally.crashes:
+            if how.get("until_crash") and adversary.tally.given_back:
                 break
             if how.get("remove") and adversary.adversary and removed is None:
                 removed = adversary.adversary

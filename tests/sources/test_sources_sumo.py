@@ -106,6 +106,15 @@ def test_an_executor_gives_the_same(merge):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("ego", ["truck", "ramp.exit"])
+def test_the_ego_may_be_named_by_its_type_or_its_flow(ego):
+    chosen = record_sumo(SumoInput(MERGE, end_s=120.0, ego=ego), count=3, seed=1)
+    kinds = {scenario.ego.kind for scenario in chosen}
+    flows = {scenario.ego.id.rpartition(".")[0] for scenario in chosen}
+    assert ego in (kinds if ego == "truck" else flows)
+    assert len(kinds if ego == "truck" else flows) == 1
+
+
 def test_signals_change_over_time():
     scenarios = record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), count=4)
     for scenario in scenarios:
@@ -251,6 +260,7 @@ def test_sumo_says_what_is_wrong_with_routes(tmp_path, text):
         slow({"extra": ("--step-length", "0.5")}, "recordings are made at 0.1 s only"),
         slow({"extra": ("--nonsense",)}, "SUMO refused: .*nonsense"),
         ({"end_s": 9.0}, "candidate egos in 1 slot"),
+        ({"end_s": 20.0, "ego": "nobody"}, "the ego 'nobody' is never on the road"),
     ],
 )
 def test_requests_that_cannot_be_met(asked, message):

@@ -1,0 +1,137 @@
+"""`regents live`: a planner at the wheel in running SUMO traffic, and an adversary after it."""
+
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from regents_cosim.cli.options import Count, Seed, SumoOptions, Switch, Talk
+from regents_cosim.cli.shared import draw_stills, exit_code, open_terminal, verify_in_sumo
+from regents_cosim.errors import PLANNER_FAILED, RegentsError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from regents_cosim.live.episodes import Ended
+    from regents_cosim.replays.verify import Replay
+    from regents_cosim.scenario import Scenario
+
+
+def live(
+    *,
+    config: Annotated[Path, Parameter(["--configuration-file", "-c"])],
+    ego: str = "auto",
+    planner: str = "idm",
+    expected: str = "",
+    method: Literal["focused", "regents", "king"] = "focused",
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    episodes: Count = 1,
+    seed: Seed = 0,
+    longest: float = 60.0,
+    replan: float = 0.5,
+    horizon: float = 5.0,
+    radius: float = 100.0,
+    keep: Literal["crashes", "near-misses"] = "crashes",
+    gui: bool = False,
+    verify: Switch = True,
+    pictures: Switch = True,
+    act_timeout: float = 10.0,
+    talk: Talk = Talk(),
+    sumo: SumoOptions = (),
+) -> int:
+    """Let a planner drive in SUMO's own traffic, and find the adversary while it runs; what happens becomes cases.
+
+    Parameters
+    ----------
+    config
+        SUMO configuration (.sumocfg), or shipped:NETWORK
+    ego
+        a vehicle, a vehicle type or a flow, of which the first that departs is driven; auto: one drawn by seed
+    planner
+        who drives the ego: all that `attack` takes
+    expected
+        how the adversary expects the ego to react, where that is not its planner; observed: it keeps to its route at
+        its recent speed and brakes for leaders
+    method
+        preset of the search
+    output
+        folder for the cases
+    episodes
+        runs of SUMO, each with a seed of its own
+    seed
+        of the first
+    longest
+        time after which an episode ends [s]
+    replan
+        from one plan to the next [s]
+    horizon
+        planned ahead, and kept of a crash [s]
+    radius
+        around the ego, in which others are seen [m]
+    keep
+        crashes, or the near misses as well
+    gui
+        show it in sumo-gui, in real time
+    verify
+        replay every crash in SUMO
+    pictures
+        draw a still picture into every case
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    """
+    from regents_cosim.cases.files import load_case
+    from regents_cosim.cases.shipped import located
+    from regents_cosim.cases.suite import SuiteWriter
+    from regents_cosim.live.episodes import Episodes, run_episodes
+    from regents_cosim.reports.tables import LIVED
+    from regents_cosim.sources.sumo_config import SumoInput, read_input
+
+    terminal = open_terminal(talk)
+    SuiteWriter(output, seed)  # a folder that cannot be written is said before anything runs
+    made = Episodes(
+        read_input(SumoInput(config=located(config), extra=sumo)), ego, planner, method, expected, replan_s=replan,
+        horizon_s=horizon, radius_m=radius, most_s=longest, output=output.absolute(), keep=keep,
+        act_timeout_s=act_timeout, gui=gui,
+    )  # fmt: skip
+    ended = list(terminal.each(run_episodes(made, list(range(seed, seed + episodes))), "driving", episodes))
+    if all(one.how == "never departed" for one in ended):
+        raise RegentsError(f"the ego {ego!r} never departed (expected a vehicle, a vehicle type or a flow of {config})")
+    for one in ended:
+        for line in one.told:
+            terminal.say(f"seed {one.seed}: {line}")
+    cases = [load_case(output / name) for one in ended for name in one.cases]
+    replays = verify_in_sumo(cases, "local", terminal) if verify else {}
+    if pictures:
+        draw_stills(cases, output, terminal)
+    known = {case.id: case for case in cases}
+    rows = [_row(one, known, replays) for one in ended]
+    terminal.show(f"{method} against {planner}, live: {len(rows)} episodes", rows, _summary(ended, cases), LIVED)
+    failed = any(one.how == "planner failed" for one in ended)
+    return max(exit_code(replays.values(), terminal), PLANNER_FAILED if failed else 0)
+
+
+def _row(ended: "Ended", cases: "Mapping[str, Scenario]", replays: "Mapping[str, Replay]") -> dict[str, Any]:
+    """One episode, by its last case."""
+    case = cases[ended.cases[-1]] if ended.cases else None
+    replay = replays.get(case.id) if case else None
+    judgement = case.judgement if case else None
+    return {
+        "seed": ended.seed,
+        "ego": ended.ego,
+        "ended": ended.how,
+        "after_s": ended.lasted_s,
+        "attacks": ended.attacks,
+        "adversary": ended.adversary,
+        "clean": judgement.clean if judgement else None,
+        "telling": judgement.telling if judgement else None,
+        "SUMO_verified": replay.verified if replay else None,
+        "case": case.id if case else "",
+    }
+
+
+def _summary(ended: "Sequence[Ended]", cases: "Sequence[Scenario]") -> str:
+    """How many ended how, and how many of the crashes tell something."""
+    hows = ", ".join(f"{number} {how}" for how, number in Counter(one.how for one in ended).most_common())
+    telling = sum(bool(case.judgement and case.judgement.telling) for case in cases)
+    return f"episodes: {hows}; {telling} telling crashes"
