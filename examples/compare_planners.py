@@ -6,14 +6,11 @@ Start it with `python compare_planners.py`, or with two planners of yours behind
 import sys
 from collections import Counter
 
-from regents_cosim import report
-from regents_cosim.cases.shipped import suite_folder
-from regents_cosim.cases.suite import load_cases
-from regents_cosim.evaluation.drives.driving import drive_each
+from regents_cosim import evaluate, load_suite, report
 
 first, second = sys.argv[1:] or ("constant_velocity", "idm")
-cases = load_cases(suite_folder("quickstart"))
-ends = zip(drive_each(cases, first), drive_each(cases, second), strict=True)
+cases = load_suite("shipped:quickstart")
+ends = zip(evaluate(cases, first).drives, evaluate(cases, second).drives, strict=True)
 counts = Counter((bool(one.hits), bool(other.hits)) for one, other in ends)
 print(f"{len(cases)} cases: {counts[True, False]} crashes of {first} that {second} avoids, "
       f"{counts[False, True]} new ones, {counts[True, True]} of both")  # fmt: skip

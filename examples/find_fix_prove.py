@@ -5,15 +5,13 @@ a little ahead.
 """
 
 from dataclasses import replace
-from pathlib import Path
 
-from regents_cosim import REGENTS_FOCUSED, attack, network_config, record, report
-from regents_cosim.evaluation.drives.driving import drive_each
+from my_planner import Fixed, Planner
 
-PLANNERS = Path(__file__).with_name("my_planner.py")
+from regents_cosim import REGENTS_FOCUSED, attack, evaluate, network_config, record, report
+
 # A short search: a window is done with its first crash, and few descents follow the drives that are tried first.
 SHORT = replace(REGENTS_FOCUSED, adversaries="one", attempts=1, iterations=100)
-OLD, NEW = f"{PLANNERS}:Planner", f"{PLANNERS}:Fixed"
 
 
 def crashes(cases, planner):
@@ -21,27 +19,27 @@ def crashes(cases, planner):
 
     The others repeat their tracks: one that runs into the back of a planner that brakes now says nothing about it.
     """
-    return {d.case for d in drive_each(cases, planner) if d.hits and d.kind != "rear_end_by_adversary"}
+    return {d.case for d in evaluate(cases, planner).drives if d.hits and d.kind != "rear_end_by_adversary"}
 
 
 def main():
     """Find, fix, prove."""
     # Find: attack ordinary traffic. What counts is a crash that a careful driver would have avoided.
     windows = record(network_config("merge"), count=8, seed=0)
-    found = [case for case in attack(windows, SHORT, OLD) if case.attack.outcome == "collision"]
+    found = [case for case in attack(windows, SHORT, Planner) if case.attack.outcome == "collision"]
     print(f"the old planner crashes in {len(found)} attacks")
 
     # Fix: drive both through the same scenes, adversaries included.
-    before, after = crashes(found, OLD), crashes(found, NEW)
+    before, after = crashes(found, Planner), crashes(found, Fixed)
     print(f"among these adversaries the old one crashes in {len(before)}, the fixed one in {len(after)}")
 
     # Prove: nothing is broken in ordinary traffic, and attacks on the fixed one, made for it, find less.
-    print(f"ordinary traffic: {len(crashes(windows, OLD))} crashes before, {len(crashes(windows, NEW))} after")
-    again = [case for case in attack(windows, SHORT, NEW) if case.attack.outcome == "collision"]
+    print(f"ordinary traffic: {len(crashes(windows, Planner))} crashes before, {len(crashes(windows, Fixed))} after")
+    again = [case for case in attack(windows, SHORT, Fixed) if case.attack.outcome == "collision"]
     print(
         f"attacked itself, the fixed one crashes in {len(again)} of {len(windows)} windows, the old one in {len(found)}"
     )
-    report(found, "old_and_fixed.html", planners=[OLD, NEW])
+    report(found, "old_and_fixed.html", planners=[Planner, Fixed])
     print("both in a browser: old_and_fixed.html")
 
 

@@ -17,46 +17,95 @@ if TYPE_CHECKING:
     from regents_cosim.cases.files import load_case as load_case
     from regents_cosim.cases.files import save_case as save_case
     from regents_cosim.cases.shipped import network_config as network_config
+    from regents_cosim.cases.suite import load_suite as load_suite
+    from regents_cosim.errors import MissingDependencyError as MissingDependencyError
+    from regents_cosim.errors import NoWindowError as NoWindowError
+    from regents_cosim.errors import PlannerError as PlannerError
+    from regents_cosim.errors import RegentsError as RegentsError
+    from regents_cosim.evaluation.drives.driving import Drive as Drive
+    from regents_cosim.evaluation.drives.driving import DrivingRow as DrivingRow
+    from regents_cosim.evaluation.reduction.shrink import Shrunk as Shrunk
+    from regents_cosim.evaluation.reduction.shrink import shrink as shrink
+    from regents_cosim.evaluation.regression.comparison import Verdict as Verdict
+    from regents_cosim.evaluation.regression.evaluate import AgainstBaseline as AgainstBaseline
+    from regents_cosim.evaluation.regression.evaluate import Evaluation as Evaluation
+    from regents_cosim.evaluation.regression.evaluate import evaluate as evaluate
+    from regents_cosim.evaluation.suites.building import Recipe as Recipe
+    from regents_cosim.evaluation.suites.building import build_suite as build_suite
+    from regents_cosim.evaluation.training.before_after import BeforeAfterRow as BeforeAfterRow
+    from regents_cosim.evaluation.training.fine_tuning import FineTuned as FineTuned
+    from regents_cosim.evaluation.training.fine_tuning import finetune as finetune
+    from regents_cosim.evaluation.training.fine_tuning import train as train
+    from regents_cosim.exports.export import export as export
+    from regents_cosim.maps.roadmap import Lane as Lane
+    from regents_cosim.maps.roadmap import RoadMap as RoadMap
     from regents_cosim.mirror.bicycle import Controls as Controls
+    from regents_cosim.mirror.bicycle import Motion as Motion
+    from regents_cosim.planners.aim_bev.train_config import Epoch as Epoch
+    from regents_cosim.planners.aim_bev.train_config import TrainConfig as TrainConfig
+    from regents_cosim.planners.interface import AgentState as AgentState
     from regents_cosim.planners.interface import Control as Control
+    from regents_cosim.planners.interface import Light as Light
     from regents_cosim.planners.interface import Observation as Observation
     from regents_cosim.planners.interface import Planner as Planner
+    from regents_cosim.planners.interface import Scene as Scene
     from regents_cosim.planners.interface import Waypoints as Waypoints
     from regents_cosim.planners.jax_planner import JaxPlanner as JaxPlanner
+    from regents_cosim.planners.jax_planner import LoopScene as LoopScene
+    from regents_cosim.planners.under_test import PlannerUnderTest as PlannerUnderTest
     from regents_cosim.replays.replay import replay as replay
+    from regents_cosim.replays.verify import Replay as Replay
     from regents_cosim.reports.report import report as report
+    from regents_cosim.scenario import Agent as Agent
+    from regents_cosim.scenario import AttackRecord as AttackRecord
+    from regents_cosim.scenario import Collision as Collision
+    from regents_cosim.scenario import Judgement as Judgement
     from regents_cosim.scenario import Scenario as Scenario
+    from regents_cosim.scenario import Tracks as Tracks
     from regents_cosim.sources.logs.formats import LogFormat as LogFormat
-    from regents_cosim.sources.logs.record import record_log as record_log
     from regents_cosim.sources.logs.scene import LoggedScene as LoggedScene
+    from regents_cosim.sources.record import LogInput as LogInput
     from regents_cosim.sources.record import record as record
     from regents_cosim.sources.sumo_config import SumoInput as SumoInput
+    from regents_cosim.verdicts.judgement import judge as judge
 
-_HOMES = {
-    "Waypoints": "planners.interface",
-    "Planner": "planners.interface",
-    "Observation": "planners.interface",
-    "Control": "planners.interface",
-    "AttackConfig": "attacks.presets",
-    "Controls": "mirror.bicycle",
-    "JaxPlanner": "planners.jax_planner",
-    "KING": "attacks.presets",
-    "LogFormat": "sources.logs.formats",
-    "LoggedScene": "sources.logs.scene",
-    "REGENTS": "attacks.presets",
-    "REGENTS_FOCUSED": "attacks.presets",
-    "Scenario": "scenario",
-    "SumoInput": "sources.sumo_config",
-    "attack": "attacks.attack",
-    "load_case": "cases.files",
-    "network_config": "cases.shipped",
-    "record": "sources.record",
-    "record_log": "sources.logs.record",
-    "replay": "replays.replay",
-    "report": "reports.report",
-    "save_case": "cases.files",
+_NAMES = {
+    "attacks.attack": "attack",
+    "attacks.presets": "AttackConfig KING REGENTS REGENTS_FOCUSED",
+    "cases.files": "load_case save_case",
+    "cases.shipped": "network_config",
+    "cases.suite": "load_suite",
+    "errors": "MissingDependencyError NoWindowError PlannerError RegentsError",
+    "evaluation.drives.driving": "Drive DrivingRow",
+    "evaluation.reduction.shrink": "Shrunk shrink",
+    "evaluation.regression.comparison": "Verdict",
+    "evaluation.regression.evaluate": "AgainstBaseline Evaluation evaluate",
+    "evaluation.suites.building": "Recipe build_suite",
+    "evaluation.training.before_after": "BeforeAfterRow",
+    "evaluation.training.fine_tuning": "FineTuned finetune train",
+    "exports.export": "export",
+    "maps.roadmap": "Lane RoadMap",
+    "mirror.bicycle": "Controls Motion",
+    "planners.aim_bev.train_config": "Epoch TrainConfig",
+    "planners.interface": "AgentState Control Light Observation Planner Scene Waypoints",
+    "planners.jax_planner": "JaxPlanner LoopScene",
+    "planners.under_test": "PlannerUnderTest",
+    "replays.replay": "replay",
+    "replays.verify": "Replay",
+    "reports.report": "report",
+    "scenario": "Agent AttackRecord Collision Judgement Scenario Tracks",
+    "sources.logs.formats": "LogFormat",
+    "sources.logs.scene": "LoggedScene",
+    "sources.record": "LogInput record",
+    "sources.sumo_config": "SumoInput",
+    "verdicts.judgement": "judge",
 }
-__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+__all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 def __getattr__(name: str) -> Any:

@@ -8,7 +8,7 @@ import jax
 
 from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import Several
 from regents_cosim.checks.ranges import Range
@@ -26,7 +26,7 @@ Engine = Literal["auto", "threads", "batched"]
 
 def attack(
     scenarios: Iterable[Scenario],
-    config: AttackConfig,
+    config: AttackConfig = REGENTS_FOCUSED,
     planner: AnyPlanner = "idm",
     batch: int = 32,
     extra_cost: ExtraCost | None = None,
@@ -34,7 +34,11 @@ def attack(
     act_timeout_s: float = ACT_TIMEOUT_S,
     against: Sequence[AnyPlanner] = (),
 ) -> Iterator[Scenario]:
-    """All results of `attack_each`, one after the other."""
+    """Find how another road user could make `planner` crash; yields cases as soon as they are found.
+
+    What the arguments mean says `attack_each`, whose results come here one after the other. `judge` says of each what
+    its crash is worth, `replay` verifies it in SUMO.
+    """
     for results in attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s, against):
         yield from results
 

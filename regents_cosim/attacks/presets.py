@@ -1,7 +1,7 @@
 """KING, ReGentS and our own preset: values of one configuration."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -213,6 +213,14 @@ CMA_ES = replace(RANDOM, method="cma-es", optimiser="cma-es")
 STARTS = replace(REGENTS_FOCUSED, method="starts", optimiser="none")
 
 METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES)}
+
+
+def preset(method: str, **given: Any) -> AttackConfig:
+    """The preset of that name, with what is given in its place; None leaves what the preset has.
+
+    Raises RegentsError for values that do not go together.
+    """
+    return replace(METHODS[method], **{name: value for name, value in given.items() if value is not None})
 
 
 def with_ten_times(config: AttackConfig) -> AttackConfig:

@@ -1,15 +1,20 @@
 """`regents bench cross`: whether adversaries that were found for one planner make others crash."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from regents_cosim.attacks.attack import attack_each
+from regents_cosim.attacks.presets import AttackConfig, preset
+from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import Drive, drive_each
 from regents_cosim.evaluation.reduction.way_back import with_rows
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.progress import SILENT, Progress
 
 ALL = "all"  # in the place of a planner: every one of them
 
@@ -48,30 +53,64 @@ def among_adversaries(attacked: Scenario) -> Scenario:
     return replace(attacked, tracks=with_rows(attacked.tracks, attacked.original, is_ego), judgement=None, evasion=None)
 
 
+def by_attacked(cases: Iterable[Scenario]) -> dict[str, list[Scenario]]:
+    """Cases by the planners that they were attacked with. Raises RegentsError for one that never was."""
+    found = dict[str, list[Scenario]]()
+    for case in cases:
+        if case.attack is None:
+            raise RegentsError(f"case {case.id} was never attacked (expected cases of `regents attack`)")
+        against = str(case.attack.settings.get("against", "")).split()
+        found.setdefault(" + ".join((case.attack.planner, *against)), []).append(case)
+    return found
+
+
+def attacked_for_each(
+    windows: Sequence[Scenario],
+    planners: Sequence[AnyPlanner],
+    method: str,
+    universal: Sequence[str] = (),
+    *,
+    act_timeout_s: float = ACT_TIMEOUT_S,
+    progress: Progress = SILENT,
+) -> dict[str, list[Scenario]]:
+    """Attacks on each planner, and on all of them at once in each way of `universal`, by whom they were made for."""
+    first, *others = given = list(map(PlannerUnderTest.of, planners))
+    wanted: dict[str, tuple[PlannerUnderTest, AttackConfig, Sequence[PlannerUnderTest]]] = {
+        one.name: (one, preset(method), ()) for one in given
+    }
+    wanted |= {f"all, {how}": (first, preset(method, universal=how), others) for how in universal}
+    found = dict[str, list[Scenario]]()
+    for name, (planner, config, against) in wanted.items():
+        results = attack_each(windows, config, planner, act_timeout_s=act_timeout_s, against=against)
+        found[name] = [case for some in progress.each(results, f"attacking {name}", len(windows)) for case in some]
+    return found
+
+
 def cross_rows(
-    attacked: Mapping[str, Sequence[Scenario]], planners: Sequence[str], act_timeout_s: float = ACT_TIMEOUT_S
+    attacked: Mapping[str, Sequence[Scenario]], planners: Sequence[AnyPlanner], act_timeout_s: float = ACT_TIMEOUT_S
 ) -> list[CrossRow]:
     """All rows: `attacked` holds the results of attacks by whom the adversaries were found for.
 
     Raises PlannerError where a planner cannot be found.
     """
+    given = {one.name: one for one in map(PlannerUnderTest.of, planners)}
     originals = {case.attack.case: case for cases in attacked.values() for case in cases if case.attack}
     crashes = {
         name: [case for case in cases if case.attack and case.attack.outcome == "collision"]
         for name, cases in attacked.items()
     }
     before = [case.before_attack() for case in originals.values()]
-    alone = {p: dict(zip(originals, _drives(before, p, act_timeout_s), strict=True)) for p in planners}
+    alone = {n: dict(zip(originals, _drives(before, p, act_timeout_s), strict=True)) for n, p in given.items()}
     rows = []
     for name, cases in crashes.items():
-        among = {p: _drives([among_adversaries(case) for case in cases], p, act_timeout_s) for p in planners}
+        among = {n: _drives([among_adversaries(case) for case in cases], p, act_timeout_s) for n, p in given.items()}
         tried = [case.attack for case in attacked[name] if case.attack]
         windows = {record.case for record in tried if record.outcome != "already_colliding"}
-        rows += [_row(name, planner, cases, windows, alone, among) for planner in (*planners, ALL)]
+        rows += [_row(name, planner, cases, windows, alone, among) for planner in (*given, ALL)]
     return rows
 
 
-def _drives(scenarios: list[Scenario], planner: str, act_timeout_s: float) -> list[Drive]:
+def _drives(scenarios: list[Scenario], planner: PlannerUnderTest, act_timeout_s: float) -> list[Drive]:
     return list(drive_each(scenarios, planner, act_timeout_s))
 
 

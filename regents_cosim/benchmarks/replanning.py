@@ -2,8 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from time import perf_counter
 
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.presets import preset
+from regents_cosim.benchmarks.traffic import one_of_each_shape
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import AttackRecord, Scenario
+from regents_cosim.system.progress import SILENT, Progress
 
 
 @dataclass(frozen=True)
@@ -22,6 +29,29 @@ class ReplanRow:
     s_per_scenario: float  # wall clock, all cores, compilation left out
     act_median_ms: float | None  # of a planner outside the mirror
     act_p99_ms: float | None  # the greatest of any case
+
+
+def replan_rows(
+    windows: Sequence[Scenario],
+    planner: AnyPlanner,
+    every: Sequence[int],
+    method: str,
+    *,
+    act_timeout_s: float = ACT_TIMEOUT_S,
+    progress: Progress = SILENT,
+) -> list[ReplanRow]:
+    """A row for each of `every`, all beside the first; programs are compiled before the clock starts."""
+    given, rows, first = PlannerUnderTest.of(planner), list[ReplanRow](), list[Scenario]()
+    for one in every:
+        config = preset(method, replan_every=one)
+        for _ in attack(one_of_each_shape(windows), config, given, act_timeout_s=act_timeout_s):
+            pass  # compiles
+        begin = perf_counter()
+        results = attack(windows, config, given, act_timeout_s=act_timeout_s)
+        attacked = list(progress.each(results, f"every {one}", len(windows)))
+        first = first or attacked
+        rows.append(replan_row(one, attacked, first, perf_counter() - begin))
+    return rows
 
 
 def replan_row(every: int, attacked: Sequence[Scenario], first: Sequence[Scenario], seconds: float) -> ReplanRow:

@@ -1,19 +1,22 @@
 """Whether crashes survive the transfer into a simulator, and how exactly tracks are reproduced there."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.attack import attack_each
+from regents_cosim.attacks.presets import AttackConfig, preset
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.find import planner_of
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import Background, Mode, Simulator, replay_each
 from regents_cosim.replays.verify import Replay, ReportedCollision, failed
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.progress import SILENT, Progress
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,9 @@ def transfer(
     """
     possible = [place for place in places if _takes(place, cases)]
     driven = any(place.planner_drives for place in possible)
-    drivers = [planner_of(case, planner) if driven else None for case in cases]
+    named = [planner_of(case, planner) if driven else None for case in cases]
+    given = {name: PlannerUnderTest.of(name) for name in named if name is not None}
+    drivers = [None if name is None else given[name] for name in named]
     for place in possible:
         replays = _replayed(cases, drivers if place.planner_drives else [None] * len(cases), place)
         yield _transfer_row(place.name, cases, replays), [_report(place.name, replay) for replay in replays]
@@ -117,7 +122,7 @@ def _takes(place: Place, cases: Sequence[Scenario]) -> bool:
     return not place.planner_drives or all(case.attack for case in cases)
 
 
-def _replayed(cases: Sequence[Scenario], drivers: Sequence[str | None], place: Place) -> list[Replay]:
+def _replayed(cases: Sequence[Scenario], drivers: Sequence[PlannerUnderTest | None], place: Place) -> list[Replay]:
     """In the order of `cases`, each with its driver; None: the ego follows its track."""
     found = dict[str, Replay]()
     for planner in dict.fromkeys(drivers):
@@ -156,6 +161,23 @@ def _first_of_each_pair(replay: Replay) -> list[ReportedCollision]:
 
 def _in_words(hit: ReportedCollision) -> str:
     return f"{hit.kind} of {hit.collider} with {hit.victim} at step {hit.step}"
+
+
+def highway_rows(
+    windows: Mapping[str, Sequence[Scenario]],
+    planners: Sequence[AnyPlanner],
+    methods: Sequence[str],
+    progress: Progress = SILENT,
+) -> list[HighwayRow]:
+    """A row for each planner, method and environment; `windows` are by environment."""
+    rows = []
+    for planner in map(PlannerUnderTest.of, planners):
+        for config in map(preset, methods):
+            for environment, found in windows.items():
+                results = attack_each(found, config, planner)
+                each = progress.each(results, f"{config.method} in {environment}", len(found))
+                rows.append(highway_row(environment, config, planner.name, [case for some in each for case in some]))
+    return rows
 
 
 def highway_row(environment: str, config: AttackConfig, ego: str, attacked: Sequence[Scenario]) -> HighwayRow:

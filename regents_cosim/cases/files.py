@@ -91,15 +91,16 @@ class Suite:
         return replace(self, cases=tuple(entries[name] for name in sorted(entries)), pending=None)
 
 
-def save_case(scenario: Scenario, suite: Path) -> Path:
+def save_case(scenario: Scenario, suite: Path | str) -> Path:
     """Write `scenario` to `suite/<id>`, replacing a case of that name; return its folder. The manifest stays as it is.
 
     Raises RegentsError where the folder cannot be written.
     """
-    with explain_write(suite):
-        suite.mkdir(parents=True, exist_ok=True)
-        with writing(suite):
-            return _write_case(scenario, suite, content_hash(scenario))
+    folder = Path(suite)
+    with explain_write(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        with writing(folder):
+            return _write_case(scenario, folder, content_hash(scenario))
 
 
 def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
@@ -111,7 +112,7 @@ def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
     with explain_write(suite):
         suite.mkdir(parents=True, exist_ok=True)
         with writing(suite):
-            known = load_suite(suite).cases if (suite / MANIFEST).exists() else ()
+            known = load_manifest(suite).cases if (suite / MANIFEST).exists() else ()
             manifest = replace(notes, cases=known, pending=entry)
             saved = _write_case(scenario, suite, entry.hash, lambda: save_suite(suite, manifest))
             save_suite(suite, manifest.having(entry))
@@ -224,7 +225,7 @@ def save_suite(folder: Path, suite: Suite) -> None:
         write_atomic(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(values), indent=1) + b"\n")
 
 
-def load_suite(folder: Path) -> Suite:
+def load_manifest(folder: Path) -> Suite:
     """Read the manifest of a suite. Raises CaseError where there is none that can be read."""
     restore(folder)
     path = folder / MANIFEST
@@ -258,7 +259,7 @@ def find_cases(path: Path) -> list[Path]:
         )
     if (path / HEADER).is_file():
         return [path]
-    return [path / entry.case for entry in load_suite(path).cases]
+    return [path / entry.case for entry in load_manifest(path).cases]
 
 
 # --- one case ---------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterable
 from pathlib import Path
 
-from regents_cosim.cases.files import MANIFEST, Suite, add_case, find_cases, load_case, load_suite
+from regents_cosim.cases.files import MANIFEST, Suite, add_case, find_cases, load_case, load_manifest
 from regents_cosim.cases.provenance import command, versions
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.errors import CaseError
@@ -25,7 +25,7 @@ class SuiteWriter:
         if (folder / "scenario.json").exists():
             raise CaseError(f"{folder} is a case, expected a folder for cases (choose another with -o)")
         if (folder / MANIFEST).exists():
-            load_suite(folder)
+            load_manifest(folder)
         self.folder = folder
         self.seed = seed
         self._added = 0
@@ -40,9 +40,12 @@ class SuiteWriter:
         return saved
 
 
-def load_cases(path: Path) -> list[Scenario]:
-    """The case at `path`, or all cases of the suite there, in the order of its manifest."""
-    cases = [load_case(folder) for folder in find_cases(path)]
+def load_suite(path: Path | str) -> list[Scenario]:
+    """The case at `path`, or all cases of the suite there, in the order of its manifest; also `shipped:standard`.
+
+    Raises CaseError where there are none, or one cannot be read.
+    """
+    cases = [load_case(folder) for folder in find_cases(Path(path))]
     if not cases:
         raise CaseError(f"{path}: the suite lists no cases (make some with `regents record`)")
     return cases
@@ -50,7 +53,7 @@ def load_cases(path: Path) -> list[Scenario]:
 
 def suite_cases(suite: Path) -> tuple[str, ...]:
     """The names of the cases that a suite lists. Raises CaseError where there are none."""
-    cases = tuple(entry.case for entry in load_suite(suite).cases)
+    cases = tuple(entry.case for entry in load_manifest(suite).cases)
     if not cases:
         raise CaseError(f"{suite}: the suite lists no cases (make some with `regents attack` or `regents suite build`)")
     return cases
@@ -58,4 +61,4 @@ def suite_cases(suite: Path) -> tuple[str, ...]:
 
 def cases_of(cases: Path | str | Iterable[Scenario]) -> list[Scenario]:
     """Cases in memory as they are, others loaded from where they lie."""
-    return load_cases(Path(cases)) if isinstance(cases, Path | str) else list(cases)
+    return load_suite(cases) if isinstance(cases, Path | str) else list(cases)

@@ -2,22 +2,13 @@
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Cases, Count, CountOrZero, Search, Seed, Switch, Talk
-from regents_cosim.cli.runs import columns, places_run, runs_again, write_table
-from regents_cosim.cli.shared import (
-    logged_traffic,
-    network_traffic,
-    one_of_each_shape,
-    open_terminal,
-)
+from regents_cosim.cli.options import Cases, Count, CountOrZero, Seed, Switch, Talk
+from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
-
-if TYPE_CHECKING:
-    from regents_cosim.scenario import Scenario
 
 Method = Literal["king", "regents", "focused", "random", "cma-es", "starts", "sumo-aggressive"]
 
@@ -36,9 +27,10 @@ def reconstruction(*, count: Count = 20, seed: Seed = 0, nets: tuple[str, ...] =
         shipped networks, or .sumocfg files; all shipped ones by default
     """
     from regents_cosim.benchmarks.reconstruction import reconstruction_row
+    from regents_cosim.benchmarks.traffic import network_traffic
 
     terminal = open_terminal(talk)
-    traffic = network_traffic(nets, count, seed, terminal)
+    traffic = network_traffic(nets, count, seed, progress=terminal)
     rows = [
         dataclasses.asdict(reconstruction_row(net, scenarios))
         for net, scenarios in terminal.each(traffic.items(), "fitting", len(traffic))
@@ -137,8 +129,10 @@ def table1(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
+    from regents_cosim.benchmarks.runs import TryAgain, columns, tables
     from regents_cosim.benchmarks.table1 import as_json, markdown, require_places, sections
     from regents_cosim.benchmarks.table1 import table1 as make_table
+    from regents_cosim.benchmarks.traffic import logged_traffic, network_traffic
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
     given = {
@@ -156,22 +150,13 @@ def table1(
     terminal = open_terminal(talk)
     if compile_cache:
         keep_compiled_programs()
-    networks = network_traffic(nets, count, seed, terminal, prefer) if nets or not logs else {}
-    recordings = logged_traffic(logs, count, seed, terminal, prefer) if logs else {}
+    networks = network_traffic(nets, count, seed, prefer, terminal) if nets or not logs else {}
+    recordings = logged_traffic(logs, count, seed, prefer, terminal) if logs else {}
     places = [found for found in (*networks.values(), *recordings.values()) if found] or [[]]
     require_places([window for found in places for window in found], tuned_on)
-    runs, again, found = [], [], make_table([])
-    for planner in planners:
-        before = runs
-        for here in places_run(places, planner, wanted, output, terminal):
-            runs = [*before, *here]
-            found = make_table(runs, tuned_on, again)
-            if output is not None:  # after every place: a table that is interrupted keeps those
-                write_table(found, output)
-        again += runs_again(places, planner, ceiling, runs[len(before) :], ceiling_count, output, terminal)
-        found = make_table(runs, tuned_on, again)
-        if output is not None:
-            write_table(found, output)
+    again = TryAgain(ceiling, ceiling_count)
+    grown = tables(places, planners, wanted, tuned_on=tuned_on, again=again, output=output, progress=terminal)
+    *_, found = make_table([]), *grown
     grids = [(part.title.lstrip("# "), part.rows()) for part in sections(found)]
     terminal.publish(markdown(found), as_json(found), grids)
     return 0
@@ -209,27 +194,16 @@ def replan(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from time import perf_counter
-
-    from regents_cosim.attacks.attack import attack as run_attack
-    from regents_cosim.benchmarks.replanning import replan_row
+    from regents_cosim.benchmarks.replanning import replan_rows
+    from regents_cosim.benchmarks.traffic import network_traffic
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
     terminal = open_terminal(talk)
     if compile_cache:
         keep_compiled_programs()
-    windows = [scenario for found in network_traffic(nets, count, seed, terminal).values() for scenario in found]
-    runs = {}
-    for one in every:
-        config = Search(method, replan_every=one).config()
-        for _ in run_attack(one_of_each_shape(windows), config, planner, act_timeout_s=act_timeout):
-            pass  # compiles
-        begin = perf_counter()
-        results = run_attack(windows, config, planner, act_timeout_s=act_timeout)
-        attacked = list(terminal.each(results, f"every {one}", len(windows)))
-        runs[one] = attacked, perf_counter() - begin
-    first = runs[every[0]][0]
-    rows = [replan_row(one, attacked, first, seconds) for one, (attacked, seconds) in runs.items()]
+    traffic = network_traffic(nets, count, seed, progress=terminal)
+    windows = [scenario for found in traffic.values() for scenario in found]
+    rows = replan_rows(windows, planner, every, method, act_timeout_s=act_timeout, progress=terminal)
     terminal.show(f"{planner} on {len(windows)} windows", [dataclasses.asdict(row) for row in rows])
     return 0
 
@@ -283,9 +257,7 @@ def highway(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.attacks.attack import attack_each
-    from regents_cosim.attacks.presets import METHODS
-    from regents_cosim.benchmarks.transfer import highway_row
+    from regents_cosim.benchmarks.transfer import highway_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import IN_HIGHWAY
     from regents_cosim.sources.record import record as run_record
@@ -297,13 +269,7 @@ def highway(
         env: run_record(f"highway:{env}", policy=policy, count=count, seed=seed)
         for env in terminal.each(envs, "recording traffic", len(envs))
     }
-    rows = []
-    for planner in planners:
-        for method in methods:
-            for env, found in windows.items():
-                results = attack_each(found, METHODS[method], planner)
-                attacked = [s for each in terminal.each(results, f"{method} in {env}", len(found)) for s in each]
-                rows.append(dataclasses.asdict(highway_row(env, METHODS[method], planner, attacked)))
+    rows = [dataclasses.asdict(row) for row in highway_rows(windows, planners, methods, terminal)]
     title = f"attacks on {sum(map(len, windows.values()))} windows, replayed in highway-env"
     terminal.show(title, rows, essential=IN_HIGHWAY)
     return 0
@@ -325,12 +291,12 @@ def transfer(cases: Cases, *, planner: str | None = None, talk: Talk = Talk()) -
     """
     from regents_cosim.benchmarks.transfer import PLACES
     from regents_cosim.benchmarks.transfer import transfer as run_transfer
-    from regents_cosim.cases.suite import load_cases
+    from regents_cosim.cases.suite import load_suite
     from regents_cosim.reports.tables import TRANSFERRED
 
     terminal = open_terminal(talk)
     rows = []
-    for row, reports in terminal.each(run_transfer(load_cases(cases), PLACES, planner), "replaying", len(PLACES)):
+    for row, reports in terminal.each(run_transfer(load_suite(cases), PLACES, planner), "replaying", len(PLACES)):
         replays = {"replays": [dataclasses.asdict(report) for report in reports]} if talk.json else {}
         rows.append(dataclasses.asdict(row) | replays)
     terminal.show(f"transfer of {cases}", rows, essential=TRANSFERRED)
@@ -374,9 +340,9 @@ def cross(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.attacks.attack import attack_each
-    from regents_cosim.benchmarks.cross import cross_rows
-    from regents_cosim.cases.suite import load_cases
+    from regents_cosim.benchmarks.cross import attacked_for_each, by_attacked, cross_rows
+    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.cases.suite import load_suite
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.planners.find import attacked_planners
     from regents_cosim.reports.tables import CROSSED
@@ -384,28 +350,19 @@ def cross(
     terminal = open_terminal(talk)
     if compile_cache:
         keep_compiled_programs()
-    attacked: dict[str, list[Scenario]] = {}
     if cases:
         if universal or nets:
             raise RegentsError("--universal and --nets make attacks; cases that were attacked already stand alone")
-        for case in (case for folder in cases for case in load_cases(folder)):
-            if case.attack is None:
-                raise RegentsError(f"case {case.id} was never attacked (expected cases of `regents attack`)")
-            against = str(case.attack.settings.get("against", "")).split()
-            attacked.setdefault(" + ".join((case.attack.planner, *against)), []).append(case)
+        attacked = by_attacked(case for folder in cases for case in load_suite(folder))
         if not planners:
             named = (one for found in attacked.values() for case in found for one in attacked_planners(case))
             planners = tuple(dict.fromkeys(named))
     elif len(planners) < 2:
         raise RegentsError("expected two or more --planners to attack, or folders of attacked cases")
     else:
-        windows = [one for found in network_traffic(nets, count, seed, terminal).values() for one in found]
-        attacks: dict[str, tuple[str, Search, tuple[str, ...]]] = {p: (p, Search(method), ()) for p in planners}
-        for how in universal:
-            attacks[f"all, {how}"] = planners[0], Search(method, universal=how), planners[1:]
-        for name, (first, search, others) in attacks.items():
-            results = attack_each(windows, search.config(), first, act_timeout_s=act_timeout, against=others)
-            attacked[name] = [c for some in terminal.each(results, f"attacking {name}", len(windows)) for c in some]
+        traffic = network_traffic(nets, count, seed, progress=terminal)
+        windows = [one for found in traffic.values() for one in found]
+        attacked = attacked_for_each(windows, planners, method, universal, act_timeout_s=act_timeout, progress=terminal)
     with terminal.waiting("driving"):
         rows = [dataclasses.asdict(row) for row in cross_rows(attacked, planners, act_timeout)]
     terminal.show("planners among adversaries that were found for others", rows, essential=CROSSED)

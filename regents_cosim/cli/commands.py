@@ -22,7 +22,6 @@ from regents_cosim.cli.options import (
     Traffic,
 )
 from regents_cosim.cli.shared import (
-    attacked_planner,
     draw,
     draw_stills,
     evaded_cases,
@@ -32,7 +31,6 @@ from regents_cosim.cli.shared import (
     planner_errors,
     record_traffic,
     require_other_folder,
-    verify_in_sumo,
 )
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
 
@@ -186,9 +184,11 @@ def attack(
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.attacks.attack import attack_each as run_attack_each
-    from regents_cosim.cases.suite import SuiteWriter, load_cases
+    from regents_cosim.cases.suite import SuiteWriter, load_suite
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
+    from regents_cosim.replays.replay import verify_in_sumo
     from regents_cosim.reports.tables import ATTACKED, attack_row, summary
+    from regents_cosim.system.workers import executor_for
     from regents_cosim.verdicts.judgement import judge_each
 
     terminal = open_terminal(talk)
@@ -205,7 +205,7 @@ def attack(
     if cases is not None:
         require_other_folder(output, cases)
     suite = SuiteWriter(output, traffic.seed)
-    scenarios = load_cases(cases) if cases else record_traffic(traffic, sumo, executor, terminal)
+    scenarios = load_suite(cases) if cases else record_traffic(traffic, sumo, executor, terminal)
     attacked = []
     runs = run_attack_each(scenarios, config, planner, batch, engine=engine, act_timeout_s=act_timeout, against=against)
     for results in terminal.each(runs, "attacking", len(scenarios)):
@@ -213,7 +213,8 @@ def attack(
         for scenario in judged:
             suite.add(scenario)
         attacked += judged
-    replays = verify_in_sumo(attacked, executor, terminal) if verify else {}
+    with executor_for(executor) as pool:
+        replays = verify_in_sumo(attacked, pool, terminal) if verify else {}
     if pictures:
         draw_stills(attacked, output, terminal)
     rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
@@ -266,13 +267,14 @@ def replay(
     executor
         where SUMO runs: local, or dask:ADDRESS
     """
-    from regents_cosim.cases.suite import load_cases
+    from regents_cosim.cases.suite import load_suite
+    from regents_cosim.planners.find import attacked_planner
     from regents_cosim.replays.replay import replay_each
     from regents_cosim.reports.tables import REPLAYED, replay_row, replay_summary, traffic_row
     from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
-    scenarios = load_cases(cases)
+    scenarios = load_suite(cases)
     if (record or gui) and len(scenarios) > 1:
         raise RegentsError(f"{cases} holds {len(scenarios)} cases; --record and --gui show one, name its folder")
     if record and record.suffix not in (".gif", ".png"):
@@ -319,11 +321,11 @@ def export(
     output
         new folder for the files
     """
-    from regents_cosim.cases.suite import load_cases
+    from regents_cosim.cases.suite import load_suite
     from regents_cosim.exports.export import export as run_export
 
     terminal = open_terminal(talk)
-    scenarios = load_cases(case)
+    scenarios = load_suite(case)
     if len(scenarios) > 1:
         raise RegentsError(f"{case} holds {len(scenarios)} cases; export takes one, name its folder")
     with terminal.waiting(f"writing {output}"):
@@ -359,14 +361,14 @@ def report(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.cases.suite import load_cases
+    from regents_cosim.cases.suite import load_suite
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.report import check_report, drive_for_report, judge_rest, report_of, save_report
     from regents_cosim.reports.tables import SCORED
 
     terminal = open_terminal(talk)
     check_report(output, planner)
-    loaded = load_cases(cases)
+    loaded = load_suite(cases)
     scenarios = list(terminal.each(judge_rest(loaded), "judging crashes", len(loaded)))
     if compile_cache:
         keep_compiled_programs()

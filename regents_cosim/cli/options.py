@@ -1,6 +1,5 @@
 """Options that several commands share."""
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -130,10 +129,9 @@ class Search:
 
     def config(self) -> "AttackConfig":
         """The preset with what was given in its place."""
-        from regents_cosim.attacks.presets import METHODS
+        from regents_cosim.attacks.presets import preset
 
-        given = {name: value for name, value in vars(self).items() if name != "method" and value is not None}
-        return dataclasses.replace(METHODS[self.method], **given)
+        return preset(**vars(self))
 
 
 @Parameter(name="*")

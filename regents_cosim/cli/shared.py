@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from regents_cosim.scenario import Scenario
     from regents_cosim.sources.record import LogInput
     from regents_cosim.sources.sumo_config import SumoInput
-    from regents_cosim.sources.windows import Prefer
 
 _log = logging.getLogger(__name__)
 
@@ -94,50 +93,6 @@ def _files(names: str) -> tuple[Path, ...]:
     return tuple(Path(name.strip()) for name in names.split(",") if name.strip())
 
 
-def network_traffic(
-    nets: tuple[str, ...], count: int, seed: int, terminal: "Terminal", prefer: "Prefer" = "conflicts"
-) -> "dict[str, list[Scenario]]":
-    """Windows of SUMO networks, by network: of all shipped ones where none is named."""
-    from regents_cosim.cases.shipped import NETWORKS, network
-    from regents_cosim.sources.record import record as run_record
-
-    configs = {net: network(net) for net in nets or NETWORKS}
-    return {
-        net: run_record(config, count=count, seed=seed, prefer=prefer)
-        for net, config in terminal.each(configs.items(), "recording traffic", len(configs))
-    }
-
-
-def one_of_each_shape(windows: "list[Scenario]") -> "list[Scenario]":
-    """A scenario for each of the shapes that programs are compiled for."""
-    from regents_cosim.mirror.world import padded_agents
-
-    return list({(padded_agents(len(w.agents)), w.tracks.steps): w for w in windows}.values())
-
-
-def logged_traffic(
-    logs: tuple[Path, ...], count: int, seed: int, terminal: "Terminal", prefer: "Prefer" = "conflicts"
-) -> "dict[Path, list[Scenario]]":
-    """Windows of logs, by log."""
-    from regents_cosim.sources.logs.record import record_log
-
-    return {
-        log: record_log(log, count=count, seed=seed, prefer=prefer, tell=terminal.say)
-        for log in terminal.each(logs, "reading logs", len(logs))
-    }
-
-
-def verify_in_sumo(attacked: "list[Scenario]", executor: str, terminal: "Terminal") -> "dict[str, Replay]":
-    """Replays in SUMO of the crashes among `attacked`, by case."""
-    from regents_cosim.replays.replay import replay_each
-    from regents_cosim.system.workers import executor_for
-
-    crashes = [s for s in attacked if s.attack and s.attack.outcome == "collision"]
-    with executor_for(executor) as pool:
-        replays = replay_each(crashes, "sumo", executor=pool)
-        return {replay.case: replay for replay in terminal.each(replays, "verifying in SUMO", len(crashes))}
-
-
 def require_other_folder(output: Path, cases: Path) -> None:
     """Raise RegentsError where attacked cases would come to lie among those that are attacked."""
     read = cases.parent if (cases / "scenario.json").is_file() else cases
@@ -146,16 +101,6 @@ def require_other_folder(output: Path, cases: Path) -> None:
             f"-o {output} is the folder that the cases are read from, and what was attacked is not attacked again: "
             "choose another folder with -o"
         )
-
-
-def attacked_planner(scenarios: "list[Scenario]") -> str:
-    """The one planner that the cases were attacked with. Raises RegentsError where it is not one of ours."""
-    from regents_cosim.planners.find import planner_of
-
-    planners = {planner_of(scenario) for scenario in scenarios if scenario.attack}
-    if len(planners) != 1:
-        raise RegentsError("the cases do not name one planner that was attacked; name it with --planner")
-    return planners.pop()
 
 
 def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":

@@ -44,8 +44,8 @@ def shrink(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.cases.files import load_suite
-    from regents_cosim.cases.suite import SuiteWriter, load_cases
+    from regents_cosim.cases.files import load_manifest
+    from regents_cosim.cases.suite import SuiteWriter, load_suite
     from regents_cosim.evaluation.reduction.shrink import crashes_of, size
     from regents_cosim.evaluation.reduction.shrink import shrink as run_shrink
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
@@ -59,7 +59,7 @@ def shrink(
         raise RegentsError(f"--record {record}: expected a name that ends in .gif (moves) or .png (a still)")
     if lead < 0.0:
         raise RegentsError(f"--lead {lead:g}: expected seconds before the crash, 0 or more")
-    found = load_cases(cases)
+    found = load_suite(cases)
     is_case = (cases / "scenario.json").is_file()
     crashes = found if is_case else crashes_of(found)
     if not crashes:
@@ -71,7 +71,7 @@ def shrink(
     planners = {name: PlannerUnderTest.of(name) for name in names}
     if compile_cache:
         keep_compiled_programs()
-    seed = load_suite(folder).seed if (folder / "suite.json").is_file() else 0
+    seed = load_manifest(folder).seed if (folder / "suite.json").is_file() else 0
     suite = SuiteWriter(folder, seed)
     rows = []
     for case, name in terminal.each(zip(crashes, names, strict=True), "shrinking", len(crashes)):

@@ -72,17 +72,14 @@ def build(
     """
     from regents_cosim.cases.files import content_hash
     from regents_cosim.cases.shipped import NETWORKS
-    from regents_cosim.evaluation.suites.building import Recipe
-    from regents_cosim.evaluation.suites.building import build as run_build
+    from regents_cosim.evaluation.suites.building import Recipe, build_suite
     from regents_cosim.evaluation.suites.cards import card
-    from regents_cosim.evaluation.suites.folders import require_place, write_suite
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import LISTED
 
     terminal = open_terminal(talk)
     if compile_cache:
         keep_compiled_programs()
-    require_place(output)
     networks = NETWORKS if nets == "all" else () if nets == "none" else _words(nets)
     counts = {"windows": windows, "adversarial": adversarial, "unavoidable": unavoidable, "ordinary": ordinary}
     for name, count in counts.items():
@@ -98,8 +95,7 @@ def build(
         method=method,
         seed=seed,
     )
-    scenarios = run_build(recipe, terminal.say)
-    write_suite(output, scenarios, seed)
+    scenarios = build_suite(output, recipe, tell=terminal.say)
     rows = [dataclasses.asdict(card(scenario, content_hash(scenario)[:12])) for scenario in scenarios]
     terminal.show(f"{len(rows)} cases in {output}", rows, essential=LISTED)
     return 0
@@ -226,7 +222,7 @@ def rank(
     compile_cache
         keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
-    from regents_cosim.cases.suite import load_cases
+    from regents_cosim.cases.suite import load_suite
     from regents_cosim.evaluation.drives.driving import drive_each
     from regents_cosim.evaluation.suites.ranking import rank_rows
     from regents_cosim.mirror.compile_cache import keep_compiled_programs
@@ -235,7 +231,7 @@ def rank(
     terminal = open_terminal(talk)
     if compile_cache:
         keep_compiled_programs()
-    cases = load_cases(suite)
+    cases = load_suite(suite)
     driven = [
         (name, list(terminal.each(drive_each(cases, name, act_timeout), f"driving {name}", len(cases))))
         for name in planner

@@ -22,7 +22,7 @@ _WRITERS: dict[Format, Callable[[Scenario, Path], None]] = {
 }
 
 
-def export(scenario: Scenario, to: Format, folder: Path) -> list[Path]:
+def export(scenario: Scenario, to: Format, folder: Path | str) -> list[Path]:
     """Write `scenario` in the format `to` into `folder`, new or empty; return its files.
 
     fcd is for SUMO, openscenario 1.2 (with OpenDRIVE) for esmini and its kin, commonroad 2020a, csv for
@@ -30,6 +30,7 @@ def export(scenario: Scenario, to: Format, folder: Path) -> list[Path]:
 
     Raises RegentsError where `folder` holds something or cannot be written, or a package is missing.
     """
+    folder = Path(folder)
     require_writable(folder)
     if folder.exists() and any(folder.iterdir()):
         raise RegentsError(f"{folder} is not empty; name a new folder with -o")

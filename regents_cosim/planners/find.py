@@ -4,7 +4,7 @@ What a user names is run. What a case names is not, for the case may be a strang
 No JAX here: processes that host a planner need none.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
@@ -61,6 +61,14 @@ def attacked_planners(case: Scenario) -> tuple[str, ...]:
             "case names is not run: name the planner yourself, with --planner"
         )
     return names
+
+
+def attacked_planner(cases: Sequence[Scenario]) -> str:
+    """The one planner that the cases were attacked with. Raises PlannerError where it is not one of ours."""
+    planners = {planner_of(case) for case in cases if case.attack}
+    if len(planners) != 1:
+        raise PlannerError("the cases do not name one planner that was attacked; name it with --planner")
+    return planners.pop()
 
 
 def find_attribute(name: str) -> Any:

@@ -20,6 +20,7 @@ from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import require_display
 from regents_cosim.system.logged import logged
+from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]
@@ -97,6 +98,15 @@ def replay_each(
         found_there = run_each(_in_sumo, jobs, executor if not isinstance(driven_by, Relay) else None)
         for scenario, found in zip(scenarios, found_there, strict=True):
             yield failed(scenario, found) if isinstance(found, RegentsError) else found
+
+
+def verify_in_sumo(
+    attacked: Sequence[Scenario], executor: Executor | None = None, progress: Progress = SILENT
+) -> dict[str, Replay]:
+    """Replays in SUMO of the crashes among `attacked`, by case."""
+    crashes = [case for case in attacked if case.attack and case.attack.outcome == "collision"]
+    replays = replay_each(crashes, "sumo", executor=executor)
+    return {replay.case: replay for replay in progress.each(replays, "verifying in SUMO", len(crashes))}
 
 
 @dataclass(frozen=True)

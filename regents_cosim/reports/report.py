@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import median
 
 from regents_cosim.cases.provenance import command
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import cases_of
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.driven_crash import verdict_of, verdict_of_drive
@@ -50,8 +50,7 @@ def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: S
     given = [PlannerUnderTest.of(planner) for planner in planners]
     check_report(Path(path), [planner.name for planner in given])
     folder = Path(cases) if isinstance(cases, (str, Path)) else None
-    scenarios = load_cases(folder) if folder else list(cases)  # type: ignore[arg-type]
-    scenarios = list(judge_rest(scenarios))
+    scenarios = list(judge_rest(cases_of(cases)))
     driven = {planner.name: list(drive_for_report(scenarios, planner)) for planner in given}
     save_report(report_of(scenarios, driven, folder), Path(path))
 

@@ -8,7 +8,7 @@ from reference_scenes import careful, cut_in
 from scenes import platoon
 
 from regents_cosim.attacks.careful_driver import careful_avoids
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.world import scene_origin, to_world
@@ -59,7 +59,7 @@ def offset(made):
 
 @pytest.mark.slow
 def test_it_agrees_on_the_standard_suite_and_is_the_stricter_one():
-    crashes = [case for case in load_cases(STANDARD) if case.attack is not None and case.attack.collision is not None]
+    crashes = [case for case in load_suite(STANDARD) if case.attack is not None and case.attack.collision is not None]
     found = [(careful(crash).avoids, on_device(crash)) for crash in crashes]
     assert sum(here == there for here, there in found) >= 0.95 * len(found)  # 79 of 81
     assert sum(there and not here for here, there in found) <= 0.02 * len(found)

@@ -15,7 +15,7 @@ from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.attacks.rules import diverging_in_front, mostly_behind
 from regents_cosim.benchmarks.gallery.exhibits import Run, exhibits
 from regents_cosim.benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run as regents
 from regents_cosim.mirror.world import to_world
 from regents_cosim.reports.chart import Line, draw_chart
@@ -43,7 +43,7 @@ def gallery(tmp_path_factory):
 @pytest.fixture(scope="module")
 def runs(gallery):
     """What the command found, exhibit by exhibit, read from its cases."""
-    cases = load_cases(gallery[0] / "cases")
+    cases = load_suite(gallery[0] / "cases")
     return {
         exhibit.name: Run(exhibit, {c.attack.method: c for c in cases if c.attack.case == exhibit.name})
         for exhibit in exhibits()

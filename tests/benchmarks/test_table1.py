@@ -12,8 +12,8 @@ from PIL import Image
 from table_runs import AVOIDABLE, AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, missed
 
 from regents_cosim.attacks.presets import KING, RANDOM, REGENTS, REGENTS_FOCUSED
+from regents_cosim.benchmarks.runs import columns
 from regents_cosim.benchmarks.table1 import as_json, compare, markdown, require_places, table1
-from regents_cosim.cli.runs import columns
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import Run, rollouts_at_most, scores
 from regents_cosim.reports.bars import Share, draw_bars

@@ -13,7 +13,7 @@ import pytest
 from disk_writers import add, assert_cleaned_up, assert_survived, assert_well, case, names, started
 from params import slow
 
-from regents_cosim.cases.files import find_cases, load_suite
+from regents_cosim.cases.files import find_cases, load_manifest
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import load_baseline
 from regents_cosim.evaluation.suites.folders import write_suite
@@ -34,7 +34,7 @@ def finish(*writers):
 def test_all_cases_of_four_writers_into_one_folder_are_listed(tmp_path):
     folder = tmp_path / "suite"
     finish(*(started("add", folder, *range(4 * i, 4 * i + 4), stdout=subprocess.DEVNULL) for i in range(4)))
-    assert {entry.case for entry in load_suite(folder).cases} == {f"case{i}" for i in range(16)}
+    assert {entry.case for entry in load_manifest(folder).cases} == {f"case{i}" for i in range(16)}
     assert_well(folder)
     assert names(folder) == sorted([*(f"case{i}" for i in range(16)), "maps", "suite.json"])
 
@@ -70,7 +70,7 @@ def test_a_suite_merged_into_itself_keeps_what_is_added_meanwhile(tmp_path):
     add(two, *range(1, 12))
     quiet = {"stdout": subprocess.DEVNULL}
     finish(started("merge", one, two, **quiet), started("add", one, *range(20, 28), **quiet))
-    assert len(load_suite(one).cases) == 20
+    assert len(load_manifest(one).cases) == 20
     assert_well(one)
 
 
@@ -80,7 +80,7 @@ def test_threads_of_one_process_wait_for_each_other(tmp_path):
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(load_suite(tmp_path).cases) == 9
+    assert len(load_manifest(tmp_path).cases) == 9
 
 
 def test_a_folder_that_another_does_not_let_go_of_is_said_in_one_line(tmp_path):

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
-from regents_cosim.cases.files import content_hash, find_cases, load_case, load_suite, save_case
-from regents_cosim.cases.suite import SuiteWriter, load_cases
+from regents_cosim.cases.files import content_hash, find_cases, load_case, load_manifest, save_case
+from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.scenario import (
     AttackRecord,
@@ -250,10 +250,10 @@ def test_a_suite_lists_its_cases_and_keeps_those_it_had(tmp_path):
     first = SuiteWriter(tmp_path, seed=3)
     first.add(platoon(seed=1))
     SuiteWriter(tmp_path, seed=3).add(platoon(seed=0))
-    assert [entry.case for entry in load_suite(tmp_path).cases] == ["platoon0", "platoon1"]
-    assert [case.id for case in load_cases(tmp_path)] == ["platoon0", "platoon1"]
+    assert [entry.case for entry in load_manifest(tmp_path).cases] == ["platoon0", "platoon1"]
+    assert [case.id for case in load_suite(tmp_path)] == ["platoon0", "platoon1"]
     assert find_cases(tmp_path / "platoon1") == [tmp_path / "platoon1"]
-    assert load_suite(tmp_path).seed == 3
+    assert load_manifest(tmp_path).seed == 3
 
 
 def test_a_folder_without_a_manifest(tmp_path):

@@ -21,9 +21,9 @@ from scenes import platoon
 from test_files import attacked, judged
 
 from regents_cosim.cases.array_files import load_arrays
-from regents_cosim.cases.files import load_case, load_suite, save_case
+from regents_cosim.cases.files import load_case, load_manifest, save_case
 from regents_cosim.cases.polygon_file import load_polygons
-from regents_cosim.cases.suite import SuiteWriter, load_cases
+from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 from regents_cosim.evaluation.drives.encounters import Way, crossing, followings, joining
 from regents_cosim.scenario import Agent, Tracks
@@ -171,7 +171,7 @@ def test_a_map_and_a_manifest_that_are_named_pipes(case):
     assert_refused(case, "road.json.gz is a named pipe")
     os.mkfifo(case.parent / "suite.json")
     with pytest.raises(CaseError, match=r"suite\.json is a named pipe"):
-        load_suite(case.parent)
+        load_manifest(case.parent)
 
 
 def test_a_map_that_expands_is_refused(case, monkeypatch):
@@ -201,7 +201,7 @@ def test_json_of_great_depth_is_refused(case, name, text):
     path = case / name if name == "scenario.json" else case.parent / name
     path.write_bytes(text)
     with pytest.raises(CaseError, match="damaged or truncated"):
-        load_cases(case if name == "scenario.json" else case.parent)
+        load_suite(case if name == "scenario.json" else case.parent)
 
 
 # --- numbers ----------------------------------------------------------------------------------
@@ -312,7 +312,7 @@ def test_whatever_happened_to_a_file_it_is_read_or_refused(whole, name, examples
         else:
             path.write_bytes(gzip.compress(spoilt(unpacked, how)) if unpacked and by_value else spoilt(before, how))
         with suppress(CaseError):
-            load_cases(whole)
+            load_suite(whole)
 
     try:
         tried()

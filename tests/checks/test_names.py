@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
-from regents_cosim.cases.files import Header, SuiteEntry, content_hash, find_cases, load_case, load_suite, save_case
+from regents_cosim.cases.files import Header, SuiteEntry, content_hash, find_cases, load_case, load_manifest, save_case
 from regents_cosim.cases.map_files import MapFiles
-from regents_cosim.cases.suite import SuiteWriter, load_cases
+from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.checks.names import MOST_BYTES, distinct_word, file_name, require_file_name, require_id, word
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, ScenarioError
@@ -129,7 +129,13 @@ def test_a_manifest_that_names_a_folder_elsewhere_is_refused(tmp_path, name):
     manifest = json.loads((tmp_path / "suite" / "suite.json").read_text())
     manifest["cases"][0]["case"] = name
     (tmp_path / "suite" / "suite.json").write_text(json.dumps(manifest))
-    for read in (load_suite, find_cases, load_cases, lambda suite: list(check_suite(suite)), lambda s: merge([s, s])):
+    for read in (
+        load_manifest,
+        find_cases,
+        load_suite,
+        lambda suite: list(check_suite(suite)),
+        lambda s: merge([s, s]),
+    ):
         with pytest.raises(CaseError, match="case of a suite"):
             read(tmp_path / "suite")
 
@@ -171,7 +177,7 @@ def test_a_link_out_of_a_suite_is_not_read(suite_and_outside, what):
     (suite / what).rename(suite / "moved")
     (suite / what).symlink_to(outside / what)
     with pytest.raises(CaseError, match=r"is a link that leads out of"):
-        load_cases(suite)
+        load_suite(suite)
 
 
 def test_a_link_that_stays_in_its_suite_is_read(suite_and_outside):
@@ -183,7 +189,7 @@ def test_a_link_that_stays_in_its_suite_is_read(suite_and_outside):
 
 def test_a_suite_may_be_a_link_itself(suite_and_outside, tmp_path):
     (tmp_path / "link").symlink_to(suite_and_outside[0])
-    assert len(load_cases(tmp_path / "link")) == 2
+    assert len(load_suite(tmp_path / "link")) == 2
 
 
 @pytest.mark.parametrize("what", ["platoon0", "maps"])
@@ -201,7 +207,7 @@ def test_what_a_suite_keeps_beside_its_cases_is_not_read_through_a_link(suite_an
     suite, _ = suite_and_outside
     (tmp_path / "secret").write_text("mine")
     (suite / "notes.md").symlink_to(tmp_path / "secret")
-    write_suite(suite, load_cases(suite), 0)
+    write_suite(suite, load_suite(suite), 0)
     assert not (suite / "notes.md").exists() or (suite / "notes.md").is_symlink()
 
 

@@ -17,7 +17,7 @@ from PIL import Image
 from scenes import DT, scene
 from scenes import crash as crashed
 
-from regents_cosim.cases.files import load_case, load_suite, save_case
+from regents_cosim.cases.files import load_case, load_manifest, save_case
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.collisions import first_contact
 
@@ -60,7 +60,7 @@ def crash(attacked):
 
 def test_record_writes_the_cases_that_its_table_lists(recorded):
     folder, rows = recorded
-    assert [entry.case for entry in load_suite(folder).cases] == sorted(row["case"] for row in rows)
+    assert [entry.case for entry in load_manifest(folder).cases] == sorted(row["case"] for row in rows)
     for row in rows:
         case = load_case(folder / row["case"])
         assert (len(case.agents), case.tracks.steps) == (row["agents"], 81)
@@ -72,7 +72,7 @@ def test_record_writes_the_cases_that_its_table_lists(recorded):
 def test_the_same_seed_gives_the_same_cases(recorded, tmp_path):
     again = tmp_path / "again"
     regents("record", "-c", GRID, "--count", 3, "--seed", 1, "-o", again)
-    assert load_suite(again).cases == load_suite(recorded[0]).cases
+    assert load_manifest(again).cases == load_manifest(recorded[0]).cases
 
 
 def test_attack_finds_crashes_that_sumo_confirms(attacked):
@@ -170,7 +170,7 @@ def test_attack_straight_from_traffic(tmp_path):
     )
     done = regents(*words, "-o", tmp_path / "suite", "--method", "king", "--as-published", "--planner", "log_replay")
     assert (done.returncode, done.stderr) == (0, "")
-    (entry,) = load_suite(tmp_path / "suite").cases
+    (entry,) = load_manifest(tmp_path / "suite").cases
     attack = load_case(tmp_path / "suite" / entry.case).attack
     assert (attack.method, attack.settings["as_published"]) == ("king", True)
     assert entry.case == f"{attack.case}-king-published-log_replay"
@@ -359,7 +359,7 @@ def test_a_killed_run_leaves_whole_cases_only(tmp_path):
     finally:
         running.kill()
         running.wait()
-    for entry in load_suite(suite).cases:
+    for entry in load_manifest(suite).cases:
         assert load_case(suite / entry.case).attack is not None
 
 

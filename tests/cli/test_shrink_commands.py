@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 from test_cli import regents
 
-from regents_cosim.cases.files import load_case, load_suite
+from regents_cosim.cases.files import load_case, load_manifest
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.collisions import first_contact
 
@@ -15,7 +15,7 @@ SUITE = shipped("scenarios") / "quickstart"
 
 def crashes():
     """Shipped cases that end in a collision."""
-    cases = [load_case(SUITE / entry.case) for entry in load_suite(SUITE).cases]
+    cases = [load_case(SUITE / entry.case) for entry in load_manifest(SUITE).cases]
     return [case for case in cases if case.attack.outcome == "collision"]
 
 

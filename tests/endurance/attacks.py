@@ -18,7 +18,7 @@ from typing import Any
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS, REGENTS_FOCUSED, AttackConfig
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.scenario import Scenario
 from tests.endurance.gauge import gauge, watched
 
@@ -28,7 +28,7 @@ _ITERATIONS = 5
 
 def traffic() -> list[Scenario]:
     """Cases as they were before their attack, of every network two."""
-    return [case.before_attack() for case in load_cases(shipped("scenarios") / "quickstart")]
+    return [case.before_attack() for case in load_suite(shipped("scenarios") / "quickstart")]
 
 
 def methods() -> list[AttackConfig]:

@@ -23,7 +23,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from regents_cosim.cases.files import content_hash, load_case, load_suite
+from regents_cosim.cases.files import content_hash, load_case, load_manifest
 from regents_cosim.cases.shipped import network_config, shipped
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline
@@ -121,8 +121,8 @@ def _suite_whole(before: Path, now: Path) -> list[str]:
     """All cases from before are listed, all listed cases load, the user's notes and the baseline are there."""
     wrong = [] if (now / _NOTES).is_file() else ["the user's notes are gone"]
     try:
-        entries = load_suite(now).cases
-        wrong += [f"{e.case} was listed before" for e in load_suite(before).cases if e.case not in _names(entries)]
+        entries = load_manifest(now).cases
+        wrong += [f"{e.case} was listed before" for e in load_manifest(before).cases if e.case not in _names(entries)]
         for entry in entries:
             load_case(now / entry.case)
         load_baseline(now / "baseline.json")
@@ -136,7 +136,7 @@ def _suite_whole(before: Path, now: Path) -> list[str]:
 def _suite_old_or_new(before: Path, now: Path) -> list[str]:
     """A suite that is replaced at once: one of the two, whole."""
     try:
-        names = _names(load_suite(now).cases)
+        names = _names(load_manifest(now).cases)
         for name in names:
             load_case(now / name)
     except RegentsError as error:
@@ -269,7 +269,7 @@ class Slow:
 def prepare(at: Path, cases: int = 3) -> Path:
     """Shipped cases before and after their attack, a suite with a baseline, and a planner of the user's own."""
     home = shipped("scenarios") / "quickstart"
-    attacked = [load_case(home / entry.case) for entry in load_suite(home).cases[:cases]]
+    attacked = [load_case(home / entry.case) for entry in load_manifest(home).cases[:cases]]
     ordinary = [replace(case.before_attack(), id=f"ordinary-{index}") for index, case in enumerate(attacked)]
     write_suite(at / "cases", ordinary, 0)
     write_suite(at / "attacked", attacked, 0)
@@ -294,7 +294,7 @@ def _outcome(case: Scenario) -> Driven:
 
 def _first(suite: Path) -> Path:
     """A case of a suite that ends in a collision."""
-    for entry in load_suite(suite).cases:
+    for entry in load_manifest(suite).cases:
         attack = load_case(suite / entry.case).attack
         if attack and attack.collision:
             return suite / entry.case

@@ -26,7 +26,7 @@ sys.path.append(str(Path(__file__).parents[1] / "support"))  # as a program, pyt
 import log_files
 import scenes
 
-from regents_cosim.cases.files import Suite, SuiteEntry, load_case, load_suite, save_case, save_suite
+from regents_cosim.cases.files import Suite, SuiteEntry, load_case, load_manifest, save_case, save_suite
 from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline, save_baseline
 from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 from regents_cosim.planners.aim_bev.weights_file import load_weights
@@ -345,7 +345,7 @@ def _cases() -> list[Reader]:
             wrap=lambda data: _npz({**arrays, "x": data})),
         one("road_json", road, seeds=(gzip.decompress(files[road]),), wrap=_packed, hostile=_gzip_bombs),
         one("net_xml_gz", net, hostile=_gzip_bombs),
-        one("suite_json", "suite.json", lambda path: load_suite(path.parent), hostile=_json_bombs),
+        one("suite_json", "suite.json", lambda path: load_manifest(path.parent), hostile=_json_bombs),
         one("baseline_json", "baseline.json", load_baseline, hostile=_json_bombs),
     ]  # fmt: skip
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.replays.replay import Simulator, replay_each
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
@@ -26,7 +26,7 @@ _DRAWN_EVERY = 20
 
 def cases(where: Simulator) -> list[Scenario]:
     """Attacked cases that `where` verifies: of SUMO's networks and of highway-env's roads."""
-    found = load_cases(shipped("scenarios") / "quickstart") + load_cases(shipped("scenarios") / "standard")
+    found = load_suite(shipped("scenarios") / "quickstart") + load_suite(shipped("scenarios") / "standard")
     crashes = [case for case in found if case.attack and case.attack.collision]
     return [case for case in crashes if where == "highway" or case.road.sumo_net]
 

@@ -15,7 +15,7 @@ import tempfile
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from regents_cosim.cases.files import content_hash, load_case, load_suite
+from regents_cosim.cases.files import content_hash, load_case, load_manifest
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import RegentsError
@@ -58,7 +58,7 @@ def read(suite: Path, until: Path) -> int:
     rounds = 0
     while not until.exists():
         if (suite / "suite.json").exists():
-            for entry in load_suite(suite).cases:
+            for entry in load_manifest(suite).cases:
                 load_case(suite / entry.case)
             load_baseline(suite / FILE)
             rounds += 1
@@ -85,7 +85,7 @@ def run(rounds: int, writers: int, adds: int, work: Path) -> Tally:
 
 
 def _count(suite: Path, names: list[str], tally: Tally) -> None:
-    listed = {entry.case for entry in load_suite(suite).cases}
+    listed = {entry.case for entry in load_manifest(suite).cases}
     accepted = load_baseline(suite / FILE).planners
     tally.rounds += 1
     tally.cases_saved += len(names) + 1
@@ -107,7 +107,7 @@ def _accept(suite: Path, planner: str, case: Scenario) -> None:
 
 def _case() -> Scenario:
     suite = shipped("scenarios") / "quickstart"
-    return load_case(suite / load_suite(suite).cases[0].case)
+    return load_case(suite / load_manifest(suite).cases[0].case)
 
 
 def _start(*words: object) -> subprocess.Popen[str]:

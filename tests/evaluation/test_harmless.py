@@ -8,7 +8,7 @@ from regression_cases import cuts_in, follows, pushes
 
 from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.cases.shipped import suite_folder
-from regents_cosim.cases.suite import load_cases, suite_cases
+from regents_cosim.cases.suite import load_suite, suite_cases
 from regents_cosim.evaluation.drives.driving import drive_each, driving_row, score
 from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
 from regents_cosim.evaluation.suites.cards import card, card_of
@@ -85,7 +85,7 @@ def test_a_rank_compares_each_planner_with_the_one_before():
 
 @pytest.mark.slow
 def test_the_standard_suite_separates_the_ladder_it_was_made_with():
-    cases = load_cases(suite_folder("standard"))
+    cases = load_suite(suite_folder("standard"))
     ladder = ("careful", "idm", "idm:time_headway=0.2", "constant_velocity")
     rows = rank_rows([(name, list(drive_each(cases, name))) for name in ladder])
     assert (rows[0].crashes, rows[0].held_up) == (0, 0)

@@ -10,7 +10,7 @@ import pytest
 import regression_cases
 from places import SUPPORT
 
-from regents_cosim.cases.files import load_case, load_suite, save_suite
+from regents_cosim.cases.files import load_case, load_manifest, save_suite
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.evaluation.regression import comparison as regression
@@ -101,7 +101,7 @@ def test_an_update_says_what_changed_and_forgets_what_left(project):
     done.stdout.fnmatch_lines(["improved (accept with --regents-update): squeezes_in"])
     session(project, "--regents-strict").assert_outcomes(passed=2, failed=1)
 
-    suite = load_suite(project.path / "suite")
+    suite = load_manifest(project.path / "suite")
     fewer = tuple(entry for entry in suite.cases if entry.case != "follows")
     save_suite(project.path / "suite", type(suite)(fewer))
     session(project).stdout.fnmatch_lines(["unused baseline entry: follows in *baseline.json"])
@@ -118,7 +118,7 @@ def test_a_case_that_changed_has_no_baseline_any_more(project):
     session(project, "--regents-update")
     folder = project.path / "suite"
     text = (folder / "baseline.json").read_text()
-    digest = next(entry.hash for entry in load_suite(folder).cases if entry.case == "follows")
+    digest = next(entry.hash for entry in load_manifest(folder).cases if entry.case == "follows")
     (folder / "baseline.json").write_text(text.replace(digest, "0" * 64))
     done = session(project)
     done.assert_outcomes(passed=2, failed=1)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
-from regents_cosim.cases.files import content_hash, load_case, load_suite
+from regents_cosim.cases.files import content_hash, load_case, load_manifest
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
@@ -126,7 +126,7 @@ def test_a_suite_takes_the_place_of_the_one_before(tmp_path):
         Baseline().accepting("idm", "mirror", {"follows": Driven("", "no_collision")}, ["follows"]),
     )
     write_suite(folder, [platoon()], 3)
-    assert [entry.case for entry in load_suite(folder).cases] == ["platoon0"]
+    assert [entry.case for entry in load_manifest(folder).cases] == ["platoon0"]
     assert sorted(path.name for path in folder.iterdir()) == ["baseline.json", "maps", "platoon0", "suite.json"]
     assert not [path for path in tmp_path.iterdir() if path != folder]
     (tmp_path / "other").mkdir()
@@ -151,7 +151,7 @@ def test_list(tmp_path, capsys):
     assert code == 0
     assert [row["kind"] for row in rows.values()] == ["ordinary", "side_swipe", "side_swipe"]
     assert rows["pushes"]["adversary"] == "car02"
-    assert rows["pushes"]["hash"] == load_suite(folder).cases[1].hash == card_of(folder / "pushes").hash
+    assert rows["pushes"]["hash"] == load_manifest(folder).cases[1].hash == card_of(folder / "pushes").hash
 
 
 def _truncate_tracks(folder):
@@ -170,7 +170,7 @@ def _another_content(folder):
 
 
 def _forget_a_case(folder):
-    suite = load_suite(folder)
+    suite = load_manifest(folder)
     text = (folder / "suite.json").read_text()
     assert suite.cases[0].case == "follows"
     manifest = json.loads(text)
@@ -219,7 +219,7 @@ def test_merge(tmp_path, capsys):
         entries = {case: Driven(card_of(folder / case).hash, "no_collision")}
         save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", entries, entries))
     assert regents(capsys, "merge", one, two, "-o", tmp_path / "both")[0] == 0
-    assert [e.case for e in load_suite(tmp_path / "both").cases] == ["follows", "platoon0", "pushes", "squeezes_in"]
+    assert [e.case for e in load_manifest(tmp_path / "both").cases] == ["follows", "platoon0", "pushes", "squeezes_in"]
     assert sorted(load_baseline(tmp_path / "both" / "baseline.json").of("idm", "mirror")) == ["platoon0", "pushes"]
     assert regents(capsys, "check", tmp_path / "both")[0] == 0
 
@@ -234,7 +234,7 @@ def test_merge(tmp_path, capsys):
 def test_judging_again_keeps_what_was_accepted(tmp_path, capsys):
     """A suite of an older version: its crashes are not judged, one has a picture, and a baseline was accepted."""
     folder = regression_cases.write(tmp_path / "suite")
-    hashes = {entry.case: entry.hash for entry in load_suite(folder).cases}
+    hashes = {entry.case: entry.hash for entry in load_manifest(folder).cases}
     accepted = {case: Driven(digest, "no_collision") for case, digest in hashes.items()}
     save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", accepted, accepted))
     (folder / "pushes" / "still.png").write_bytes(b"old")
@@ -244,11 +244,11 @@ def test_judging_again_keeps_what_was_accepted(tmp_path, capsys):
     rows = {row["case"]: row for row in json.loads(out)}
     assert (code, sorted(rows)) == (0, ["pushes", "squeezes_in"])
     assert rows["pushes"]["before"] is None
-    assert {entry.case: entry.hash for entry in load_suite(folder).cases} == hashes, "the suite itself stays"
+    assert {entry.case: entry.hash for entry in load_manifest(folder).cases} == hashes, "the suite itself stays"
 
     assert regents(capsys, "judge", folder)[0] == 0
     for suite in (folder, tmp_path / "judged"):
-        now = {entry.case: entry.hash for entry in load_suite(suite).cases}
+        now = {entry.case: entry.hash for entry in load_manifest(suite).cases}
         assert {case for case in now if now[case] != hashes[case]} == {"pushes", "squeezes_in"}
         assert {
             case: one.hash for case, one in load_baseline(suite / "baseline.json").of("idm", "mirror").items()
@@ -257,8 +257,10 @@ def test_judging_again_keeps_what_was_accepted(tmp_path, capsys):
         assert (suite / "pushes" / "still.png").read_bytes()[:4] == b"\x89PNG"
         assert regents(capsys, "check", suite)[0] == 0
     assert (folder / "notes.txt").read_text() == "mine"
-    again = {entry.case: entry.hash for entry in load_suite(folder).cases}
+    again = {entry.case: entry.hash for entry in load_manifest(folder).cases}
     assert regents(capsys, "judge", folder)[0] == 0
-    assert {entry.case: entry.hash for entry in load_suite(folder).cases} == again, "the same verdicts, the same bytes"
+    assert {entry.case: entry.hash for entry in load_manifest(folder).cases} == again, (
+        "the same verdicts, the same bytes"
+    )
     code, _, err = regents(capsys, "judge", tmp_path)
     assert (code, "is no suite" in err) == (2, True)

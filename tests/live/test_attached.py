@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from regents_cosim.cases.shipped import network
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.replays.replay import replay_each
 
 SCRIPT = Path(__file__).with_name("attached_run.py")
@@ -50,7 +50,7 @@ def test_what_happens_live_becomes_a_case_that_replays_to_the_same_step(tmp_path
     assert found["crashes"] == 1
     assert found["states"][:3] == ["waiting", "watching", "attacking"]
     assert not found["told"]
-    (case,) = load_cases(suite)
+    (case,) = load_suite(suite)
     assert case.attack.outcome == "collision"
     assert case.judgement is not None
     assert case.original is not None
@@ -88,7 +88,7 @@ def test_steps_may_have_any_length(tmp_path, step_s):
     assert found["raised"] is None
     assert not found["told"]
     if found["cases"]:  # that replay, whatever their step
-        assert all(replay.verified for replay in replay_each(load_cases(tmp_path / "suite"), "sumo"))
+        assert all(replay.verified for replay in replay_each(load_suite(tmp_path / "suite"), "sumo"))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import shapely
 from scenes import scene
 
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.ground import EDGE_LINE_M, LANE_LINE_M, draw_cells, stop_bars, to_ground
 from regents_cosim.mirror.observe import COLOURS, MARK_S, MARK_WIDTH_M, MOST, PIXEL_M, PIXELS, REACH_M, View, observe
@@ -105,7 +105,7 @@ class Eye:
         return np.asarray(RENDER(self.ground, self.bars, self.view(step), Motion(*map(jnp.float32, values))))
 
 
-CASES = {case.id.partition("-")[0]: case for case in load_cases(shipped("scenarios") / "quickstart")}
+CASES = {case.id.partition("-")[0]: case for case in load_suite(shipped("scenarios") / "quickstart")}
 
 
 @pytest.mark.parametrize("name", ["multilane", "roundabout", "signals"])

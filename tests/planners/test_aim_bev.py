@@ -14,7 +14,7 @@ from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
-from regents_cosim.cases.suite import SuiteWriter, load_cases
+from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, step
@@ -285,9 +285,9 @@ def test_training_goes_on_where_it_stopped(cases, tmp_path):
 
     config = TrainConfig(epochs=2, lessons=64, drives=1, warm_up=0, threads=1, frozen=11)
     out = tmp_path / "weights.safetensors"
-    first = next(train(load_cases(cases), out, config))
+    first = next(train(load_suite(cases), out, config))
     weights = load_weights(out)
-    (both,) = train(load_cases(cases), out, config, checkpoint_path(out))
+    (both,) = train(load_suite(cases), out, config, checkpoint_path(out))
     assert both[0] == first[0]
     assert np.isfinite(both[1].loss_m)
     after = load_weights(out)

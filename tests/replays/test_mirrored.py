@@ -14,7 +14,7 @@ import sumolib
 from avoidable_scenes import braking_lead
 from places import ROOT
 
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.planners.find import find_attribute
@@ -51,7 +51,7 @@ def said(case):
 
 def crashes(count):
     """Of the shipped cases, their maps without networks, one of each place first."""
-    cases = [case for case in load_cases(QUICKSTART) if case.attack and case.attack.collision]
+    cases = [case for case in load_suite(QUICKSTART) if case.attack and case.attack.collision]
     places = {case.id.split("-")[0]: case for case in reversed(cases)}
     return [replace(case, road=replace(case.road, sumo_net=None)) for case in list(places.values())[:count]]
 
@@ -123,7 +123,7 @@ def test_left_hand_traffic_is_recorded_attacked_judged_and_replayed(tmp_path):
         attack = ["attack", "-c", str(town), "--count", "3", "--seed", "3", "--method", method, "-o", str(cases)]
         assert run([*attack, "--adversaries", "one"] if method == "focused" else attack) == 0
         assert run(["replay", str(cases)]) == 0
-    found = [case.judgement for case in load_cases(tmp_path / "king") if case.judgement]
+    found = [case.judgement for case in load_suite(tmp_path / "king") if case.judgement]
     assert found
     for judgement in found:
         assert judgement.law.lawful is not None

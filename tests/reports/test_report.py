@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 from regents_cosim import report
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import realism
 from regents_cosim.evaluation.drives.driving import Drive
@@ -37,7 +37,7 @@ from regents_cosim.scenario import Avoidability, Fault, Judgement
 
 REGENTS = Path(sys.executable).parent / "regents"
 QUICKSTART = shipped("scenarios") / "quickstart"
-CASES = load_cases(QUICKSTART)
+CASES = load_suite(QUICKSTART)
 CRASHES = [case for case in CASES if case.attack and case.attack.collision]
 HARMFUL = """<script>window.hurt = 1<img src=x onerror="window.hurt = 1"> & 'ünïcode' <!--"""
 

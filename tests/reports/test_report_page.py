@@ -9,7 +9,7 @@ import pytest
 from params import slow
 
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import Drive
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
@@ -24,7 +24,7 @@ LAPTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 HARMFUL = """<script>window.hurt = 1<img src=x onerror="window.hurt = 1"> & 'ü' #t=3"""  # as an id, so without a slash
 TURNED = "\u202emi\u2066"  # marks that turn the direction of writing around
 EVERYWHERE = HARMFUL + "</script></style></title>\u2028" + TURNED
-CASES = load_cases(shipped("scenarios") / "quickstart")
+CASES = load_suite(shipped("scenarios") / "quickstart")
 CRASHES = [case for case in CASES if case.attack and case.attack.collision]
 
 # The ratio of WCAG 2.1 between every visible text and the first opaque ground under it; links without a target are off.

@@ -13,7 +13,7 @@ import pytest
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.observe import View, observe
 from regents_cosim.mirror.rollout import drive
@@ -30,7 +30,7 @@ ROUNDS = 15
 
 @pytest.fixture(scope="module")
 def driven():
-    made = next(case.before_attack() for case in load_cases(shipped("scenarios") / "quickstart") if CASE in case.id)
+    made = next(case.before_attack() for case in load_suite(shipped("scenarios") / "quickstart") if CASE in case.id)
     world = to_world(made)
     return world, aim_bev().init(LoopScene(made, world))
 
@@ -120,7 +120,7 @@ def test_drives(benchmark, driven):
 
 def attacked(preset, every, iterations=500):
     """The twelve windows of `scenarios/quickstart` attacked on all cores: cases and seconds."""
-    windows = [case.before_attack() for case in load_cases(shipped("scenarios") / "quickstart")]
+    windows = [case.before_attack() for case in load_suite(shipped("scenarios") / "quickstart")]
     config = replace(preset, replan_every=every, iterations=iterations)
     begin = time.perf_counter()
     found = list(attack_each(windows, config, "aim-bev"))

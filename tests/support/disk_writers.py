@@ -12,7 +12,7 @@ from pathlib import Path
 
 from scenes import platoon
 
-from regents_cosim.cases.files import content_hash, load_suite
+from regents_cosim.cases.files import content_hash, load_manifest
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.evaluation.regression.baseline import Driven, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, merge_into, write_suite
@@ -115,7 +115,7 @@ def names(folder):
 
 def assert_survived(folder):
     assert_well(folder)
-    assert {entry.case for entry in load_suite(folder).cases} in ({"case0", "case1"}, {"case0", "case1", "case2"})
+    assert {entry.case for entry in load_manifest(folder).cases} in ({"case0", "case1"}, {"case0", "case1", "case2"})
     assert (folder / "notes.md").read_text() == "mine"
     assert (folder / "pictures" / "deep" / "one.txt").read_text() == "mine too"
     assert (folder / "case0" / "remark.txt").read_text() == "and mine"

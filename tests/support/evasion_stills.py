@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.reports.caption import way_out
 from regents_cosim.reports.picture import draw_still
 from regents_cosim.verdicts.judgement import judge_each
 
 if __name__ == "__main__":
     suite, count, seed, target = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4])
-    crashes = [case for case in load_cases(Path(suite)) if case.judgement is not None]
+    crashes = [case for case in load_suite(Path(suite)) if case.judgement is not None]
     chosen = np.random.default_rng(seed).permutation(len(crashes))[:count]
     target.mkdir(parents=True, exist_ok=True)
     for number, judged in enumerate(judge_each([crashes[index] for index in sorted(chosen.tolist())])):

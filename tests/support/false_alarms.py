@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.collisions import first_contact
 from regents_cosim.evaluation.statistics import percent_interval
 from regents_cosim.replays.mirror import Wheel
@@ -41,7 +41,7 @@ def false_alarms(windows: list[Scenario]) -> tuple[int, dict[str, int]]:
 
 if __name__ == "__main__":
     for folder in map(Path, sys.argv[1:]):
-        windows = [case.before_attack() for case in load_cases(folder)]
+        windows = [case.before_attack() for case in load_suite(folder)]
         ordinary, found = false_alarms(windows)
         intervals = {name: "{:.0f} to {:.0f} %".format(*percent_interval(n, ordinary)) for name, n in found.items()}
         shares = ", ".join(f"{name} {count} ({intervals[name]})" for name, count in found.items())

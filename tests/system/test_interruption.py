@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.cases.files import load_case, load_suite
+from regents_cosim.cases.files import load_case, load_manifest
 from regents_cosim.cases.shipped import network_config, shipped
 
 REGENTS = Path(sys.executable).parent / "regents"
@@ -80,7 +80,7 @@ def attack(suite, *more, **environment):
 
 
 def check_saved(suite):
-    listed = load_suite(suite).cases
+    listed = load_manifest(suite).cases
     for entry in listed:
         assert load_case(suite / entry.case).attack is not None
     assert {entry.case for entry in listed} == {p.name for p in suite.iterdir() if (p / "scenario.json").exists()}

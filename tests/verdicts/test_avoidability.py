@@ -12,7 +12,7 @@ from places import ROOT
 from scenes import DT, crash, platoon, scene, straight_road
 
 from regents_cosim.cases.files import load_case, save_case
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, ScenarioError
 from regents_cosim.geometry.boxes import Boxes, corners, overlap
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
@@ -178,7 +178,7 @@ def test_only_an_avoidable_crash_can_be_evaded():
 @pytest.fixture(scope="module")
 def judged():
     """Crashes of the cases that are shipped, with their judgement."""
-    found = list(judge_each(load_cases(QUICKSTART)))
+    found = list(judge_each(load_suite(QUICKSTART)))
     assert [case.judgement is not None for case in found] == [case.attack.outcome == "collision" for case in found]
     return [case for case in found if case.evasion is not None]
 

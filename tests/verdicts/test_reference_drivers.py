@@ -11,7 +11,7 @@ from places import ROOT
 from reference_scenes import TIME, aside, careful, cut_in
 from scenes import DT, crash, scene, straight_road
 
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.verdicts.emergency_braking import Brakes, braked_speed
 from regents_cosim.verdicts.reference_drivers import CAREFUL_BRAKES, reference_drives, reference_track
 from regents_cosim.verdicts.words import drive_words
@@ -111,7 +111,7 @@ def test_until_it_acts_it_is_the_egos_own_drive_and_never_ahead_of_it(gap, later
 
 
 def test_it_has_its_place_in_the_judgement_of_every_case():
-    for case in load_cases(QUICKSTART):
+    for case in load_suite(QUICKSTART):
         drives = reference_drives(case)
         assert bool(drives) == (case.attack is not None and case.attack.collision is not None)
         for drive in drives:

@@ -10,9 +10,9 @@ from scenes import scene
 from usual_scenes import STEPS, driven, traffic
 
 from regents_cosim.benchmarks.table1 import table1
+from regents_cosim.benchmarks.table_files import write_table
 from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.cases.shipped import network
-from regents_cosim.cli.runs import write_table
 from regents_cosim.evaluation.crashes.scores import USUAL, Run, scores
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import record

@@ -24,7 +24,9 @@ from regents_cosim.evaluation.drives.driving import Drive, drive_each
 from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
 from regents_cosim.evaluation.suites.cards import Card, card
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
+from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import Wheel
 from regents_cosim.scenario import AttackRecord, Scenario
 from regents_cosim.sources.record import record
@@ -42,7 +44,7 @@ _BLIND = "constant_velocity"
 class Recipe:
     """Everything that decides which cases a suite holds."""
 
-    nets: tuple[str, ...]  # shipped SUMO networks, or .sumocfg files
+    nets: tuple[str, ...] = ()  # shipped SUMO networks, or .sumocfg files
     highway: tuple[str, ...] = ()  # environments of highway-env
     windows: int = 25  # of traffic, for each of them
     attacked: int = 0  # of these; 0: all
@@ -50,13 +52,29 @@ class Recipe:
     unavoidable: int = 5
     ordinary: int = 40
     harmless: bool = True  # crashes that have a neighbour in which nothing is to be feared, each with it
-    planners: tuple[str, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
+    planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
     method: str = "focused"
     seed: int = 0
 
 
+def build_suite(
+    output: Path | str, recipe: Recipe, *, tell: Callable[[str], None] = lambda line: None
+) -> list[Scenario]:
+    """Make the suite of `recipe` in the folder `output`; its cases. The same recipe gives the same suite, bit for bit.
+
+    What the folder held before is replaced when the new suite is complete; its baseline stays. Raises RegentsError
+    where traffic cannot be recorded, no case is left, or `output` holds something else.
+    """
+    folder = Path(output)
+    require_place(folder)
+    cases = build(recipe, tell)
+    write_suite(folder, cases, recipe.seed)
+    return cases
+
+
 def build(recipe: Recipe, tell: Callable[[str], None] = lambda line: None) -> list[Scenario]:
     """The cases of the suite, by name. Raises RegentsError where traffic cannot be recorded or no case is left."""
+    recipe = replace(recipe, planners=tuple(map(PlannerUnderTest.of, recipe.planners)))
     recorded_by_source = [_recorded(source, recipe, tell) for source in _sources(recipe)]
     crashes = _crashes([one for its in recorded_by_source for one in _spread(its, recipe.attacked)], recipe, tell)
     ordinary = _collision_free([one for its in recorded_by_source for one in its], recipe)
@@ -116,17 +134,20 @@ def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None]) -
 
 def _crashes(windows: Sequence[Scenario], recipe: Recipe, tell: Callable[[str], None]) -> list[Scenario]:
     kept: list[Scenario] = []
-    above = [_CAREFUL]
-    for planner in recipe.planners:
+    above = [PlannerUnderTest.of(_CAREFUL)]
+    for planner in map(PlannerUnderTest.of, recipe.planners):
         found = _found(windows, planner, recipe.method, tell)
-        tell(f"judging {len(found)} crashes of {planner}")
+        tell(f"judging {len(found)} crashes of {planner.name}")
         kept += _passed_by(above, list(judge_each(found)))
-        tell(f"kept {len(kept)} crashes, which {' and '.join(above)} pass{'es' if len(above) == 1 else ''}")
+        names = " and ".join(one.name for one in above)
+        tell(f"kept {len(kept)} crashes, which {names} pass{'es' if len(above) == 1 else ''}")
         above.append(planner)
     return kept
 
 
-def _found(windows: Sequence[Scenario], planner: str, method: str, tell: Callable[[str], None]) -> list[Scenario]:
+def _found(
+    windows: Sequence[Scenario], planner: PlannerUnderTest, method: str, tell: Callable[[str], None]
+) -> list[Scenario]:
     """What an attack finds for one planner."""
     found: list[Scenario] = []
     lost: list[AttackRecord] = []
@@ -134,14 +155,14 @@ def _found(windows: Sequence[Scenario], planner: str, method: str, tell: Callabl
         found += [case for case in results if case.attack and case.attack.outcome == "collision"]
         lost += [case.attack for case in results if case.attack and case.attack.planner_error]
         if number % 25 == 0 or number == len(windows):
-            tell(f"attacked {planner} in {number} of {len(windows)} windows: {len(found)} crashes")
+            tell(f"attacked {planner.name} in {number} of {len(windows)} windows: {len(found)} crashes")
     if lost:
         first = lost[0].planner_error.partition("\n")[0]
         tell(f"a planner failed in {len(lost)} windows, the first is {lost[0].case}: {first}")
     return found
 
 
-def _passed_by(planners: Sequence[str], crashes: list[Scenario]) -> list[Scenario]:
+def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[Scenario]:
     """The crashes that all of these pass, and those that are proven unavoidable, which nobody does."""
     for planner in planners:
         drives = drive_each(crashes, planner)

@@ -5,7 +5,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from regents_cosim.cases.files import HEADER, MANIFEST, Suite, add_case, content_hash, is_ours, load_case, load_suite
+from regents_cosim.cases.files import HEADER, MANIFEST, Suite, add_case, content_hash, is_ours, load_case, load_manifest
 from regents_cosim.cases.provenance import command, revision, versions
 from regents_cosim.cases.suite_code import code_for_pytest
 from regents_cosim.errors import CaseError, RegentsError
@@ -62,7 +62,7 @@ def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) 
     """
     require_place(folder)
     with explain_write(folder), _alone_in(folder):
-        listed = load_suite(suite)
+        listed = load_manifest(suite)
         before = [load_case(suite / entry.case) for entry in listed.cases]
         after = list(watch(judge_each(before), len(before)))
         new = {one.id: content_hash(one) for one in after}
@@ -115,7 +115,7 @@ def merge(suites: Sequence[Path]) -> tuple[list[Scenario], Baseline]:
     homes: dict[str, tuple[Path, str]] = {}
     cases: dict[str, Scenario] = {}
     for suite in suites:
-        for entry in load_suite(suite).cases:
+        for entry in load_manifest(suite).cases:
             other, digest = homes.setdefault(entry.case, (suite, entry.hash))
             if digest != entry.hash:
                 raise RegentsError(
@@ -151,7 +151,7 @@ def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
     of the cases as they are. A planner that is not ours is no problem: it is never run because a case
     names it. Raises CaseError where the manifest or the baseline cannot be read.
     """
-    entries = load_suite(suite).cases
+    entries = load_manifest(suite).cases
     baseline = load_baseline(suite / FILE)
     loaded: list[Scenario] = []
     rows: list[CheckRow] = []

@@ -1,0 +1,224 @@
+"""Methods run on windows for the tables: attacked, judged, verified in SUMO, timed."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from regents_cosim.attacks.attack import attack_each
+from regents_cosim.attacks.presets import METHODS, OURS, AttackConfig, preset, with_ten_times
+from regents_cosim.benchmarks.aggressive import METHOD as AGGRESSIVE
+from regents_cosim.benchmarks.aggressive import drive_aggressively
+from regents_cosim.benchmarks.ceiling import unsolved
+from regents_cosim.benchmarks.kept_runs import joined, keep, kept, run_folder
+from regents_cosim.benchmarks.table1 import Table1, table1
+from regents_cosim.benchmarks.table_files import write_table
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.crashes.scores import InSumo, Protocol, Results, Run, rollouts_at_most
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
+from regents_cosim.replays.replay import verify_in_sumo
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.progress import SILENT, Progress
+from regents_cosim.verdicts.judgement import judge_each
+
+_OF_PAPERS = ("king", "regents")
+_PRESETS = (*_OF_PAPERS, "focused")
+_ALL = (*_PRESETS, "random", "cma-es", "starts")
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a column of the table is about."""
+
+    name: str
+    config: AttackConfig | None  # None: SUMO's own drivers, who search nothing
+
+
+def columns(
+    methods: Sequence[str],
+    searches: Sequence[str],
+    backgrounds: Sequence[str],
+    equal_protocol: bool,
+    given: Mapping[str, Any],
+) -> list[Column]:
+    """The columns of a table, for one planner; `given` takes the place of the presets' settings.
+
+    With an equal protocol all search by the rules of ours, and those of the papers as there besides.
+    """
+    if equal_protocol and (searches or backgrounds):
+        raise RegentsError("--equal-protocol says how all methods search: leave out --searches and --backgrounds")
+    chosen = methods or (_ALL if equal_protocol else _PRESETS)
+    if equal_protocol:
+        return [*_as_published(chosen, given), *_by_our_protocol(chosen, given)]
+    found = []
+    for method, search, background in product(chosen, searches or (None,), backgrounds or (None,)):
+        config = _config(method, {**given, "search": search, "background": background})
+        found.append(Column(_name(config) if config else method, config))
+    return found
+
+
+def _as_published(methods: Sequence[str], given: Mapping[str, Any]) -> list[Column]:
+    configs = (_config(method, given) for method in methods if method in _OF_PAPERS)
+    return [Column(_name(config), config) for config in configs if config]
+
+
+def _by_our_protocol(methods: Sequence[str], given: Mapping[str, Any]) -> list[Column]:
+    ours = _config(OURS.method, given)
+    assert ours is not None
+    found = []
+    for method in methods:
+        config = _config(method, given)
+        name = method if config is None or method == ours.method else f"{config.label}, protocol of {ours.method}"
+        found.append(Column(name, config and config.by_protocol_of(ours)))
+    return found
+
+
+def _config(method: str, given: Mapping[str, Any]) -> AttackConfig | None:
+    return None if method == AGGRESSIVE else preset(method, **given)
+
+
+@dataclass(frozen=True)
+class TryAgain:
+    """Who tries windows again, with ten times the roll-outs, in which no column has a telling crash."""
+
+    methods: tuple[str, ...] = ()
+    most: int | None = None  # such windows of each place at most; None: all
+
+
+def tables(
+    places: Sequence[list[Scenario]],
+    planners: Sequence[AnyPlanner],
+    wanted: Sequence[Column],
+    *,
+    tuned_on: Sequence[str] = (),
+    again: TryAgain = TryAgain(),
+    output: Path | None = None,
+    progress: Progress = SILENT,
+) -> Iterator[Table1]:
+    """The table as it grows, planner by planner and place by place; the last one is the whole.
+
+    `output` keeps the runs, and the table after every place: one that is interrupted goes on from there.
+    """
+    runs, more = list[Run](), list[Run]()
+    for planner in map(PlannerUnderTest.of, planners):
+        before = runs
+        for here in places_run(places, planner, wanted, output, progress):
+            runs = [*before, *here]
+            yield _written(table1(runs, tuned_on, more), output)
+        more += runs_again(places, planner, again.methods, runs[len(before) :], again.most, output, progress)
+        yield _written(table1(runs, tuned_on, more), output)
+
+
+def _written(table: Table1, output: Path | None) -> Table1:
+    if output is not None:
+        write_table(table, output)
+    return table
+
+
+def places_run(
+    places: Sequence[list[Scenario]],
+    planner: PlannerUnderTest,
+    wanted: Sequence[Column],
+    output: Path | None,
+    progress: Progress,
+) -> Iterator[list[Run]]:
+    """The runs of all columns, place by place: after each, those on the places so far."""
+    done: list[list[Run]] = [[] for _ in wanted]
+    for windows in places:
+        here: list[Run] = []
+        for column, runs in zip(wanted, done, strict=True):
+            here.append(_one_run(windows, planner, column, here, output, progress))
+            runs.append(here[-1])
+        yield [joined(runs) for runs in done]
+
+
+def runs_again(
+    places: Sequence[list[Scenario]],
+    planner: PlannerUnderTest,
+    methods: Sequence[str],
+    runs: Sequence[Run],
+    most: int | None,
+    output: Path | None,
+    progress: Progress,
+) -> Iterator[Run]:
+    """Ten times the budget for the windows of each place in which no run has a telling crash, `most` of each at most.
+
+    One method after the other, each where those before it found nothing.
+    """
+    for windows in places:
+        left, made = unsolved(windows, runs)[:most], []
+        for method in methods:
+            left = unsolved(left, made)
+            if left:
+                config = with_ten_times(METHODS[method].by_protocol_of(OURS))
+                column = Column(f"{method} with ten times the roll-outs", config)
+                made.append(_one_run(left, planner, column, made, output, progress))
+                yield made[-1]
+
+
+def _one_run(
+    windows: list[Scenario],
+    planner: PlannerUnderTest,
+    column: Column,
+    others: list[Run],
+    output: Path | None,
+    progress: Progress,
+) -> Run:
+    """A method on the windows of one place: the run that `output` keeps of it, else a new one."""
+    folder = run_folder(output, column.name, planner.name, column.config, windows) if output else None
+    run = kept(folder) if folder else None
+    if run is None:
+        if column.config is None:
+            run = aggressive_run(windows, planner, others, progress)
+        else:
+            run = attack_run(windows, planner, column, progress)
+        if folder:
+            keep(run, folder)
+    return run
+
+
+def attack_run(windows: list[Scenario], planner: PlannerUnderTest, column: Column, progress: Progress) -> Run:
+    """An attack on all `windows`."""
+    config = column.config
+    assert config is not None
+    begin = perf_counter()
+    attacks = attack_each(windows, config, planner)
+    found: list[Results] = list(progress.each(attacks, f"{column.name} against {planner.name}", len(windows)))
+    seconds = perf_counter() - begin
+    return _judged(column.name, planner.name, rollouts_at_most(config), found, seconds, progress, config.protocol)
+
+
+def aggressive_run(windows: list[Scenario], planner: PlannerUnderTest, others: list[Run], progress: Progress) -> Run:
+    """SUMO's own drivers at their most dangerous, on the same windows as the `others`."""
+    nothing: list[Results] = [[] for _ in windows]
+    before = next((run.windows for run in others if run.planner == planner.name), nothing)
+    begin = perf_counter()
+    driven = drive_aggressively(windows, before, planner)
+    found = list(progress.each(driven, f"{AGGRESSIVE} against {planner.name}", len(windows)))
+    return _judged(AGGRESSIVE, planner.name, 1, found, perf_counter() - begin, progress)
+
+
+def _judged(
+    method: str,
+    planner: str,
+    rollouts: int,
+    found: list[Results],
+    seconds: float,
+    progress: Progress,
+    protocol: Protocol = (),
+) -> Run:
+    cases = [case for results in found for case in results]
+    judged = iter(list(progress.each(judge_each(cases), "judging", len(cases))))
+    windows = [[next(judged) for _ in results] for results in found]
+    replays = verify_in_sumo([case for results in windows for case in results], progress=progress)
+    in_sumo = [InSumo(one.case, one.verified, one.reports_same_pair) for one in replays.values()]
+    return Run(method, planner, rollouts, windows, in_sumo, seconds, protocol)
+
+
+def _name(config: AttackConfig) -> str:
+    """The preset, and where it was changed how."""
+    unchanged = METHODS[config.method]
+    changed = [f"{getattr(config, f)}" for f in ("search", "background") if getattr(config, f) != getattr(unchanged, f)]
+    return ", ".join([config.label, *changed])

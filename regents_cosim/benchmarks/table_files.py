@@ -1,0 +1,37 @@
+"""The results table on disk, with its pictures."""
+
+import json
+from pathlib import Path
+
+from regents_cosim.benchmarks.table1 import Table1, as_json, markdown
+from regents_cosim.evaluation.crashes.scores import USUAL, MethodScores
+from regents_cosim.reports.bars import Share, draw_bars
+from regents_cosim.reports.curve import draw_curve
+from regents_cosim.system.atomic import explain_write, write_atomic
+
+
+def write_table(table: Table1, folder: Path) -> None:
+    """The table as Markdown, JSON and two pictures: shares of windows, and telling crashes by how usual they are."""
+    with explain_write(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomic(folder / "table1.md", markdown(table).encode())
+        write_atomic(folder / "table1.json", json.dumps(as_json(table), indent=1).encode())
+        several = len({row.planner for row in table.scores}) > 1
+        groups = {_label(row, several): _shares(row) for row in table.scores}
+        bars = {label: [Share(*share) for share in shares] for label, shares in groups.items()}
+        draw_bars("Windows that end in a crash", ("success", "actionable", "telling"), bars, folder / "table1.png")
+        lines = {_label(row, several): list(row.telling_by_usual.values()) for row in table.scores}
+        title = "Windows with a telling crash [%] whose adversary is at least so usual"
+        draw_curve(title, lines, [f"{least} %" for least in USUAL], folder / "usual.png")
+
+
+def _label(row: MethodScores, several: bool) -> str:
+    return f"{row.method} / {row.planner}" if several else row.method
+
+
+def _shares(row: MethodScores) -> list[tuple[float, float, float]]:
+    return [
+        (row.success_percent, *row.success_interval),
+        (row.actionable_percent, *row.actionable_interval),
+        (row.telling_percent, *row.telling_interval),
+    ]

@@ -1,0 +1,37 @@
+"""Traffic for the tables: windows of SUMO networks and of logs."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from regents_cosim.cases.shipped import NETWORKS, network
+from regents_cosim.mirror.world import padded_agents
+from regents_cosim.scenario import Scenario
+from regents_cosim.sources.record import LogInput, record
+from regents_cosim.sources.windows import Prefer
+from regents_cosim.system.progress import SILENT, Progress
+
+
+def network_traffic(
+    nets: Sequence[str], count: int, seed: int, prefer: Prefer = "conflicts", progress: Progress = SILENT
+) -> dict[str, list[Scenario]]:
+    """Windows of SUMO networks, by network: of all shipped ones where none is named."""
+    configs = {net: network(net) for net in nets or NETWORKS}
+    return {
+        net: record(config, count=count, seed=seed, prefer=prefer)
+        for net, config in progress.each(configs.items(), "recording traffic", len(configs))
+    }
+
+
+def logged_traffic(
+    logs: Sequence[Path], count: int, seed: int, prefer: Prefer = "conflicts", progress: Progress = SILENT
+) -> dict[Path, list[Scenario]]:
+    """Windows of logs, by log."""
+    return {
+        log: record(LogInput(log), count=count, seed=seed, prefer=prefer, tell=progress.say)
+        for log in progress.each(logs, "reading logs", len(logs))
+    }
+
+
+def one_of_each_shape(windows: Sequence[Scenario]) -> list[Scenario]:
+    """A scenario for each of the shapes that programs are compiled for."""
+    return list({(padded_agents(len(w.agents)), w.tracks.steps): w for w in windows}.values())

@@ -1,0 +1,113 @@
+"""The whole tool from Python: every public name is there, typed and documented, and does what its command does."""
+
+import inspect
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from scenes import scene
+
+import regents_cosim
+from regents_cosim import Control, LogInput, RegentsError, SumoInput, evaluate, load_suite, record, save_case, shrink
+from regents_cosim.cases.suite import SuiteWriter
+
+SCENES = [scene((0, 0, 10), (60, 3.2, 8), name="free"), scene((0, 0, 10), (25, 0, 0), name="blocked")]
+
+
+class Rolls:
+    """Goes on as it does."""
+
+    def reset(self, scene):
+        pass
+
+    def act(self, observation):
+        return Control(0.0, 0.0)
+
+
+class Stops(Rolls):
+    def act(self, observation):
+        return Control(-6.0, 0.0)
+
+
+@pytest.mark.parametrize("name", dir(regents_cosim))
+def test_every_name_is_there(name):
+    assert getattr(regents_cosim, name, None) is not None or name.startswith("__")
+
+
+@pytest.mark.parametrize("name", regents_cosim.__all__)
+def test_public_names_are_typed_and_documented(name):
+    found = getattr(regents_cosim, name)
+    assert inspect.getdoc(found)
+    if inspect.isfunction(found):
+        signature = inspect.signature(found)
+        assert signature.return_annotation is not inspect.Signature.empty
+        assert all(one.annotation is not inspect.Parameter.empty for one in signature.parameters.values())
+
+
+def suite(folder: Path) -> Path:
+    writer = SuiteWriter(folder, 0)
+    for one in SCENES:
+        writer.add(one)
+    return folder
+
+
+def test_a_planner_is_evaluated_and_held_against_its_baseline(tmp_path):
+    cases = suite(tmp_path / "suite")
+    accepted = evaluate(cases, Rolls, update=True)
+    assert [drive.hits for drive in accepted.drives] == ["car01", None]
+    assert len(accepted.against.accepted) == 2
+    again = evaluate(str(cases), Rolls, against=cases / "baseline.json", fail="min_ttc_s:-5%")
+    assert [one.status for one in again.against.verdicts] == ["known_failure", "same"]
+    assert (again.against.fails(), again.against.accepted) == (False, None)
+    assert again.rows[-1].collisions == 1
+
+
+def test_what_got_worse_is_a_regression(tmp_path):
+    cases, file = load_suite(suite(tmp_path / "suite")), tmp_path / "baseline.json"
+    mine = regents_cosim.PlannerUnderTest.of(Stops(), name="mine", own_process=False)
+    assert len(evaluate(cases, mine, against=file, update=True).against.accepted) == 2
+    worse = regents_cosim.PlannerUnderTest.of(Rolls(), name="mine", own_process=False)
+    found = evaluate(cases, worse, against=file)
+    assert found.against.fails()
+    assert {one.case: one.status for one in found.against.verdicts}["blocked"] == "regression"
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"fail": "score:-5%"}, "add --against"),
+        ({"update": True}, "cases in memory have no baseline of their own"),
+        ({"against": "nowhere.json"}, "baseline not found: nowhere.json"),
+        (
+            {"against": "new.json", "update": True, "margin": True, "where": "sumo"},
+            "the margin is measured in the mirror",
+        ),
+    ],
+)
+def test_what_cannot_be_compared_is_said_before_anything_is_driven(how, said):
+    with pytest.raises(RegentsError, match=said):
+        evaluate(SCENES, "no such planner", **how)
+
+
+@pytest.mark.slow
+def test_one_function_records_all_kinds_of_traffic(tmp_path):
+    (of_highway,) = record("highway:merge-v1", count=1)
+    (of_sumo,) = record("shipped:merge", count=1)
+    (same,) = record(SumoInput(config=regents_cosim.network_config("merge")), count=1)
+    assert of_sumo == same or of_sumo.id == same.id
+    assert {of_highway.provenance.source, of_sumo.provenance.source} == {"highway", "sumo"}
+
+
+def test_what_is_no_configuration_is_a_log(tmp_path):
+    (tmp_path / "tracks.csv").write_text("nothing\n")
+    for source in (tmp_path / "tracks.csv", LogInput(tmp_path / "tracks.csv")):
+        with pytest.raises(RegentsError, match=r"tracks.csv"):
+            record(source)
+
+
+def test_shrinking_wants_an_attacked_case(tmp_path):
+    with pytest.raises(RegentsError, match="was never attacked"):
+        shrink(SCENES[0])
+    with pytest.raises(RegentsError, match="no collision to shrink"):
+        shrink(replace(SCENES[0], id="mine"), "idm")
+    assert save_case(SCENES[0], str(tmp_path)).name == "free"
