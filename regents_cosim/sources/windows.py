@@ -119,20 +119,20 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
     scenes = [Scene.of(recording) for recording in recordings]
     refused: Counter[str] = Counter()
     queues = {
-        slot: _egos(scenes[slot], road, windows, rng.permutation(len(scenes[slot].recording.ids)), refused)
+        slot: egos(scenes[slot], road, windows, rng.permutation(len(scenes[slot].recording.ids)), refused)
         for slot in rng.permutation(len(scenes)).tolist()
     }
-    found = sorted(islice(_preferred(queues, scenes, road, windows), windows.count))
+    found = sorted(islice(preferred(queues, scenes, road, windows), windows.count))
     if not found:
         raise NoWindowError(_why_none(recordings, refused, windows))
     taken: Counter[str] = Counter()
     return [make_scenario(scenes[slot], ego, road, origin, windows, taken) for slot, ego in found]
 
 
-def _preferred(
+def preferred(
     queues: dict[int, Iterator[int]], scenes: Sequence["Scene"], road: RoadMap, windows: Windows
 ) -> Iterator[tuple[int, int]]:
-    """In rounds over the slots: egos with a possible conflict, and then the rest."""
+    """In rounds over the slots: egos with a possible conflict, then the rest; all alike where none are preferred."""
     if windows.prefer == "none":
         yield from _in_rounds(queues)
         return
@@ -142,10 +142,10 @@ def _preferred(
     yield from _in_rounds({slot: chain(left, queues[slot]) for slot, left in others.items()})
 
 
-def _with_conflict(egos: Iterator[int], scene: "Scene", road: RoadMap, others: list[int]) -> Iterator[int]:
+def _with_conflict(queue: Iterator[int], scene: "Scene", road: RoadMap, others: list[int]) -> Iterator[int]:
     """Those with a possible conflict; the rest is put into `others`. In a large city not all are asked."""
     conflicts = scene.conflicts(road)
-    for ego in islice(egos, _MOST_ASKED):
+    for ego in islice(queue, _MOST_ASKED):
         if conflicts.possible_for(ego):
             yield ego
         else:
@@ -213,7 +213,7 @@ class Scene:
         return np.zeros(self.valid.shape) if self.recording.z is None else self.recording.z
 
 
-def _egos(scene: Scene, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
+def egos(scene: Scene, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
     """The vehicles that may be the ego, in the given order; the others are counted by reason."""
     recording = scene.recording
     for ego in order.tolist():

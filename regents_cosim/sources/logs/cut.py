@@ -6,7 +6,7 @@ none it is drawn by seed, one per window, from the vehicles that follow the rule
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -24,7 +24,7 @@ from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.sources.motion import jumps
 from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import Origin, Prefer, Scene, Windows, make_scenario, refusal
+from regents_cosim.sources.windows import Origin, Scene, Windows, egos, make_scenario, preferred
 
 _STRIDE = Range(0.1, 1e6, "seconds from one window to the next")
 _COMPANY = 1
@@ -79,9 +79,8 @@ def cut(scene: LoggedScene, asked: LogWindows, origin: Origin, refused: Counter[
     for first_step in traffic.windows(ego, stride):
         slot = traffic.slot(first_step)
         road = road or build_road(scene)
-        chosen = _ego(
-            slot, ego, road, np.random.default_rng([asked.windows.seed, int(first_step)]), refused, asked.windows.prefer
-        )
+        seed = (asked.windows.seed, int(first_step))
+        chosen = _ego(slot, ego, road, replace(asked.windows, company=_COMPANY), seed, refused)
         if chosen is not None:
             slot = traffic.without_bridges(slot, chosen)
             chosen = slot.recording.ids.index(chosen)
@@ -89,7 +88,7 @@ def cut(scene: LoggedScene, asked: LogWindows, origin: Origin, refused: Counter[
 
 
 def _ego(
-    slot: Scene, wanted: str | None, road: RoadMap, rng: np.random.Generator, refused: Counter[str], prefer: Prefer
+    slot: Scene, wanted: str | None, road: RoadMap, windows: Windows, seed: Sequence[int], refused: Counter[str]
 ) -> str | None:
     ids = slot.recording.ids
     if wanted is not None:
@@ -97,16 +96,9 @@ def _ego(
             return wanted
         refused["were not there throughout"] += 1
         return None
-    conflicts, first = slot.conflicts(road), None
-    for index in rng.permutation(len(ids)).tolist():
-        reason = refusal(slot, index, road, _COMPANY)
-        if reason is not None:
-            refused[reason] += 1
-            continue
-        if prefer == "none" or conflicts.possible_for(index):
-            return ids[index]
-        first = ids[index] if first is None else first
-    return first
+    order = np.random.default_rng(seed).permutation(len(ids))
+    queue = egos(slot, road, windows, order, refused)
+    return next((ids[ego] for _, ego in preferred({0: queue}, [slot], road, windows)), None)
 
 
 def _aimed(scenario: Scenario, scene: LoggedScene) -> Scenario:
