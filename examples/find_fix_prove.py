@@ -25,7 +25,8 @@ def crashes(cases, planner):
 def main():
     """Find, fix, prove."""
     # Find: attack ordinary traffic. What counts is a crash that a careful driver would have avoided.
-    windows = record(network_config("merge"), count=8, seed=0)
+    # Windows by chance: those with conflicts come first otherwise, many of them on the ramp, which is not straight.
+    windows = record(network_config("merge"), count=8, seed=0, prefer="none")
     found = [case for case in attack(windows, SHORT, Planner) if case.attack.outcome == "collision"]
     print(f"the old planner crashes in {len(found)} attacks")
 

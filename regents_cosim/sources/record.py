@@ -5,6 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypedDict
 
 from regents_cosim.cases.shipped import located
 from regents_cosim.errors import RegentsError
@@ -30,6 +31,15 @@ class LogInput:
     stride_s: float | None = None  # from one window to the next; None: back to back
     map: Path | None = None  # lanelet2 map (.osm) that does not lie beside it
     columns: Path | None = None  # TOML file that names the columns of a table (csv, parquet)
+
+
+class _Asked(TypedDict):
+    """What every source is asked for."""
+
+    count: int
+    seed: int
+    horizon_s: float
+    radius_m: float
 
 
 def record(
@@ -59,59 +69,29 @@ def record(
     alone. `tell` is told what is left out or assumed. Raises RegentsError for bad input, NoWindowError where
     there is no window.
     """
+    asked: _Asked = {"count": count, "seed": seed, "horizon_s": horizon_s, "radius_m": radius_m}
     if isinstance(source, str) and source.startswith(_HIGHWAY):
         from regents_cosim.sources.highway import record_highway  # imports pygame
 
-        return record_highway(
-            source.removeprefix(_HIGHWAY),
-            policy,
-            count=count,
-            seed=seed,
-            horizon_s=horizon_s,
-            radius_m=radius_m,
-            executor=executor,
-        )
+        return record_highway(source.removeprefix(_HIGHWAY), policy, **asked, executor=executor)
     given = _given(source)
     if isinstance(given, LogInput):
         return record_log(
             given.path,
             format=given.format,
             ego=given.ego,
-            count=count,
-            seed=seed,
-            horizon_s=horizon_s,
             stride_s=given.stride_s,
-            radius_m=radius_m,
-            prefer=prefer,
             beside=Beside(given.map, given.columns),
+            **asked,
+            prefer=prefer,
             tell=tell,
         )
     if fcd is None:
-        return record_sumo(
-            given,
-            count=count,
-            seed=seed,
-            horizon_s=horizon_s,
-            radius_m=radius_m,
-            prefer=prefer,
-            executor=executor,
-            tell=tell,
-        )
+        return record_sumo(given, **asked, prefer=prefer, executor=executor, tell=tell)
     if given.net is None:
         raise RegentsError("an fcd-output needs the network it was made on: give it with -n NAME.net.xml")
     types = (*given.routes, *given.additional)
-    return record_fcd(
-        fcd,
-        given.net,
-        routes_or_types=types,
-        count=count,
-        seed=seed,
-        horizon_s=horizon_s,
-        radius_m=radius_m,
-        prefer=prefer,
-        ego=given.ego,
-        tell=tell,
-    )
+    return record_fcd(fcd, given.net, routes_or_types=types, **asked, prefer=prefer, ego=given.ego, tell=tell)
 
 
 def _given(source: SumoInput | LogInput | Path | str) -> SumoInput | LogInput:
