@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from regents_cosim.cli.options import Count, Seed, SumoOptions, Switch, Talk
-from regents_cosim.cli.shared import draw_stills, exit_code, open_terminal, verify_in_sumo
+from regents_cosim.cli.shared import draw_stills, exit_code, open_terminal
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ def live(
     from regents_cosim.cases.shipped import located
     from regents_cosim.cases.suite import SuiteWriter
     from regents_cosim.live.episodes import Episodes, run_episodes
+    from regents_cosim.replays.replay import verify_in_sumo
     from regents_cosim.reports.tables import LIVED
     from regents_cosim.sources.sumo_config import SumoInput, read_input
 
@@ -101,7 +102,7 @@ def live(
         for line in one.told:
             terminal.say(f"seed {one.seed}: {line}")
     cases = [load_case(output / name) for one in ended for name in one.cases]
-    replays = verify_in_sumo(cases, "local", terminal) if verify else {}
+    replays = verify_in_sumo(cases, progress=terminal) if verify else {}
     if pictures:
         draw_stills(cases, output, terminal)
     known = {case.id: case for case in cases}

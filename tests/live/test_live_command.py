@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from regents_cosim.cases.suite import load_cases
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli.application import run as run_command
 
 
@@ -32,6 +32,6 @@ def test_a_crash_is_a_case_that_sumo_replays(capsys, tmp_path):
     assert code == 0
     assert row["ended"] == "crash"
     assert row["SUMO_verified"]
-    (case,) = load_cases(tmp_path / "suite")
+    (case,) = load_suite(tmp_path / "suite")
     assert case.id == row["case"]
     assert (tmp_path / "suite" / case.id / "still.png").exists()

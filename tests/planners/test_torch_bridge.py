@@ -149,3 +149,12 @@ def test_one_that_is_no_module_is_refused_before_anything_is_driven():
 def test_one_that_there_is_not(name, said):
     with pytest.raises(PlannerError, match=said):
         next(attack([BUSY], QUICK, name))
+
+
+@pytest.mark.parametrize("made", [False, True], ids=["class", "instance"])
+def test_a_module_is_a_planner_as_it_is(made):
+    from torch_planners import Careful
+
+    found = PlannerUnderTest.of(Careful() if made else Careful)
+    assert (found.name, found.where) == ("torch_planners:Careful", "compiled loop")
+    assert isinstance(found.ticket.planner().loop, TorchInLoop), "translated once, it travels as it is"
