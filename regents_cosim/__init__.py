@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.drives.driving import DrivingRow as DrivingRow
     from regents_cosim.evaluation.reduction.shrink import Shrunk as Shrunk
     from regents_cosim.evaluation.reduction.shrink import shrink as shrink
-    from regents_cosim.evaluation.regression.comparison import Verdict as Verdict
+    from regents_cosim.evaluation.regression.comparison import RegressionVerdict as RegressionVerdict
     from regents_cosim.evaluation.regression.evaluate import AgainstBaseline as AgainstBaseline
     from regents_cosim.evaluation.regression.evaluate import Evaluation as Evaluation
     from regents_cosim.evaluation.regression.evaluate import evaluate as evaluate
@@ -78,7 +78,7 @@ _NAMES = {
     "errors": "MissingDependencyError NoWindowError PlannerError RegentsError",
     "evaluation.drives.driving": "Drive DrivingRow",
     "evaluation.reduction.shrink": "Shrunk shrink",
-    "evaluation.regression.comparison": "Verdict",
+    "evaluation.regression.comparison": "RegressionVerdict",
     "evaluation.regression.evaluate": "AgainstBaseline Evaluation evaluate",
     "evaluation.suites.building": "Recipe build_suite",
     "evaluation.training.before_after": "BeforeAfterRow",

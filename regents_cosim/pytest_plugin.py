@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator
 
     from regents_cosim.evaluation.drives.driving import Drive
-    from regents_cosim.evaluation.regression.baseline import Baseline, Driven
-    from regents_cosim.evaluation.regression.comparison import Verdict
+    from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome
+    from regents_cosim.evaluation.regression.comparison import RegressionVerdict
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
     from regents_cosim.planners.under_test import AnyPlanner
     from regents_cosim.scenario import Scenario
@@ -62,7 +62,7 @@ def pytest_configure(config: pytest.Config) -> None:
         "or with -k by the same words",
     )
     if _suites(config) and not config.option.help:
-        config.pluginmanager.register(_Run(config), _RUN)
+        config.pluginmanager.register(_SuiteSession(config), _RUN)
 
 
 def _refuse_code(suite: Path) -> None:
@@ -101,7 +101,7 @@ def regents(pytestconfig: pytest.Config) -> Iterator[Regents]:
 class Regents:
     """What the fixture `regents` gives."""
 
-    def __init__(self, config: pytest.Config, run: _Run | None) -> None:
+    def __init__(self, config: pytest.Config, run: _SuiteSession | None) -> None:
         self._run = run
         self._config = config
         self._others: dict[int | str, tuple[Any, DrivesAhead]] = {}
@@ -171,7 +171,7 @@ def _is_worker(config: pytest.Config) -> bool:
     return hasattr(config, "workerinput")
 
 
-class _Run:
+class _SuiteSession:
     """One session with suites: collects their cases, judges what the planner does, reports."""
 
     def __init__(self, config: pytest.Config) -> None:
@@ -180,7 +180,7 @@ class _Run:
         self.update, self.strict = config.option.regents_update, config.option.regents_strict
         self.margin = config.option.regents_margin
         self._drives: DrivesAhead | None = None
-        self.verdicts: dict[tuple[Path, str], Verdict] = {}
+        self.verdicts: dict[tuple[Path, str], RegressionVerdict] = {}
         if pytest.version_tuple < (9,):  # older ones leave out the other tests of the folder that a suite lies in
             raise pytest.UsageError(f"--regents-suite needs pytest 9 or newer, this is {pytest.__version__}")
         if not self.planner:
@@ -249,14 +249,14 @@ class _Run:
 
     # --- verdicts ------------------------------------------------------------------------------
 
-    def judge(self, suite: Path, case: str) -> Verdict:
+    def judge(self, suite: Path, case: str) -> RegressionVerdict:
         """What the planner does in a case now, held against what was accepted."""
         from regents_cosim.evaluation.regression.comparison import judge_drive
 
         baseline = self.baselines[self.baseline_files[suite]].of(self.planner, self.where)
         return judge_drive(case, self.drives.of(suite / case), baseline.get(case), self.thresholds)
 
-    def accepts(self, verdict: Verdict) -> bool:
+    def accepts(self, verdict: RegressionVerdict) -> bool:
         """Whether its item passes; what an update accepts is anything but a planner that fails."""
         if self.update:
             return verdict.now.outcome != "planner_error"
@@ -279,10 +279,10 @@ class _Run:
         if not _is_worker(self.config) and _VERDICT in vars(report):
             import msgspec
 
-            from regents_cosim.evaluation.regression.comparison import Verdict
+            from regents_cosim.evaluation.regression.comparison import RegressionVerdict
 
             suite, values = vars(report)[_VERDICT]
-            verdict = msgspec.convert(values, Verdict)
+            verdict = msgspec.convert(values, RegressionVerdict)
             self.verdicts[Path(suite), verdict.case] = verdict
 
     def pytest_sessionfinish(self) -> None:
@@ -307,7 +307,7 @@ class _Run:
             suites = [suite for suite, its in self.baseline_files.items() if its == file]
             new = {case: v.now for (suite, case), v in self.verdicts.items() if suite in suites and self.accepts(v)}
 
-            def accept(now: Baseline, suites: list[Path] = suites, new: dict[str, Driven] = new) -> Baseline:
+            def accept(now: Baseline, suites: list[Path] = suites, new: dict[str, DriveOutcome] = new) -> Baseline:
                 listed = [case for suite in suites for case in suite_cases(suite)]
                 return now.accepting(self.planner, self.where, new, listed)
 
@@ -342,7 +342,7 @@ class _Run:
 class SuiteFile(pytest.File):
     """suite.json: its items are the cases."""
 
-    def __init__(self, *, run: _Run, **rest: Any) -> None:
+    def __init__(self, *, run: _SuiteSession, **rest: Any) -> None:
         super().__init__(**rest)
         self.run = run
 
@@ -356,10 +356,10 @@ class SuiteFile(pytest.File):
 class CaseItem(pytest.Item):
     """One case: passes unless the planner got worse in it."""
 
-    def __init__(self, *, run: _Run, suite: Path, **rest: Any) -> None:
+    def __init__(self, *, run: _SuiteSession, suite: Path, **rest: Any) -> None:
         super().__init__(**rest)
         self.run, self.suite, self.folder = run, suite, suite / self.name
-        self.verdict: Verdict | None = None
+        self.verdict: RegressionVerdict | None = None
         self.adversary, self.advice = "", ""
         self.properties: list[tuple[str, str]] = []
         self._mark()
@@ -411,7 +411,7 @@ class CaseItem(pytest.Item):
 class _RegressionError(Exception):
     """A verdict that is no pass."""
 
-    def __init__(self, verdict: Verdict) -> None:
+    def __init__(self, verdict: RegressionVerdict) -> None:
         super().__init__("; ".join(verdict.reasons))
         self.verdict = verdict
 

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from regents_cosim.evaluation.crashes.scores import Results, Run, collided_before, is_telling
+from regents_cosim.evaluation.crashes.scores import MethodRun, Results, collided_before, is_telling
 from regents_cosim.scenario import Scenario
 
 
@@ -23,7 +23,11 @@ class Ceiling:
 
 
 def ceiling(
-    planner: str, places: str, runs: Sequence[Run], again: Sequence[Run], files: Collection[str] | None = None
+    planner: str,
+    places: str,
+    runs: Sequence[MethodRun],
+    again: Sequence[MethodRun],
+    files: Collection[str] | None = None,
 ) -> Ceiling:
     """The ceiling over the windows from `files`, or over all."""
     runs, again = ([run for run in some if run.planner == planner] for some in (runs, again))
@@ -50,14 +54,14 @@ def ceiling(
     )
 
 
-def unsolved(windows: Sequence[Scenario], runs: Sequence[Run]) -> list[Scenario]:
+def unsolved(windows: Sequence[Scenario], runs: Sequence[MethodRun]) -> list[Scenario]:
     """Those without a telling crash in any run, in which the planner does not collide before the attack."""
     over = set().union(*map(_telling, runs))
     over |= {_window(results) for run in runs for results in run.windows if collided_before(results)}
     return [window for window in windows if window.id not in over]
 
 
-def _telling(run: Run) -> set[str]:
+def _telling(run: MethodRun) -> set[str]:
     return {_window(results) for results in run.windows if any(map(is_telling, results))}
 
 

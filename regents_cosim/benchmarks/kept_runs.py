@@ -16,7 +16,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.checks.names import file_name, word
 from regents_cosim.errors import CaseError
-from regents_cosim.evaluation.crashes.scores import InSumo, Run
+from regents_cosim.evaluation.crashes.scores import InSumo, MethodRun
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, write_atomic
 
@@ -46,7 +46,7 @@ def run_folder(
     return folder / "runs" / file_name(word(method, _NAME), word(planner, _NAME), digest)
 
 
-def keep(run: Run, folder: Path) -> None:
+def keep(run: MethodRun, folder: Path) -> None:
     """Write a run. Raises RegentsError where that is not possible."""
     header = _Header(
         run.method,
@@ -65,7 +65,7 @@ def keep(run: Run, folder: Path) -> None:
         write_atomic(folder / _HEADER, msgspec.json.encode(header))
 
 
-def kept(folder: Path) -> Run | None:
+def kept(folder: Path) -> MethodRun | None:
     """The run that a folder keeps; None where it was never finished. Raises CaseError for damaged ones."""
     path = folder / _HEADER
     if not path.is_file():
@@ -76,17 +76,17 @@ def kept(folder: Path) -> Run | None:
         raise CaseError(f"{path}: {error} (remove the folder to make the run again)") from error
     windows = [[load_case(folder / name) for name in names] for names in header.windows]
     protocol = tuple(header.protocol.items())
-    return Run(header.method, header.planner, header.rollouts, windows, header.in_sumo, header.seconds, protocol)
+    return MethodRun(header.method, header.planner, header.rollouts, windows, header.in_sumo, header.seconds, protocol)
 
 
 def _plain(protocol: Sequence[tuple[str, object]]) -> dict[str, str | int]:
     return {name: value if isinstance(value, int) else str(value) for name, value in protocol}
 
 
-def joined(runs: Sequence[Run]) -> Run:
+def joined(runs: Sequence[MethodRun]) -> MethodRun:
     """The runs of one method on several places as one."""
     first = runs[0]
-    return Run(
+    return MethodRun(
         first.method,
         first.planner,
         first.rollouts,

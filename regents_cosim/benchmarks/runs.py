@@ -16,7 +16,7 @@ from regents_cosim.benchmarks.kept_runs import joined, keep, kept, run_folder
 from regents_cosim.benchmarks.table1 import Table1, table1
 from regents_cosim.benchmarks.table_files import write_table
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.scores import InSumo, Protocol, Results, Run, rollouts_at_most
+from regents_cosim.evaluation.crashes.scores import InSumo, MethodRun, Protocol, Results, rollouts_at_most
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import verify_in_sumo
 from regents_cosim.scenario import Scenario
@@ -101,7 +101,7 @@ def tables(
 
     `output` keeps the runs, and the table after every place: one that is interrupted goes on from there.
     """
-    runs, more = list[Run](), list[Run]()
+    runs, more = list[MethodRun](), list[MethodRun]()
     for planner in map(PlannerUnderTest.of, planners):
         before = runs
         for here in places_run(places, planner, wanted, output, progress):
@@ -123,11 +123,11 @@ def places_run(
     wanted: Sequence[Column],
     output: Path | None,
     progress: Progress,
-) -> Iterator[list[Run]]:
+) -> Iterator[list[MethodRun]]:
     """The runs of all columns, place by place: after each, those on the places so far."""
-    done: list[list[Run]] = [[] for _ in wanted]
+    done: list[list[MethodRun]] = [[] for _ in wanted]
     for windows in places:
-        here: list[Run] = []
+        here: list[MethodRun] = []
         for column, runs in zip(wanted, done, strict=True):
             here.append(_one_run(windows, planner, column, here, output, progress))
             runs.append(here[-1])
@@ -138,11 +138,11 @@ def runs_again(
     places: Sequence[list[Scenario]],
     planner: PlannerUnderTest,
     methods: Sequence[str],
-    runs: Sequence[Run],
+    runs: Sequence[MethodRun],
     most: int | None,
     output: Path | None,
     progress: Progress,
-) -> Iterator[Run]:
+) -> Iterator[MethodRun]:
     """Ten times the budget for the windows of each place in which no run has a telling crash, `most` of each at most.
 
     One method after the other, each where those before it found nothing.
@@ -162,10 +162,10 @@ def _one_run(
     windows: list[Scenario],
     planner: PlannerUnderTest,
     column: Column,
-    others: list[Run],
+    others: list[MethodRun],
     output: Path | None,
     progress: Progress,
-) -> Run:
+) -> MethodRun:
     """A method on the windows of one place: the run that `output` keeps of it, else a new one."""
     folder = run_folder(output, column.name, planner.name, column.config, windows) if output else None
     run = kept(folder) if folder else None
@@ -179,7 +179,7 @@ def _one_run(
     return run
 
 
-def attack_run(windows: list[Scenario], planner: PlannerUnderTest, column: Column, progress: Progress) -> Run:
+def attack_run(windows: list[Scenario], planner: PlannerUnderTest, column: Column, progress: Progress) -> MethodRun:
     """An attack on all `windows`."""
     config = column.config
     assert config is not None
@@ -190,7 +190,9 @@ def attack_run(windows: list[Scenario], planner: PlannerUnderTest, column: Colum
     return _judged(column.name, planner.name, rollouts_at_most(config), found, seconds, progress, config.protocol)
 
 
-def aggressive_run(windows: list[Scenario], planner: PlannerUnderTest, others: list[Run], progress: Progress) -> Run:
+def aggressive_run(
+    windows: list[Scenario], planner: PlannerUnderTest, others: list[MethodRun], progress: Progress
+) -> MethodRun:
     """SUMO's own drivers at their most dangerous, on the same windows as the `others`."""
     nothing: list[Results] = [[] for _ in windows]
     before = next((run.windows for run in others if run.planner == planner.name), nothing)
@@ -208,13 +210,13 @@ def _judged(
     seconds: float,
     progress: Progress,
     protocol: Protocol = (),
-) -> Run:
+) -> MethodRun:
     cases = [case for results in found for case in results]
     judged = iter(list(progress.each(judge_each(cases), "judging", len(cases))))
     windows = [[next(judged) for _ in results] for results in found]
     replays = verify_in_sumo([case for results in windows for case in results], progress=progress)
     in_sumo = [InSumo(one.case, one.verified, one.reports_same_pair) for one in replays.values()]
-    return Run(method, planner, rollouts, windows, in_sumo, seconds, protocol)
+    return MethodRun(method, planner, rollouts, windows, in_sumo, seconds, protocol)
 
 
 def _name(config: AttackConfig) -> str:

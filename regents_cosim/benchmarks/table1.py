@@ -15,9 +15,9 @@ from typing import get_args
 from regents_cosim.benchmarks.ceiling import Ceiling, ceiling
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import (
+    MethodRun,
     MethodScores,
     Results,
-    Run,
     collided_before,
     is_actionable,
     is_clean,
@@ -38,7 +38,7 @@ ALL, HAD_A_SAY, HAD_NO_SAY = "all", "had a say", "had no say"
 
 
 @dataclass(frozen=True)
-class Comparison:
+class MethodComparison:
     """Two methods on the same windows: which of them succeed in one and not in the other, and McNemar's p."""
 
     planner: str
@@ -58,11 +58,11 @@ class Table1:
     scores: tuple[MethodScores, ...]
     by_say: tuple[MethodScores, ...]  # of the places that had a say in the method, and of those that had none
     by_source: tuple[MethodScores, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[MethodComparison, ...]
     ceilings: tuple[Ceiling, ...] = ()  # of each planner: of all windows, and by whether their places had a say
 
 
-def table1(runs: Sequence[Run], tuned_on: Sequence[str] = (), again: Sequence[Run] = ()) -> Table1:
+def table1(runs: Sequence[MethodRun], tuned_on: Sequence[str] = (), again: Sequence[MethodRun] = ()) -> Table1:
     """Scores of every run, of all windows and source by source, and every pair of methods compared.
 
     `tuned_on` names the places that had a say: those on which the methods were tried out while they were made.
@@ -116,7 +116,9 @@ def _file(results: Results) -> str:
     return results[0].provenance.file
 
 
-def compare(first: Run, second: Run, count: str, places: str = ALL, files: Collection[str] | None = None) -> Comparison:
+def compare(
+    first: MethodRun, second: MethodRun, count: str, places: str = ALL, files: Collection[str] | None = None
+) -> MethodComparison:
     """Two runs on the same windows, over those in which the planner does not collide before the attack."""
     pairs = [
         tuple(any(map(_COUNTS[count], results)) for results in both)
@@ -124,7 +126,7 @@ def compare(first: Run, second: Run, count: str, places: str = ALL, files: Colle
         if not any(map(collided_before, both)) and (files is None or _file(both[0]) in files)
     ]
     mine, theirs = [a for a, _ in pairs], [b for _, b in pairs]
-    return Comparison(
+    return MethodComparison(
         planner=first.planner,
         places=places,
         first=first.method,
@@ -268,7 +270,7 @@ def _comparisons(table: Table1, planner: str) -> list[Section]:
 _APART = " (-: the two searched by different protocols, so that a p-value would not compare the methods)"
 
 
-def _compared(pairs: Sequence[Comparison]) -> list[list[str]]:
+def _compared(pairs: Sequence[MethodComparison]) -> list[list[str]]:
     found: dict[str, dict[str, str]] = {}
     for pair in pairs:
         cell = "-" if pair.p is None else f"{pair.only_first} : {pair.only_second}, p = {pair.p:.2g}"

@@ -117,13 +117,13 @@ def inspect(
     """
     from regents_cosim.reports.log_picture import draw_scene
     from regents_cosim.reports.tables import INSPECTED, inspection_notes, inspection_row
-    from regents_cosim.sources.logs.formats import Beside
+    from regents_cosim.sources.logs.formats import CompanionFiles
     from regents_cosim.sources.logs.inspection import inspect_scene
     from regents_cosim.sources.logs.record import scenes_of
 
     terminal = open_terminal(talk)
     found = []
-    for _, name, scene in scenes_of(log, format, Beside(map, columns)):
+    for _, name, scene in scenes_of(log, format, CompanionFiles(map, columns)):
         found.append(inspect_scene(scene, name))
         if output is not None:
             draw_scene(scene, output)

@@ -12,7 +12,7 @@ from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
-    from regents_cosim.evaluation.regression.comparison import Verdict
+    from regents_cosim.evaluation.regression.comparison import RegressionVerdict
     from regents_cosim.evaluation.regression.evaluate import AgainstBaseline, Evaluation
 
 _STDOUT = Path("-")
@@ -119,7 +119,7 @@ def _show(found: "Evaluation", held: "AgainstBaseline", cases: Path, options: Ag
     terminal.show(f"{found.planner} in {found.where} against {held.file}", rows, essential=COMPARED)
 
 
-def _row(verdict: "Verdict") -> dict[str, Any]:
+def _row(verdict: "RegressionVerdict") -> dict[str, Any]:
     from regents_cosim.evaluation.regression.comparison import short
 
     return {

@@ -13,14 +13,14 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.planners.closed_loop import move_by
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.episode import Contacts, RecordedPath, choose_case, require_known
 from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.session import Play, SumoSession
 from regents_cosim.reports.camera import View, centred
 from regents_cosim.reports.film import Ground
-from regents_cosim.reports.scene import Scene, draw_moving
+from regents_cosim.reports.pictured_case import PicturedCase, draw_moving
 from regents_cosim.scenario import Scenario, Tracks
 
 BACKGROUNDS = ("log", "reactive")
@@ -150,7 +150,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
             gymnasium.logger.warn('nothing to render, expected render_mode="rgb_array" when the environment is made')
             return None
         require(hasattr(self, "scenario"), "nothing to render, expected a reset first", RegentsError)
-        now, scene = self.seen, Scene.of(self._so_far())
+        now, scene = self.seen, PicturedCase.of(self._so_far())
         size = self.config["screen_width"], self.config["screen_height"]
         if self._ground is None:
             view = centred(np.array([now.x[0], now.y[0]]), _PX_PER_M, size)
@@ -168,7 +168,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         self._over = True
 
     @property
-    def seen(self) -> Seen:
+    def seen(self) -> Snapshot:
         """Everybody now, in the order of the case's agents, as SUMO reports them (map frame, float64)."""
         return self._frames[-1]
 
@@ -221,7 +221,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         missing = self.scenario.tracks.steps - len(self._frames)
         nobody = self.seen._replace(valid=np.arange(len(self.scenario.agents)) == 0)
         columns = (np.stack(values, axis=1) for values in zip(*self._frames, *[nobody] * missing, strict=True))
-        tracks = Tracks(**dict(zip(Seen._fields, columns, strict=True)))
+        tracks = Tracks(**dict(zip(Snapshot._fields, columns, strict=True)))
         return replace(self.scenario, tracks=tracks, attack=None, original=None, judgement=None, evasion=None)
 
 

@@ -20,7 +20,7 @@ from regents_cosim.live.reading import Frame
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import AttackRecord, Outcome, Scenario, Signal, Tracks
 from regents_cosim.sources.recording import Recording, changes
-from regents_cosim.sources.windows import Origin, Scene, Windows, make_scenario
+from regents_cosim.sources.windows import Origin, RecordedScene, Windows, make_scenario
 
 _LABEL = 40  # characters of a planner or an adversary in the id of a case
 _FIELDS = ("x", "y", "yaw", "z")
@@ -78,7 +78,7 @@ def case_of(
     """The case of some frames. Of a near miss, `attacked.outcome` says that there was no collision."""
     recording = _recording(frames, dt, after, round(tail_s / dt))
     ego = recording.ids.index(frames[0].ids[0])
-    scene = Scene.where(recording, recording.valid)
+    scene = RecordedScene.where(recording, recording.valid)
     reach = Windows(count=1, seed=attacked.seed, horizon_s=max((recording.x.shape[1] - 1) * dt, 0.2), radius_m=1e5)
     base = make_scenario(scene, ego, road, attacked.source, reach, Counter())
     original = _original(base, recording.begin_s, dt, (base.ego.id, attacked.adversary), before)

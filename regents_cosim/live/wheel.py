@@ -14,7 +14,7 @@ from regents_cosim.live.predict import Mirror
 from regents_cosim.live.reading import Frame, Reader
 from regents_cosim.live.steer import Hand
 from regents_cosim.planners.driver import HostDriver, LoopDriver
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 
 _EGO_COLOUR = (0, 114, 178, 255)
 _HORIZON_S = 5.0  # of the scenes that it is told
@@ -67,7 +67,7 @@ class Wheel:
         return self._sumo.lane.getLength(lane) - vehicle.getLanePosition(ego) < _ARRIVED_M
 
 
-def _seen(frame: Frame, moment: Moment) -> Seen:
+def _seen(frame: Frame, moment: Moment) -> Snapshot:
     """The agents of a moment as they are now; those that came later are seen in the next."""
     boxes, agents = frame.boxes, moment.scenario.agents
     rows = [frame.number.get(agent.id, -1) for agent in agents]
@@ -75,4 +75,4 @@ def _seen(frame: Frame, moment: Moment) -> Seen:
     x, y, yaw, speed, z = (
         np.where(valid, np.asarray(values)[rows], 0.0) for values in (boxes.x, boxes.y, boxes.yaw, frame.speed, boxes.z)
     )
-    return Seen(x, y, yaw, np.maximum(speed, 0.0), valid, z)
+    return Snapshot(x, y, yaw, np.maximum(speed, 0.0), valid, z)

@@ -16,7 +16,7 @@ from regents_cosim.mirror.reactions import Progress, begin
 from regents_cosim.mirror.rollout import EgoTrack, Instant, placed, reacted
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.planners.interface import Control, Placement, Scene, Seen
+from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
 from regents_cosim.scenario import Dynamics, Scenario
 
 State = Float[np.ndarray, " 4"]  # x, y [m], yaw [rad], speed [m/s], in the device's coordinates
@@ -43,11 +43,11 @@ class ClosedLoop:
         return scene_of(self._scenario)
 
     @property
-    def seen(self) -> Seen:
+    def seen(self) -> Snapshot:
         """All agents now."""
         valid = self._scenario.tracks.valid[:, len(self._controls)]
         x, y, yaw, speed = np.where(valid, self._now[:, : len(valid)] + self._origin[:, None], 0.0)
-        return Seen(x, y, yaw, speed, valid, np.where(valid, self._scenario.heights(x, y), 0.0))
+        return Snapshot(x, y, yaw, speed, valid, np.where(valid, self._scenario.heights(x, y), 0.0))
 
     def go(self, decision: Control | Placement) -> None:
         """One step on."""

@@ -20,7 +20,7 @@ from regents_cosim.mirror.world import World, scene_origin, to_world
 from regents_cosim.planners.closed_loop import move, scene_of
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.planners.interface import Placement, Seen
+from regents_cosim.planners.interface import Placement, Snapshot
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
@@ -68,7 +68,7 @@ class LoopDriver:
         self._scene = LoopScene(scenario, self._world)
         self._memory = start(self._loop, self._scene, self._name)
 
-    def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
+    def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame).
 
         Raises DriveError where the planner fails.
@@ -98,7 +98,7 @@ class HostDriver:
         self._origin = np.array([*scene_origin(scenario), 0.0, 0.0])
         self._process.reset([scene_of(scenario)])
 
-    def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
+    def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame).
 
         Raises DriveError where the planner fails.

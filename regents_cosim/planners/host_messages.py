@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.planners.interface import Control, Placement, Scene, Seen
+from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
 from regents_cosim.planners.own_object import Pickled
 
 TRACE_LIMIT = 8192  # characters of a traceback or a stack, its head and its tail
@@ -88,14 +88,14 @@ Question = Make | Reset | Act
 Reply = Made | Done | Decided | Raised
 
 
-def packed(seen: Seen) -> bytes:
+def packed(seen: Snapshot) -> bytes:
     """An instant as bytes."""
     return np.stack(np.broadcast_arrays(*seen)).astype(np.float64).tobytes()
 
 
-def unpacked(seen: bytes) -> Seen:
+def unpacked(seen: bytes) -> Snapshot:
     """The same as arrays that one may write to."""
-    found = Seen._make(np.frombuffer(seen).copy().reshape(len(Seen._fields), -1))
+    found = Snapshot._make(np.frombuffer(seen).copy().reshape(len(Snapshot._fields), -1))
     return found._replace(valid=found.valid > 0.0)
 
 

@@ -38,7 +38,7 @@ from regents_cosim.planners.host_messages import (
     replies,
     shortened,
 )
-from regents_cosim.planners.interface import Scene, Seen
+from regents_cosim.planners.interface import Scene, Snapshot
 from regents_cosim.planners.kept_process import KeptProcess
 from regents_cosim.planners.own_object import Pickled
 from regents_cosim.planners.patience import Patience
@@ -106,7 +106,7 @@ class HostProcess:
             raise self._patience.hung_in_reset(failure) from failure
         self._patience.has_reset()
 
-    def act(self, step: int, seen: Sequence[Seen]) -> list[Answer]:
+    def act(self, step: int, seen: Sequence[Snapshot]) -> list[Answer]:
         """Decisions for all scenes of the drive. Raises DriveError."""
         running, when = self._running, f"in `act` at step {step}"
         if running is None:

@@ -45,7 +45,7 @@ from regents_cosim.planners.interface import (
     Placement,
     Planner,
     Scene,
-    Seen,
+    Snapshot,
     Waypoints,
 )
 from regents_cosim.planners.talk import Talk
@@ -134,7 +134,7 @@ class Served:
             (scene,) = self._scenes
             self._planner.reset(scene)
 
-    def _act(self, step: int, seen: list[Seen]) -> list[Answer]:
+    def _act(self, step: int, seen: list[Snapshot]) -> list[Answer]:
         observations = [_observation(scene, step, one) for scene, one in zip(self._scenes, seen, strict=True)]
         begin = time.perf_counter()
         if isinstance(self._planner, BatchPlanner):
@@ -147,7 +147,7 @@ class Served:
         return [_answer(_checked(made, o), seconds) for made, o in zip(decisions, observations, strict=True)]
 
 
-def _observation(scene: Scene, step: int, seen: Seen) -> Observation:
+def _observation(scene: Scene, step: int, seen: Snapshot) -> Observation:
     mine, theirs = ([np.broadcast_to(v, seen.x.shape)[part] for v in seen] for part in (0, slice(1, None)))
     x, y, yaw, speed, _, z = (float(value) for value in mine)
     ego = replace(scene.ego, x=x, y=y, yaw=yaw, speed=speed, z=z)

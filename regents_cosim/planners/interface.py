@@ -81,7 +81,7 @@ class AgentState:
         return dx * cos + dy * sin, dy * cos - dx * sin
 
 
-class Seen(NamedTuple):
+class Snapshot(NamedTuple):
     """All agents at one instant, the ego first, 0 where absent: box centres in the map's frame."""
 
     x: Float[np.ndarray, " agent"]  # [m]

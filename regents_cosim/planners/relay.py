@@ -14,7 +14,7 @@ from typing import Any
 
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.planners.driver import Drivers
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 from regents_cosim.scenario import Scenario
 
 
@@ -42,7 +42,7 @@ class RelayedDriver:
         """Prepare for `scenario`. Raises DriveError where the planner fails."""
         self._asked("start", scenario)
 
-    def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
+    def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1. Raises DriveError where the planner fails."""
         return self._asked("advance", step, seen)
 

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 import numpy as np
 
 from regents_cosim.errors import DriveError, PlannerError, RegentsError
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 from regents_cosim.scenario import Scenario
 
 _R = TypeVar("_R")
@@ -30,14 +30,14 @@ class Driver(Protocol):
         """Prepare to drive through `scenario`."""
         ...
 
-    def advance(self, step: int, seen: Seen) -> tuple[float, float, float, float]:
+    def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
         """An EgoState for `step` + 1 from what SUMO reports at `step`: box centres in the map's frame, 0 if absent."""
         ...
 
 
-def decision(driver: Driver, step: int, seen: Seen) -> EgoState:
+def decision(driver: Driver, step: int, seen: Snapshot) -> EgoState:
     """Where the driver puts the ego after `step`. Raises DriveError where it fails, PlannerError for no state."""
-    found = ask(lambda: driver.advance(step, Seen(*(np.copy(values) for values in seen))), f"at step {step}")
+    found = ask(lambda: driver.advance(step, Snapshot(*(np.copy(values) for values in seen))), f"at step {step}")
     try:
         ego = EgoState(*(float(value) for value in found))
     except (TypeError, ValueError) as error:

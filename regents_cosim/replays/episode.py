@@ -12,7 +12,7 @@ from regents_cosim.cases.files import find_cases, load_case
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 from regents_cosim.scenario import Agent, Scenario
 
 
@@ -63,7 +63,7 @@ class Contacts:
         self._met, self._apart = np.zeros(len(agents), bool), np.ones(len(agents), bool)
         self._apart[0] = False
 
-    def at(self, seen: Seen) -> Bool[np.ndarray, " agent"]:
+    def at(self, seen: Snapshot) -> Bool[np.ndarray, " agent"]:
         """Call it once per step."""
         boxes = Boxes(seen.x, seen.y, seen.yaw, self._length, self._width, np.broadcast_to(seen.z, seen.x.shape))
         touching = overlap(Boxes(*(float(np.asarray(values)[0]) for values in boxes)), boxes) & seen.valid

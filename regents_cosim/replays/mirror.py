@@ -18,14 +18,14 @@ from regents_cosim.scenario import Scenario, Tracks
 
 
 @dataclass(frozen=True, eq=False)
-class Lap:
+class MirrorDrive:
     """What a drive gave."""
 
     tracks: Tracks
     act_seconds: list[float] = field(default_factory=list)  # of a planner outside the mirror
 
 
-class Wheel:
+class MirrorDriver:
     """One planner at the wheel of one scenario after the other, from several threads. A context manager.
 
     `planner` is its name.
@@ -37,13 +37,13 @@ class Wheel:
         self.planner, self._loop = given.name, given.loop
         self._hosts = HostPool(given, act_timeout_s)
 
-    def __enter__(self) -> "Wheel":
+    def __enter__(self) -> "MirrorDriver":
         return self
 
     def __exit__(self, *error: object) -> None:
         self._hosts.__exit__(*error)
 
-    def drive(self, scenario: Scenario) -> Lap:
+    def drive(self, scenario: Scenario) -> MirrorDrive:
         """The tracks of `scenario`, its ego driven in closed loop. Raises DriveError."""
         world = to_world(scenario)
         if self._loop is not None:
@@ -51,11 +51,11 @@ class Wheel:
             with foreign(self.planner, scenario.id):
                 track = jax.block_until_ready(_drive(self._loop, memory, world.without_road()))
             require_finite(track.controls, self.planner, scenario.id)
-            return Lap(_with_ego(scenario, world, track))
+            return MirrorDrive(_with_ego(scenario, world, track))
         with self._hosts.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, None)
             seconds = drive_on_host(process, [loop])
-        return Lap(_with_ego(scenario, world, loop.track), seconds)
+        return MirrorDrive(_with_ego(scenario, world, loop.track), seconds)
 
 
 def replay_in_mirror(scenario: Scenario, planner: AnyPlanner | None = None) -> Tracks:
@@ -65,8 +65,8 @@ def replay_in_mirror(scenario: Scenario, planner: AnyPlanner | None = None) -> T
     """
     if planner is None:
         return scenario.tracks
-    with Wheel(planner) as wheel:
-        return wheel.drive(scenario).tracks
+    with MirrorDriver(planner) as driver:
+        return driver.drive(scenario).tracks
 
 
 @compiled

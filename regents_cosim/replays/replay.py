@@ -12,7 +12,7 @@ from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.relay import Relay, RelayedDriver, relayed
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest, Ticket
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.sumo.drivers import DriverParameters, background_drivers
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.sumo.stage import SumoReplay
@@ -81,8 +81,8 @@ def replay_each(
             yield from (_or_failed(s, lambda s: _in_highway(s, given, those, mode, gui)) for s in scenarios)
         return
     if where == "mirror":
-        with Wheel(given, act_timeout_s) if given else nullcontext() as wheel:
-            yield from (_or_failed(s, lambda s: _in_mirror(s, wheel)) for s in scenarios)
+        with MirrorDriver(given, act_timeout_s) if given else nullcontext() as driver:
+            yield from (_or_failed(s, lambda s: _in_mirror(s, driver)) for s in scenarios)
         return
     with at_hand(given, act_timeout_s) as driven_by:
         jobs = (
@@ -218,6 +218,6 @@ def _in_highway(
     return compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
 
 
-def _in_mirror(scenario: Scenario, wheel: Wheel | None) -> Replay:
-    tracks = wheel.drive(scenario).tracks if wheel else scenario.tracks
-    return compare(scenario, tracks, ego_is_free=wheel is not None)
+def _in_mirror(scenario: Scenario, driver: MirrorDriver | None) -> Replay:
+    tracks = driver.drive(scenario).tracks if driver else scenario.tracks
+    return compare(scenario, tracks, ego_is_free=driver is not None)

@@ -19,7 +19,7 @@ from regents_cosim.reports.palette import (
     mix,
     shade,
 )
-from regents_cosim.reports.scene import Scene, draw_burst
+from regents_cosim.reports.pictured_case import PicturedCase, draw_burst
 from regents_cosim.scenario import Collision, CollisionKind, Judgement, Manoeuvre, Outcome
 from regents_cosim.verdicts.words import DRIVERS, braking_words
 
@@ -46,7 +46,7 @@ OUTCOMES: dict[Outcome, str] = {
 _SCALES_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
-def draw_header(scene: Scene, step: int, width: int, zoom: int) -> Canvas:
+def draw_header(scene: PicturedCase, step: int, width: int, zoom: int) -> Canvas:
     """Case, planner, method and collision on the left; the time on the right, and as a line below."""
     canvas = Canvas.blank((width, HEADER_PX), zoom, PANEL)
     scenario = scene.scenario
@@ -60,7 +60,7 @@ def draw_header(scene: Scene, step: int, width: int, zoom: int) -> Canvas:
     return canvas
 
 
-def draw_footer(scene: Scene, view: View, width: int, zoom: int) -> Canvas:
+def draw_footer(scene: PicturedCase, view: View, width: int, zoom: int) -> Canvas:
     """What the colours mean, and how long ten or so metres are."""
     canvas = Canvas.blank((width, FOOTER_PX), zoom, PANEL)
     canvas.box(0, 0, width, 1, HAIRLINE)
@@ -76,7 +76,7 @@ def draw_strip(words: str, colour: Colour, width: int, zoom: int) -> Canvas:
     return canvas
 
 
-def describe(scene: Scene) -> str:
+def describe(scene: PicturedCase) -> str:
     """Planner, method, and how it ended, in one line."""
     attack = scene.scenario.attack
     if attack is None:
@@ -152,7 +152,7 @@ def plain(words: str) -> str:
 # --- parts ------------------------------------------------------------------------------------
 
 
-def _draw_timeline(canvas: Canvas, scene: Scene, step: int, width: int) -> None:
+def _draw_timeline(canvas: Canvas, scene: PicturedCase, step: int, width: int) -> None:
     last = max(scene.scenario.tracks.steps - 1, 1)
     canvas.box(0, HEADER_PX - 3, width, HEADER_PX, HAIRLINE)
     canvas.box(0, HEADER_PX - 3, width * step / last, HEADER_PX, FAINT_INK)
@@ -161,7 +161,7 @@ def _draw_timeline(canvas: Canvas, scene: Scene, step: int, width: int) -> None:
         canvas.box(at - 2, HEADER_PX - 6, min(at + 2, width), HEADER_PX, ADVERSARY)
 
 
-def _draw_legend(canvas: Canvas, scene: Scene) -> None:
+def _draw_legend(canvas: Canvas, scene: PicturedCase) -> None:
     middle = FOOTER_PX / 2 + 0.5
     x = float(_EDGE_PX)
     entries: list[tuple[Colour, str]] = [(EGO, "ego"), (OTHER, "other traffic")]

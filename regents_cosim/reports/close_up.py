@@ -11,7 +11,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.reports.camera import View, centred
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import FAINT_INK, PANEL
-from regents_cosim.reports.scene import Scene, draw_ground, draw_moving
+from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
 
 _SIZE = (330, 240)  # [px]
 _EDGE_PX = 18
@@ -19,7 +19,7 @@ _PX_PER_M = 20.0
 _LEAST_GAIN = 1.7  # times larger than the picture, otherwise it shows nothing new
 
 
-def draw_close_up(scene: Scene, picture: Canvas, view: View, step: int) -> None:
+def draw_close_up(scene: PicturedCase, picture: Canvas, view: View, step: int) -> None:
     """Add the close-up, unless every corner holds what the picture is about."""
     contact = scene.contact_point
     if contact is None or view.px_per_m * _LEAST_GAIN > _PX_PER_M:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from regents_cosim.evaluation.crashes.verdict import Blamed, Verdict
+from regents_cosim.evaluation.crashes.verdict import Blamed, CrashVerdict
 
 FAULTS: dict[Blamed, str] = {"ego": "planner", "both": "both", "nobody": "unclear", "adversary": "adversary"}
 
@@ -16,7 +16,7 @@ class Crash:
 
     case: str
     kind: str  # of the collision, in words; or that the planner failed
-    verdict: Verdict | None
+    verdict: CrashVerdict | None
     broken: bool  # the driver that it is compared with had none here
     failed: bool  # the planner itself gave no answer
 

@@ -11,7 +11,7 @@ from PIL import Image
 from regents_cosim.reports.camera import View, fit, follow, trim
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import LAND, gif_palette
-from regents_cosim.reports.scene import Scene, draw_ground
+from regents_cosim.reports.pictured_case import PicturedCase, draw_ground
 
 Progress = Callable[[int, int], None]
 
@@ -39,7 +39,7 @@ def shoot(
 class Ground:
     """What stands still, drawn once per tile of the size of a view, so that a long way needs little memory."""
 
-    def __init__(self, scene: Scene, origin: View, zoom: int) -> None:
+    def __init__(self, scene: PicturedCase, origin: View, zoom: int) -> None:
         self._scene, self._origin, self._zoom = scene, origin, zoom
         self._tile = functools.lru_cache(maxsize=6)(self._draw)  # a view touches at most four
 

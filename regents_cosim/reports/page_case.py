@@ -10,14 +10,14 @@ from typing import Any, Literal
 import numpy as np
 
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.evaluation.crashes.verdict import Verdict
+from regents_cosim.evaluation.crashes.verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.planners.find import is_built_in
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, Crash
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
-from regents_cosim.reports.scene import contact_point
+from regents_cosim.reports.pictured_case import contact_point
 from regents_cosim.scenario import Collision, Escape, Flaw, Scenario, Tracks
 from regents_cosim.verdicts.words import behind_words, drive_words, offences_words, telling_words
 
@@ -46,14 +46,14 @@ class ClosestCall:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class PageDrive:
     """A case with one driver at the wheel of its ego."""
 
     driver: str
     tracks: Tracks | None  # of all agents; None where the planner failed
     error: str = ""
     closest: ClosestCall | None = None
-    verdict: Verdict | None = None  # on its crash
+    verdict: CrashVerdict | None = None  # on its crash
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class PageCase:
     """A case and how each driver fared in it."""
 
     scenario: Scenario
-    runs: tuple[Run, ...]
+    runs: tuple[PageDrive, ...]
     motion: tuple[MotionRow, ...] = ()  # is the adversary still traffic?
 
     @cached_property
@@ -96,7 +96,7 @@ class PageCase:
         return next((i for i, agent in enumerate(self.scenario.agents) if agent.role == "adversary"), None)
 
     @property
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> CrashVerdict | None:
         """On the crash of the last driver that has one: the newer of two."""
         return next((run.verdict for run in reversed(self.runs) if run.verdict), None)
 

@@ -16,7 +16,7 @@ from regents_cosim.reports.caption import FOOTER_PX, HEADER_PX, STRIP_PX, draw_f
 from regents_cosim.reports.close_up import draw_close_up
 from regents_cosim.reports.film import Ground, Progress, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.palette import ADVERSARY, HAIRLINE, INK, PANEL
-from regents_cosim.reports.scene import Scene, draw_ground, draw_moving
+from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, write_atomic
 
@@ -35,7 +35,7 @@ def draw_still(scenario: Scenario, path: Path) -> None:
 
     Raises RegentsError where `path` cannot be written.
     """
-    scene = Scene.of(scenario)
+    scene = PicturedCase.of(scenario)
     step = scene.shown_step
     view = fit_latest(scene.main_points()[: step + 1], _inside(STILL_SIZE), _STILL_PX_PER_M)
     picture = draw_ground(scene, view, _ZOOM)
@@ -52,7 +52,7 @@ def animate(scenario: Scenario, path: Path, progress: Progress | None = None) ->
     `progress` is told how many of how many frames are drawn. Raises RegentsError where `path`
     cannot be written.
     """
-    scene = Scene.of(scenario)
+    scene = PicturedCase.of(scenario)
     views = shoot(scene.main_points(), scenario.dt, _inside(GIF_SIZE), _LEAST_HEIGHT_PX)
     ground = Ground(scene, views[0], _ZOOM)
 
@@ -93,8 +93,8 @@ def draw_pair(left: Scenario, right: Scenario, path: Path, titles: tuple[str, st
 def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tuple[Callable[[int], Image.Image], int]:
     """What draws the picture of both at a step, and the last step that both have."""
     require(left.dt == right.dt, f"time steps of {left.dt:g} s and {right.dt:g} s, expected equal ones", RegentsError)
-    after = Scene.of(right)
-    before = Scene(left, after.adversary)
+    after = PicturedCase.of(right)
+    before = PicturedCase(left, after.adversary)
     last = min(before.last_step, after.last_step)
     points = np.concatenate([scene.main_points()[: last + 1] for scene in (before, after)], axis=1)
     size = _pair_size(points)
@@ -122,7 +122,7 @@ def _inside(size: tuple[int, int]) -> tuple[int, int]:
     return size[0], size[1] - HEADER_PX - FOOTER_PX
 
 
-def _framed(body: Canvas, scene: Scene, view: View, step: int) -> Canvas:
+def _framed(body: Canvas, scene: PicturedCase, view: View, step: int) -> Canvas:
     """`body` between header and footer."""
     width, height = body.size
     canvas = Canvas.blank((width, HEADER_PX + height + FOOTER_PX), _ZOOM, PANEL)
@@ -143,7 +143,7 @@ def _when(scenario: Scenario) -> str:
     return f"{'after' if scenario.attack else 'before'} the attack"
 
 
-def _draw_strip(title: str, scene: Scene, width: int) -> Canvas:
+def _draw_strip(title: str, scene: PicturedCase, width: int) -> Canvas:
     """The title of one of two pictures; the verdict is that of the exact boxes."""
     contact = first_contact(scene.scenario.agents, scene.scenario.tracks)
     end = "no collision" if contact is None else f"collision at {contact[1] * scene.scenario.dt:.1f} s"

@@ -20,9 +20,9 @@ from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.reports.html import Report, Score, html_page, json_twin
-from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, Run, network
+from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, PageDrive, network
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.atomic import explain_write, require_writable, write_atomic
 from regents_cosim.verdicts.judgement import judge
@@ -34,7 +34,7 @@ _MOTIONS = {
     "yaw_rate": ("Yaw rate", "rad/s"),
 }
 
-Driven = tuple[Drive, Tracks | None]
+DriveWithTracks = tuple[Drive, Tracks | None]
 
 _MOST_PLANNERS = 2
 _MOST_NAMED = 8  # networks in the subtitle
@@ -74,14 +74,14 @@ def judge_rest(scenarios: Iterable[Scenario]) -> Iterator[Scenario]:
 
 def drive_for_report(
     scenarios: Sequence[Scenario], planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S
-) -> Iterator[Driven]:
+) -> Iterator[DriveWithTracks]:
     """Let `planner` drive every case in the mirror, in order. Raises PlannerError where it cannot be found."""
-    with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        yield from pool.map(partial(drive_and_keep, wheel=wheel), scenarios)
+    with MirrorDriver(planner, act_timeout_s) as driver, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        yield from pool.map(partial(drive_and_keep, driver=driver), scenarios)
 
 
 def report_of(
-    scenarios: Sequence[Scenario], driven: Mapping[str, Sequence[Driven]], folder: Path | None = None
+    scenarios: Sequence[Scenario], driven: Mapping[str, Sequence[DriveWithTracks]], folder: Path | None = None
 ) -> Report:
     """What the page says: of the drives of each planner in `driven`, or of those that the cases hold."""
     _check_cases(scenarios)
@@ -119,7 +119,7 @@ def _check_cases(scenarios: Sequence[Scenario]) -> None:
         raise RegentsError(f"case {name!r} occurs {times} times, expected ids that differ")
 
 
-def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]) -> tuple[Run, ...]:
+def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[DriveWithTracks]]) -> tuple[PageDrive, ...]:
     if driven:
         return tuple(_driven_run(scenario, name, *drives[index]) for name, drives in driven.items())
     tracks, attack = scenario.tracks, scenario.attack
@@ -127,13 +127,13 @@ def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[Driven]]
     closest = _closest(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None))
     name, error = (attack.planner, attack.planner_error) if attack else ("log", "")
     verdict = verdict_of(scenario.judgement) if contact else None
-    return (Run(name, tracks, error, closest, verdict),)
+    return (PageDrive(name, tracks, error, closest, verdict),)
 
 
-def _driven_run(scenario: Scenario, name: str, drive: Drive, tracks: Tracks | None) -> Run:
+def _driven_run(scenario: Scenario, name: str, drive: Drive, tracks: Tracks | None) -> PageDrive:
     if tracks is None:
-        return Run(name, None, drive.error)
-    return Run(name, tracks, drive.error, _closest(drive), verdict_of_drive(scenario, name, tracks))
+        return PageDrive(name, None, drive.error)
+    return PageDrive(name, tracks, drive.error, _closest(drive), verdict_of_drive(scenario, name, tracks))
 
 
 def _closest(found: Drive | Safety) -> ClosestCall:
@@ -190,7 +190,7 @@ def _subtitle(scenarios: Sequence[Scenario]) -> str:
 # --- scores -----------------------------------------------------------------------------------
 
 
-def _driving_scores(driven: Mapping[str, Sequence[Driven]], cases: Sequence[PageCase]) -> list[Score]:
+def _driving_scores(driven: Mapping[str, Sequence[DriveWithTracks]], cases: Sequence[PageCase]) -> list[Score]:
     """The telling crashes of each, then as `regents evaluate` has them."""
     rows = {name: driving_row("all", [drive for drive, _ in drives]) for name, drives in driven.items()}
     telling = [score for run, name in enumerate(driven) for score in _telling(name, cases, run)]

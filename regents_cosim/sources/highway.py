@@ -141,7 +141,7 @@ def _origin(job: RecordingJob, env: AbstractEnv) -> Origin:
 
 
 @dataclass
-class _Film:
+class _TrackHistory:
     """What every vehicle and obstacle did, frame by frame."""
 
     episode: int
@@ -221,7 +221,7 @@ def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episo
     agent.start(env, seed)
     steps = job.windows.steps(STEP_S)
     wanted = steps + int(rng.integers(round(_LATEST_BEGIN_S / STEP_S)))
-    film = _Film(episode)
+    film = _TrackHistory(episode)
     film.take(env)
     _film_each_frame(env, film)
     ended = False
@@ -232,7 +232,7 @@ def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episo
     return film.recording(steps, STEP_S)
 
 
-def _film_each_frame(env: AbstractEnv, film: _Film) -> None:
+def _film_each_frame(env: AbstractEnv, film: _TrackHistory) -> None:
     """Between two decisions of the policy an environment steps its road several times."""
     road = _road(env)
     step = road.step

@@ -11,7 +11,7 @@ from regents_cosim.cases.shipped import located
 from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.fcd import record_fcd
-from regents_cosim.sources.logs.formats import Beside
+from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
@@ -81,7 +81,7 @@ def record(
             format=given.format,
             ego=given.ego,
             stride_s=given.stride_s,
-            beside=Beside(given.map, given.columns),
+            beside=CompanionFiles(given.map, given.columns),
             **asked,
             prefer=prefer,
             tell=tell,

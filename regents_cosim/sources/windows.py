@@ -116,7 +116,7 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
     number of vehicles that fail each rule where there is no window at all.
     """
     rng = np.random.default_rng(windows.seed)
-    scenes = [Scene.of(recording) for recording in recordings]
+    scenes = [RecordedScene.of(recording) for recording in recordings]
     refused: Counter[str] = Counter()
     queues = {
         slot: egos(scenes[slot], road, windows, rng.permutation(len(scenes[slot].recording.ids)), refused)
@@ -130,7 +130,7 @@ def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origi
 
 
 def preferred(
-    queues: dict[int, Iterator[int]], scenes: Sequence["Scene"], road: RoadMap, windows: Windows
+    queues: dict[int, Iterator[int]], scenes: Sequence["RecordedScene"], road: RoadMap, windows: Windows
 ) -> Iterator[tuple[int, int]]:
     """In rounds over the slots: egos with a possible conflict, then the rest; all alike where none are preferred."""
     if windows.prefer == "none":
@@ -142,7 +142,7 @@ def preferred(
     yield from _in_rounds({slot: chain(left, queues[slot]) for slot, left in others.items()})
 
 
-def _with_conflict(queue: Iterator[int], scene: "Scene", road: RoadMap, others: list[int]) -> Iterator[int]:
+def _with_conflict(queue: Iterator[int], scene: "RecordedScene", road: RoadMap, others: list[int]) -> Iterator[int]:
     """Those with a possible conflict; the rest is put into `others`. In a large city not all are asked."""
     conflicts = scene.conflicts(road)
     for ego in islice(queue, _MOST_ASKED):
@@ -166,7 +166,7 @@ def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class RecordedScene:
     """A Recording and what follows from it; `valid` may be less than what was recorded."""
 
     recording: Recording
@@ -175,13 +175,13 @@ class Scene:
     motor: Bool[np.ndarray, " vehicle"]
 
     @classmethod
-    def of(cls, recording: Recording) -> "Scene":
+    def of(cls, recording: Recording) -> "RecordedScene":
         """With its jumps cut out."""
         valid = smooth_pieces(recording.x, recording.y, recording.valid, recording.dt)
         return cls.where(recording, valid)
 
     @classmethod
-    def where(cls, recording: Recording, valid: Bool[np.ndarray, "vehicle time"]) -> "Scene":
+    def where(cls, recording: Recording, valid: Bool[np.ndarray, "vehicle time"]) -> "RecordedScene":
         """The vehicles at those instants only."""
         if recording.speed is None:
             speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
@@ -213,7 +213,9 @@ class Scene:
         return np.zeros(self.valid.shape) if self.recording.z is None else self.recording.z
 
 
-def egos(scene: Scene, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]) -> Iterator[int]:
+def egos(
+    scene: RecordedScene, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]
+) -> Iterator[int]:
     """The vehicles that may be the ego, in the given order; the others are counted by reason."""
     recording = scene.recording
     for ego in order.tolist():
@@ -226,7 +228,7 @@ def egos(scene: Scene, road: RoadMap, windows: Windows, order: np.ndarray, refus
             refused[reason] += 1
 
 
-def refusal(scene: Scene, ego: int, road: RoadMap, company: int) -> str | None:
+def refusal(scene: RecordedScene, ego: int, road: RoadMap, company: int) -> str | None:
     """Why a vehicle may not be the ego, None where it may; `company` is how many others must move near it."""
     if not scene.motor[ego]:
         return "were no motor vehicles"
@@ -250,7 +252,7 @@ def refusal(scene: Scene, ego: int, road: RoadMap, company: int) -> str | None:
     return None
 
 
-def _overlaps_any(scene: Scene, ego: int, apart: Float[np.ndarray, "vehicle time"]) -> bool:
+def _overlaps_any(scene: RecordedScene, ego: int, apart: Float[np.ndarray, "vehicle time"]) -> bool:
     lengths = np.array([kind.length + kind.width for kind in scene.recording.types])
     close = apart.min(axis=1) <= lengths + lengths[ego]  # never less than both half diagonals
     hits = overlap(scene.boxes(slice(ego, ego + 1)), scene.boxes(close))
@@ -278,7 +280,7 @@ def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: W
 
 
 def make_scenario(
-    scene: Scene, ego: int, road: RoadMap, origin: Origin, windows: Windows, taken: Counter[str]
+    scene: RecordedScene, ego: int, road: RoadMap, origin: Origin, windows: Windows, taken: Counter[str]
 ) -> Scenario:
     """The Scenario of that ego among those who come near it; `taken` counts the names in use."""
     recording = scene.recording
@@ -304,14 +306,14 @@ def make_scenario(
     )
 
 
-def _nearest(scene: Scene, ego: int, radius_m: float) -> list[int]:
+def _nearest(scene: RecordedScene, ego: int, radius_m: float) -> list[int]:
     """The other vehicles within the radius at some instant, the nearest up to the limit, by increasing id."""
     least = scene.distances(ego).min(axis=1)
     near = [int(i) for i in np.argsort(least, kind="stable") if least[i] <= radius_m]
     return sorted(near[: MAX_AGENTS - 1])
 
 
-def _tracks(scene: Scene, members: list[int]) -> Tracks:
+def _tracks(scene: RecordedScene, members: list[int]) -> Tracks:
     recording, valid = scene.recording, scene.valid[members]
     x, y, yaw, speed, z = (
         np.where(valid, values[members], 0.0)

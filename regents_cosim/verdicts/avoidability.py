@@ -18,7 +18,7 @@ import numpy as np
 
 from regents_cosim.errors import ScenarioError
 from regents_cosim.scenario import Avoidability, Manoeuvre, Scenario, Tracks
-from regents_cosim.verdicts.manoeuvres import BANK, Bank, Fan, fans
+from regents_cosim.verdicts.manoeuvres import BANK, Bank, ManoeuvreSet, manoeuvre_sets
 from regents_cosim.verdicts.obstacles import Others, Road
 from regents_cosim.verdicts.perception import perceived_step, reacts_step
 from regents_cosim.verdicts.preference import FOR_GOOD_S, Preference
@@ -44,7 +44,7 @@ class Tried:
     attacked: Scenario
     bank: Bank
     count: int
-    evading: list[Fan]  # by onset, the last first; none of them empty
+    evading: list[ManoeuvreSet]  # by onset, the last first; none of them empty
 
     @classmethod
     def of(cls, attacked: Scenario, bank: Bank = BANK) -> "Tried":
@@ -56,10 +56,10 @@ class Tried:
         reacts = reacts_step(perceived, attacked.dt)
         others, road = Others(attacked, hit, MARGIN_M), Road(attacked)
         steps = attacked.tracks.steps + round(FOR_GOOD_S / attacked.dt)
-        count, evading = 0, list[Fan]()
-        for fan in fans(bank, attacked, hit.step, steps, also=(perceived, reacts)):
-            count += len(fan)
-            left = road.keeping_to_it(others.untouched_by(fan))
+        count, evading = 0, list[ManoeuvreSet]()
+        for manoeuvres in manoeuvre_sets(bank, attacked, hit.step, steps, also=(perceived, reacts)):
+            count += len(manoeuvres)
+            left = road.keeping_to_it(others.untouched_by(manoeuvres))
             evading += [left] if len(left) else []
         return cls(Preference(attacked, hit, bank, perceived, reacts), attacked, bank, count, evading)
 
@@ -78,13 +78,13 @@ class Tried:
 
     def preferred(self) -> tuple[Avoidability, Tracks]:
         """The verdict with the one that a careful driver would rather do than the others, and its track [1, time]."""
-        fan, index = self.preference.first(self.evading)
-        one = fan.take(np.array([index]))
-        in_time = fan.onset >= self.preference.reacts and self.preference.answers(one)[0]
+        manoeuvres, index = self.preference.first(self.evading)
+        one = manoeuvres.take(np.array([index]))
+        in_time = manoeuvres.onset >= self.preference.reacts and self.preference.answers(one)[0]
         gentlest = self.placed(one, one.manoeuvre(0, self.bank))
         return replace(self.verdict, gentlest=gentlest, in_time=bool(in_time)), one.tracks(0, self.attacked)
 
-    def placed(self, one: Fan, manoeuvre: Manoeuvre) -> Manoeuvre:
-        """The only manoeuvre of a fan, with the side of the road where it leads and whether it passes a red light."""
+    def placed(self, one: ManoeuvreSet, manoeuvre: Manoeuvre) -> Manoeuvre:
+        """The only manoeuvre of a set, with the side of the road where it leads and whether it passes a red light."""
         red = bool(self.preference.runs_red(one)[0])
         return replace(manoeuvre, side=self.preference.side(one)[0], runs_red=red)

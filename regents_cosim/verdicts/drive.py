@@ -30,7 +30,7 @@ class Act(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class AgentDrive:
     """One agent along `tracks`, at the steps at which it is there up to the last."""
 
     scenario: Scenario
@@ -130,15 +130,15 @@ class Drive:
         return int(begin[which]), int(end[which])
 
 
-def driven(attacked: Scenario, agent: int, last: int, since: int = 0) -> Drive:
+def driven(attacked: Scenario, agent: int, last: int, since: int = 0) -> AgentDrive:
     """What an agent did in an attacked case, up to step `last`."""
-    return Drive(attacked, agent, attacked.tracks, last, since)
+    return AgentDrive(attacked, agent, attacked.tracks, last, since)
 
 
-def logged(attacked: Scenario, agent: int) -> Drive:
+def logged(attacked: Scenario, agent: int) -> AgentDrive:
     """What it did in its log, to the end."""
     tracks = attacked.tracks if attacked.original is None else attacked.original
-    return Drive(attacked, agent, tracks, tracks.steps - 1)
+    return AgentDrive(attacked, agent, tracks, tracks.steps - 1)
 
 
 def gaps(attacked: Scenario, follower: int, leader: int, step: int) -> tuple[float, float]:

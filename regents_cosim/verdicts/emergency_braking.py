@@ -19,7 +19,7 @@ class Brakes:
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class EgoPlaces:
     """The ego's places at every step, those beyond the horizon included."""
 
     x: Float[np.ndarray, " time"]  # [m]
@@ -43,7 +43,7 @@ def braked_speed(
 
 def driven(
     scenario: Scenario, path: EgoPath, speed: Float[np.ndarray, " step"], onset: int, shift_m: float, lateral: float
-) -> Drive:
+) -> EgoPlaces:
     """The drive with these speeds, which moves aside by `shift_m` from the onset on with `lateral` m/s^2 at most."""
     after = 0.5 * (speed[onset:-1] + speed[onset + 1 :]) * scenario.dt
     beyond = np.concatenate([[0.0], np.cumsum(after)])
@@ -52,7 +52,7 @@ def driven(
     if shift_m:
         aside, turn = _aside(np.maximum(distance - path.driven[onset], 0.0), float(speed[onset]), shift_m, lateral)
         x, y, yaw = x - aside * np.sin(yaw), y + aside * np.cos(yaw), yaw + turn
-    return Drive(x, y, yaw, speed)
+    return EgoPlaces(x, y, yaw, speed)
 
 
 def _aside(

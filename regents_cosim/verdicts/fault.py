@@ -162,7 +162,7 @@ def _heading(lane: Lane, at: shapely.Point) -> float:
 # --- the rules -------------------------------------------------------------------------------------
 
 
-class Verdict(NamedTuple):
+class RuleFinding(NamedTuple):
     """What a rule found."""
 
     at_fault: Blamed
@@ -175,21 +175,21 @@ class Rule:
 
     name: str
     source: str
-    decide: Callable[[Crash], Verdict | None]  # None where the rule does not apply
+    decide: Callable[[Crash], RuleFinding | None]  # None where the rule does not apply
 
 
-def _red_light(crash: Crash) -> Verdict | None:
+def _red_light(crash: Crash) -> RuleFinding | None:
     dt = crash.scenario.dt
     passed = crash.acts("red_light")
     return _by_each(crash, {agent: f"passed a red light at {act.step * dt:.1f} s" for agent, act in passed.items()})
 
 
-def _off_road(crash: Crash) -> Verdict | None:
+def _off_road(crash: Crash) -> RuleFinding | None:
     off = crash.late_acts("off_road")
     return _by_each(crash, {agent: f"was {act.amount:.1f} m off the road" for agent, act in off.items()})
 
 
-def _wrong_way(crash: Crash) -> Verdict | None:
+def _wrong_way(crash: Crash) -> RuleFinding | None:
     """Its body where only oncoming traffic may be, by more than 17 %, or by 5 % where the two met head-on."""
     over, against = crash.late_acts("oncoming_lanes"), crash.late_acts("against_direction")
     said = {agent: f"was against its direction for {act.amount:.1f} m" for agent, act in against.items()}
@@ -197,7 +197,7 @@ def _wrong_way(crash: Crash) -> Verdict | None:
     return _by_each(crash, said)
 
 
-def _gives_way(crash: Crash) -> Verdict | None:
+def _gives_way(crash: Crash) -> RuleFinding | None:
     failed = crash.acts("gives_no_way")
     dt = crash.scenario.dt
     return _by_each(
@@ -205,12 +205,12 @@ def _gives_way(crash: Crash) -> Verdict | None:
     )
 
 
-def _leaves_way(crash: Crash) -> Verdict | None:
+def _leaves_way(crash: Crash) -> RuleFinding | None:
     off = crash.late_acts("leaves_way")
     return _by_each(crash, {a: f"was {act.amount:.1f} m off its way through the junction" for a, act in off.items()})
 
 
-def _turns_across(crash: Crash) -> Verdict | None:
+def _turns_across(crash: Crash) -> RuleFinding | None:
     """One of two that came towards each other turned across the way of the other, which went straight on."""
     turned = {agent: crash.turned(agent) for agent in (_EGO, crash.other)}
     yaw = crash.scenario.tracks.yaw[:, crash.before]
@@ -224,27 +224,27 @@ def _turns_across(crash: Crash) -> Verdict | None:
     )
 
 
-def _leaves_lane(crash: Crash) -> Verdict | None:
+def _leaves_lane(crash: Crash) -> RuleFinding | None:
     over = crash.late_acts("leaves_lane")
     said = {agent: f"was {act.amount:.1f} m over the edge of its lane" for agent, act in over.items()}
     return _by_each(crash, said) if len(said) == 1 else None
 
 
-def _speeding(crash: Crash) -> Verdict | None:
+def _speeding(crash: Crash) -> RuleFinding | None:
     fast = crash.late_acts("speeding")
     said = {agent: f"was {act.amount:.1f} m/s over the limit" for agent, act in fast.items()}
     return _by_each(crash, said) if len(said) == 1 else None
 
 
-def _by_each(crash: Crash, found: dict[int, str]) -> Verdict | None:
+def _by_each(crash: Crash, found: dict[int, str]) -> RuleFinding | None:
     """Blame those of which something was found."""
     if not found:
         return None
     blamed: Blamed = "both" if len(found) == 2 else "ego" if _EGO in found else "adversary"
-    return Verdict(blamed, " and ".join(f"{crash.name(agent)} {what}" for agent, what in found.items()))
+    return RuleFinding(blamed, " and ".join(f"{crash.name(agent)} {what}" for agent, what in found.items()))
 
 
-def _cut_in(crash: Crash) -> Verdict | None:
+def _cut_in(crash: Crash) -> RuleFinding | None:
     """One came into the lane of the other, in front of it, closer than the safe distance."""
     found = _followed(crash)
     if found is None:
@@ -259,14 +259,14 @@ def _cut_in(crash: Crash) -> Verdict | None:
     if gap >= needed:
         return None
     when = since * crash.scenario.dt
-    return Verdict(
+    return RuleFinding(
         "ego" if leader == _EGO else "adversary",
         f"{crash.name(leader)} cut in at {when:.1f} s with a gap of {max(gap, 0.0):.1f} m, safe are {needed:.1f} m "
         f"({crash.name(follower)} at {speeds[0]:.1f} m/s, {crash.name(leader)} at {speeds[1]:.1f} m/s)",
     )
 
 
-def _side_swipe(crash: Crash) -> Verdict | None:
+def _side_swipe(crash: Crash) -> RuleFinding | None:
     """Two that lately drove the same way, side by side: the one that moved sideways more."""
     if crash.turn(crash.lately) > ALONG_RAD or crash.hit.kind not in ("side_swipe", "t_bone"):
         return None
@@ -276,14 +276,14 @@ def _side_swipe(crash: Crash) -> Verdict | None:
     if max(moved.values()) < _SIDEWAYS_M:
         return None
     if min(moved.values()) >= _SIDEWAYS_M:
-        return Verdict("both", said)
-    return Verdict("ego" if moved[_EGO] > moved[crash.other] else "adversary", said)
+        return RuleFinding("both", said)
+    return RuleFinding("ego" if moved[_EGO] > moved[crash.other] else "adversary", said)
 
 
 _SIDEWAYS_M = 0.5
 
 
-def _rear_end(crash: Crash) -> Verdict | None:
+def _rear_end(crash: Crash) -> RuleFinding | None:
     """One that follows keeps the distance, and stops before one that stands."""
     found = _followed(crash)
     if found is None:
@@ -299,7 +299,7 @@ def _rear_end(crash: Crash) -> Verdict | None:
         ran += f"which drove {crash.speed(leader, crash.before):.1f} m/s;"
         ran += f" {(crash.before - since) * crash.scenario.dt:.1f} s before the gap was {max(gap, 0.0):.1f} m"
         ran += f", safe were {safe_distance(v, w):.1f} m"
-    return Verdict("ego" if follower == _EGO else "adversary", ran)
+    return RuleFinding("ego" if follower == _EGO else "adversary", ran)
 
 
 def _followed(crash: Crash) -> tuple[int, int] | None:
@@ -313,7 +313,7 @@ def _followed(crash: Crash) -> tuple[int, int] | None:
     return None
 
 
-def _standing(crash: Crash) -> Verdict | None:
+def _standing(crash: Crash) -> RuleFinding | None:
     """One of them had stood for a while, wherever the other one came from."""
     first = max(crash.before - round(_STOOD_S / crash.scenario.dt), 0)
     speeds = crash.scenario.tracks.speed[[_EGO, crash.other], first : crash.before + 1]
@@ -322,12 +322,12 @@ def _standing(crash: Crash) -> Verdict | None:
         return None
     mover, target = (crash.other, _EGO) if stood[0] else (_EGO, crash.other)
     ran = f"{crash.name(mover)} ran into {crash.name(target)} at {crash.speed(mover, crash.before):.1f} m/s, "
-    return Verdict("ego" if mover == _EGO else "adversary", f"{ran}which had stood for {_STOOD_S:.1f} s")
+    return RuleFinding("ego" if mover == _EGO else "adversary", f"{ran}which had stood for {_STOOD_S:.1f} s")
 
 
-def _unclear(crash: Crash) -> Verdict:
+def _unclear(crash: Crash) -> RuleFinding:
     v, w = (crash.speed(agent, crash.before) for agent in (_EGO, crash.other))
-    return Verdict(
+    return RuleFinding(
         "nobody",
         f"{crash.hit.kind} at {crash.hit.time_s:.1f} s, the ego at {v:.1f} m/s, the adversary at {w:.1f} m/s: "
         "the data does not tell who had to give way",

@@ -74,7 +74,7 @@ BANK = Bank()
 
 
 @dataclass(frozen=True, eq=False)
-class Fan:
+class ManoeuvreSet:
     """Manoeuvres of one onset and where they lead; time counts from the onset."""
 
     onset: int
@@ -89,9 +89,9 @@ class Fan:
     def __len__(self) -> int:
         return len(self.x)
 
-    def take(self, chosen: np.ndarray) -> "Fan":
+    def take(self, chosen: np.ndarray) -> "ManoeuvreSet":
         """Some of them, by mask or index."""
-        return Fan(self.onset, *(values[chosen] for name, values in vars(self).items() if name != "onset"))
+        return ManoeuvreSet(self.onset, *(values[chosen] for name, values in vars(self).items() if name != "onset"))
 
     def manoeuvre(self, index: int, bank: Bank) -> Manoeuvre:
         """What one of them does."""
@@ -115,17 +115,19 @@ class Fan:
         )
 
 
-def fans(bank: Bank, scenario: Scenario, before: int, steps: int, also: tuple[int, ...] = ()) -> Iterator[Fan]:
+def manoeuvre_sets(
+    bank: Bank, scenario: Scenario, before: int, steps: int, also: tuple[int, ...] = ()
+) -> Iterator[ManoeuvreSet]:
     """All manoeuvres of `bank` that begin ahead of step `before`, one onset after the other, the last first.
 
     They begin at the steps of `also`, too, and go on to the instant `steps - 1`, which may lie beyond the horizon.
     """
     way = own_way(scenario)
     for onset in bank.onsets(before, scenario.dt, also):
-        yield _fan(bank, scenario, way, onset, steps)
+        yield _manoeuvre_set(bank, scenario, way, onset, steps)
 
 
-def _fan(bank: Bank, scenario: Scenario, way: OwnWay, onset: int, steps: int) -> Fan:
+def _manoeuvre_set(bank: Bank, scenario: Scenario, way: OwnWay, onset: int, steps: int) -> ManoeuvreSet:
     own, dt = scenario.tracks, scenario.dt
     x, y, yaw, start = (float(values[0, onset]) for values in (own.x, own.y, own.yaw, own.speed))
     # [along, aside, time]: speed and distance do not depend on the steering
@@ -143,7 +145,7 @@ def _fan(bank: Bank, scenario: Scenario, way: OwnWay, onset: int, steps: int) ->
     share = np.hypot(np.diff(speed) / dt, sideways)[judged].max(axis=-1) / (FRICTION * GRAVITY)
     possible = (share <= _ROUNDING) & (np.abs(curvature)[judged].max(axis=-1) <= CURVATURE_LIMIT)
     along, aside = np.nonzero(possible)
-    return Fan(
+    return ManoeuvreSet(
         onset,
         along,
         aside,

@@ -10,7 +10,7 @@ from regents_cosim.geometry.boxes import Boxes, corners, overlap
 from regents_cosim.limits import OFF_ROAD_M
 from regents_cosim.maps.levels import BAND_M, band, drivable_at, has_levels
 from regents_cosim.scenario import Collision, Scenario
-from regents_cosim.verdicts.manoeuvres import Fan
+from regents_cosim.verdicts.manoeuvres import ManoeuvreSet
 
 BEYOND_S = 2.0  # the horizon: the one that was hit is still looked at
 _MOVES_M_S = 2.0  # slower: it is about to stand
@@ -49,32 +49,34 @@ class Others:
         may_be_hit = np.flatnonzero(apart_at_entry(attacked.agents, tracks))
         self._agents = sorted(may_be_hit.tolist(), key=lambda agent: not was_hit[agent])  # the hit one spoils most
 
-    def untouched_by(self, fan: Fan, since: int = 0) -> Fan:
+    def untouched_by(self, manoeuvres: ManoeuvreSet, since: int = 0) -> ManoeuvreSet:
         """Manoeuvres that overlap none of them at any step from `since` on."""
-        if not len(fan):
-            return fan
+        if not len(manoeuvres):
+            return manoeuvres
         size = np.hypot(self._length, self._width)
         reach = 0.5 * (size[:1] + size)[:, None]
-        near = self._valid[:, fan.onset :].copy()
-        near[:, : max(since - fan.onset, 0)] = False
-        for mine, all_ in ((fan.x[:, : near.shape[1]], self._x), (fan.y[:, : near.shape[1]], self._y)):
-            theirs = all_[:, fan.onset :]
+        near = self._valid[:, manoeuvres.onset :].copy()
+        near[:, : max(since - manoeuvres.onset, 0)] = False
+        for mine, all_ in ((manoeuvres.x[:, : near.shape[1]], self._x), (manoeuvres.y[:, : near.shape[1]], self._y)):
+            theirs = all_[:, manoeuvres.onset :]
             near &= (mine.min(axis=0) - reach <= theirs) & (theirs <= mine.max(axis=0) + reach)
         for agent in self._agents:
             steps = np.flatnonzero(near[agent])
             if len(steps):
-                fan = fan.take(~self._touched(fan, agent, steps, float(reach[agent, 0])))
-        return fan
+                manoeuvres = manoeuvres.take(~self._touched(manoeuvres, agent, steps, float(reach[agent, 0])))
+        return manoeuvres
 
-    def _touched(self, fan: Fan, agent: int, steps: np.ndarray, reach: float) -> Bool[np.ndarray, " manoeuvre"]:
+    def _touched(
+        self, manoeuvres: ManoeuvreSet, agent: int, steps: np.ndarray, reach: float
+    ) -> Bool[np.ndarray, " manoeuvre"]:
         """Which manoeuvres overlap `agent` at one of `steps` after the onset; none does beyond `reach` [m]."""
-        x, y, yaw, z = (values[agent, fan.onset + steps] for values in (self._x, self._y, self._yaw, self._z))
-        row, step = np.nonzero((fan.x[:, steps] - x) ** 2 + (fan.y[:, steps] - y) ** 2 <= reach**2)
+        x, y, yaw, z = (values[agent, manoeuvres.onset + steps] for values in (self._x, self._y, self._yaw, self._z))
+        row, step = np.nonzero((manoeuvres.x[:, steps] - x) ** 2 + (manoeuvres.y[:, steps] - y) ** 2 <= reach**2)
         at = row, steps[step]
-        own_z = self._heights.of(0, fan.x[at], fan.y[at])
-        mine = Boxes(fan.x[at], fan.y[at], fan.yaw[at], self._length[0], self._width[0], own_z)
+        own_z = self._heights.of(0, manoeuvres.x[at], manoeuvres.y[at])
+        mine = Boxes(manoeuvres.x[at], manoeuvres.y[at], manoeuvres.yaw[at], self._length[0], self._width[0], own_z)
         theirs = Boxes(x[step], y[step], yaw[step], self._length[agent], self._width[agent], z[step])
-        touched = np.zeros(len(fan), bool)
+        touched = np.zeros(len(manoeuvres), bool)
         touched[row[overlap(mine, theirs)]] = True
         return touched
 
@@ -91,14 +93,18 @@ class Road:
         self._road, self._heights, self._ego = attacked.road, attacked.heights, attacked.ego
         self._allowed: dict[int, BaseGeometry] = {}  # by level
 
-    def keeping_to_it(self, fan: Fan) -> Fan:
+    def keeping_to_it(self, manoeuvres: ManoeuvreSet) -> ManoeuvreSet:
         """Manoeuvres that take no corner off the road, up to the horizon, which was on it at the onset."""
         for stride in (5, 1):  # few steps tell most of those that leave it
-            steps = np.s_[:, : self._steps - fan.onset : stride]
-            places = corners(Boxes(fan.x[steps], fan.y[steps], fan.yaw[steps], self._ego.length, self._ego.width))
-            on = self._contains(places, self._heights.of(0, fan.x[steps], fan.y[steps]))
-            fan = fan.take(np.all(on | ~on[:, :1], axis=(1, 2)))
-        return fan
+            steps = np.s_[:, : self._steps - manoeuvres.onset : stride]
+            places = corners(
+                Boxes(
+                    manoeuvres.x[steps], manoeuvres.y[steps], manoeuvres.yaw[steps], self._ego.length, self._ego.width
+                )
+            )
+            on = self._contains(places, self._heights.of(0, manoeuvres.x[steps], manoeuvres.y[steps]))
+            manoeuvres = manoeuvres.take(np.all(on | ~on[:, :1], axis=(1, 2)))
+        return manoeuvres
 
     def _contains(
         self, places: Float[np.ndarray, "*axes corner 2"], z: Float[np.ndarray, "*axes"]

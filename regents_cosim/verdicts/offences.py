@@ -17,7 +17,7 @@ from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import RED, Law, Offence, OffenceName, Scenario
-from regents_cosim.verdicts.drive import Act, Drive, driven, gaps, logged
+from regents_cosim.verdicts.drive import Act, AgentDrive, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.oncoming import oncoming
 from regents_cosim.verdicts.priority import gives_no_way
@@ -43,7 +43,7 @@ _FOLLOW_M_S = 5.0
 _SAME = 1e-6
 
 
-Measure = Callable[[Drive, Drive | None], Act | None]  # of a drive, and of the one that it met; None: nothing
+Measure = Callable[[AgentDrive, AgentDrive | None], Act | None]  # of a drive, and of the one that it met; None: nothing
 
 
 def law_of(attacked: Scenario) -> Law | None:
@@ -57,7 +57,7 @@ def law_of(attacked: Scenario) -> Law | None:
     return Law(_offences(one, two, unknown), _offences(two, one, unknown), unknown)
 
 
-def _offences(drive: Drive, partner: Drive, unknown: tuple[OffenceName, ...]) -> tuple[Offence, ...]:
+def _offences(drive: AgentDrive, partner: AgentDrive, unknown: tuple[OffenceName, ...]) -> tuple[Offence, ...]:
     log, found = logged(drive.scenario, drive.agent), list[Offence]()
     dt = drive.scenario.dt
     for name, (measure, unit) in MEASURES.items():
@@ -115,7 +115,7 @@ def _limit(road: RoadMap, lane: Lane) -> float:
 # --- the side of the road ----------------------------------------------------------------------------
 
 
-def _oncoming_lanes(drive: Drive, partner: Drive | None) -> Act | None:
+def _oncoming_lanes(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     """Its body on lanes that run only the other way: more than 17 % at 2 steps or more, or 5 % in a head-on crash."""
     share = drive.oncoming_share
     act = _lasting(drive, share > _BODY_SHARE, share, _STEPS)
@@ -127,12 +127,12 @@ def _oncoming_lanes(drive: Drive, partner: Drive | None) -> Act | None:
     return Act(int(drive.steps[begin]), len(share) - begin, float(share[begin:].max()))
 
 
-def _turn(drive: Drive, partner: Drive) -> float:
+def _turn(drive: AgentDrive, partner: AgentDrive) -> float:
     """By how much the headings of the two differ at the crash [rad]."""
     return abs(float(wrap(drive.yaw[-1] - partner.yaw[-1])))
 
 
-def _against_direction(drive: Drive, partner: Drive | None) -> Act | None:
+def _against_direction(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     """Its centre on such lanes at 2 steps or more, while it moves; the amount is the way that it drove so."""
     against = oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z), drive.lawful)
     begin, end = drive.longest(against)
@@ -140,7 +140,7 @@ def _against_direction(drive: Drive, partner: Drive | None) -> Act | None:
     return Act(int(drive.steps[begin]), end - begin, moved) if end - begin >= _STEPS and moved > _SAME else None
 
 
-def _lasting(drive: Drive, holds: Bool[np.ndarray, " time"], amount: np.ndarray, steps: int) -> Act | None:
+def _lasting(drive: AgentDrive, holds: Bool[np.ndarray, " time"], amount: np.ndarray, steps: int) -> Act | None:
     """The worst of what holds, where it does so for `steps` on end."""
     begin, end = drive.longest(holds)
     if not end or end - begin < steps:
@@ -148,7 +148,7 @@ def _lasting(drive: Drive, holds: Bool[np.ndarray, " time"], amount: np.ndarray,
     return Act(int(drive.steps[begin]), end - begin, float(amount[begin:end].max()))
 
 
-def _off_road(drive: Drive, partner: Drive | None) -> Act | None:
+def _off_road(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     """A corner that has been on the road is more than 0.3 m off it."""
     beyond = beyond_road(drive.scenario.road, corners(drive.box), np.asarray(drive.box.z)[:, None])
     was_on = np.logical_or.accumulate(beyond <= OFF_ROAD_M, axis=0)
@@ -156,7 +156,7 @@ def _off_road(drive: Drive, partner: Drive | None) -> Act | None:
     return _lasting(drive, worst > OFF_ROAD_M, worst, 1)
 
 
-def _leaves_way(drive: Drive, partner: Drive | None) -> Act | None:
+def _leaves_way(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     """Inside a junction its centre is more than 1.6 m from all ways that begin at its approach, for over 0.25 s."""
     if drive.lawful is None:
         return None
@@ -169,7 +169,7 @@ def _leaves_way(drive: Drive, partner: Drive | None) -> Act | None:
     return _lasting(drive, off > OFF_WAY_M, off, int(_OFF_WAY_S / drive.scenario.dt) + 1)
 
 
-def _inside_junction(drive: Drive) -> Bool[np.ndarray, " time"]:
+def _inside_junction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
     """Where ways through a junction hold its centre, or nearly, and no other lane does."""
     road = drive.scenario.road
     junction = np.array([lane.junction for lane in road.lanes])
@@ -181,7 +181,7 @@ def _inside_junction(drive: Drive) -> Bool[np.ndarray, " time"]:
 # --- lights, speed, lanes ----------------------------------------------------------------------------
 
 
-def _red_light(drive: Drive, partner: Drive | None) -> Act | None:
+def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     """Its front passes the stop line of its movement on red; the amount is for how long it had been red."""
     lights = {light.id: light for light in drive.scenario.signals}
     for step, before, after in drive.entered:
@@ -195,14 +195,14 @@ def _red_light(drive: Drive, partner: Drive | None) -> Act | None:
     return None
 
 
-def _speeding(drive: Drive, partner: Drive | None) -> Act | None:
+def _speeding(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     """Faster than 1.2 times the limit; the amount is what it is over the limit by."""
     over = drive.speed - _limits(drive)
     holds = drive.speed > OVER_LIMIT * _limits(drive)
     return _lasting(drive, holds, over, 1)
 
 
-def _limits(drive: Drive) -> Float[np.ndarray, " time"]:
+def _limits(drive: AgentDrive) -> Float[np.ndarray, " time"]:
     """The limit at each step [m/s]: inside junctions, whose lanes have no signs, the higher of before and behind."""
     road, count = drive.scenario.road, len(drive.centre)
     limit = np.array([-np.inf if lane.junction else _limit(road, lane) for lane in road.lanes])
@@ -216,7 +216,7 @@ def _limits(drive: Drive) -> Float[np.ndarray, " time"]:
     return np.maximum(found[behind], found[ahead])
 
 
-def _leaves_lane(drive: Drive, partner: Drive | None) -> Act | None:
+def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     """Over the edge of its lane by more than 0.3 m for a second or more, and then not in the lane beside."""
     own, count = drive.own, len(drive.centre)
     width = np.array([lane.width for lane in drive.scenario.road.lanes])
@@ -235,7 +235,7 @@ def _leaves_lane(drive: Drive, partner: Drive | None) -> Act | None:
 # --- towards the other -------------------------------------------------------------------------------
 
 
-def _unsafe_cut_in(drive: Drive, partner: Drive | None) -> Act | None:
+def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     """It comes into the lane of the other, nearer ahead of it than UN R157 takes for avoidable; seconds too few."""
     if partner is None or _turn(drive, partner) > ALONG_RAD:
         return None
@@ -255,7 +255,7 @@ def _unsafe_cut_in(drive: Drive, partner: Drive | None) -> Act | None:
     return Act(step, 1, short) if short > 0.0 else None
 
 
-def _moved_into(drive: Drive, partner: Drive, first: int, step: int) -> bool:
+def _moved_into(drive: AgentDrive, partner: AgentDrive, first: int, step: int) -> bool:
     """Whether it moved across the other's heading by more than the other did across its own way."""
     tracks = drive.tracks
     yaw = float(tracks.yaw[partner.agent, first])
@@ -266,7 +266,7 @@ def _moved_into(drive: Drive, partner: Drive, first: int, step: int) -> bool:
     return bool(moved[0] > moved[1])
 
 
-def _tailgating(drive: Drive, partner: Drive | None) -> Act | None:
+def _tailgating(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     """Less than 0.9 s behind the other in its lane, for 3 s or more; the amount is the least time gap."""
     if partner is None:
         return None

@@ -9,7 +9,7 @@ from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.emergency_braking import Drive
+from regents_cosim.verdicts.emergency_braking import EgoPlaces
 
 BEYOND_S = 2.0
 _SAME_WAY_RAD = np.deg2rad(45.0)
@@ -46,7 +46,7 @@ class OthersAround:
         self._size[0] += 2.0 * margin_m
         self._adversary, self._heights = adversary, scenario.heights
 
-    def met_by(self, drive: Drive) -> Met:
+    def met_by(self, drive: EgoPlaces) -> Met:
         """Which the drive overlaps; those that run into its back do not count: a log brakes for nothing new in it.
 
         The adversary counts however it meets the ego.

@@ -31,7 +31,7 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.routes.ego_route import plan_route
 from regents_cosim.scenario import Collision, Scenario, Side
-from regents_cosim.verdicts.manoeuvres import Bank, Fan
+from regents_cosim.verdicts.manoeuvres import Bank, ManoeuvreSet
 from regents_cosim.verdicts.obstacles import Others
 from regents_cosim.verdicts.ways import lawful_area
 
@@ -49,7 +49,7 @@ _ROOM_M = 0.5  # what a careful driver leaves, where there is so much
 _TURNED_RAD = np.deg2rad([0.0, 5.0, -5.0, 10.0, -10.0])  # that the adversary may turn by beyond the horizon
 _LANES_M = 100.0  # around the ego's track
 
-Found = Sequence[Fan]
+EvadingSets = Sequence[ManoeuvreSet]
 
 
 class Preference:
@@ -60,60 +60,71 @@ class Preference:
         self._until = hit.step
         self.perceived, self.reacts = perceived, reacts
 
-    def first(self, evading: Found) -> tuple[Fan, int]:
-        """The one that he would do, and its place in its fan."""
-        tier = next(kept for tier in self.tiers(evading) if (kept := [fan for fan in tier if len(fan)]))
+    def first(self, evading: EvadingSets) -> tuple[ManoeuvreSet, int]:
+        """The one that he would do, and its place in its set."""
+        tier = next(
+            kept for tier in self.tiers(evading) if (kept := [manoeuvres for manoeuvres in tier if len(manoeuvres)])
+        )
         others = Others(self._attacked, self._hit, _ROOM_M)
-        roomy = [kept for fan in tier if len(kept := others.untouched_by(fan))]
-        return min((self._gentlest(fans) for fans in (roomy, tier) if fans), key=self._rank)
+        roomy = [kept for manoeuvres in tier if len(kept := others.untouched_by(manoeuvres))]
+        return min((self._gentlest(sets) for sets in (roomy, tier) if sets), key=self._rank)
 
-    def tiers(self, evading: Found) -> Iterator[Found]:
+    def tiers(self, evading: EvadingSets) -> Iterator[EvadingSets]:
         """`evading` in groups, those that a careful driver would rather do first; all of them come in the last."""
-        answers = [fan.take(self.answers(fan)) for fan in evading]
+        answers = [manoeuvres.take(self.answers(manoeuvres)) for manoeuvres in evading]
         soon = self._before_hit(_AHEAD_S)
         for earliest in (max(self.reacts, soon), self.reacts, self.perceived, 0):
-            late = [fan for fan in answers if fan.onset >= earliest and len(fan)]
-            yield from self._by_place([self._for_good(fan) for fan in late])
+            late = [manoeuvres for manoeuvres in answers if manoeuvres.onset >= earliest and len(manoeuvres)]
+            yield from self._by_place([self._for_good(manoeuvres) for manoeuvres in late])
             yield from self._by_place(late)
             yield late
         yield evading
 
-    def _by_place(self, fans: Found) -> Iterator[Found]:
+    def _by_place(self, sets: EvadingSets) -> Iterator[EvadingSets]:
         """In lane, on the own side, on the shoulder."""
-        fans = [fan for fan in fans if len(fan)]
-        yield [fan.take(self.in_lane(fan) & ~self.runs_red(fan)) for fan in fans]
-        aside = [fan.take(~self.in_lane(fan)) for fan in fans]
-        sides = [(fan, np.array(self.side(fan), dtype=object), self.runs_red(fan)) for fan in aside]
+        sets = [manoeuvres for manoeuvres in sets if len(manoeuvres)]
+        yield [manoeuvres.take(self.in_lane(manoeuvres) & ~self.runs_red(manoeuvres)) for manoeuvres in sets]
+        aside = [manoeuvres.take(~self.in_lane(manoeuvres)) for manoeuvres in sets]
+        sides = [
+            (manoeuvres, np.array(self.side(manoeuvres), dtype=object), self.runs_red(manoeuvres))
+            for manoeuvres in aside
+        ]
         for wanted in ("own", "shoulder"):
-            yield [fan.take((side == wanted) & ~red) for fan, side, red in sides]
+            yield [manoeuvres.take((side == wanted) & ~red) for manoeuvres, side, red in sides]
 
-    def _for_good(self, fan: Fan) -> Fan:
+    def _for_good(self, manoeuvres: ManoeuvreSet) -> ManoeuvreSet:
         """Those that the adversary misses whichever way it goes on beyond the horizon."""
         for others in self._going_on:
-            fan = others.untouched_by(fan, since=self._attacked.tracks.steps)
-        return fan
+            manoeuvres = others.untouched_by(manoeuvres, since=self._attacked.tracks.steps)
+        return manoeuvres
 
-    def _gentlest(self, fans: Found) -> tuple[Fan, int]:
+    def _gentlest(self, sets: EvadingSets) -> tuple[ManoeuvreSet, int]:
         accel, lateral_accel = self._accels
         ends = np.array([lasting is not None for _, lasting in self._bank.along])
         found = []
-        for fan in fans:
-            share = np.round(fan.friction_share, 6)
-            keys = (*self._drastic(fan), ends[fan.along], share, lateral_accel[fan.aside], accel[fan.along])
+        for manoeuvres in sets:
+            share = np.round(manoeuvres.friction_share, 6)
+            keys = (
+                *self._drastic(manoeuvres),
+                ends[manoeuvres.along],
+                share,
+                lateral_accel[manoeuvres.aside],
+                accel[manoeuvres.along],
+            )
             index = int(np.lexsort(keys[::-1])[0])
-            found.append((*(float(key[index]) for key in keys), -fan.onset, fan, index))
-        *_, fan, index = min(found, key=lambda entry: entry[:7])
-        return fan, index
+            found.append((*(float(key[index]) for key in keys), -manoeuvres.onset, manoeuvres, index))
+        *_, manoeuvres, index = min(found, key=lambda entry: entry[:7])
+        return manoeuvres, index
 
-    def _rank(self, found: tuple[Fan, int]) -> list[bool]:
-        fan, index = found
-        return [bool(drastic[index]) for drastic in self._drastic(fan)]
+    def _rank(self, found: tuple[ManoeuvreSet, int]) -> list[bool]:
+        manoeuvres, index = found
+        return [bool(drastic[index]) for drastic in self._drastic(manoeuvres)]
 
-    def _drastic(self, fan: Fan) -> tuple[np.ndarray, np.ndarray]:
+    def _drastic(self, manoeuvres: ManoeuvreSet) -> tuple[np.ndarray, np.ndarray]:
         """Whether manoeuvres begin long before the collision, and whether they are an emergency's."""
         accel, lateral_accel = self._accels
-        hard = np.hypot(accel[fan.along], lateral_accel[fan.aside]) > _HARD_M_S2
-        return np.full(hard.shape, fan.onset < self._before_hit(_SOON_S)), hard
+        hard = np.hypot(accel[manoeuvres.along], lateral_accel[manoeuvres.aside]) > _HARD_M_S2
+        return np.full(hard.shape, manoeuvres.onset < self._before_hit(_SOON_S)), hard
 
     @cached_property
     def _accels(self) -> tuple[np.ndarray, np.ndarray]:
@@ -124,46 +135,46 @@ class Preference:
     def _before_hit(self, seconds: float) -> int:
         return self._until - round(seconds / self._attacked.dt)
 
-    def answers(self, fan: Fan) -> Bool[np.ndarray, " manoeuvre"]:
+    def answers(self, manoeuvres: ManoeuvreSet) -> Bool[np.ndarray, " manoeuvre"]:
         """Which brake (for good, or by more than a little) or steer, and are never faster than the ego itself was."""
         lost = np.array(
             [-accel * (_TO_THE_END_S if lasting is None else lasting) for accel, lasting in self._bank.along]
         )
-        own = self._attacked.tracks.speed[0, fan.onset : self._until + 1]
-        slower = np.all(fan.speed[:, : len(own)] <= own + _FASTER_M_S, axis=1)
-        return slower & ((lost[fan.along] > _DENT_M_S) | (fan.aside != 0))
+        own = self._attacked.tracks.speed[0, manoeuvres.onset : self._until + 1]
+        slower = np.all(manoeuvres.speed[:, : len(own)] <= own + _FASTER_M_S, axis=1)
+        return slower & ((lost[manoeuvres.along] > _DENT_M_S) | (manoeuvres.aside != 0))
 
-    def in_lane(self, fan: Fan) -> Bool[np.ndarray, " manoeuvre"]:
+    def in_lane(self, manoeuvres: ManoeuvreSet) -> Bool[np.ndarray, " manoeuvre"]:
         """Which keep to the way that the ego drove; where that was beyond its tyres, to brake may lead off it."""
-        kept = fan.aside == 0
+        kept = manoeuvres.aside == 0
         straight = np.flatnonzero(kept)
-        after = np.s_[straight, : self._attacked.tracks.steps - fan.onset]
-        away = shapely.distance(self._own_line, shapely.points(fan.x[after], fan.y[after]))
+        after = np.s_[straight, : self._attacked.tracks.steps - manoeuvres.onset]
+        away = shapely.distance(self._own_line, shapely.points(manoeuvres.x[after], manoeuvres.y[after]))
         kept[straight] = np.all(away <= _BESIDE_M, axis=1)
         return kept
 
-    def runs_red(self, fan: Fan) -> Bool[np.ndarray, " manoeuvre"]:
+    def runs_red(self, manoeuvres: ManoeuvreSet) -> Bool[np.ndarray, " manoeuvre"]:
         """Which pass a light on red at which the ego's own drive did not pass on red."""
-        runs = np.zeros(len(fan), bool)
+        runs = np.zeros(len(manoeuvres), bool)
         own = self._attacked.tracks
         for ahead_m, red in self._lights:
-            left_m = ahead_m - self._driven[fan.onset]
-            passed = _passes(left_m, _travelled(fan.speed[:, : own.steps - fan.onset], self._attacked.dt))
-            itself = _passes(left_m, (self._driven - self._driven[fan.onset])[None, fan.onset :])
+            left_m = ahead_m - self._driven[manoeuvres.onset]
+            passed = _passes(left_m, _travelled(manoeuvres.speed[:, : own.steps - manoeuvres.onset], self._attacked.dt))
+            itself = _passes(left_m, (self._driven - self._driven[manoeuvres.onset])[None, manoeuvres.onset :])
             on_red = np.append(red, False)  # never passed: step -1
-            at = np.where(passed >= 0, passed + fan.onset, -1)
-            runs |= on_red[at] & ~on_red[np.where(itself >= 0, itself + fan.onset, -1)]
+            at = np.where(passed >= 0, passed + manoeuvres.onset, -1)
+            runs |= on_red[at] & ~on_red[np.where(itself >= 0, itself + manoeuvres.onset, -1)]
         return runs
 
-    def side(self, fan: Fan) -> list[Side]:
+    def side(self, manoeuvres: ManoeuvreSet) -> list[Side]:
         """The side of the road on which each manoeuvre takes the ego, for each the worst."""
-        sides = np.full(len(fan), "own", dtype=object)
-        shifted = np.flatnonzero(~self.in_lane(fan))
+        sides = np.full(len(manoeuvres), "own", dtype=object)
+        shifted = np.flatnonzero(~self.in_lane(manoeuvres))
         area = self._own_side
         if area is None or not len(shifted):
             return sides.tolist()
-        steps = np.s_[:, : self._attacked.tracks.steps - fan.onset]
-        x, y, yaw = (values[shifted][steps] for values in (fan.x, fan.y, fan.yaw))
+        steps = np.s_[:, : self._attacked.tracks.steps - manoeuvres.onset]
+        x, y, yaw = (values[shifted][steps] for values in (manoeuvres.x, manoeuvres.y, manoeuvres.yaw))
         places = corners(Boxes(x, y, yaw, self._attacked.ego.length, self._attacked.ego.width))
         left = ~shapely.contains_xy(area, places[..., 0], places[..., 1])
         left &= ~left[:, :1]

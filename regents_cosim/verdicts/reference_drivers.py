@@ -28,7 +28,7 @@ from regents_cosim.maps.levels import beyond_road
 from regents_cosim.planners.reference.parameters import CAREFUL
 from regents_cosim.scenario import Collision, ReferenceDrive, Scenario, Tracks
 from regents_cosim.verdicts.ego_path import ego_path
-from regents_cosim.verdicts.emergency_braking import Brakes, Drive, braked_speed, driven
+from regents_cosim.verdicts.emergency_braking import Brakes, EgoPlaces, braked_speed, driven
 from regents_cosim.verdicts.foresight import risks
 from regents_cosim.verdicts.others_around import Met, OthersAround, beyond_steps
 from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
@@ -44,7 +44,7 @@ def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
     return _careful(attacked, hit)[0], *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
 
 
-def careful_answer(attacked: Scenario) -> tuple[ReferenceDrive, Drive] | None:
+def careful_answer(attacked: Scenario) -> tuple[ReferenceDrive, EgoPlaces] | None:
     """What the careful driver alone does about it, and its drive, beyond the horizon too; None without a crash."""
     hit = attacked.attack.collision if attacked.attack else None
     return None if hit is None else _careful(attacked, hit)
@@ -64,7 +64,7 @@ def reference_track(attacked: Scenario) -> Tracks:
     return Tracks(x, y, yaw, speed, np.ones(x.shape, bool), z=attacked.heights.of(0, x, y))
 
 
-def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, Drive]:
+def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPlaces]:
     """What it does, and its drive: the first that avoids the crash, braking alone before any swerve."""
     path, adversary = ego_path(attacked), _adversary(attacked, hit)
     around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
@@ -116,12 +116,12 @@ def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
     return int(np.argmax(holds)) if holds.any() else None
 
 
-def _own_drive(attacked: Scenario) -> Drive:
+def _own_drive(attacked: Scenario) -> EgoPlaces:
     own = attacked.tracks
-    return Drive(own.x[0], own.y[0], own.yaw[0], own.speed[0])
+    return EgoPlaces(own.x[0], own.y[0], own.yaw[0], own.speed[0])
 
 
-def _keeps_to_road(attacked: Scenario, drive: Drive, onset: int) -> bool:
+def _keeps_to_road(attacked: Scenario, drive: EgoPlaces, onset: int) -> bool:
     """Whether no corner leaves the road after the onset that was on it then."""
     ego, steps = attacked.ego, np.arange(onset, attacked.tracks.steps)
     x, y, yaw = drive.x[steps], drive.y[steps], drive.yaw[steps]

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.planners.reference.safety_models import FUZZY, RSS, Beside, fuzzy_braking, rss_braking
+from regents_cosim.planners.reference.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.scenario import ReferenceDriver, Scenario
 from regents_cosim.verdicts.ego_path import EgoPath
 from regents_cosim.verdicts.others_around import beyond_steps
 
-Wanted = Callable[[float, float, Beside], float]
+Wanted = Callable[[float, float, NearbyRoadUser], float]
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class _Adversary:
         if not self._there[step]:
             return 0.0
         away = float(self._along[step] - distance)
-        other = Beside(
+        other = NearbyRoadUser(
             gap_m=away - self._reach[step],
             passing_m=away + self._reach[step],
             beside_m=self._beside[step],

@@ -62,30 +62,30 @@ def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> f
 
 
 @dataclass(frozen=True, eq=False)
-class _Drive:
+class _Stretch:
     """One vehicle over a time without a gap."""
 
     state: Float[np.ndarray, "time 3"]  # [m/s, m/s^2, m/s^2] speed, acceleration, sideways acceleration
     effort: Float[np.ndarray, " time"]
 
 
-def _drives(tracks: Tracks, agent: int, dt: float, end: int) -> list[_Drive]:
+def _drives(tracks: Tracks, agent: int, dt: float, end: int) -> list[_Stretch]:
     """The drives of an agent before step `end` that are long enough to say something."""
     return [_drive(felt) for felt in handling(tracks, agent, dt, end)]
 
 
-def _longest(tracks: Tracks, agent: int, dt: float, end: int) -> _Drive | None:
+def _longest(tracks: Tracks, agent: int, dt: float, end: int) -> _Stretch | None:
     return max(_drives(tracks, agent, dt, end), key=lambda drive: len(drive.effort), default=None)
 
 
-def _drive(felt: Handling) -> _Drive:
+def _drive(felt: Handling) -> _Stretch:
     along = felt.accel
     shares = np.stack([np.maximum(along, 0.0), np.maximum(-along, 0.0), felt.aside, felt.jerk]) / _AT_MOST[:, None]
-    return _Drive(np.stack([felt.speed, along, felt.aside], axis=1), np.linalg.norm(shares, axis=0))
+    return _Stretch(np.stack([felt.speed, along, felt.aside], axis=1), np.linalg.norm(shares, axis=0))
 
 
 def _peaks(
-    drives: list[_Drive], start: Float[np.ndarray, " 3"], steps: int, piece: int, rng: np.random.Generator
+    drives: list[_Stretch], start: Float[np.ndarray, " 3"], steps: int, piece: int, rng: np.random.Generator
 ) -> Float[np.ndarray, " continuation"]:
     """The greatest effort of every continuation over so many steps; `piece` is the length of a piece in steps."""
     drives = [drive for drive in drives if len(drive.effort) > piece]
@@ -101,7 +101,7 @@ def _peaks(
 
 
 def _resampled(
-    drives: list[_Drive], start: Float[np.ndarray, " 3"], steps: int, piece: int, count: int, rng: np.random.Generator
+    drives: list[_Stretch], start: Float[np.ndarray, " 3"], steps: int, piece: int, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, " continuation"]:
     """The greatest effort of `count` chains of pieces of the drives, the first near the state `start`."""
     begins = np.concatenate([drive.state[:-piece] for drive in drives]) / _STATE
@@ -116,6 +116,6 @@ def _resampled(
     return peaks
 
 
-def _greatest(drives: list[_Drive], steps: int, piece: int) -> Float[np.ndarray, " piece"]:
+def _greatest(drives: list[_Stretch], steps: int, piece: int) -> Float[np.ndarray, " piece"]:
     """Of every piece, the greatest effort of its first `steps`."""
     return np.concatenate([sliding_window_view(d.effort, steps).max(axis=1)[: len(d.effort) - piece] for d in drives])

@@ -18,8 +18,8 @@ import numpy as np
 from regents_cosim.planners.reference.parameters import CAREFUL
 from regents_cosim.scenario import Avoidability, Manoeuvre, ReferenceDrive, Scenario, Tracks
 from regents_cosim.verdicts.avoidability import MARGIN_M, Tried
-from regents_cosim.verdicts.emergency_braking import Drive
-from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, Fan
+from regents_cosim.verdicts.emergency_braking import EgoPlaces
+from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, ManoeuvreSet
 from regents_cosim.verdicts.others_around import OthersAround
 from regents_cosim.verdicts.reference_drivers import careful_answer
 
@@ -37,16 +37,16 @@ def way_out(attacked: Scenario) -> tuple[Avoidability, Tracks | None]:
     return found if careful is None or found[0].in_time else _careful(attacked, tried, *careful)
 
 
-def _leaves_room(attacked: Scenario, way: Drive) -> bool:
+def _leaves_room(attacked: Scenario, way: EgoPlaces) -> bool:
     """Whether a drive that avoids the crash comes no one nearer than a witness may."""
     hit = attacked.attack.collision if attacked.attack else None
     adversary = next(index for index, agent in enumerate(attacked.agents) if hit and agent.id == hit.agent)
     return not OthersAround(attacked, adversary, MARGIN_M).met_by(way).counts.any()
 
 
-def _careful(attacked: Scenario, tried: Tried, drive: ReferenceDrive, way: Drive) -> tuple[Avoidability, Tracks]:
+def _careful(attacked: Scenario, tried: Tried, drive: ReferenceDrive, way: EgoPlaces) -> tuple[Avoidability, Tracks]:
     perceives, acts = _step(drive.perceives_s, attacked.dt), _step(drive.acts_s, attacked.dt)
-    one, bank = _as_fan(way, acts, drive.shift_m), tried.verdict
+    one, bank = _as_set(way, acts, drive.shift_m), tried.verdict
     track = one.tracks(0, attacked)
     manoeuvre = Manoeuvre(
         onset_step=acts,
@@ -74,11 +74,11 @@ def _step(seconds: float | None, dt: float) -> int:
     return round(seconds / dt)
 
 
-def _as_fan(way: Drive, acts: int, shift_m: float) -> Fan:
-    """The drive as the only manoeuvre of a fan, to be placed as those of the bank are."""
+def _as_set(way: EgoPlaces, acts: int, shift_m: float) -> ManoeuvreSet:
+    """The drive as the only manoeuvre of a set, to be placed as those of the bank are."""
     x, y, yaw, speed = (values[None, acts:] for values in (way.x, way.y, way.yaw, way.speed))
     braking, aside = np.zeros(1, int), np.full(1, int(shift_m != 0.0))
-    return Fan(acts, braking, aside, np.full(1, np.nan), x, y, yaw, speed)
+    return ManoeuvreSet(acts, braking, aside, np.full(1, np.nan), x, y, yaw, speed)
 
 
 def _friction_share(track: Tracks, onset: int) -> float:

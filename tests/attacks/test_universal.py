@@ -20,7 +20,7 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.rollout import EgoTrack, FixedEgo
 from regents_cosim.mirror.world import to_world
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 
 PLANNERS = ("constant_velocity", "log_replay")
 
@@ -38,8 +38,8 @@ def test_one_adversary_makes_all_of_them_crash(attacked):
     assert record.settings["against"] == PLANNERS[1]
     assert record.settings["crashed"].split() == list(PLANNERS)
     for name in PLANNERS:
-        with Wheel(name) as wheel:
-            tracks = wheel.drive(among_adversaries(attacked)).tracks
+        with MirrorDriver(name) as driver:
+            tracks = driver.drive(among_adversaries(attacked)).tracks
         assert first_contact(attacked.agents, tracks) is not None
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.attacks.rules import diverging_in_front, mostly_behind
-from regents_cosim.benchmarks.gallery.exhibits import Run, exhibits
+from regents_cosim.benchmarks.gallery.exhibits import ExhibitRun, exhibits
 from regents_cosim.benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run as regents
@@ -45,7 +45,7 @@ def runs(gallery):
     """What the command found, exhibit by exhibit, read from its cases."""
     cases = load_suite(gallery[0] / "cases")
     return {
-        exhibit.name: Run(exhibit, {c.attack.method: c for c in cases if c.attack.case == exhibit.name})
+        exhibit.name: ExhibitRun(exhibit, {c.attack.method: c for c in cases if c.attack.case == exhibit.name})
         for exhibit in exhibits()
     }
 

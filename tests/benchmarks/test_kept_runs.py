@@ -9,10 +9,10 @@ from regents_cosim.attacks.presets import KING, OURS, REGENTS, with_ten_times
 from regents_cosim.benchmarks.ceiling import ceiling, unsolved
 from regents_cosim.benchmarks.kept_runs import joined, keep, kept, run_folder
 from regents_cosim.errors import CaseError
-from regents_cosim.evaluation.crashes.scores import InSumo, Run, rollouts_at_most, scores
+from regents_cosim.evaluation.crashes.scores import InSumo, MethodRun, rollouts_at_most, scores
 from regents_cosim.scenario import ReferenceDrive
 
-KINGS = Run("king", "idm", 500, WINDOWS, [InSumo("b", True, False)], 2.0, KING.protocol)
+KINGS = MethodRun("king", "idm", 500, WINDOWS, [InSumo("b", True, False)], 2.0, KING.protocol)
 
 
 def test_a_run_that_was_kept_is_the_same_run(tmp_path):
@@ -51,12 +51,14 @@ def telling(name):
 
 
 def test_the_ceiling_counts_what_any_run_finds_and_estimates_the_rest():
-    first = Run("king", "idm", 500, [[missed("a", "already_colliding")], [telling("b")], [missed("c")], [missed("d")]])
-    second = Run("focused", "idm", 500, [[missed("a")], [missed("b")], [telling("c")], [missed("d")]])
+    first = MethodRun(
+        "king", "idm", 500, [[missed("a", "already_colliding")], [telling("b")], [missed("c")], [missed("d")]]
+    )
+    second = MethodRun("focused", "idm", 500, [[missed("a")], [missed("b")], [telling("c")], [missed("d")]])
     windows = [results[0].before_attack() for results in first.windows] + [missed("e").before_attack()]
     assert [one.id for one in unsolved(windows, [first, second])] == ["d", "e"]
     longer = [replace(run, windows=[*run.windows, [missed("e")]]) for run in (first, second)]
-    again = Run("focused with ten times the roll-outs", "idm", 5000, [[telling("d")]])
+    again = MethodRun("focused with ten times the roll-outs", "idm", 5000, [[telling("d")]])
     some = ceiling("idm", "all", longer, [again])
     assert (some.n, some.solved, some.tried, some.more, some.share) == (4, 2, 1, 1, 1.0)
     assert some.of_ceiling == {"king": 0.25, "focused": 0.25}

@@ -15,7 +15,7 @@ from regents_cosim.attacks.presets import KING, RANDOM, REGENTS, REGENTS_FOCUSED
 from regents_cosim.benchmarks.runs import columns
 from regents_cosim.benchmarks.table1 import as_json, compare, markdown, require_places, table1
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.scores import Run, rollouts_at_most, scores
+from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
 from regents_cosim.reports.bars import Share, draw_bars
 from regents_cosim.scenario import (
     Law,
@@ -27,7 +27,7 @@ UNLAWFUL = Law(
 )
 
 
-OTHERS = Run("focused", "idm", 4000, [WINDOWS[0], WINDOWS[4], [crashed("c")], [crashed("d")], [crashed("e")]])
+OTHERS = MethodRun("focused", "idm", 4000, [WINDOWS[0], WINDOWS[4], [crashed("c")], [crashed("d")], [crashed("e")]])
 
 
 def test_windows_and_crashes_are_counted_apart():
@@ -38,7 +38,7 @@ def test_windows_and_crashes_are_counted_apart():
     assert (found.crashes, found.flaws, found.avoidable_percent) == (4, {"off_road": 2}, 75.0)
     assert found.avoidable_in_time_percent == 0.0
     late = replace(AVOIDABLE, in_time=True)
-    assert scores(Run("king", "idm", 500, [[crashed("b", avoidability=late)]])).avoidable_in_time_percent == 100.0
+    assert scores(MethodRun("king", "idm", 500, [[crashed("b", avoidability=late)]])).avoidable_in_time_percent == 100.0
     assert sum(found.kinds.values()) == 4
     assert found.at_fault == {"adversary": 4}
     assert {reason: n for reason, n in found.failures.items() if n} == {
@@ -68,7 +68,7 @@ def test_the_table_has_a_column_for_each_method():
 
 
 def replace_planner(run, planner):
-    return Run(run.method, planner, run.rollouts, run.windows)
+    return MethodRun(run.method, planner, run.rollouts, run.windows)
 
 
 def test_telling_is_the_headline_and_what_is_not_known_is_said():
@@ -78,7 +78,7 @@ def test_telling_is_the_headline_and_what_is_not_known_is_said():
         [crashed("d")],
         [crashed("e", ["off_road"], law=LAWFUL, drivers=AVOIDS), crashed("e2", law=Law((), (), ("oncoming_lanes",)))],
     ]
-    run = Run("king", "idm", 500, windows)
+    run = MethodRun("king", "idm", 500, windows)
     found = scores(run)
     assert (found.telling, found.telling_unknown, found.clean) == (1, 2, 4)
     assert (found.lawful, found.lawful_unknown, found.offences) == (2, 2, {"oncoming_lanes": 1})
@@ -120,14 +120,16 @@ def test_places_that_had_a_say_are_shown_apart():
     good, bad = crashed("a", law=LAWFUL, drivers=AVOIDS), missed("b")
     windows = [from_("grid.sumocfg", [good]), from_("grid.sumocfg", [bad]), from_("city_1.json", [good])]
     others = [from_("grid.sumocfg", [bad]), from_("grid.sumocfg", [bad]), from_("city_1.json", [bad])]
-    table = table1([Run("king", "idm", 1, windows), Run("focused", "idm", 1, others)], ("grid",))
+    table = table1([MethodRun("king", "idm", 1, windows), MethodRun("focused", "idm", 1, others)], ("grid",))
     counted = {(one.method, one.source): (one.telling, one.n) for one in table.by_say}
     assert counted["king", "had a say"] == (1, 2)
     assert counted["king", "had no say"] == (1, 1)
     pairs = {(one.places, one.count): one.only_first for one in table.comparisons}
     assert (pairs["all", "telling"], pairs["had a say", "telling"], pairs["had no say", "telling"]) == (2, 1, 1)
     assert "Windows of places that had no say in which" in markdown(table)
-    assert {one.source for one in table1([Run("king", "idm", 1, windows)], ("grid", "city_*")).by_say} == {"had a say"}
+    assert {one.source for one in table1([MethodRun("king", "idm", 1, windows)], ("grid", "city_*")).by_say} == {
+        "had a say"
+    }
     cases = [case for results in windows for case in results]
     require_places(cases, ("grid", "city_*"))
     with pytest.raises(RegentsError, match="--tuned-on merge: no window is from there"):
@@ -148,9 +150,9 @@ def test_columns_of_equal_protocol():
 
 
 def test_a_run_without_crashes_has_no_means():
-    found = scores(Run("king", "idm", 500, [[missed("a")]]))
+    found = scores(MethodRun("king", "idm", 500, [[missed("a")]]))
     assert (found.crashes, found.deviation_m, found.impact_m_s, found.realism_distance) == (0, None, None, {})
-    assert markdown(table1([Run("king", "idm", 500, [[missed("a")]])]))
+    assert markdown(table1([MethodRun("king", "idm", 500, [[missed("a")]])]))
 
 
 def test_the_budget_counts_every_search():

@@ -25,7 +25,7 @@ from regents_cosim.cases.files import load_case, load_manifest, save_case
 from regents_cosim.cases.polygon_file import load_polygons
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.errors import CaseError, InputError, ScenarioError
-from regents_cosim.evaluation.drives.encounters import Way, crossing, followings, joining
+from regents_cosim.evaluation.drives.encounters import FrontPath, crossing, followings, joining
 from regents_cosim.scenario import Agent, Tracks
 
 
@@ -253,7 +253,7 @@ def test_who_is_on_whose_way_in_tracks_that_no_car_drives(numbers, there, dt):
     there[:, :2] = True
     ego, other = (Agent(name, "car", size, 0.5 * size) for name, size in (("a", 2e3), ("b", 1e-9)))
     tracks = Tracks(x, y, yaw, np.abs(speed), there)
-    ways = Way(ego, tracks, 0, dt), Way(other, tracks, 1, dt)
+    ways = FrontPath(ego, tracks, 0, dt), FrontPath(other, tracks, 1, dt)
     for one, two in (ways, ways[::-1]):
         list(followings(one, two))
         crossing(one, two)

@@ -18,7 +18,7 @@ from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.checks.names import MOST_BYTES, distinct_word, file_name, require_file_name, require_id, word
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, ScenarioError
-from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline
+from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, merge, write_suite
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.scenario import Agent, Signal
@@ -37,7 +37,7 @@ def test_a_name_that_may_leave_its_folder_is_refused_wherever_it_is_read(name):
         lambda: SuiteEntry(name, "0" * 64),
         lambda: MapFiles(name or ".", None),
         lambda: MapFiles("good.road.json.gz", name or ".."),
-        lambda: Baseline({"idm": {"mirror": {name: Driven("0", "no_collision")}}}),
+        lambda: Baseline({"idm": {"mirror": {name: DriveOutcome("0", "no_collision")}}}),
     ):
         with pytest.raises(ScenarioError, match=r"expected the plain name of a file or folder"):
             refused()

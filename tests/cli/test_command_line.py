@@ -8,11 +8,11 @@ import pytest
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import suite_folder
 from regents_cosim.cli import run
-from regents_cosim.evaluation.regression.baseline import Baseline, Driven
+from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome
 from regents_cosim.exports.export import export
 
 CASE = min(file.parent.name for file in suite_folder("standard").glob("crossing-*/evasion.npz"))
-DRIVEN = Driven("hash", "no_collision")
+DRIVEN = DriveOutcome("hash", "no_collision")
 
 
 def words_of(capsys, *words):

@@ -26,7 +26,7 @@ from pathlib import Path
 from regents_cosim.cases.files import content_hash, load_case, load_manifest
 from regents_cosim.cases.shipped import network_config, shipped
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline
+from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline
 from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.scenario import Scenario
 from tests.endurance.processes import REGENTS, Marked, start
@@ -285,11 +285,11 @@ def _accepted(cases: Sequence[Scenario]) -> Baseline:
     return Baseline().accepting("idm", "mirror", outcomes, outcomes)
 
 
-def _outcome(case: Scenario) -> Driven:
+def _outcome(case: Scenario) -> DriveOutcome:
     hit = case.attack.collision if case.attack else None
     if hit is None:
-        return Driven(content_hash(case), "no_collision")
-    return Driven(content_hash(case), "collision", hit.agent, hit.step, hit.time_s, hit.kind)
+        return DriveOutcome(content_hash(case), "no_collision")
+    return DriveOutcome(content_hash(case), "collision", hit.agent, hit.step, hit.time_s, hit.kind)
 
 
 def _first(suite: Path) -> Path:

@@ -27,13 +27,13 @@ import log_files
 import scenes
 
 from regents_cosim.cases.files import Suite, SuiteEntry, load_case, load_manifest, save_case, save_suite
-from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline, save_baseline
+from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
 from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.sources import fcd
 from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.cut import LogWindows, cut
-from regents_cosim.sources.logs.formats import Beside, formats, read_log
+from regents_cosim.sources.logs.formats import CompanionFiles, formats, read_log
 from regents_cosim.sources.logs.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.protobuf import columns, grouped
 from regents_cosim.sources.logs.tfrecord import records
@@ -186,7 +186,7 @@ def _logs() -> list[Reader]:
 
 def _log(format: str, path: Path, mutated: Path) -> object:
     """Read a log, and cut a window out of every sixteenth."""
-    scenes_ = list(islice(read_log(path, formats()[format], Beside()), 2))
+    scenes_ = list(islice(read_log(path, formats()[format], CompanionFiles()), 2))
     if _is_deep(mutated):
         asked = LogWindows(Windows(horizon_s=0.8))
         for scene in scenes_:
@@ -322,7 +322,9 @@ def _cases() -> list[Reader]:
         case = save_case(made, Path(folder))
         save_suite(Path(folder), Suite((SuiteEntry(case.name, "0" * 64),), "command", 0, {"jax": "1"}))
         driven = {
-            "idm": {"mirror": {case.name: Driven("0" * 64, "collision", "car01", 3, 0.3, "t_bone", {"score": 1.0})}}
+            "idm": {
+                "mirror": {case.name: DriveOutcome("0" * 64, "collision", "car01", 3, 0.3, "t_bone", {"score": 1.0})}
+            }
         }
         save_baseline(Path(folder) / "baseline.json", Baseline(driven))
         files = {str(one.relative_to(folder)): one.read_bytes() for one in Path(folder).rglob("*") if one.is_file()}

@@ -19,7 +19,7 @@ from regents_cosim.cases.files import content_hash, load_case, load_manifest
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.regression.baseline import FILE, Baseline, Driven, load_baseline, update_baseline
+from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.scenario import Scenario
 
@@ -97,7 +97,7 @@ def _count(suite: Path, names: list[str], tally: Tally) -> None:
 
 
 def _accept(suite: Path, planner: str, case: Scenario) -> None:
-    now = Driven(content_hash(case), "no_collision")
+    now = DriveOutcome(content_hash(case), "no_collision")
 
     def accepted(before: Baseline) -> Baseline:
         return before.accepting(planner, "mirror", {case.id: now}, {case.id})

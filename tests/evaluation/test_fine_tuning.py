@@ -30,7 +30,7 @@ from regents_cosim.planners.aim_bev.lessons import gather
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.verdicts.judgement import judge
 
 REGENTS = Path(sys.executable).parent / "regents"
@@ -52,8 +52,8 @@ def stopping_ahead(gap=40.0, name="stops"):
 
 def straight_on(case):
     """What becomes of a case whose ego keeps its speed and direction."""
-    with Wheel("constant_velocity") as wheel:
-        (found,) = failed_drives([case], [wheel.drive(case).tracks], "constant_velocity")
+    with MirrorDriver("constant_velocity") as driver:
+        (found,) = failed_drives([case], [driver.drive(case).tracks], "constant_velocity")
     return found
 
 

@@ -21,19 +21,21 @@ from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.reduction.margin import attack_margin, weakened
 from regents_cosim.evaluation.regression.baseline import (
     Baseline,
-    Driven,
+    DriveOutcome,
     load_baseline,
     require_one_home,
     save_baseline,
 )
 from regents_cosim.evaluation.regression.comparison import changes, judge_drive, markdown
 from regents_cosim.evaluation.regression.thresholds import METRICS, parse_thresholds
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 
-SAFE = Driven(
+SAFE = DriveOutcome(
     "a" * 64, "no_collision", metrics={"collision": 0.0, "min_ttc_s": 2.0, "max_drac_m_s2": 1.0, "score": 1.0}
 )
-CRASH = Driven("a" * 64, "collision", "car02", 48, 4.8, "t_bone", {"collision": 1.0, "min_ttc_s": 0.0, "score": 0.3})
+CRASH = DriveOutcome(
+    "a" * 64, "collision", "car02", 48, 4.8, "t_bone", {"collision": 1.0, "min_ttc_s": 0.0, "score": 0.3}
+)
 
 
 def with_metric(driven, **metrics):
@@ -105,8 +107,8 @@ def test_a_metric_that_the_baseline_lacks_is_no_silent_pass():
         (CRASH, SAFE, "improved"),
         (None, SAFE, "missing"),
         (replace(SAFE, hash="b" * 64), SAFE, "missing"),
-        (CRASH, Driven("a" * 64, "planner_error", error="KeyError"), "regression"),
-        (None, Driven("a" * 64, "planner_error", error="KeyError"), "regression"),
+        (CRASH, DriveOutcome("a" * 64, "planner_error", error="KeyError"), "regression"),
+        (None, DriveOutcome("a" * 64, "planner_error", error="KeyError"), "regression"),
         (SAFE, with_metric(SAFE, min_ttc_s=1.0), "regression"),
         (CRASH, with_metric(SAFE, score=0.1), "improved"),
     ],
@@ -167,12 +169,12 @@ def test_headings_are_mixed_the_shorter_way():
 
 
 def test_the_margin_is_the_least_share_that_collides():
-    with Wheel("idm") as wheel:
-        margin = attack_margin(regression_cases.pushes(), wheel)
+    with MirrorDriver("idm") as driver:
+        margin = attack_margin(regression_cases.pushes(), driver)
         assert margin is not None
         assert margin in [k / 16 for k in range(1, 17)]
-        assert attack_margin(regression_cases.squeezes_in(), wheel) is None
-        assert attack_margin(regression_cases.follows(), wheel) is None
+        assert attack_margin(regression_cases.squeezes_in(), driver) is None
+        assert attack_margin(regression_cases.follows(), driver) is None
 
 
 # --- baselines on disk ------------------------------------------------------------------------
@@ -208,8 +210,8 @@ def test_a_run_that_is_killed_leaves_a_baseline_that_is_whole(tmp_path):
     file = tmp_path / "baseline.json"
     code = f"""
 from pathlib import Path
-from regents_cosim.evaluation.regression.baseline import Baseline, Driven, save_baseline
-driven = {{f"case{{i}}": Driven("a" * 64, "no_collision", metrics={{"score": 0.5}}) for i in range(300)}}
+from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, save_baseline
+driven = {{f"case{{i}}": DriveOutcome("a" * 64, "no_collision", metrics={{"score": 0.5}}) for i in range(300)}}
 print("ready", flush=True)
 while True:
     for planner in ("one", "two"):

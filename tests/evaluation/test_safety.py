@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scenes import scene
 
 from regents_cosim.evaluation.drives.driving import drive_each, driving_rows
-from regents_cosim.evaluation.drives.encounters import Approach, Way, joining
+from regents_cosim.evaluation.drives.encounters import Approach, FrontPath, joining
 from regents_cosim.evaluation.drives.safety import (
     Safety,
     arrival_time,
@@ -117,7 +117,7 @@ def coming_round(radius, turn, ahead=20.0, steps=81):
 
 def test_ways_join_where_the_turn_ends():
     made = coming_round(15.0, np.pi / 2)
-    ego, other = (Way(made.agents[i], made.tracks, i, DT) for i in (0, 1))
+    ego, other = (FrontPath(made.agents[i], made.tracks, i, DT) for i in (0, 1))
     for joint, order in ((joining(ego, other), (0, 1)), (joining(other, ego), (1, 0))):
         assert joint is not None
         mine, theirs = (joint[i] for i in order)
@@ -128,7 +128,7 @@ def test_ways_join_where_the_turn_ends():
 
 def test_a_change_of_lanes_is_no_join():
     made = coming_round(300.0, np.deg2rad(10.0))
-    assert joining(*(Way(made.agents[i], made.tracks, i, DT) for i in (0, 1))) is None
+    assert joining(*(FrontPath(made.agents[i], made.tracks, i, DT) for i in (0, 1))) is None
 
 
 def test_an_oblique_crossing_takes_longer():

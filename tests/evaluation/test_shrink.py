@@ -16,14 +16,14 @@ from regents_cosim.evaluation.reduction.way_back import WayBack
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.dynamics import controls_between
 from regents_cosim.mirror.world import to_world
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import UNLAWFUL
 from regents_cosim.verdicts.judgement import judge
 
 
 @pytest.fixture(scope="module")
-def wheel():
-    with Wheel("constant_velocity") as at_the_wheel:
+def driver():
+    with MirrorDriver("constant_velocity") as at_the_wheel:
         yield at_the_wheel
 
 
@@ -33,8 +33,8 @@ def attacked():
 
 
 @pytest.fixture(scope="module")
-def shrunk(attacked, wheel):
-    return shrink_at(wheel, attacked)
+def shrunk(attacked, driver):
+    return shrink_at(driver, attacked)
 
 
 def test_there_is_less_of_everything(attacked, shrunk):
@@ -48,11 +48,11 @@ def test_there_is_less_of_everything(attacked, shrunk):
     assert after.collision_step * 0.1 >= 2.0
 
 
-def test_the_planner_still_crashes_with_the_same_adversary(attacked, shrunk, wheel):
+def test_the_planner_still_crashes_with_the_same_adversary(attacked, shrunk, driver):
     case = shrunk.case
     hit = case.attack.collision
     assert hit.agent == attacked.attack.collision.agent
-    for tracks in (case.tracks, wheel.drive(case).tracks):
+    for tracks in (case.tracks, driver.drive(case).tracks):
         agent, step = first_contact(case.agents, tracks)
         assert (case.agents[agent].id, case.agents[agent].role, step) == (hit.agent, "adversary", hit.step)
     assert (case.id, case.attack.settings["shrunk_from"]) == (f"{attacked.id}-shrunk", attacked.id)
@@ -74,9 +74,9 @@ def test_a_shrunk_crash_tells_no_less(attacked, shrunk):
     assert broken[0] <= broken[1]
 
 
-def test_a_shrunk_case_shrinks_no_further(shrunk, wheel, tmp_path):
+def test_a_shrunk_case_shrinks_no_further(shrunk, driver, tmp_path):
     saved = load_case(save_case(shrunk.case, tmp_path))
-    assert content_hash(shrink_at(wheel, saved).case) == content_hash(shrunk.case)
+    assert content_hash(shrink_at(driver, saved).case) == content_hash(shrunk.case)
 
 
 @pytest.mark.parametrize("part", ["both", "accel", "curvature"])
@@ -99,17 +99,17 @@ def test_on_the_way_back_vehicles_move_as_they_can(attacked, part):
         assert apart[2] < 0.05
 
 
-def test_without_a_collision_there_is_nothing_to_shrink(wheel):
+def test_without_a_collision_there_is_nothing_to_shrink(driver):
     missed = next(attack([platoon(6)], replace(REGENTS, iterations=1), "constant_velocity"))
     with pytest.raises(RegentsError, match="no collision to shrink: its attack ended as no_collision"):
-        shrink_at(wheel, missed)
+        shrink_at(driver, missed)
     with pytest.raises(RegentsError, match="no collision to shrink: it was never attacked"):
-        shrink_at(wheel, scene((0, 0, 10), (20, 0, 10)))
+        shrink_at(driver, scene((0, 0, 10), (20, 0, 10)))
 
 
 def test_a_planner_that_does_not_crash_there(attacked):
     with (
-        Wheel("idm") as other,
+        MirrorDriver("idm") as other,
         pytest.raises(RegentsError, match="planner 'idm' .*, expected a crash with car"),
     ):
         shrink_at(other, safe_for_idm(attacked))

@@ -9,7 +9,7 @@ import pytest
 from places import ROOT
 from ssm_lanes import crosses, drives_of, joins, lanes_of
 
-from regents_cosim.evaluation.drives.encounters import Way, crossing, joining
+from regents_cosim.evaluation.drives.encounters import FrontPath, crossing, joining
 from regents_cosim.evaluation.drives.safety import (
     crossing_ttc,
     deceleration_to_join,
@@ -101,7 +101,7 @@ def pairs(rows, sizes):
                 if k in tracks[name]:
                     values[:, i, k - first], valid[i, k - first] = tracks[name][k], True
         both = Tracks(*values, valid)
-        yield pair, first, [Way(Agent(name, "car", *sizes[name]), both, i, DT) for i, name in enumerate(pair)]
+        yield pair, first, [FrontPath(Agent(name, "car", *sizes[name]), both, i, DT) for i, name in enumerate(pair)]
 
 
 def worst(measured):

@@ -15,7 +15,7 @@ from regents_cosim.cases.files import content_hash, load_case, load_manifest
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.regression.baseline import Baseline, Driven, load_baseline, save_baseline
+from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
 from regents_cosim.evaluation.suites.building import Recipe, build, follows
 from regents_cosim.evaluation.suites.cards import Card, card_of
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
@@ -123,7 +123,7 @@ def test_a_suite_takes_the_place_of_the_one_before(tmp_path):
     folder = regression_cases.write(tmp_path / "suite")
     save_baseline(
         folder / "baseline.json",
-        Baseline().accepting("idm", "mirror", {"follows": Driven("", "no_collision")}, ["follows"]),
+        Baseline().accepting("idm", "mirror", {"follows": DriveOutcome("", "no_collision")}, ["follows"]),
     )
     write_suite(folder, [platoon()], 3)
     assert [entry.case for entry in load_manifest(folder).cases] == ["platoon0"]
@@ -179,12 +179,12 @@ def _forget_a_case(folder):
 
 
 def _stale_baseline(folder):
-    entries = {"follows": Driven("0" * 64, "no_collision")}
+    entries = {"follows": DriveOutcome("0" * 64, "no_collision")}
     save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", entries, entries))
 
 
 def _baseline_of_nothing(folder):
-    entries = {"follows2": Driven("0" * 64, "no_collision")}
+    entries = {"follows2": DriveOutcome("0" * 64, "no_collision")}
     save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", entries, entries))
 
 
@@ -216,7 +216,7 @@ def test_merge(tmp_path, capsys):
     SuiteWriter(two, 0).add(platoon())
     SuiteWriter(two, 0).add(regression_cases.follows())
     for folder, case in ((one, "pushes"), (two, "platoon0")):
-        entries = {case: Driven(card_of(folder / case).hash, "no_collision")}
+        entries = {case: DriveOutcome(card_of(folder / case).hash, "no_collision")}
         save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", entries, entries))
     assert regents(capsys, "merge", one, two, "-o", tmp_path / "both")[0] == 0
     assert [e.case for e in load_manifest(tmp_path / "both").cases] == ["follows", "platoon0", "pushes", "squeezes_in"]
@@ -235,7 +235,7 @@ def test_judging_again_keeps_what_was_accepted(tmp_path, capsys):
     """A suite of an older version: its crashes are not judged, one has a picture, and a baseline was accepted."""
     folder = regression_cases.write(tmp_path / "suite")
     hashes = {entry.case: entry.hash for entry in load_manifest(folder).cases}
-    accepted = {case: Driven(digest, "no_collision") for case, digest in hashes.items()}
+    accepted = {case: DriveOutcome(digest, "no_collision") for case, digest in hashes.items()}
     save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", accepted, accepted))
     (folder / "pushes" / "still.png").write_bytes(b"old")
     (folder / "notes.txt").write_text("mine")

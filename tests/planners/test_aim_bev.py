@@ -31,7 +31,7 @@ from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import LoopScene
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 
 DRIVE = compiled(drive)
 NAME = "regents_cosim.planners.aim_bev.planner:aim_bev"
@@ -139,8 +139,8 @@ def taught(made, step=20, **off):
 
 def test_the_teacher_is_idm_in_the_place_of_the_ego():
     made = scene((0, 0, 10.0), (14, 0, 7.0))
-    with Wheel("idm") as wheel:
-        drive = wheel.drive(replace(made, tracks=made.tracks))
+    with MirrorDriver("idm") as driver:
+        drive = driver.drive(replace(made, tracks=made.tracks))
     found = taught(made, step=0)
     assert found[:, 0] == pytest.approx(drive.tracks.x[0, 1:9] - made.tracks.x[0, 0], abs=1e-3)
     assert np.abs(found[:, 1]).max() < 1e-3

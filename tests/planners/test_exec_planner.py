@@ -15,7 +15,7 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.planners.exec_planner import ExecPlanner
-from regents_cosim.planners.host_process import HostProcess, Seen
+from regents_cosim.planners.host_process import HostProcess, Snapshot
 from regents_cosim.planners.interface import Control, Observation, Others, Scene, Waypoints
 from regents_cosim.planners.patience import Patience
 
@@ -64,7 +64,7 @@ def told(made=MADE):
 
 def seen(step=0, made=MADE):
     tracks = made.tracks
-    return Seen(*(v[:, step] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid, tracks.z)))
+    return Snapshot(*(v[:, step] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid, tracks.z)))
 
 
 def observation(step=0):

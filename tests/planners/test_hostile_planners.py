@@ -23,10 +23,10 @@ from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.planners.host_messages import SUMMARY_LIMIT, TRACE_LIMIT, shortened
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.planners.interface import Control, Scene, Seen
+from regents_cosim.planners.interface import Control, Scene, Snapshot
 from regents_cosim.planners.patience import Patience
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import replay_each
 
 FILE = SUPPORT / "hostile_planners.py"
@@ -49,7 +49,7 @@ def told(name="scene"):
 
 def seen(step):
     tracks = MADE.tracks
-    return Seen(*(v[:, step] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid)))
+    return Snapshot(*(v[:, step] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid)))
 
 
 def decided(host, step):
@@ -251,7 +251,7 @@ def test_one_that_has_worked_is_given_up_when_it_hangs_twice_in_a_row(hosted):
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), 1e300, 0.0, -1.0])
 def test_a_time_that_cannot_be_waited(seconds):
     for ask in (
-        lambda: Wheel("idm", seconds),
+        lambda: MirrorDriver("idm", seconds),
         lambda: next(attack([MADE], REGENTS, "idm", act_timeout_s=seconds)),
         lambda: next(drive_each([MADE], "idm", seconds, "highway")),
         lambda: next(replay_each([MADE], "sumo", "idm", act_timeout_s=seconds)),

@@ -9,14 +9,14 @@ from regents_cosim.errors import PlannerError
 from regents_cosim.mirror.rollout import drive, roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.driver import LoopDriver
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 from regents_cosim.planners.jax_planner import LoopScene
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 MINE = """
 import jax.numpy as jnp
 from regents_cosim.mirror.bicycle import Controls
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 from regents_cosim.planners.jax_planner import JaxPlanner
 
 class Cautious(JaxPlanner):
@@ -117,7 +117,7 @@ def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
         for values, mine in zip(states, ego, strict=True):
             values[0] = mine
         seen.append(ego)
-        ego = list(driver.advance(step, Seen(*states, tracks.valid[:, step])))
+        ego = list(driver.advance(step, Snapshot(*states, tracks.valid[:, step])))
     seen.append(ego)
     origin = LoopScene(made, to_world(made)).origin
     assert np.array(seen)[:, 0] - origin[0] == pytest.approx(np.asarray(mirror.x), abs=0.02)

@@ -13,7 +13,7 @@ from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.planners.reference.safety_models import FUZZY, RSS, Beside, fuzzy_braking, rss_braking
+from regents_cosim.planners.reference.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 
 NAMES = ["careful", "fuzzy", "rss"]
 
@@ -56,7 +56,7 @@ def test_a_planner_brakes_no_harder_than_it_may():
 
 
 def ahead(gap, speed):
-    return Beside(gap, gap + 10.0, -1.0, speed, 0.0, True)
+    return NearbyRoadUser(gap, gap + 10.0, -1.0, speed, 0.0, True)
 
 
 def test_the_safe_distances_are_those_of_the_formulas():

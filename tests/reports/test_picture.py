@@ -31,7 +31,7 @@ from regents_cosim.reports.palette import (
     gif_palette,
 )
 from regents_cosim.reports.picture import STILL_SIZE, animate, animate_pair, draw_still
-from regents_cosim.reports.scene import Scene, draw_ground, draw_moving
+from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.scenario import AttackRecord, Avoidability, Collision, Judgement, Manoeuvre, Scenario, Signal
 from regents_cosim.verdicts.judgement import judge
 
@@ -74,7 +74,7 @@ def close_to(image: Image.Image, colour: tuple[int, int, int], tolerance: int = 
 
 
 def instant(scenario: Scenario, view: View, step: int) -> Image.Image:
-    shown = Scene.of(scenario)
+    shown = PicturedCase.of(scenario)
     canvas = draw_ground(shown, view, 2)
     draw_moving(shown, canvas, view, step)
     return canvas.finish()
@@ -142,7 +142,7 @@ def test_the_front_differs_from_the_rear():
 
 def test_the_mark_is_at_the_contact_point_from_the_collision_on():
     scenario = attacked()
-    collision, shown = hit(scenario), Scene.of(scenario)
+    collision, shown = hit(scenario), PicturedCase.of(scenario)
     box = shapely.box(-2.3, -0.9, 2.3, 0.9)
     tracks, step = scenario.tracks, collision.step
     ego, other = (shapely.affinity.translate(box, tracks.x[i, step], tracks.y[i, step]) for i in (0, 1))
@@ -175,8 +175,8 @@ def test_agents_are_not_drawn_while_they_are_absent():
 def test_the_track_before_the_attack_is_dashed():
     scenario = attacked()
     view = centred(np.array([50.0, 2.0]), 10.0, (600, 100))
-    ground = draw_ground(Scene.of(scenario), view, 2).finish()
-    bare = draw_ground(Scene.of(scenario.before_attack()), view, 2).finish()
+    ground = draw_ground(PicturedCase.of(scenario), view, 2).finish()
+    bare = draw_ground(PicturedCase.of(scenario.before_attack()), view, 2).finish()
     row = int(view.pixels(np.array([0.0, SHIFT_M]))[1])
     strip = np.asarray(ground)[row - 1 : row + 1].astype(int), np.asarray(bare)[row - 1 : row + 1].astype(int)
     changed = np.abs(strip[0] - strip[1]).max(axis=(0, 2)) > 40
@@ -193,9 +193,9 @@ def test_an_evasion_is_drawn_and_named(tmp_path):
     assert found is not None
     assert found.last_onset_step is not None
     assert found.gentlest is not None
-    assert way_out(scenario.judgement, DT) in describe(Scene.of(scenario))
-    assert manoeuvre_words(found.gentlest, DT) in describe(Scene.of(scenario))
-    assert "the ego evades: " in describe(Scene.of(scenario.evaded()))
+    assert way_out(scenario.judgement, DT) in describe(PicturedCase.of(scenario))
+    assert manoeuvre_words(found.gentlest, DT) in describe(PicturedCase.of(scenario))
+    assert "the ego evades: " in describe(PicturedCase.of(scenario.evaded()))
 
 
 def test_manoeuvres_in_words():
@@ -250,7 +250,7 @@ def test_islands_in_holes_and_several_parts_are_drawn():
     area = shapely.union_all([ring, shapely.box(-5, -5, 5, 5)])
     road = RoadMap(straight_road().lanes, (), area)
     view = centred(np.array([0.0, 0.0]), 4.0, (300, 300))
-    image = draw_ground(Scene.of(recorded(road=road)), view, 1).finish()
+    image = draw_ground(PicturedCase.of(recorded(road=road)), view, 1).finish()
     assert near(at(image, view, -30.0, -30.0), ROAD)
     assert near(at(image, view, -12.0, -12.0), LAND)
     assert near(at(image, view, -3.0, -3.5), ROAD)
@@ -288,7 +288,7 @@ def test_animation_of_recorded_traffic_runs_to_the_end(tmp_path):
     path = tmp_path / "case.gif"
     scenario = recorded(steps=31)
     animate(scenario, path)
-    view = shoot(Scene.of(scenario).main_points(), DT, (900, 600 - HEADER_PX - 38), 320)[0]
+    view = shoot(PicturedCase.of(scenario).main_points(), DT, (900, 600 - HEADER_PX - 38), 320)[0]
     with Image.open(path) as image:
         assert image.n_frames == 31
         for step in (0, 12, 30):
@@ -312,15 +312,15 @@ def test_what_is_read_from_the_file_is_what_was_drawn():
 def test_a_long_way_is_followed(tmp_path):
     fast = scene((-150.0, 0.0, 35.0), (-120.0, SHIFT_M, 35.0))
     size = (900, 490)
-    views = shoot(Scene.of(fast).main_points(), DT, size, 320)
+    views = shoot(PicturedCase.of(fast).main_points(), DT, size, 320)
     assert len({view.left for view in views}) > 40
     for step, view in enumerate(views):
         column, row = view.pixels(np.array([fast.tracks.x[0, step], fast.tracks.y[0, step]]))
         assert 0.1 * size[0] < column < 0.9 * size[0]
         assert 0.2 * size[1] < row < 0.8 * size[1]
-    ground = Ground(Scene.of(fast), views[0], 1)
+    ground = Ground(PicturedCase.of(fast), views[0], 1)
     for step in (0, 33, 80):
-        whole = draw_ground(Scene.of(fast), views[step], 1).finish()
+        whole = draw_ground(PicturedCase.of(fast), views[step], 1).finish()
         tiled = ground.under(views[step]).finish()
         differs = np.abs(np.asarray(whole, int) - np.asarray(tiled, int)).max(axis=-1) > 60
         assert differs.mean() < 0.002
@@ -440,15 +440,15 @@ def test_long_titles_are_cut_in_the_middle():
 
 def test_titles_say_planner_method_kind_time_and_speed():
     scenario = attacked()
-    words = describe(Scene.of(scenario))
+    words = describe(PicturedCase.of(scenario))
     collision = hit(scenario)
     for part in ("idm", "regents", "side-swipe", f"{collision.time_s:.1f} s", f"{collision.relative_speed:.1f} m/s"):
         assert part in words
-    assert "recorded traffic" in describe(Scene.of(recorded()))
+    assert "recorded traffic" in describe(PicturedCase.of(recorded()))
     assert plain("Straße Ü 7 · 漢") == "Strasse U 7 · ?"
     assert scenario.attack is not None
     missed = replace(scenario, attack=replace(scenario.attack, outcome="no_collision", collision=None))
-    assert "no collision found" in describe(Scene.of(missed))
+    assert "no collision found" in describe(PicturedCase.of(missed))
 
 
 def test_canvas_boxes_may_be_empty():

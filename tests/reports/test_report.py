@@ -30,7 +30,7 @@ from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.reports.crash_groups import groups
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.packing import CM, differences, stretches
-from regents_cosim.reports.page_case import PageCase, Run
+from regents_cosim.reports.page_case import PageCase, PageDrive
 from regents_cosim.reports.page_map import page_maps
 from regents_cosim.reports.report import judge_rest, motion_sheet, report_of
 from regents_cosim.scenario import Avoidability, Fault, Judgement
@@ -298,7 +298,7 @@ def test_recorded_traffic_has_a_report_too():
 
 def test_a_case_whose_planner_failed_has_no_ego():
     case = CRASHES[0]
-    page_case = PageCase(case, (Run("mine", None, "it stopped"),))
+    page_case = PageCase(case, (PageDrive("mine", None, "it stopped"),))
     [one] = page_maps([case])
     content = page_case.content(one, None)
     assert (content["runs"], content["contacts"], content["gaps"]["runs"]) == ([[]], [None], [[]])

@@ -4,7 +4,7 @@ import numpy as np
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.planners.host_process import HostProcess, Seen
+from regents_cosim.planners.host_process import HostProcess, Snapshot
 from regents_cosim.planners.interface import Placement, Scene
 from regents_cosim.scenario import Scenario
 
@@ -20,7 +20,7 @@ def bridged_drive(process: HostProcess, case: Scenario) -> np.ndarray:
     states = np.stack([tracks.x, tracks.y, tracks.yaw, tracks.speed])
     process.reset([Scene.of(case, 8.0, 0.3)])
     for step in range(tracks.steps - 1):
-        (answer,) = process.act(step, [Seen(*states[..., step].copy(), tracks.valid[:, step])])
+        (answer,) = process.act(step, [Snapshot(*states[..., step].copy(), tracks.valid[:, step])])
         placed = answer.decision
         assert isinstance(placed, Placement)
         states[:, 0, step + 1] = placed.x, placed.y, placed.yaw, placed.speed

@@ -14,7 +14,7 @@ from scenes import platoon
 
 from regents_cosim.cases.files import content_hash, load_manifest
 from regents_cosim.cases.suite import SuiteWriter
-from regents_cosim.evaluation.regression.baseline import Driven, update_baseline
+from regents_cosim.evaluation.regression.baseline import DriveOutcome, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, merge_into, write_suite
 from regents_cosim.system import swap
 
@@ -48,7 +48,7 @@ def build(folder, times):
 
 def accept(folder, planner):
     """Accept what a planner does in the cases."""
-    driven = {name: Driven(content_hash(case(name, 0)), "no_collision") for name in ("case0", "case1")}
+    driven = {name: DriveOutcome(content_hash(case(name, 0)), "no_collision") for name in ("case0", "case1")}
     update_baseline(folder / "baseline.json", lambda now: now.accepting(planner, "mirror", driven, driven))
 
 

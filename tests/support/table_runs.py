@@ -6,7 +6,7 @@ import numpy as np
 from scenes import scene
 
 from regents_cosim.collisions import collision_kind, first_contact
-from regents_cosim.evaluation.crashes.scores import Run
+from regents_cosim.evaluation.crashes.scores import MethodRun
 from regents_cosim.scenario import (
     AttackRecord,
     Avoidability,
@@ -69,4 +69,4 @@ WINDOWS = [
 ]
 
 
-KINGS = Run("king", "idm", 500, WINDOWS, seconds=2.0)
+KINGS = MethodRun("king", "idm", 500, WINDOWS, seconds=2.0)

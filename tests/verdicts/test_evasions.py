@@ -15,7 +15,7 @@ from regents_cosim.reports.caption import way_out
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.judgement import judge
-from regents_cosim.verdicts.manoeuvres import BANK, fans
+from regents_cosim.verdicts.manoeuvres import BANK, manoeuvre_sets
 from regents_cosim.verdicts.perception import perceived_step, reacts_step
 from regents_cosim.verdicts.preference import Preference
 from regents_cosim.verdicts.unavoidable import proven_unavoidable, unavoidable
@@ -106,12 +106,12 @@ def test_to_drive_on_or_to_brake_less_than_the_ego_did_is_no_answer():
     slows = np.maximum(15.0 - 2.0 * DT * np.arange(81), 0.0)
     driven = replace(made, tracks=moved(made, 0, speed=slows))
     preference = Preference(driven, made.attack.collision, BANK, 0, 8)
-    for fan in fans(BANK, driven, made.attack.collision.step, 81):
-        if fan.onset > made.attack.collision.step - 4:
+    for manoeuvres in manoeuvre_sets(BANK, driven, made.attack.collision.step, 81):
+        if manoeuvres.onset > made.attack.collision.step - 4:
             continue  # too short to tell
-        accel = np.array([BANK.along[along][0] for along in fan.along])
-        lasts = np.array([BANK.along[along][1] is None for along in fan.along])
-        answers = preference.answers(fan)
+        accel = np.array([BANK.along[along][0] for along in manoeuvres.along])
+        lasts = np.array([BANK.along[along][1] is None for along in manoeuvres.along])
+        answers = preference.answers(manoeuvres)
         assert not answers[accel > -2.0].any()
         assert answers[(accel <= -2.0) & lasts].all()
 
@@ -123,14 +123,17 @@ def test_a_red_light_is_named():
     road = RoadMap(lanes, (Connection("in", "out", "light", 0),), shapely.box(-200.0, -1.6, 600.0, 1.6))
     made = replace(braking_lead(60.0, road=road), signals=(Signal("light", ((0, "G"), (25, "r"))),))
     preference = Preference(made, made.attack.collision, BANK, 0, 8)
-    runs = [(fan, preference.runs_red(fan)) for fan in fans(BANK, made, made.attack.collision.step, 81)]
+    runs = [
+        (manoeuvres, preference.runs_red(manoeuvres))
+        for manoeuvres in manoeuvre_sets(BANK, made, made.attack.collision.step, 81)
+    ]
     assert any(red.any() for _, red in runs)
-    for fan, red in runs:
-        front = fan.x[:, : 81 - fan.onset] + 2.3
+    for manoeuvres, red in runs:
+        front = manoeuvres.x[:, : 81 - manoeuvres.onset] + 2.3
         before, beyond = front < 28.0, front > 32.0  # a light is known to a metre
-        late = np.argmax(beyond, axis=1) + fan.onset > 25
+        late = np.argmax(beyond, axis=1) + manoeuvres.onset > 25
         assert (beyond.any(axis=1) & late)[red].all()
-        waits = before[:, max(26 - fan.onset, 0)] & beyond.any(axis=1)
+        waits = before[:, max(26 - manoeuvres.onset, 0)] & beyond.any(axis=1)
         assert red[waits].all()
 
 

@@ -13,7 +13,7 @@ from regents_cosim.benchmarks.table1 import table1
 from regents_cosim.benchmarks.table_files import write_table
 from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.cases.shipped import network
-from regents_cosim.evaluation.crashes.scores import USUAL, Run, scores
+from regents_cosim.evaluation.crashes.scores import USUAL, MethodRun, scores
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.judgement import judge
@@ -99,7 +99,7 @@ def test_success_falls_with_how_usual_an_adversary_has_to_be():
     cases = [crashed(name, law=LAWFUL, drivers=AVOIDS) for name in "abcd"]
     ranks = (3.0, 40.0, 40.0, None)
     ranked = [replace(c, judgement=replace(c.judgement, usual=r)) for c, r in zip(cases, ranks, strict=True)]
-    found = scores(Run("king", "idm", 1, [[case] for case in ranked]))
+    found = scores(MethodRun("king", "idm", 1, [[case] for case in ranked]))
     assert list(found.telling_by_usual) == [str(least) for least in USUAL]
     assert [found.telling_by_usual[str(least)] for least in (0, 5, 40, 45)] == [100.0, 50.0, 50.0, 0.0]
     assert (found.usual_percent, found.usual_unknown) == (40.0, 1)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.evaluation.regression.baseline import Driven
-from regents_cosim.evaluation.regression.comparison import Verdict, explain
+from regents_cosim.evaluation.regression.baseline import DriveOutcome
+from regents_cosim.evaluation.regression.comparison import RegressionVerdict, explain
 from regents_cosim.evaluation.suites.cards import Card
 from regents_cosim.scenario import Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.verdicts.words import advice, offences_words, telling_words
@@ -65,13 +65,18 @@ def test_what_breaks_the_law_is_said_before_what_is_reported_only():
 
 
 def test_a_failure_says_it_on_a_line_of_its_own():
-    crash = Driven("h", "collision", "car1", 30, 3.0, "t_bone")
+    crash = DriveOutcome("h", "collision", "car1", 30, 3.0, "t_bone")
     said = explain(
-        Verdict("c", "regression", ("it collides",), None, crash), Path("s/c"), "mine", "mirror", "", advice(TELLING)
+        RegressionVerdict("c", "regression", ("it collides",), None, crash),
+        Path("s/c"),
+        "mine",
+        "mirror",
+        "",
+        advice(TELLING),
     )
     assert "\n  instead    a careful driver (UN R157) brakes from 2.4 s and avoids it\n" in said
     assert "instead" not in explain(
-        Verdict("c", "regression", ("it collides",), None, crash), Path("s/c"), "mine", "mirror"
+        RegressionVerdict("c", "regression", ("it collides",), None, crash), Path("s/c"), "mine", "mirror"
     )
 
 

@@ -15,7 +15,7 @@ from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.reports.caption import manoeuvre_words, way_out
 from regents_cosim.verdicts.judgement import judge
-from regents_cosim.verdicts.manoeuvres import BANK, fans
+from regents_cosim.verdicts.manoeuvres import BANK, manoeuvre_sets
 from regents_cosim.verdicts.preference import Preference
 from regents_cosim.verdicts.reference_drivers import careful_answer
 
@@ -102,11 +102,13 @@ def test_followers_that_replay_a_log_are_said_and_left_out_of_the_replay():
 def test_to_brake_for_a_moment_is_timing_and_no_answer():
     made = braking_lead(40.0)
     preference = Preference(made, made.attack.collision, BANK, 0, 8)
-    for fan in fans(BANK, made, 10, 81):
-        lost = np.array([0.0 if lasting is None else -accel * lasting for accel, lasting in BANK.along])[fan.along]
-        brief = (fan.aside == 0) & (lost > 0.0) & (lost <= 2.0)
+    for manoeuvres in manoeuvre_sets(BANK, made, 10, 81):
+        lost = np.array([0.0 if lasting is None else -accel * lasting for accel, lasting in BANK.along])[
+            manoeuvres.along
+        ]
+        brief = (manoeuvres.aside == 0) & (lost > 0.0) & (lost <= 2.0)
         assert brief.any()
-        assert not preference.answers(fan)[brief].any()
+        assert not preference.answers(manoeuvres)[brief].any()
 
 
 def test_the_driver_is_kept_and_older_cases_are_hashed_without_it(tmp_path):

@@ -32,12 +32,12 @@ class Exhibit:
     watched: str  # id of the agent whose distance to the ego tells the story
     watched_name: str  # the same in words
     notes: dict[str, str]  # what to look for, per method, and in the log
-    lesson: Callable[["Run"], str]  # what the run shows, with its numbers
+    lesson: Callable[["ExhibitRun"], str]  # what the run shows, with its numbers
     seconds: tuple[float, float] = (0.0, scenes.HORIZON_S)  # that the picture shows
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class ExhibitRun:
     """An exhibit and what the attacks made of it."""
 
     exhibit: Exhibit
@@ -79,9 +79,9 @@ class Run:
         return [a.id for a in self.exhibit.scenario.agents].index(agent)
 
 
-def run(exhibit: Exhibit) -> Run:
+def run(exhibit: Exhibit) -> ExhibitRun:
     """Attack the scene of an exhibit with each of its presets; of several adversaries the first is shown."""
-    return Run(
+    return ExhibitRun(
         exhibit, {preset.method: next(attack([exhibit.scenario], preset, PLANNER)) for preset in exhibit.presets}
     )
 
@@ -162,7 +162,7 @@ def exhibits() -> tuple[Exhibit, ...]:
 # --- what the runs show -----------------------------------------------------------------------
 
 
-def _front_divergence(run: Run) -> str:
+def _front_divergence(run: ExhibitRun) -> str:
     log, king = run.aside("ahead"), run.aside("ahead", "king")
     return (
         f"In the log the car ahead changes lanes, turned by {run.turned_deg('regents', 'ahead'):.0f} degrees. "
@@ -174,7 +174,7 @@ def _front_divergence(run: Run) -> str:
     )
 
 
-def _rear_end(run: Run) -> str:
+def _rear_end(run: ExhibitRun) -> str:
     return (
         f"KING takes the nearest agent, {run.gap().min():.0f} m behind, and accelerates it into the ego "
         f"({run.impact('king'):.1f} m/s, {run.iterations('king')} iterations). By rule 2 the follower is no candidate "
@@ -184,7 +184,7 @@ def _rear_end(run: Run) -> str:
     )
 
 
-def _minimum_trap(run: Run) -> str:
+def _minimum_trap(run: ExhibitRun) -> str:
     return (
         f"The neighbour, {run.gap(agent='neighbour').min():.1f} m beside the ego behind a hedge, is nearer than the "
         f"car ahead ({run.gap().min():.0f} m) at every iteration. KING and ReGentS spend all "
@@ -194,7 +194,7 @@ def _minimum_trap(run: Run) -> str:
     )
 
 
-def _averaged_distance(run: Run) -> str:
+def _averaged_distance(run: ExhibitRun) -> str:
     log, king, focused = run.gap(), run.gap("king"), run.gap("focused")
     return (
         f"The crossing car passes behind the ego, {log.min():.1f} m away at best, {log.mean():.1f} m on average. KING "

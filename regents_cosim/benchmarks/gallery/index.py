@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from regents_cosim.benchmarks.gallery.exhibits import METHOD_NAMES, PLANNER, Run
+from regents_cosim.benchmarks.gallery.exhibits import METHOD_NAMES, PLANNER, ExhibitRun
 from regents_cosim.benchmarks.gallery.gradient_field import HELD_S, SPEED_M_S, Field
 from regents_cosim.reports.caption import ending
 
@@ -20,7 +20,7 @@ its log (`{PLANNER}`). Every attacked scene is a case in `cases/`; watch one fro
 """
 
 
-def index_page(fields: Sequence[Field], runs: Sequence[Run]) -> str:
+def index_page(fields: Sequence[Field], runs: Sequence[ExhibitRun]) -> str:
     """README.md of a gallery; links are relative to its folder."""
     return "\n".join([_OPENING, _field_section(fields), *map(_section, runs)])
 
@@ -50,7 +50,7 @@ edge.
 """
 
 
-def _section(run: Run) -> str:
+def _section(run: ExhibitRun) -> str:
     exhibit = run.exhibit
     head = f"| | how it ended | iterations | distance of {exhibit.watched_name}: mean | least |"
     rows = [f"| before the attack | | | {_distances(run, None)} |"]
@@ -64,11 +64,11 @@ def _section(run: Run) -> str:
     return f"## {exhibit.title}\n\n{picture}\n\n{exhibit.failure}\n\n{exhibit.lesson(run)}\n\n{table}\n"
 
 
-def picture_name(run: Run) -> str:
+def picture_name(run: ExhibitRun) -> str:
     """File name of an exhibit's picture."""
     return f"{run.exhibit.name}.png"
 
 
-def _distances(run: Run, method: str | None) -> str:
+def _distances(run: ExhibitRun, method: str | None) -> str:
     gap = run.gap(method)
     return f"{gap.mean():.1f} m | {gap.min():.1f} m"

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.benchmarks.gallery.exhibits import METHOD_NAMES, Run
+from regents_cosim.benchmarks.gallery.exhibits import METHOD_NAMES, ExhibitRun
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.reports.camera import View, centred
 from regents_cosim.reports.canvas import Canvas, shorten
 from regents_cosim.reports.caption import FOOTER_PX, draw_footer, ending
 from regents_cosim.reports.chart import Line, draw_chart
 from regents_cosim.reports.palette import FAINT_INK, HAIRLINE, INK, OTHER, PANEL, ROAD, Colour, mix
-from regents_cosim.reports.scene import Scene, draw_ground, draw_moving, pose_at
+from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving, pose_at
 from regents_cosim.reports.vehicles import draw_vehicle
 from regents_cosim.scenario import Scenario, boxes_of
 
@@ -37,7 +37,7 @@ _MEAN = "mean over time"
 _SOFT = "soft minimum over time"
 
 
-def draw_exhibit(run: Run) -> Canvas:
+def draw_exhibit(run: ExhibitRun) -> Canvas:
     """The whole picture."""
     panels = _panels(run)
     columns, size, view = _arrangement(panels)
@@ -70,7 +70,7 @@ class _Panel:
     title: str
     note: str
     colour: Colour
-    scene: Scene
+    scene: PicturedCase
     first: int
     last: int
 
@@ -122,12 +122,12 @@ class _Panel:
         return np.flatnonzero(self.scene.scenario.tracks.valid[:, step]).tolist()
 
 
-def _panels(run: Run) -> list[_Panel]:
+def _panels(run: ExhibitRun) -> list[_Panel]:
     log, notes = run.exhibit.scenario, run.exhibit.notes
     first, last = (round(second / log.dt) for second in run.exhibit.seconds)
-    panels = [_Panel("before the attack", notes["log"], INK, Scene(log, run.exhibit.watched), first, last)]
+    panels = [_Panel("before the attack", notes["log"], INK, PicturedCase(log, run.exhibit.watched), first, last)]
     for method, attacked in run.attacked.items():
-        scene = Scene(attacked, _adversary(run, method))
+        scene = PicturedCase(attacked, _adversary(run, method))
         end = min(last, scene.collision.step if scene.collision else last)
         panels.append(_Panel(_title(method, attacked), notes[method], METHOD_COLOURS[method], scene, first, end))
     return panels
@@ -140,7 +140,7 @@ def _title(method: str, attacked: Scenario) -> str:
     return f"{METHOD_NAMES[method]}: {' · '.join([*words, iterations])}"
 
 
-def _adversary(run: Run, method: str) -> str | None:
+def _adversary(run: ExhibitRun, method: str) -> str | None:
     """Whom the ego hits, otherwise whom the attack moved most."""
     agents = run.attacked[method].agents
     hit = next((agent.id for agent in agents if agent.role == "adversary"), None)
@@ -163,7 +163,7 @@ def _arrangement(panels: list[_Panel]) -> tuple[int, tuple[int, int], View]:
 # --- words and charts -------------------------------------------------------------------------
 
 
-def _header(run: Run) -> Canvas:
+def _header(run: ExhibitRun) -> Canvas:
     canvas = Canvas.blank((WIDTH_PX, _HEADER_PX), _ZOOM, PANEL)
     used = canvas.text((_EDGE_PX, 33), run.exhibit.title, 20, INK, bold=True)
     words = "the ego replays its log · numbers: seconds · shown up to the collision, or to "
@@ -172,7 +172,7 @@ def _header(run: Run) -> Canvas:
     return canvas
 
 
-def _distance_chart(run: Run, size: tuple[int, int]) -> Canvas:
+def _distance_chart(run: ExhibitRun, size: tuple[int, int]) -> Canvas:
     dt = run.exhibit.scenario.dt
     lines = [Line("before the attack", run.gap(), dt, FAINT_INK, 1.5, dashed=True)]
     for method, attacked in run.attacked.items():
@@ -183,7 +183,7 @@ def _distance_chart(run: Run, size: tuple[int, int]) -> Canvas:
     return draw_chart(f"distance of {run.exhibit.watched_name} to the ego [m]", "time [s]", lines, size, _ZOOM)
 
 
-def _cost_chart(run: Run, size: tuple[int, int]) -> Canvas:
+def _cost_chart(run: ExhibitRun, size: tuple[int, int]) -> Canvas:
     lines = []
     for method, attacked in run.attacked.items():
         record = attacked.attack

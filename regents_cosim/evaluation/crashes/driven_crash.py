@@ -3,18 +3,18 @@
 from dataclasses import replace
 
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.evaluation.crashes.verdict import Verdict
+from regents_cosim.evaluation.crashes.verdict import CrashVerdict
 from regents_cosim.scenario import AttackRecord, Judgement, Scenario, Tracks
 from regents_cosim.verdicts.judgement import judge
 from regents_cosim.verdicts.words import advice
 
 
-def verdict_of(judgement: Judgement | None) -> Verdict | None:
+def verdict_of(judgement: Judgement | None) -> CrashVerdict | None:
     """What a judgement of a crash says, None where it has not been judged."""
     if judgement is None:
         return None
     fault, law = judgement.fault, judgement.law
-    return Verdict(
+    return CrashVerdict(
         at_fault=fault.at_fault if fault else None,
         rule=fault.rule if fault else None,
         escape=judgement.escape,
@@ -27,7 +27,7 @@ def verdict_of(judgement: Judgement | None) -> Verdict | None:
     )
 
 
-def verdict_of_drive(case: Scenario, driver: str, tracks: Tracks) -> Verdict | None:
+def verdict_of_drive(case: Scenario, driver: str, tracks: Tracks) -> CrashVerdict | None:
     """That of the crash which `driver` has in `case` by `tracks`; None where it has none."""
     driven = judged_drive(case, driver, tracks)
     return verdict_of(driven.judgement) if driven else None

@@ -30,7 +30,7 @@ class InSumo(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class MethodRun:
     """A method on some windows, its crashes judged."""
 
     method: str
@@ -102,7 +102,7 @@ class MethodScores:
     seconds: float
 
 
-def scores(run: Run, source: str = "all", files: Collection[str] | None = None) -> MethodScores:
+def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = None) -> MethodScores:
     """Scores of a run, or of its windows from `files` alone, which together are called `source`."""
     windows = [results for results in run.windows if files is None or results[0].provenance.file in files]
     kept = {case.id for results in windows for case in results}

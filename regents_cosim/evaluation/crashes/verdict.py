@@ -10,7 +10,7 @@ _BLAME: dict[Blamed | None, int] = {"ego": 0, "both": 0, "nobody": 1, None: 1, "
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CrashVerdict:
     """What is known of one crash of one driver; None where it is not judged."""
 
     at_fault: Blamed | None

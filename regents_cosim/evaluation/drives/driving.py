@@ -19,7 +19,7 @@ from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import CollisionKind, Scenario, Tracks
 from regents_cosim.system.logged import logged
@@ -110,26 +110,26 @@ def drive_each(
     check(where, act_timeout_s=act_timeout_s)
     given = PlannerUnderTest.of(planner)
     if where == "mirror":
-        with Wheel(given, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            yield from pool.map(partial(drive_case, wheel=wheel), scenarios)
+        with MirrorDriver(given, act_timeout_s) as driver, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            yield from pool.map(partial(drive_case, driver=driver), scenarios)
         return
     replays = replay_each(scenarios, where, given, executor=executor, act_timeout_s=act_timeout_s, drivers=drivers)
     for scenario, one in zip(scenarios, replays, strict=True):
         yield score(scenario, one.replayed.tracks) if one.replayed else nowhere(scenario, one.reason, one.trace)
 
 
-def drive_case(scenario: Scenario, wheel: Wheel) -> Drive:
+def drive_case(scenario: Scenario, driver: MirrorDriver) -> Drive:
     """Let the planner at the wheel drive one case to the end of its horizon or its first collision."""
-    return drive_and_keep(scenario, wheel)[0]
+    return drive_and_keep(scenario, driver)[0]
 
 
-def drive_and_keep(scenario: Scenario, wheel: Wheel) -> tuple[Drive, Tracks | None]:
+def drive_and_keep(scenario: Scenario, driver: MirrorDriver) -> tuple[Drive, Tracks | None]:
     """As `drive_case`, with the tracks of everybody; None where the planner failed."""
     try:
-        lap = wheel.drive(scenario)
+        driven = driver.drive(scenario)
     except DriveError as failure:
         return nowhere(scenario, str(failure), failure.trace), None
-    return replace(score(scenario, lap.tracks), act_s=tuple(lap.act_seconds)), lap.tracks
+    return replace(score(scenario, driven.tracks), act_s=tuple(driven.act_seconds)), driven.tracks
 
 
 def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:

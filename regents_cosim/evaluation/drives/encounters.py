@@ -31,7 +31,7 @@ _CHORD_M = 1.0  # before and behind the point of a way where its direction is as
 Steps = Float[np.ndarray, " time"]
 
 
-class Way:
+class FrontPath:
     """Where the front of one agent drove: a line, and how far along it the front is at each step."""
 
     def __init__(self, agent: Agent, tracks: Tracks, index: int, dt: float) -> None:
@@ -97,7 +97,7 @@ class Following:
     closing: Steps  # [m/s] how fast it shrinks
 
 
-def followings(ego: Way, other: Way) -> Iterator[Following]:
+def followings(ego: FrontPath, other: FrontPath) -> Iterator[Following]:
     """Both by the ego's way and by the other's, the ego behind or ahead: one may have swerved, seldom both."""
     beside = 0.5 * (ego.agent.width + other.agent.width)
     for owner, guest in ((ego, other), (other, ego)):
@@ -123,7 +123,7 @@ class Approach:
     accel: Steps  # [m/s^2]
 
 
-def crossing(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
+def crossing(ego: FrontPath, other: FrontPath) -> tuple[Approach, Approach] | None:
     """The first place where the two ways cross, None where they do not.
 
     The area is where the bands meet that the two bodies sweep: at a right angle it ends half of the other's width
@@ -144,17 +144,17 @@ def crossing(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
     return _approach(ego, at[0], _reach(ego, other, angle)), _approach(other, at[1], _reach(other, ego, angle))
 
 
-def _reach(way: Way, foe: Way, angle: float) -> float:
+def _reach(way: FrontPath, foe: FrontPath, angle: float) -> float:
     """How far [m] before and behind the crossing the corners of an agent are in the band of the other's width."""
     return 0.5 * (foe.agent.width + way.agent.width * abs(np.cos(angle))) / np.sin(angle)
 
 
-def _approach(way: Way, place: float, reach: float) -> Approach:
+def _approach(way: FrontPath, place: float, reach: float) -> Approach:
     entry = place - reach - way.s
     return Approach(entry, entry + way.agent.length + 2.0 * reach, way.speed, way.accel)
 
 
-def joining(ego: Way, other: Way) -> tuple[Approach, Approach] | None:
+def joining(ego: FrontPath, other: FrontPath) -> tuple[Approach, Approach] | None:
     """The place from which on two ways that come from different directions are one, None where there is none.
 
     The area is that place alone, and only who has it ahead approaches it, as in SUMO's SSM device: behind it one of

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.evaluation.drives.encounters import Approach, Way, crossing, followings, joining
+from regents_cosim.evaluation.drives.encounters import Approach, FrontPath, crossing, followings, joining
 from regents_cosim.geometry.boxes import CLEARANCE_M, Boxes, distance
 from regents_cosim.scenario import Agent, Tracks, boxes_of
 
@@ -156,7 +156,7 @@ def _passing(way: Values, dt: float) -> float:
 # --- over a drive ----------------------------------------------------------------------------------
 
 
-def measure_pair(ego: Way, other: Way, dt: float) -> Pair:
+def measure_pair(ego: FrontPath, other: FrontPath, dt: float) -> Pair:
     """All measures of two agents, step by step."""
     behind = list(followings(ego, other))
     ttc = [time_to_collision(f.gap, f.closing) for f in behind]
@@ -183,9 +183,9 @@ def measure_drive(agents: tuple[Agent, ...], tracks: Tracks, dt: float, contact:
     if contact is not None:
         end -= 1  # the measures speak of a collision to come
     seen = _first_steps(tracks, max(end, 2))
-    ego = Way(agents[0], seen, 0, dt)
+    ego = FrontPath(agents[0], seen, 0, dt)
     near = [i for i in range(1, len(agents)) if seen.valid[i].sum() >= 2 and _comes_near(seen, i)]
-    pairs = [measure_pair(ego, Way(agents[i], seen, i, dt), dt) for i in near]
+    pairs = [measure_pair(ego, FrontPath(agents[i], seen, i, dt), dt) for i in near]
     return Safety(
         min_ttc_s=_worst([pair.ttc for pair in pairs], min) if contact is None else 0.0,
         min_pet_s=_worst([np.array([pair.pet]) for pair in pairs if pair.pet is not None], min)

@@ -11,7 +11,7 @@ import numpy as np
 from regents_cosim.checks.names import file_name
 from regents_cosim.evaluation.drives.driving import Drive, drive_and_keep
 from regents_cosim.evaluation.reduction.margin import weakened
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRecord, Scenario, Tracks
 from regents_cosim.verdicts.clean import touches_in
 
@@ -23,7 +23,7 @@ _CALM_BRAKING_M_S2 = 3.0
 _GETS_ON = 0.5  # of the recorded way at least: where it stands, standing is no fault
 
 
-def harmless_neighbour(crash: Scenario, careful: Wheel) -> Scenario | None:
+def harmless_neighbour(crash: Scenario, careful: MirrorDriver) -> Scenario | None:
     """The scene of a crash with the greatest share of its attack that is harmless; None where no share is.
 
     Harmless: the careful driver at the wheel keeps 1 m from all others, never brakes by more than 3 m/s^2 and

@@ -19,14 +19,14 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.driving import Drive, nowhere
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import Scenario, Tracks
 
 _COARSE = (0.25, 0.5, 0.75, 1.0)
 _HALVINGS = 2  # of the quarter before the first share that collides
 
 
-def attack_margin(scenario: Scenario, wheel: Wheel) -> float | None:
+def attack_margin(scenario: Scenario, driver: MirrorDriver) -> float | None:
     """The least share of the attack at which the planner at the wheel collides, in (0, 1]; None where it never does.
 
     Drives at most six times. None also for scenarios that nobody attacked. Raises DriveError.
@@ -35,7 +35,7 @@ def attack_margin(scenario: Scenario, wheel: Wheel) -> float | None:
         return None
 
     def collides(weaker: Scenario) -> bool:
-        return first_contact(weaker.agents, wheel.drive(weaker).tracks) is not None
+        return first_contact(weaker.agents, driver.drive(weaker).tracks) is not None
 
     hit = next((share for share in _COARSE if collides(weakened(scenario, share))), None)
     if hit is None:
@@ -47,12 +47,12 @@ def attack_margin(scenario: Scenario, wheel: Wheel) -> float | None:
     return hit
 
 
-def with_margin(scenario: Scenario, drive: Drive, wheel: Wheel) -> tuple[Drive, float | None]:
+def with_margin(scenario: Scenario, drive: Drive, driver: MirrorDriver) -> tuple[Drive, float | None]:
     """The drive and its margin; a planner that fails in a weaker attack has failed in the case."""
     if drive.error:
         return drive, None
     try:
-        return drive, attack_margin(scenario, wheel)
+        return drive, attack_margin(scenario, driver)
     except DriveError as failure:
         return nowhere(scenario, f"{failure} (with less of the attack)", failure.trace), None
 

@@ -28,7 +28,7 @@ from regents_cosim.evaluation.reduction.way_back import WayBack, changed_agents,
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import UNLAWFUL, Collision, Flaw, Scenario, Tracks
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.judgement import judge
@@ -109,8 +109,8 @@ def shrink(
     The window begins `lead_s` before the crash at the latest. Raises RegentsError for a case without a collision, or in
     which this planner does not crash, PlannerError for one that cannot be found, DriveError where it fails.
     """
-    with Wheel(planner_of(attacked) if planner is None else planner, act_timeout_s) as wheel:
-        return shrink_at(wheel, attacked, lead_s)
+    with MirrorDriver(planner_of(attacked) if planner is None else planner, act_timeout_s) as driver:
+        return shrink_at(driver, attacked, lead_s)
 
 
 def crashes_of(cases: Sequence[Scenario]) -> list[Scenario]:
@@ -118,10 +118,10 @@ def crashes_of(cases: Sequence[Scenario]) -> list[Scenario]:
     return [case for case in cases if case.attack and case.attack.outcome == "collision"]
 
 
-def shrink_at(wheel: Wheel, attacked: Scenario, lead_s: float = LEAD_S) -> Shrunk:
+def shrink_at(driver: MirrorDriver, attacked: Scenario, lead_s: float = LEAD_S) -> Shrunk:
     """The same, with the planner that is at the wheel."""
     hit = _collision(attacked)
-    trial = _Trial(wheel, hit.agent)
+    trial = _Trial(driver, hit.agent)
     case = trial.begin(attacked)
     reductions: tuple[_Reduction, ...] = (_put_back, _deviate_less, _leave_out, lambda c, t: _shorten(c, t, lead_s))
     before = None
@@ -135,8 +135,8 @@ def shrink_at(wheel: Wheel, attacked: Scenario, lead_s: float = LEAD_S) -> Shrun
 class _Trial:
     """Closed loops, and whether they end in the crash that is to be kept."""
 
-    def __init__(self, wheel: Wheel, adversary: str) -> None:
-        self._wheel, self._adversary = wheel, adversary
+    def __init__(self, driver: MirrorDriver, adversary: str) -> None:
+        self._driver, self._adversary = driver, adversary
         self._kind, self._flaws = "", frozenset[Flaw]()
         self._said = _Said(frozenset(), frozenset())
         self.drives = 0
@@ -148,10 +148,10 @@ class _Trial:
         if found is None or attacked.agents[found[0]].id != self._adversary:
             met = f"meets {attacked.agents[found[0]].id}" if found else "does not collide"
             raise RegentsError(
-                f"case {attacked.id}: planner {self._wheel.planner!r} {met}, expected a crash with {self._adversary}: "
+                f"case {attacked.id}: planner {self._driver.planner!r} {met}, expected a crash with {self._adversary}: "
                 "nothing to shrink (name the planner that crashes here with --planner)"
             )
-        case = _named(attacked, self._wheel.planner)
+        case = _named(attacked, self._driver.planner)
         if found != own:
             case = self._as_driven(case, tracks)
         self._kind, self._flaws, self._said = _collision(case).kind, _flaws(case), _said(case)
@@ -173,7 +173,7 @@ class _Trial:
 
     def _drive(self, case: Scenario) -> Tracks:
         self.drives += 1
-        return self._wheel.drive(case).tracks
+        return self._driver.drive(case).tracks
 
     def _as_driven(self, case: Scenario, tracks: Tracks) -> Scenario:
         contact = first_contact(case.agents, tracks)

@@ -23,7 +23,7 @@ _MOST_BYTES = 64 * MIB  # 1 KB for each case, planner and simulator
 
 
 @dataclass(frozen=True)
-class Driven:
+class DriveOutcome:
     """What a planner did in one case."""
 
     hash: str  # of the case's content
@@ -58,7 +58,7 @@ class Driven:
 class Baseline:
     """baseline.json."""
 
-    planners: dict[str, dict[str, dict[str, Driven]]] = field(default_factory=dict)  # planner, simulator, case
+    planners: dict[str, dict[str, dict[str, DriveOutcome]]] = field(default_factory=dict)  # planner, simulator, case
     versions: dict[str, str] = field(default_factory=dict)  # of the packages that it was last accepted with
     schema: int = SCHEMA
 
@@ -68,7 +68,7 @@ class Baseline:
                 for case in entries:
                     require_file_name(case, "case of a baseline")
 
-    def of(self, planner: str, where: str) -> Mapping[str, Driven]:
+    def of(self, planner: str, where: str) -> Mapping[str, DriveOutcome]:
         """What was accepted of a planner in a simulator, by case."""
         return self.planners.get(planner, {}).get(where, {})
 
@@ -82,7 +82,9 @@ class Baseline:
             f"is typed, and knows {', '.join(known)} (type one of these, or accept the new name)"
         )
 
-    def accepting(self, planner: str, where: str, driven: Mapping[str, Driven], cases: Iterable[str]) -> "Baseline":
+    def accepting(
+        self, planner: str, where: str, driven: Mapping[str, DriveOutcome], cases: Iterable[str]
+    ) -> "Baseline":
         """With `driven` accepted, and without entries of this planner and simulator for anything but `cases`."""
         kept, listed = self.of(planner, where), set(cases)
         entries = {case: one for case, one in sorted({**kept, **driven}.items()) if case in listed}
@@ -92,7 +94,7 @@ class Baseline:
     def rehashed(self, hashes: Mapping[str, tuple[str, str]]) -> "Baseline":
         """With the new hash in place of the old one, by case, where it was accepted of the case as it was."""
 
-        def entry(case: str, driven: Driven) -> Driven:
+        def entry(case: str, driven: DriveOutcome) -> DriveOutcome:
             old, new = hashes.get(case, ("", ""))
             return replace(driven, hash=new) if driven.hash == old else driven
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.regression.baseline import Driven
+from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.thresholds import METRICS, Threshold, shown
 
 Status = Literal["same", "known_failure", "improved", "missing", "regression"]
@@ -30,25 +30,27 @@ _SAID: dict[Status, str] = {
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RegressionVerdict:
     """One case, judged."""
 
     case: str
     status: Status
     reasons: tuple[str, ...]
-    before: Driven | None
-    now: Driven
+    before: DriveOutcome | None
+    now: DriveOutcome
 
     def fails(self, strict: bool = False) -> bool:
         """Whether it is reason to stop; `strict` wants improvements accepted as well."""
         return self.status in ("regression", "missing") or (strict and self.status == "improved")
 
 
-def judge_drive(case: str, now: Driven, before: Driven | None, thresholds: Sequence[Threshold] = ()) -> Verdict:
+def judge_drive(
+    case: str, now: DriveOutcome, before: DriveOutcome | None, thresholds: Sequence[Threshold] = ()
+) -> RegressionVerdict:
     """Hold what a planner did against what was accepted."""
 
-    def verdict(status: Status, *reasons: str) -> Verdict:
-        return Verdict(case, status, reasons, before, now)
+    def verdict(status: Status, *reasons: str) -> RegressionVerdict:
+        return RegressionVerdict(case, status, reasons, before, now)
 
     if now.outcome == "planner_error":
         return verdict("regression", f"failed: {now.failure}")
@@ -72,7 +74,7 @@ def thresholds_measurable(thresholds: Iterable[Threshold], margin: bool) -> None
         raise RegentsError("a threshold on margin needs the margin measured: add --regents-margin (--margin)")
 
 
-def describe(driven: Driven | None) -> str:
+def describe(driven: DriveOutcome | None) -> str:
     """What happened, on one line."""
     if driven is None:
         return "none"
@@ -96,7 +98,9 @@ def reproduce(case: Path, planner: str, where: str) -> str:
     return shlex.join(words)
 
 
-def explain(verdict: Verdict, case: Path, planner: str, where: str, adversary: str = "", advice: str = "") -> str:
+def explain(
+    verdict: RegressionVerdict, case: Path, planner: str, where: str, adversary: str = "", advice: str = ""
+) -> str:
     """All that a person needs who sees it fail; `advice` is what a reference driver does in the planner's place."""
     reasons = "; ".join(verdict.reasons)
     lines = [
@@ -112,12 +116,12 @@ def explain(verdict: Verdict, case: Path, planner: str, where: str, adversary: s
     return "\n".join([*lines, *(["", verdict.now.trace] if verdict.now.trace else [])])
 
 
-def unused(before: Mapping[str, Driven], cases: Iterable[str]) -> list[str]:
+def unused(before: Mapping[str, DriveOutcome], cases: Iterable[str]) -> list[str]:
     """Cases of a baseline that the suite does not hold."""
     return sorted(set(before) - set(cases))
 
 
-def changes(verdict: Verdict) -> str:
+def changes(verdict: RegressionVerdict) -> str:
     """What accepting a drive changes, on one line; empty where nothing."""
     before, now = verdict.before, verdict.now
     if before is None:
@@ -133,7 +137,7 @@ def changes(verdict: Verdict) -> str:
     return f"{verdict.case}: {', '.join(parts)}"
 
 
-def tally(verdicts: Sequence[Verdict]) -> str:
+def tally(verdicts: Sequence[RegressionVerdict]) -> str:
     """How many of each, on one line, the worst first."""
     counts = ((said, sum(v.status == status for v in verdicts)) for status, said in _SAID.items())
     return f"{len(verdicts)} case{'' if len(verdicts) == 1 else 's'}: " + ", ".join(
@@ -141,7 +145,9 @@ def tally(verdicts: Sequence[Verdict]) -> str:
     )
 
 
-def markdown(verdicts: Sequence[Verdict], suite: Path, planner: str, where: str, left: Sequence[str] = ()) -> str:
+def markdown(
+    verdicts: Sequence[RegressionVerdict], suite: Path, planner: str, where: str, left: Sequence[str] = ()
+) -> str:
     """A summary for a pull request: the verdict, then a table of all that is worth a look."""
     failed = any(verdict.fails() for verdict in verdicts)
     lines = [f"### regents: {planner} in {where}: {'regression' if failed else 'passed'}", "", tally(verdicts), ""]
@@ -161,7 +167,7 @@ def markdown(verdicts: Sequence[Verdict], suite: Path, planner: str, where: str,
     return "\n".join(lines)
 
 
-def short(driven: Driven | None) -> str:
+def short(driven: DriveOutcome | None) -> str:
     """The outcome without the metrics."""
     if driven is None or driven.outcome == "planner_error":
         return describe(driven)
@@ -172,5 +178,5 @@ def _cell(text: str) -> str:
     return " ".join(text.replace("|", "\\|").split())
 
 
-def _hashes(before: Driven, now: Driven) -> str:
+def _hashes(before: DriveOutcome, now: DriveOutcome) -> str:
     return f"{before.hash[:8]} -> {now.hash[:8]}"

@@ -14,12 +14,12 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.driven_crash import judged_drive
 from regents_cosim.evaluation.drives.driving import Drive, drive_and_keep, drive_case, drive_each
 from regents_cosim.evaluation.reduction.margin import with_margin
-from regents_cosim.evaluation.regression.baseline import Driven
+from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Simulator, check, drivers_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.workers import local_processes
@@ -50,13 +50,13 @@ class DrivesAhead:
         self.planner = PlannerUnderTest.of(planner)
         self.where: Simulator = where
         self._act_timeout_s, self._margin = act_timeout_s, margin
-        self._wheel = Wheel(self.planner, act_timeout_s)
+        self._driver = MirrorDriver(self.planner, act_timeout_s)
         self._in_highway = drivers_of(self.planner, act_timeout_s) if where == "highway" else None
         # highway-env draws with pygame, which is not made for threads
         side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(side_by_side)
         self._processes = local_processes(side_by_side)  # for SUMO
-        self._begun: dict[Path, Future[tuple[Drive, Driven]]] = {}
+        self._begun: dict[Path, Future[tuple[Drive, DriveOutcome]]] = {}
 
     def __enter__(self) -> "DrivesAhead":
         return self
@@ -67,7 +67,7 @@ class DrivesAhead:
     def close(self) -> None:
         """Give up what has not begun, and end all processes."""
         self._pool.shutdown(wait=False, cancel_futures=True)
-        self._wheel.__exit__(None, None, None)
+        self._driver.__exit__(None, None, None)
         self._processes.shutdown(wait=False)
         if self._in_highway is not None:
             self._in_highway.__exit__(None, None, None)
@@ -79,7 +79,7 @@ class DrivesAhead:
             if folder not in self._begun:
                 self._begun[folder] = self._pool.submit(self._drive_folder, folder)
 
-    def of(self, folder: Path) -> Driven:
+    def of(self, folder: Path) -> DriveOutcome:
         """What the planner did in the case of that folder. Raises CaseError for one that cannot be read."""
         return self._result(folder)[1]
 
@@ -91,7 +91,7 @@ class DrivesAhead:
         if self.where != "mirror":
             return ""
         scenario = load_case(folder)
-        _, tracks = drive_and_keep(scenario, self._wheel)
+        _, tracks = drive_and_keep(scenario, self._driver)
         driven = judged_drive(scenario, self.planner.name, tracks) if tracks else None
         return (driven and driven.judgement and advice(driven.judgement)) or ""
 
@@ -99,30 +99,30 @@ class DrivesAhead:
         """The drive through a case, with its scores."""
         return self._drive(case) if isinstance(case, Scenario) else self._result(case)[0]
 
-    def _result(self, folder: Path) -> tuple[Drive, Driven]:
+    def _result(self, folder: Path) -> tuple[Drive, DriveOutcome]:
         self.begin([folder])
         return self._begun[folder].result()
 
-    def _drive_folder(self, folder: Path) -> tuple[Drive, Driven]:
+    def _drive_folder(self, folder: Path) -> tuple[Drive, DriveOutcome]:
         scenario = load_case(folder)
         drive, more = self._drive(scenario), {}
         if self._margin:
-            drive, margin = with_margin(scenario, drive, self._wheel)
+            drive, margin = with_margin(scenario, drive, self._driver)
             more = {"margin": margin}
         return drive, driven(drive, load_header(folder).hash, scenario.dt, more)
 
     def _drive(self, scenario: Scenario) -> Drive:
         if self.where == "mirror":
-            return drive_case(scenario, self._wheel)
+            return drive_case(scenario, self._driver)
         if self.where == "highway":
             return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, drivers=self._in_highway))
         return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, self._processes))
 
 
-def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) -> Driven:
+def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) -> DriveOutcome:
     """A drive as baselines keep it: the outcome and the metrics, to four digits after the point."""
     if drive.error:
-        return Driven(digest, "planner_error", error=_in_lines(drive))
+        return DriveOutcome(digest, "planner_error", error=_in_lines(drive))
     measured = {
         "collision": float(drive.hits is not None),
         "min_ttc_s": drive.min_ttc_s,
@@ -134,7 +134,7 @@ def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) 
         "off_road": drive.off_road,
         **more,
     }
-    return Driven(
+    return DriveOutcome(
         hash=digest,
         outcome="no_collision" if drive.hits is None else "collision",
         agent=drive.hits,
@@ -146,6 +146,6 @@ def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) 
 
 
 def _in_lines(failed: Drive) -> str:
-    """What `Driven.error` holds; it is printed as it is."""
+    """What `DriveOutcome.error` holds; it is printed as it is."""
     lines = [" ".join(failed.error.split()), *failed.trace.splitlines()]
     return "\n".join(printable(line, limit=None) for line in lines)

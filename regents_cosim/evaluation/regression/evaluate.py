@@ -13,13 +13,19 @@ from regents_cosim.cases.suite import cases_of, suite_cases
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_each, driving_rows
 from regents_cosim.evaluation.reduction.margin import with_margin
-from regents_cosim.evaluation.regression.baseline import FILE, Baseline, Driven, load_baseline, update_baseline
-from regents_cosim.evaluation.regression.comparison import Verdict, changes, judge_drive, thresholds_measurable, unused
+from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
+from regents_cosim.evaluation.regression.comparison import (
+    RegressionVerdict,
+    changes,
+    judge_drive,
+    thresholds_measurable,
+    unused,
+)
 from regents_cosim.evaluation.regression.drives_ahead import driven
 from regents_cosim.evaluation.regression.thresholds import Threshold, parse_thresholds
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Simulator
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
@@ -30,7 +36,7 @@ class AgainstBaseline:
     """A planner's drives held against what was accepted of it."""
 
     file: Path
-    verdicts: tuple[Verdict, ...]
+    verdicts: tuple[RegressionVerdict, ...]
     unused: tuple[str, ...]  # cases that the baseline has entries of, and the suite does not hold
     stranger: str  # where the baseline knows other planners alone: that it goes by names, and by which
     accepted: tuple[str, ...] | None = None  # what was accepted, a line each; None: nothing was to be
@@ -132,10 +138,12 @@ class _Asked:
         )
         return replace(found, drives=tuple(drives), against=said)
 
-    def _accepted(self, verdicts: Iterable[Verdict], found: Evaluation, listed: Sequence[str]) -> tuple[str, ...]:
+    def _accepted(
+        self, verdicts: Iterable[RegressionVerdict], found: Evaluation, listed: Sequence[str]
+    ) -> tuple[str, ...]:
         """Accept all but planners that failed; what that changes."""
         accepted = [verdict for verdict in verdicts if verdict.now.outcome != "planner_error"]
-        new: dict[str, Driven] = {verdict.case: verdict.now for verdict in accepted}
+        new: dict[str, DriveOutcome] = {verdict.case: verdict.now for verdict in accepted}
         update_baseline(self.file, lambda now: now.accepting(found.planner, found.where, new, listed))
         return tuple(filter(None, map(changes, accepted)))
 
@@ -167,6 +175,6 @@ def _with_margins(
     scenarios: Sequence[Scenario], drives: Sequence[Drive], planner: PlannerUnderTest, act_timeout_s: float
 ) -> tuple[tuple[Drive, ...], list[dict[str, float | None]]]:
     """The drives, of which some may fail with less of the attack, and their margins."""
-    with Wheel(planner, act_timeout_s) as wheel, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        found = list(pool.map(partial(with_margin, wheel=wheel), scenarios, drives))
+    with MirrorDriver(planner, act_timeout_s) as driver, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        found = list(pool.map(partial(with_margin, driver=driver), scenarios, drives))
     return tuple(drive for drive, _ in found), [{"margin": margin} for _, margin in found]

@@ -27,7 +27,7 @@ from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_
 from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import Wheel
+from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import AttackRecord, Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.judgement import judge_each
@@ -189,7 +189,7 @@ def _collision_free(windows: Sequence[Scenario], recipe: Recipe) -> list[Scenari
 
 def _neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
     """The harmless neighbours of those crashes that have one, by the crash."""
-    with Wheel(_CAREFUL) as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
+    with MirrorDriver(_CAREFUL) as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
         found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
         return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}
 

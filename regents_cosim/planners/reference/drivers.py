@@ -26,12 +26,12 @@ from regents_cosim.planners.reference.foresight import (
     place_of,
 )
 from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
-from regents_cosim.planners.reference.safety_models import FUZZY, RSS, Beside, fuzzy_braking, rss_braking
+from regents_cosim.planners.reference.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 
 _CALM_S = 1.0  # without a danger, until the emergency is over
 
 
-class Seen(eqx.Module):
+class SurroundingTraffic(eqx.Module):
     """The others, as IDM sees them and in full."""
 
     idm: Sight
@@ -79,19 +79,19 @@ class ReferencePlanner(JaxPlanner):
             past, past, past > 0.0, own, jnp.zeros(agents, jnp.float32), zero, zero, zero,
         )  # fmt: skip
 
-    def look(self, memory: State, traffic: Traffic) -> Seen:
+    def look(self, memory: State, traffic: Traffic) -> SurroundingTraffic:
         """Everybody's place along the route and in the lanes."""
         motion = traffic.motion
         along, across, yaw = place_on_route(memory.idm, motion.x, motion.y)
         wanders = memory.lanes.away(motion.x, motion.y, motion.yaw) > CAREFUL.wandering_m
         places = (values.T for values in (along, across, motion.yaw - yaw, wanders))
-        return Seen(self.idm.look(memory.idm, traffic), super().look(memory, traffic), *places)
+        return SurroundingTraffic(self.idm.look(memory.idm, traffic), super().look(memory, traffic), *places)
 
-    def wanted(self, memory: State, seen: Seen, ego: Motion) -> Float[Array, " agent"]:
+    def wanted(self, memory: State, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """The braking [m/s^2] that each of the others calls for."""
         raise NotImplementedError
 
-    def step(self, memory: State, sight: Seen, ego: Motion) -> tuple[Controls, State]:
+    def step(self, memory: State, sight: SurroundingTraffic, ego: Motion) -> tuple[Controls, State]:
         """IDM's controls, or the emergency braking once it has reacted."""
         nominal, idm = self.idm.step(memory.idm, sight.idm, ego)
         wanted = jnp.where(sight.traffic.valid, self.wanted(memory, sight, ego), 0.0)
@@ -127,7 +127,7 @@ class Careful(ReferencePlanner):
     jerk: float = CAREFUL.jerk_m_s3
     most: float = CAREFUL.most_braking_m_s2
 
-    def wanted(self, memory: State, seen: Seen, ego: Motion) -> Float[Array, " agent"]:
+    def wanted(self, memory: State, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """Full braking for whom it expects to meet."""
         along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
         courses = _courses(memory, seen.traffic)
@@ -154,12 +154,12 @@ def _courses(memory: State, traffic: Traffic) -> Course:
     return Course(motion.x, motion.y, motion.yaw, motion.speed, curvature, braking, *sizes)
 
 
-def _beside(memory: State, seen: Seen, ego: Motion) -> Beside:
+def _beside(memory: State, seen: SurroundingTraffic, ego: Motion) -> NearbyRoadUser:
     along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
     traffic = seen.traffic
     aside = seen.across - across
     reach = breadth(seen.turn, traffic.half_length, traffic.half_width)
-    return Beside(
+    return NearbyRoadUser(
         gap_m=seen.idm.rear - along - memory.idm.half_length,
         passing_m=seen.idm.front - along + memory.idm.half_length,
         beside_m=jnp.abs(aside) - reach - memory.idm.half_width,
@@ -175,7 +175,7 @@ class FuzzyDriver(ReferencePlanner):
     delay_s: float = FUZZY.delay_s
     jerk: float = FUZZY.jerk_m_s3
 
-    def wanted(self, memory: State, seen: Seen, ego: Motion) -> Float[Array, " agent"]:
+    def wanted(self, memory: State, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """By the proactive and the critical fuzzy safety metric."""
         accel = (ego.speed - memory.own[-1]) / memory.dt
         return fuzzy_braking(jnp, ego.speed, accel, _beside(memory, seen, ego))
@@ -187,6 +187,6 @@ class RssDriver(ReferencePlanner):
     delay_s: float = RSS.delay_s
     jerk: float = RSS.jerk_m_s3
 
-    def wanted(self, memory: State, seen: Seen, ego: Motion) -> Float[Array, " agent"]:
+    def wanted(self, memory: State, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """Braking where the distances along and across are both unsafe."""
         return rss_braking(jnp, ego.speed, _beside(memory, seen, ego))

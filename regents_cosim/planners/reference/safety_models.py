@@ -47,7 +47,7 @@ FUZZY, RSS = Fuzzy(), Rss()
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class NearbyRoadUser:
     """One road user, or several, as seen from the ego's way; arrays of NumPy or JAX."""
 
     gap_m: Any  # along the way, from the ego's nose to their rear; below 0 beside the ego
@@ -58,7 +58,7 @@ class Beside:
     ahead: Any  # whether they are, at all
 
 
-def fuzzy_braking(xp: Any, ego_speed: Any, ego_accel: Any, other: Beside, model: Fuzzy = FUZZY) -> Any:
+def fuzzy_braking(xp: Any, ego_speed: Any, ego_accel: Any, other: NearbyRoadUser, model: Fuzzy = FUZZY) -> Any:
     """The braking [m/s^2] that the fuzzy model wants because of each of them: 0 where it sees no risk."""
     closing = xp.maximum(ego_speed - other.speed, 1e-3)
     cuts_in = (other.towards > 0.0) & (
@@ -71,7 +71,7 @@ def fuzzy_braking(xp: Any, ego_speed: Any, ego_accel: Any, other: Beside, model:
     return xp.where(counts, xp.where(critical > 0.0, wanted, proactive * model.least_braking), 0.0)
 
 
-def _proactive(xp: Any, ego_speed: Any, other: Beside, model: Fuzzy) -> Any:
+def _proactive(xp: Any, ego_speed: Any, other: NearbyRoadUser, model: Fuzzy) -> Any:
     """PFS: 0 where even a leader that brakes leaves time to brake gently, 1 where only hard braking would do."""
     room = other.gap_m - model.standing_gap_m
     reaction = ego_speed * model.delay_s
@@ -81,7 +81,7 @@ def _proactive(xp: Any, ego_speed: Any, other: Beside, model: Fuzzy) -> Any:
     return xp.clip((safe - room) / xp.maximum(safe - unsafe, 1e-3), 0.0, 1.0)
 
 
-def _critical(xp: Any, ego_speed: Any, ego_accel: Any, other: Beside, model: Fuzzy) -> Any:
+def _critical(xp: Any, ego_speed: Any, ego_accel: Any, other: NearbyRoadUser, model: Fuzzy) -> Any:
     """CFS: the same against a leader that keeps its speed."""
     accel = xp.maximum(ego_accel, -model.least_braking)
     later = ego_speed + model.delay_s * accel
@@ -95,7 +95,7 @@ def _critical(xp: Any, ego_speed: Any, ego_accel: Any, other: Beside, model: Fuz
     return xp.where(ego_speed <= other.speed, 0.0, xp.where(later < other.speed, already, graded))
 
 
-def rss_braking(xp: Any, ego_speed: Any, other: Beside, model: Rss = RSS) -> Any:
+def rss_braking(xp: Any, ego_speed: Any, other: NearbyRoadUser, model: Rss = RSS) -> Any:
     """The braking [m/s^2] of the proper response to each of them: 0 where the distance is safe along or across."""
     after = ego_speed + model.delay_s * model.accel
     along = ego_speed * model.delay_s + 0.5 * model.accel * model.delay_s**2 + after**2 / (2.0 * model.braking)

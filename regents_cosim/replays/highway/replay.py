@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_driver import Driver, ask
 from regents_cosim.replays.highway.cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
@@ -39,7 +39,7 @@ def replay_in_highway(
     cast = make_cast(road, scenario, "track" if driver else mode)[:1] + make_cast(road, scenario, mode)[1:]
     road.enter(cast[0], cast[1:])
     with opened(road, scenario.dt, gui) as window:
-        film = _Film(scenario, window)
+        film = _StateHistory(scenario, window)
         film.take(road)
         for step in range(scenario.tracks.steps - 1):
             if driver is not None:
@@ -63,7 +63,7 @@ def drive_in_highway(
     observation, _ = env.reset(seed=seed)
     agent.start(env, seed)
     with opened(env.road, scenario.dt, gui) as window:
-        film = _Film(scenario, window)
+        film = _StateHistory(scenario, window)
         film.take(env.road)
         step = env.road.step
 
@@ -78,7 +78,7 @@ def drive_in_highway(
     return film.finish(env.road)
 
 
-class _Film:
+class _StateHistory:
     """Everybody's states [4, agent] and presence, step by step, in the map's frame; shown in the window, if any."""
 
     def __init__(self, scenario: Scenario, window: Window | None) -> None:
@@ -99,11 +99,11 @@ class _Film:
         if self._window is not None:
             self._window.show()
 
-    def last(self) -> Seen:
+    def last(self) -> Snapshot:
         """All agents now."""
         states, valid = self.frames[-1]
         x, y, yaw, speed = states.copy()
-        return Seen(x, y, yaw, speed, valid.copy(), np.where(valid, self._scenario.heights(x, y), 0.0))
+        return Snapshot(x, y, yaw, speed, valid.copy(), np.where(valid, self._scenario.heights(x, y), 0.0))
 
     def finish(self, road: ReplayRoad) -> HighwayReplay:
         """All that was seen."""

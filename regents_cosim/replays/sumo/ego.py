@@ -61,7 +61,7 @@ def _drive(scene: Scene) -> _Drive:
     if net is None:
         raise PlannerError(f"planner 'sumo' needs a case recorded in SUMO, the map of {scene.id} has no SUMO network")
     with network_file(net) as path, running_sumo(_options(str(path), scene.dt)) as sumo:
-        stage = _Stage(sumo, scene)
+        stage = _Simulation(sumo, scene)
         observation = yield None
         stage.begin(observation)
         while True:
@@ -81,7 +81,7 @@ def _options(net: str, dt: float) -> list[str]:
     return [word for name, value in options.items() for word in (f"--{name}", value)]
 
 
-class _Stage:
+class _Simulation:
     """The running simulation."""
 
     def __init__(self, sumo: ModuleType, scene: Scene) -> None:
@@ -109,7 +109,7 @@ class _Stage:
             raise PlannerError(f"SUMO finds no lane for the ego at x {ego.x:.1f}, y {ego.y:.1f}")
         vehicle.setPreviousSpeed(_EGO, ego.speed)
         self._on_lane = self._pose()
-        self._beside = _Beside(_sideways(self._on_lane, Pose(ego.x, ego.y, ego.yaw)))
+        self._beside = _LaneOffset(_sideways(self._on_lane, Pose(ego.x, ego.y, ego.yaw)))
         self._last = Placement(ego.x, ego.y, ego.yaw, ego.speed)
 
     def go(self, observation: Observation) -> Placement:
@@ -192,7 +192,7 @@ class _Stage:
                 self._shown[link] = light.shows
 
 
-class _Beside:
+class _LaneOffset:
     """How far to the left the ego is of the lane that SUMO has it on [m]; less and less."""
 
     def __init__(self, offset: float) -> None:

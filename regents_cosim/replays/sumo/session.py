@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from regents_cosim.errors import RegentsError, SumoError
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
@@ -36,13 +36,13 @@ class SumoSession:
     def __init__(self) -> None:
         self._pipe: Any = None  # a connection while the process runs
 
-    def begin(self, play: Play) -> Seen:
+    def begin(self, play: Play) -> Snapshot:
         """Begin a case, in the middle of another one too. Everybody at step 0. Raises SumoError."""
         if self._pipe is None:
             self._start()
         return self._ask(play, _START_S, "when it began a case")
 
-    def go(self, ego: EgoState) -> Seen:
+    def go(self, ego: EgoState) -> Snapshot:
         """Everybody one step later, the ego as told. Raises SumoError."""
         if self._pipe is None:
             raise SumoError("SUMO is not running, expected a case to be begun first")
@@ -64,7 +64,7 @@ class SumoSession:
             self._process.start()
         theirs.close()
 
-    def _ask(self, question: Play | EgoState, timeout_s: float, when: str) -> Seen:
+    def _ask(self, question: Play | EgoState, timeout_s: float, when: str) -> Snapshot:
         try:
             self._pipe.send(question)
             if not self._pipe.poll(timeout_s):
@@ -100,7 +100,7 @@ class _Remote:
     def start(self, scenario: Scenario) -> None:
         """Nothing to prepare."""
 
-    def advance(self, step: int, seen: Seen) -> EgoState:
+    def advance(self, step: int, seen: Snapshot) -> EgoState:
         """Tell what is seen, and be told where the ego goes."""
         self._pipe.send(seen)
         told = self._pipe.recv()
@@ -132,7 +132,7 @@ def _next_play(pipe: Connection) -> Play:
     return asked
 
 
-def _last_seen(play: Play, pipe: Connection) -> Seen:
+def _last_seen(play: Play, pipe: Connection) -> Snapshot:
     """Play to the end; all steps but the last are told on the way."""
     tracks = replay_in_sumo(play.scenario, _Remote(pipe), released=play.released, seed=play.seed).tracks
-    return Seen(**{name: getattr(tracks, name)[:, -1] for name in Seen._fields})
+    return Snapshot(**{name: getattr(tracks, name)[:, -1] for name in Snapshot._fields})

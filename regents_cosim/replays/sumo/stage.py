@@ -10,7 +10,7 @@ import numpy as np
 from regents_cosim.errors import SumoError
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
-from regents_cosim.planners.interface import Seen
+from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.sumo.bare_network import BARE_EDGE
 from regents_cosim.replays.sumo.drivers import DriverParameters, driven_type
@@ -58,7 +58,7 @@ class Stage:
         self._speed = track.speed.copy()
         self._names: dict[int, str] = {}  # SUMO's name of every agent on the road
         self._agent: dict[str, int] = {}  # and back; names are never used twice
-        self._seen: list[Seen] = []
+        self._seen: list[Snapshot] = []
         self._collisions: list[ReportedCollision] = []
         self._signals = scenario.signals if scenario.road.sumo_net else ()  # bare lanes have no lights
         self._letters: dict[str, list[str]] = {signal.id: [] for signal in self._signals}
@@ -70,7 +70,7 @@ class Stage:
             add_type(sumo, type_name(index), agent)
 
     @property
-    def seen(self) -> Seen:
+    def seen(self) -> Snapshot:
         """The agents after the last step."""
         return self._seen[-1]
 
@@ -111,7 +111,7 @@ class Stage:
     def finish(self) -> SumoReplay:
         """All that was seen."""
         columns = (np.stack(values, axis=1) for values in zip(*self._seen, strict=True))
-        tracks = Tracks(**dict(zip(Seen._fields, columns, strict=True)))
+        tracks = Tracks(**dict(zip(Snapshot._fields, columns, strict=True)))
         signals = tuple(Signal(name, _changes(letters)) for name, letters in self._letters.items())
         return SumoReplay(tracks, tuple(self._collisions), signals, frozenset(self._drivers))
 
@@ -183,7 +183,7 @@ class Stage:
                 valid[index] = True
         x, y, yaw, speed = states
         z = np.where(valid, self._scenario.heights(x, y), 0.0)
-        self._seen.append(Seen(x, y, yaw, speed, valid, z))
+        self._seen.append(Snapshot(x, y, yaw, speed, valid, z))
         for found in self._sumo.simulation.getCollisions():
             collider, victim = (agents[self._agent[name]].id for name in (found.collider, found.victim))
             self._collisions.append(ReportedCollision(step, collider, victim, found.type))

@@ -12,7 +12,7 @@ import numpy as np
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.argoverse2_map import read_map
-from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.polars_files import read_polars
 from regents_cosim.sources.logs.rows import Rows, tracks_of
 from regents_cosim.sources.logs.scene import LoggedScene, sized
@@ -24,7 +24,7 @@ _KINDS: dict[str, Kind] = {
 _NUMBERS = ("timestep", "position_x", "position_y", "heading")
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The one scenario of a folder or file."""
     file = next(iter(sorted(path.glob("scenario_*.parquet"))), None) if path.is_dir() else path
     if file is None:

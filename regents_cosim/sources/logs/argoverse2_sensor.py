@@ -15,7 +15,7 @@ from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.csv_columns import Columns
-from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.polars_files import read_polars
 from regents_cosim.sources.logs.rows import Rows, tracks_of
 from regents_cosim.sources.logs.scene import LoggedScene, Track, sized
@@ -33,7 +33,7 @@ _ROTATION, _PLACE = ("qw", "qx", "qy", "qz"), ("tx_m", "ty_m", "tz_m")
 _POSE = (*_ROTATION, *_PLACE)
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The one recording of a folder."""
     boxes = _boxes(path)
     table = read_polars(boxes, ("timestamp_ns", "length_m", "width_m", *_POSE), ("track_uuid", "category"))

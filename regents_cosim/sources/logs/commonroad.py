@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
-from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.planned_ego import Goal, Start, planned_track
 from regents_cosim.sources.logs.road import lanelet
 from regents_cosim.sources.logs.scene import (
@@ -39,7 +39,7 @@ _LEAST_WIDTH_M = 2.0
 _MOST_STEPS = 100_000
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The one scenario of a file."""
     root = read_xml(path, "commonRoad")
     version = root.get("commonRoadVersion", "")

@@ -24,7 +24,7 @@ from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.sources.motion import jumps
 from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import Origin, Scene, Windows, egos, make_scenario, preferred
+from regents_cosim.sources.windows import Origin, RecordedScene, Windows, egos, make_scenario, preferred
 
 _STRIDE = Range(0.1, 1e6, "seconds from one window to the next")
 _COMPANY = 1
@@ -72,7 +72,7 @@ def cut(scene: LoggedScene, asked: LogWindows, origin: Origin, refused: Counter[
     if (instants - 1) * STEP_S < _SHORTEST_S:
         refused[f"were in recordings shorter than {_SHORTEST_S} s"] += len(scene.tracks)
         return
-    traffic = _Traffic(scene, instants)
+    traffic = _SceneWindows(scene, instants)
     stride = (asked.stride_s or (instants - 1) * STEP_S) / scene.dt
     road: RoadMap | None = None
     taken: Counter[str] = Counter()
@@ -88,7 +88,7 @@ def cut(scene: LoggedScene, asked: LogWindows, origin: Origin, refused: Counter[
 
 
 def _ego(
-    slot: Scene, wanted: str | None, road: RoadMap, windows: Windows, seed: Sequence[int], refused: Counter[str]
+    slot: RecordedScene, wanted: str | None, road: RoadMap, windows: Windows, seed: Sequence[int], refused: Counter[str]
 ) -> str | None:
     ids = slot.recording.ids
     if wanted is not None:
@@ -112,7 +112,7 @@ def _aimed(scenario: Scenario, scene: LoggedScene) -> Scenario:
 
 
 @dataclass(frozen=True)
-class _Traffic:
+class _SceneWindows:
     """A scene and the length of its windows."""
 
     scene: LoggedScene
@@ -144,14 +144,14 @@ class _Traffic:
                 found.update(range(int(np.ceil(low - 1e-6)), int(np.floor(high + 1e-6)) + 1))
         return [origin + k * stride for k in sorted(found)]
 
-    def slot(self, first_step: float) -> Scene:
+    def slot(self, first_step: float) -> RecordedScene:
         """Everybody who is there in the window from `first_step` on."""
         here = [t for t in self._tracks if t.step[0] <= first_step + self._span and t.step[-1] >= first_step]
         samples = [sample(track, self.scene.dt, first_step, self.instants) for track in here]
         kept = [(track, found) for track, found in zip(here, samples, strict=True) if found.valid.any()]
         begin_s = round(self.scene.begin_s + first_step * self.scene.dt, 6)
         recording = _recording(begin_s, kept, self._signals(first_step))
-        return Scene.where(recording, recording.valid)
+        return RecordedScene.where(recording, recording.valid)
 
     def _signals(self, first_step: float) -> tuple[Signal, ...]:
         step = np.floor(first_step + np.arange(self.instants) * STEP_S / self.scene.dt + 1e-6).astype(int)
@@ -161,7 +161,7 @@ class _Traffic:
             if light.letters
         )
 
-    def without_bridges(self, slot: Scene, ego: str) -> Scene:
+    def without_bridges(self, slot: RecordedScene, ego: str) -> RecordedScene:
         """The slot without those who pass above or below the ego."""
         tracks = {track.agent.id: track for track in self._tracks}
         mine = tracks[ego]
@@ -172,7 +172,7 @@ class _Traffic:
         here = np.flatnonzero(kept)
         ids, types = tuple(r.ids[i] for i in here), tuple(r.types[i] for i in here)
         rest = Recording(r.begin_s, r.dt, ids, types, r.x[kept], r.y[kept], r.yaw[kept], r.valid[kept], r.signals)
-        return Scene.where(rest, rest.valid)
+        return RecordedScene.where(rest, rest.valid)
 
 
 def without_jumps(track: Track, dt: float) -> Track:

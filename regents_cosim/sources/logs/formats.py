@@ -31,14 +31,14 @@ _READERS = (
 
 
 @dataclass(frozen=True)
-class Beside:
+class CompanionFiles:
     """Files that belong to a log but do not lie where its format expects them."""
 
     road: Path | None = None  # lanelet2 map (.osm)
     columns: Path | None = None  # mapping of a table's columns (.toml)
 
 
-ALONE = Beside()
+ALONE = CompanionFiles()
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class LogFormat:
     name: str
     what: str
     recognises: Callable[[Path, bytes], bool]
-    read: Callable[[Path, Beside], Iterator[LoggedScene]]
+    read: Callable[[Path, CompanionFiles], Iterator[LoggedScene]]
 
 
 @lru_cache(maxsize=1)
@@ -121,7 +121,7 @@ def unpacked(path: Path) -> bytes:
         raise LogError(f"{error}; expected a log") from error
 
 
-def read_log(path: Path, one: LogFormat, beside: Beside) -> Iterator[LoggedScene]:
+def read_log(path: Path, one: LogFormat, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The scenes of a log, one at a time. Raises LogError with the file's name where one is damaged."""
     scenes = one.read(path, beside)
     while True:

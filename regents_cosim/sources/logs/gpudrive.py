@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.scenario import Kind
-from regents_cosim.sources.logs.formats import Beside, LogFormat, unpacked
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, unpacked
 from regents_cosim.sources.logs.headings import joined as joined_ways
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.scene import (
@@ -82,7 +82,7 @@ class _Light:
     y: list[float] = field(default_factory=list)
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The one scenario of a file."""
     content = msgspec.json.decode(unpacked(path), type=_File)
     steps = max((len(one.valid) for one in content.objects), default=0)

@@ -16,7 +16,7 @@ from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_image_corner
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import header_of, read_columns
-from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.levelx import companion, whole
 from regents_cosim.sources.logs.rows import Rows, tracks_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, sized
@@ -27,7 +27,7 @@ _MOTORWAY_MPS = 36.1  # recommended speed, where there is no limit
 _CRAWL_MPS = 0.5  # below which velocities say nothing about headings
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The recording of one `NN_tracks.csv`."""
     numbers = read_columns(path, _NUMBERS).numbers
     about = read_columns(

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
-from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
@@ -29,7 +29,7 @@ _OPTIONAL = ("case_id", "psi_rad", "length", "width")
 _DT = 0.1
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The recordings of a file of vehicles with its pedestrians, or of a folder of them."""
     files = [path] if path.is_file() else sorted(path.glob("*tracks*.csv"))
     walkers = {file.name: file for file in path.parent.glob("pedestrian_tracks*.csv")} if path.is_file() else {}
@@ -109,7 +109,7 @@ def _unique(tracks: list[Track]) -> tuple[Track, ...]:
     return tuple(found)
 
 
-def _map(path: Path, beside: Beside) -> LoggedMap:
+def _map(path: Path, beside: CompanionFiles) -> LoggedMap:
     if beside.road is not None:
         return read_lanelet2(beside.road)
     folder = path if path.is_dir() else path.parent

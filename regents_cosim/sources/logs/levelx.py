@@ -13,7 +13,7 @@ import numpy as np
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import header_of, read_columns
-from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, tracks_of
@@ -26,7 +26,7 @@ _KINDS: dict[str, Kind] = {
 _NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length")
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The recording of one `NN_tracks.csv`."""
     table = read_columns(path, _NUMBERS)
     numbers = table.numbers
@@ -80,7 +80,7 @@ def _kinds(path: Path) -> dict[int, Kind]:
     return dict(zip(whole(table.numbers["trackId"], path).tolist(), kinds, strict=True))
 
 
-def _map(path: Path, beside: Beside, about: dict[str, float]) -> LoggedMap:
+def _map(path: Path, beside: CompanionFiles, about: dict[str, float]) -> LoggedMap:
     file = beside.road or _map_file(path, about.get("locationId"))
     if file is None:
         return LoggedMap()

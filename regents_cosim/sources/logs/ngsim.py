@@ -13,7 +13,7 @@ from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import FOOT_M, from_front
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
-from regents_cosim.sources.logs.formats import Beside, LogFormat, head_of
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
@@ -24,7 +24,7 @@ _NUMBERS = ("vehicle_id", "global_time", "local_x", "local_y", "v_length", "v_wi
 _GONE_S = 5.0
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """One scene per location."""
     names = {name.lower(): name for name in header_of(head_of(path))}
     table = read_columns(path, [names.get(name, name) for name in _NUMBERS], [names.get("location", "location")],

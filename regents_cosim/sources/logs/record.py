@@ -11,7 +11,7 @@ from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
-from regents_cosim.sources.logs.formats import ALONE, Beside, LogFormat, find_logs, read_log
+from regents_cosim.sources.logs.formats import ALONE, CompanionFiles, LogFormat, find_logs, read_log
 from regents_cosim.sources.logs.scene import LoggedScene
 from regents_cosim.sources.windows import Origin, Prefer, Windows
 
@@ -29,7 +29,7 @@ def record_log(
     stride_s: float | None = None,
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
-    beside: Beside = ALONE,
+    beside: CompanionFiles = ALONE,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
     """Up to `count` Scenarios from a log or a folder of logs; the same seed gives the same.
@@ -48,7 +48,9 @@ def record_log(
     return found
 
 
-def scenes_of(path: Path, format: str = "auto", beside: Beside = ALONE) -> Iterator[tuple[Path, str, LoggedScene]]:
+def scenes_of(
+    path: Path, format: str = "auto", beside: CompanionFiles = ALONE
+) -> Iterator[tuple[Path, str, LoggedScene]]:
     """File, format and scene of everything that a log or a folder of logs holds, one at a time."""
     for file, one in find_logs(path, format):
         for scene in read_log(file, one, beside):
@@ -63,7 +65,7 @@ def origin_of(file: Path, format: str, scene: LoggedScene) -> Origin:
 def _each(
     logs: list[tuple[Path, LogFormat]],
     asked: LogWindows,
-    beside: Beside,
+    beside: CompanionFiles,
     refused: Counter[str],
     told: set[str],
     tell: Callable[[str], None],

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import VEHICLE_KINDS, Kind
-from regents_cosim.sources.logs.formats import Beside, LogFormat, explained, unpacked
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked
 from regents_cosim.sources.logs.road import largest
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
@@ -41,7 +41,7 @@ _BESIDE_CENTRE_M = 2.0
 _KMH = 1.0 / 3.6
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The one scene of a file."""
     content = unpacked(path)
     with explained(path, "ScenarioNet pickle"):

@@ -39,7 +39,7 @@ from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.frames import FOOT_M, from_front
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
-from regents_cosim.sources.logs.formats import Beside, LogFormat
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.levelx import whole
@@ -81,7 +81,7 @@ class _Table:
         return self.columns.numbers.get(self.names[name])
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The one recording of a table."""
     mapping = _mapping(path, beside)
     table = _table(path, mapping)
@@ -105,7 +105,7 @@ def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
     )  # fmt: skip
 
 
-def _mapping(path: Path, beside: Beside) -> _Mapping:
+def _mapping(path: Path, beside: CompanionFiles) -> _Mapping:
     file = beside.columns or path.with_name(path.name.partition(".")[0] + ".toml")
     if beside.columns is None and not file.is_file():
         return _Mapping()
@@ -183,7 +183,7 @@ def _placed(track: Track, mapping: _Mapping) -> Track:
     return Track(track.agent, track.step, np.asarray(pose.x), np.asarray(pose.y), track.yaw)
 
 
-def _road(path: Path, mapping: _Mapping, beside: Beside) -> LoggedMap:
+def _road(path: Path, mapping: _Mapping, beside: CompanionFiles) -> LoggedMap:
     file = beside.road or (path.parent / mapping.map if mapping.map else None)
     return LoggedMap() if file is None else read_lanelet2(file)
 

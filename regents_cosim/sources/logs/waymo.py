@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.errors import LogError
-from regents_cosim.sources.logs.formats import Beside, LogFormat, explained
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained
 from regents_cosim.sources.logs.protobuf import Message, columns, grouped, messages, number, numbers, reals, text
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
@@ -33,7 +33,7 @@ _BIKE_LANE = 3
 _STATE = (2, 3, 4, 5, 6, 8, 11)  # centre x, y, z, length, width, heading, valid
 
 
-def read(path: Path, beside: Beside) -> Iterator[LoggedScene]:
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The scenarios of a file, streamed."""
     empty = True
     for index, payload in enumerate(records(path)):

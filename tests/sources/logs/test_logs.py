@@ -17,7 +17,7 @@ from places import ROOT
 from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.errors import LogError, NoWindowError, RegentsError
 from regents_cosim.sources.logs.cut import LogWindows, cut
-from regents_cosim.sources.logs.formats import Beside, find_logs, format_of, formats, read_log
+from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, format_of, formats, read_log
 from regents_cosim.sources.logs.inspection import inspect_scene
 from regents_cosim.sources.logs.record import origin_of, record_log, scenes_of
 from regents_cosim.sources.logs.road import build_road
@@ -35,7 +35,7 @@ def logs(tmp_path_factory):
 @pytest.fixture(scope="module")
 def scenes(logs):
     """The first scene of each."""
-    return {name: next(read_log(path, formats()[name], Beside())) for name, path in logs.items()}
+    return {name: next(read_log(path, formats()[name], CompanionFiles())) for name, path in logs.items()}
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -170,7 +170,7 @@ def test_small_headings_without_metadata_are_told_by_the_motion(tmp_path):
             turned = [{"x": p["x"], "y": 0.0524 * p["x"]} for p in points]
             one.update(position=turned, heading=[0.0524 * factor] * len(points), valid=[True] * len(points))
         (tmp_path / "s.json").write_text(json.dumps(content))
-        scene = next(read_log(tmp_path / "s.json", formats()["gpudrive"], Beside()))
+        scene = next(read_log(tmp_path / "s.json", formats()["gpudrive"], CompanionFiles()))
         assert unit in " ".join(scene.notes)
         np.testing.assert_allclose(scene.tracks[0].yaw, 0.0524, atol=1e-6)
 
@@ -206,7 +206,7 @@ def test_commonroad_2018b(tmp_path):
 def test_interaction_reads_a_folder_too(logs):
     (found,) = find_logs(logs["interaction"].parent)
     assert found[0].is_dir()
-    (scene,) = read_log(*found, Beside())
+    (scene,) = read_log(*found, CompanionFiles())
     assert {track.agent.id for track in scene.tracks} == {*CARS, "P14"}
 
 
@@ -283,7 +283,7 @@ def test_the_map_of_interaction_must_be_found(logs, tmp_path):
     with pytest.raises(LogError, match="--map"):
         record_log(lonely)
     osm = logs["interaction"].with_name("DR_TEST.osm")
-    assert record_log(lonely, beside=Beside(road=osm), tell=str)
+    assert record_log(lonely, beside=CompanionFiles(road=osm), tell=str)
 
 
 # --- recordings -----------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from params import slow
 from regents_cosim.errors import LogError, RegentsError
 from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.cut import LogWindows, cut
-from regents_cosim.sources.logs.formats import Beside, find_logs, formats, read_log, unpacked
+from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, formats, read_log, unpacked
 from regents_cosim.sources.logs.inspection import inspect_scene
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.unpickle import unpickle
@@ -38,7 +38,7 @@ def use(path, name="auto"):
     """Read everything and cut windows, as `record` does; the error if it is one that a user may see."""
     try:
         for file, one in find_logs(path, name):
-            for scene in read_log(file, one, Beside()):
+            for scene in read_log(file, one, CompanionFiles()):
                 for _, _ in zip(range(2), cut(scene, LogWindows(), Origin("x", "x", "x"), Counter()), strict=False):
                     pass
     except RegentsError as error:

@@ -11,7 +11,7 @@ import pytest
 
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs import polars_files, scenarionet, table
-from regents_cosim.sources.logs.formats import Beside
+from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.record import record_log, scenes_of
 
 
@@ -116,7 +116,7 @@ def test_a_log_of_gigabytes_is_not_taken_into_memory(tmp_path, head):
         file.write(head)
         file.truncate((1 << 30) + 1)
     with pytest.raises(LogError, match="holds more than 1024 MiB, the most that is read of it; expected a log"):
-        list(scenarionet.read(path, Beside())) if head[0] == 0x80 else polars_files._read(path, (), (), ())
+        list(scenarionet.read(path, CompanionFiles())) if head[0] == 0x80 else polars_files._read(path, (), (), ())
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
@@ -141,9 +141,9 @@ def test_named_pipes_are_refused_and_not_waited_for(tmp_path):
     pipe = path.with_name("pipe")
     os.mkfifo(pipe)
     with pytest.raises(LogError, match="is a named pipe, expected a file"):
-        list(table.read(path, Beside(columns=pipe)))
+        list(table.read(path, CompanionFiles(columns=pipe)))
     with pytest.raises(LogError, match="is a named pipe, expected a file"):
-        list(scenarionet.read(pipe, Beside()))
+        list(scenarionet.read(pipe, CompanionFiles()))
 
 
 def test_times_without_any_step_are_refused(tmp_path):

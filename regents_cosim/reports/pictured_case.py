@@ -25,14 +25,14 @@ _STAR = np.stack([np.cos(_SPIKES), np.sin(_SPIKES)], axis=-1) * np.where(np.aran
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class PicturedCase:
     """A Scenario and whom its pictures are about."""
 
     scenario: Scenario
     adversary: str | None  # id of the agent drawn as the adversary
 
     @classmethod
-    def of(cls, scenario: Scenario) -> "Scene":
+    def of(cls, scenario: Scenario) -> "PicturedCase":
         """The adversary is the agent of that role."""
         return cls(scenario, next((a.id for a in scenario.agents if a.role == "adversary"), None))
 
@@ -88,7 +88,7 @@ class Scene:
         return [agent.id for agent in self.scenario.agents].index(name)
 
 
-def draw_ground(scene: Scene, view: View, zoom: int) -> Canvas:
+def draw_ground(scene: PicturedCase, view: View, zoom: int) -> Canvas:
     """All that stands still: the road, and the ways that ego and adversary took before the attack."""
     canvas = Canvas.blank((view.width, view.height), zoom, LAND)
     draw_road(canvas, view, scene.scenario.road)
@@ -102,7 +102,7 @@ def draw_ground(scene: Scene, view: View, zoom: int) -> Canvas:
     return canvas
 
 
-def _draw_evasion(scene: Scene, canvas: Canvas, view: View) -> None:
+def _draw_evasion(scene: PicturedCase, canvas: Canvas, view: View) -> None:
     """How the ego could have avoided the collision: its way from the onset on, and its outline once a second.
 
     One of the outlines is where it is when it would have collided.
@@ -118,7 +118,7 @@ def _draw_evasion(scene: Scene, canvas: Canvas, view: View) -> None:
         draw_ghost(canvas, view, scene.scenario.ego, pose_at(evasion, 0, step), EVASION)
 
 
-def draw_moving(scene: Scene, canvas: Canvas, view: View, step: int) -> None:
+def draw_moving(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
     """All that changes, as it is at `step`."""
     scenario = scene.scenario
     tracks = scenario.tracks
@@ -141,7 +141,7 @@ def draw_moving(scene: Scene, canvas: Canvas, view: View, step: int) -> None:
         _draw_contact(scene, canvas, view, (step - scene.collision.step) * scenario.dt)
 
 
-def _draw_ghosts(scene: Scene, canvas: Canvas, view: View, step: int) -> None:
+def _draw_ghosts(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
     original = scene.scenario.original
     if original is None or step >= original.steps:
         return
@@ -151,7 +151,7 @@ def _draw_ghosts(scene: Scene, canvas: Canvas, view: View, step: int) -> None:
             draw_ghost(canvas, view, scene.scenario.agents[index], pose, colour)
 
 
-def _draw_contact(scene: Scene, canvas: Canvas, view: View, since_s: float) -> None:
+def _draw_contact(scene: PicturedCase, canvas: Canvas, view: View, since_s: float) -> None:
     """A burst, and a ring that opens around it."""
     place = scene.contact_point
     if place is None:
