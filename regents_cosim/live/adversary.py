@@ -63,6 +63,7 @@ _CHECKED_S = (0.4, 0.8)  # ahead: whom the adversary would touch
 _STOPS_M_S2 = 7.0  # to touch nobody
 _OFF_LANE_M = 0.3  # so near to the middle of a lane a vehicle is given back
 _LONGEST_RETURN_S = 12.0
+_GAP = 1.5  # of a step
 _JUMP_M = 5.0  # more than speed explains: it was teleported
 _RANGES = {
     "replan_s": Range(0.05, 60.0, "seconds from one plan to the next"),
@@ -225,6 +226,9 @@ class Adversary(StepListener):
             return  # added twice: once a step is enough
         if now < self._now:
             self._forget_run()  # another simulation on the same connection
+        elif self._reader is not None and now - self._now > _GAP * self._reader.step_s:
+            self._let_go()  # many steps at once, or another simulation that begins later
+            self._forget_run()
         self._now = now
         if self.ego is None and not self._find_ego():
             return

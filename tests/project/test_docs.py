@@ -93,7 +93,7 @@ def a_suite(folder: Path) -> None:
     shutil.copytree(shipped("scenarios") / "quickstart", folder / "suite")
 
 
-BEFORE = {"how-to/sumo": sumo_files, "how-to/logs": a_table, "file-formats": a_suite}
+BEFORE = {"how-to/sumo": sumo_files, "how-to/live": sumo_files, "how-to/logs": a_table, "file-formats": a_suite}
 
 
 def shell(text: str, folder: Path) -> None:

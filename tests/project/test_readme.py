@@ -57,6 +57,15 @@ def test_in_python(tmp_path):
 
 
 @pytest.mark.slow
+def test_in_a_running_simulation(tmp_path):
+    (example,) = (block for block in blocks("python") if "Adversary" in block)
+    assert len([line for line in example.splitlines() if line.strip()]) <= 10
+    (tmp_path / "example.py").write_text(example)
+    (tmp_path / "sumo_nets").symlink_to(ROOT / "sumo_nets")
+    run(f"{BIN}/python example.py", tmp_path)
+
+
+@pytest.mark.slow
 def test_on_your_own_traffic(tmp_path):
     """The commands as they stand there, `your.sumocfg` being the grid."""
     net = ROOT / "sumo_nets" / "grid"
