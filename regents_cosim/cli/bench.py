@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Cases, Count, CountOrZero, Seed, Switch, Talk
+from regents_cosim.cli.options import Cases, Count, CountOrZero, OutputOptions, ProgramOptions, Seed
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
@@ -16,7 +16,9 @@ bench = App(name="bench", help="Measure, and print the tables of the documentati
 
 
 @bench.command
-def reconstruction(*, count: Count = 20, seed: Seed = 0, nets: tuple[str, ...] = (), talk: Talk = Talk()) -> int:
+def reconstruction(
+    *, count: Count = 20, seed: Seed = 0, nets: tuple[str, ...] = (), talk: OutputOptions = OutputOptions()
+) -> int:
     """How well the mirror's controls reproduce SUMO's tracks, per network.
 
     Parameters
@@ -65,8 +67,8 @@ def table1(
     patience: CountOrZero | None = None,
     replan_every: CountOrZero | None = None,
     output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """The results table of the ReGentS paper on your own traffic, and what it does not measure.
 
@@ -126,14 +128,11 @@ def table1(
         folder for table1.md, table1.json, table1.png and usual.png (telling crashes by how usual the adversary is), and
         for the runs: what is there already is not made again, so that a table that was interrupted goes on, and one of
         more places takes over those that it has
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.benchmarks.runs import TryAgain, columns, tables
     from regents_cosim.benchmarks.table1 import as_json, markdown, require_places, sections
     from regents_cosim.benchmarks.table1 import table1 as make_table
     from regents_cosim.benchmarks.traffic import logged_traffic, network_traffic
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
     given = {
         "as_published": as_published,
@@ -148,8 +147,7 @@ def table1(
     }
     wanted = columns(methods, searches, backgrounds, equal_protocol, given)
     terminal = open_terminal(talk)
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     networks = network_traffic(nets, count, seed, prefer, terminal) if nets or not logs else {}
     recordings = logged_traffic(logs, count, seed, prefer, terminal) if logs else {}
     places = [found for found in (*networks.values(), *recordings.values()) if found] or [[]]
@@ -172,8 +170,8 @@ def replan(
     every: tuple[int, ...] = (1, 10),
     method: Literal["king", "regents"] = "regents",
     act_timeout: float = 10.0,
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """What it changes, and saves, to let the planner drive in every k-th iteration of the search only.
 
@@ -191,16 +189,12 @@ def replan(
         preset
     act_timeout
         a planner outside JAX that takes longer over one decision has failed [s]
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.benchmarks.replanning import replan_rows
     from regents_cosim.benchmarks.traffic import network_traffic
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
     terminal = open_terminal(talk)
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     traffic = network_traffic(nets, count, seed, progress=terminal)
     windows = [scenario for found in traffic.values() for scenario in found]
     rows = replan_rows(windows, planner, every, method, act_timeout_s=act_timeout, progress=terminal)
@@ -209,7 +203,7 @@ def replan(
 
 
 @bench.command
-def logs(paths: tuple[Path, ...], *, count: Count = 8, talk: Talk = Talk()) -> int:
+def logs(paths: tuple[Path, ...], *, count: Count = 8, talk: OutputOptions = OutputOptions()) -> int:
     """How well logs are read: vehicles on the road, error of the smooth fit, time.
 
     Parameters
@@ -237,8 +231,8 @@ def highway(
     policy: str = "idm",
     planners: tuple[str, ...] = ("idm",),
     methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents"),
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """How often attacks on highway-env's own traffic succeed, and whether the crashes happen in highway-env.
 
@@ -254,17 +248,13 @@ def highway(
         systems under test
     methods
         presets
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.benchmarks.transfer import highway_rows
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import IN_HIGHWAY
     from regents_cosim.sources.record import record as run_record
 
     terminal = open_terminal(talk)
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     windows = {
         env: run_record(f"highway:{env}", policy=policy, count=count, seed=seed)
         for env in terminal.each(envs, "recording traffic", len(envs))
@@ -276,7 +266,7 @@ def highway(
 
 
 @bench.command
-def transfer(cases: Cases, *, planner: str | None = None, talk: Talk = Talk()) -> int:
+def transfer(cases: Cases, *, planner: str | None = None, talk: OutputOptions = OutputOptions()) -> int:
     """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
 
     In SUMO with everybody scripted, then among live traffic: only the adversary is scripted, and the ego, which
@@ -314,8 +304,8 @@ def cross(
     seed: Seed = 0,
     nets: tuple[str, ...] = (),
     act_timeout: float = 10.0,
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Whether adversaries that were found for one planner make others crash, or one adversary all of them.
 
@@ -337,19 +327,15 @@ def cross(
         shipped networks, or .sumocfg files; all shipped ones by default
     act_timeout
         a planner outside JAX that takes longer over one decision has failed [s]
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.benchmarks.cross import attacked_for_each, by_attacked, cross_rows
     from regents_cosim.benchmarks.traffic import network_traffic
     from regents_cosim.cases.suite import load_suite
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.planners.find import attacked_planners
     from regents_cosim.reports.tables import CROSSED
 
     terminal = open_terminal(talk)
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     if cases:
         if universal or nets:
             raise RegentsError("--universal and --nets make attacks; cases that were attacked already stand alone")

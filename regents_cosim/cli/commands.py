@@ -14,12 +14,13 @@ from regents_cosim.cli.options import (
     Count,
     CountOrZero,
     FineTune,
-    Search,
+    OutputOptions,
+    ProgramOptions,
+    SearchOptions,
     Seed,
     SumoOptions,
     Switch,
-    Talk,
-    Traffic,
+    TrafficOptions,
 )
 from regents_cosim.cli.shared import (
     draw,
@@ -59,10 +60,10 @@ training = App(name="train", help="Teach a planner to drive.")
 @app.command
 def record(
     *,
-    traffic: Traffic = Traffic(),
+    traffic: TrafficOptions = TrafficOptions(),
     output: Annotated[Path, Parameter(["--output", "-o"])],
     executor: str = "local",
-    talk: Talk = Talk(),
+    talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
 ) -> int:
     """Cut windows of ordinary traffic into cases.
@@ -98,7 +99,7 @@ def inspect(
     map: Path | None = None,
     columns: Path | None = None,
     output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
-    talk: Talk = Talk(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Say what logged traffic holds, and draw it.
 
@@ -136,11 +137,11 @@ def inspect(
 def attack(
     cases: Cases | None = None,
     *,
-    traffic: Traffic = Traffic(),
+    traffic: TrafficOptions = TrafficOptions(),
     planner: str = "idm",
     against: tuple[str, ...] = (),
     output: Annotated[Path, Parameter(["--output", "-o"])],
-    search: Search = Search(),
+    search: SearchOptions = SearchOptions(),
     batch: Count = 32,
     engine: Literal["auto", "threads", "batched"] = "auto",
     act_timeout: float = 10.0,
@@ -148,8 +149,8 @@ def attack(
     judge: Switch = True,
     verify: Switch = True,
     pictures: Switch = True,
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
 ) -> int:
     """Find how another road user could make the planner crash; verify every crash in SUMO.
@@ -180,12 +181,9 @@ def attack(
         replay every crash in SUMO
     pictures
         draw a still picture into every case
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.attacks.attack import attack_each as run_attack_each
     from regents_cosim.cases.suite import SuiteWriter, load_suite
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.replays.replay import verify_in_sumo
     from regents_cosim.reports.tables import ATTACKED, attack_row, summary
     from regents_cosim.system.workers import executor_for
@@ -199,8 +197,7 @@ def attack(
         )
     if cases and sumo:
         raise RegentsError("what follows -- goes to SUMO, which records nothing here: leave it out, or name traffic")
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     config = search.config()
     if cases is not None:
         require_other_folder(output, cases)
@@ -237,7 +234,7 @@ def replay(
     record: Path | None = None,
     beside_original: bool = False,
     executor: str = "local",
-    talk: Talk = Talk(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Replay a case, or every case of a folder, and say whether the same crash happens.
 
@@ -307,7 +304,7 @@ def export(
     *,
     to: Literal["fcd", "csv", "openscenario", "commonroad"],
     output: Annotated[Path, Parameter(["--output", "-o"])],
-    talk: Talk = Talk(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Write a case as other tools read it.
 
@@ -342,8 +339,8 @@ def report(
     output: Annotated[Path, Parameter(["--output", "-o"])],
     planner: tuple[str, ...] = (),
     act_timeout: float = 10.0,
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """One HTML file with the scores, every case in a player, and what is known of it; opens anywhere, offline.
 
@@ -358,11 +355,8 @@ def report(
         and breaks. Without it the report shows the drives that the cases hold
     act_timeout
         a planner outside JAX that takes longer over one decision has failed [s]
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.cases.suite import load_suite
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.report import check_report, drive_for_report, judge_rest, report_of, save_report
     from regents_cosim.reports.tables import SCORED
 
@@ -370,8 +364,7 @@ def report(
     check_report(output, planner)
     loaded = load_suite(cases)
     scenarios = list(terminal.each(judge_rest(loaded), "judging crashes", len(loaded)))
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     driven = {
         name: list(terminal.each(drive_for_report(scenarios, name, act_timeout), f"driving {name}", len(scenarios)))
         for name in planner
@@ -402,7 +395,7 @@ def train_aim_bev(
     seed: Seed = 0,
     resume: Path | None = None,
     fine_tune: FineTune = FineTune(),
-    talk: Talk = Talk(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install 'regents_cosim[torch]').
 
@@ -489,8 +482,8 @@ def _show_epoch(output: Path, of: int, resumable: bool, terminal: "Terminal", do
 def gallery(
     *,
     output: Annotated[Path, Parameter(["--output", "-o"])],
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Make the figures of the ReGentS paper anew: gradients around the ego, and how KING fails.
 
@@ -498,16 +491,12 @@ def gallery(
     ----------
     output
         folder for the pictures, their page README.md, and the cases behind them
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.benchmarks.gallery.make import make_gallery
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import ATTACKED, attack_row
 
     terminal = open_terminal(talk)
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     with terminal.waiting("making the gallery"):
         attacked = make_gallery(output)
     rows = [attack_row(scenario, None) for scenario in attacked]

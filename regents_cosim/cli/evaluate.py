@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from regents_cosim.cli.options import Against, Cases, Switch, Talk
+from regents_cosim.cli.options import Against, Cases, OutputOptions, ProgramOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 
@@ -26,8 +26,8 @@ def evaluate(
     baseline: Against = Against(),
     act_timeout: float = 10.0,
     executor: str = "local",
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """How well a planner drives: route completion, collision rate and driving score; or whether it got worse.
 
@@ -44,17 +44,13 @@ def evaluate(
         in the mirror, a planner outside JAX that takes longer over one decision has failed [s]
     executor
         where SUMO runs: local, or dask:ADDRESS
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import DRIVEN
     from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     if (baseline.strict or baseline.markdown) and baseline.against is None and not baseline.update:
         raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --against")
     with executor_for(executor) as pool:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from regents_cosim.cli.options import Count, Seed, SumoOptions, Switch, Talk
+from regents_cosim.cli.options import Count, OutputOptions, Seed, SumoOptions, Switch
 from regents_cosim.cli.shared import draw_stills, exit_code, open_terminal
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
 
@@ -37,7 +37,7 @@ def live(
     verify: Switch = True,
     pictures: Switch = True,
     act_timeout: float = 10.0,
-    talk: Talk = Talk(),
+    talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
 ) -> int:
     """Let a planner drive in SUMO's own traffic, and find the adversary while it runs; what happens becomes cases.

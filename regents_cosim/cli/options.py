@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
     from regents_cosim.attacks.presets import AttackConfig
 
+# On where it is not turned off: the only kind of option whose negation says something.
+Switch = Annotated[bool, Parameter(negative_bool="no-")]
 Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**31 - 1))]
 Count = Annotated[int, Parameter(validator=Number(gte=1, lte=1_000_000))]  # of what there must be one of
 CountOrZero = Annotated[int, Parameter(validator=Number(gte=0, lte=1_000_000))]  # of what there may be none of
@@ -27,7 +29,7 @@ def _located(type_: object, tokens: "Sequence[Token]") -> Path:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Traffic:
+class TrafficOptions:
     """Ordinary traffic, in SUMO's own option names, and the windows to cut out of it."""
 
     config: Annotated[Path | None, Parameter(["--configuration-file", "-c"])] = None
@@ -77,7 +79,7 @@ class Traffic:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Search:
+class SearchOptions:
     """How the attack searches; what is not given is the preset's."""
 
     method: Literal["focused", "regents", "king", "random", "cma-es"] = "focused"
@@ -173,7 +175,23 @@ class FineTune:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Talk:
+class ProgramOptions:
+    """What becomes of the programs that are compiled on the way."""
+
+    compile_cache: Switch = True
+    """keep compiled programs on disk (folder: $REGENTS_CACHE)"""
+
+    def keep(self) -> None:
+        """Keep them from now on, if that is not turned off."""
+        if self.compile_cache:
+            from regents_cosim.mirror.compile_cache import keep_compiled_programs
+
+            keep_compiled_programs()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class OutputOptions:
     """How results are shown."""
 
     quiet: bool = False
@@ -188,8 +206,6 @@ class Talk:
     """file to which the same is added, with times"""
 
 
-# On where it is not turned off: the only kind of option whose negation says something.
-Switch = Annotated[bool, Parameter(negative_bool="no-")]
 # A case or a folder of cases, also `shipped:standard`.
 Cases = Annotated[Path, Parameter(converter=_located)]
 SumoOptions = Annotated[tuple[str, ...], Parameter("--sumo-option", show=False, allow_leading_hyphen=True)]

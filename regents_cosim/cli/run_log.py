@@ -7,7 +7,7 @@ from pathlib import Path
 from time import perf_counter
 
 from regents_cosim.cases.provenance import command, versions
-from regents_cosim.cli.options import Talk
+from regents_cosim.cli.options import OutputOptions
 from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import printable
 
@@ -36,7 +36,7 @@ class _File(logging.FileHandler):
         print(f"regents: cannot write {printable(self.baseFilename)} any more: the log ends here", file=sys.stderr)
 
 
-def begin_run_log(talk: Talk) -> None:
+def begin_run_log(talk: OutputOptions) -> None:
     """Tell stderr and a file, where the options ask for it. Raises RegentsError for a file that cannot be written."""
     if not (talk.verbose or talk.log_file):
         return

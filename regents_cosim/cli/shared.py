@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from regents_cosim.cli.options import Talk, Traffic
+from regents_cosim.cli.options import OutputOptions, TrafficOptions
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 
-def open_terminal(talk: Talk) -> "Terminal":
+def open_terminal(talk: OutputOptions) -> "Terminal":
     """Where results and progress go."""
     from regents_cosim.cli.run_log import begin_run_log
     from regents_cosim.cli.terminal import Terminal
@@ -27,7 +27,9 @@ def open_terminal(talk: Talk) -> "Terminal":
     return Terminal(talk.quiet, talk.json, talk.wide, talk.verbose)
 
 
-def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, terminal: "Terminal") -> "list[Scenario]":
+def record_traffic(
+    traffic: TrafficOptions, sumo: tuple[str, ...], executor: str, terminal: "Terminal"
+) -> "list[Scenario]":
     """The windows that `traffic` asks for, of whatever source."""
     from regents_cosim.sources.record import record as run_record
     from regents_cosim.system.workers import executor_for
@@ -52,7 +54,7 @@ def record_traffic(traffic: Traffic, sumo: tuple[str, ...], executor: str, termi
     return found
 
 
-def _source(traffic: Traffic, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
+def _source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
     """What the options name. Raises RegentsError."""
     from regents_cosim.sources.record import LogInput
     from regents_cosim.sources.sumo_config import SumoInput
@@ -84,7 +86,7 @@ def _source(traffic: Traffic, sumo: tuple[str, ...]) -> "SumoInput | LogInput | 
     )
 
 
-def names_traffic(traffic: Traffic) -> bool:
+def names_traffic(traffic: TrafficOptions) -> bool:
     """Whether the options name any traffic."""
     return bool(traffic.config or traffic.net or traffic.source or traffic.log)
 

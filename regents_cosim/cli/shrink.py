@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.cli.options import Cases, Switch, Talk
+from regents_cosim.cli.options import Cases, OutputOptions, ProgramOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
@@ -20,8 +20,8 @@ def shrink(
     lead: Annotated[float, Parameter(validator=Number(gte=0.0, lte=3600.0))] = 2.0,
     record: Path | None = None,
     act_timeout: float = 10.0,
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Find the least of a crash: fewest changed agents, least deviation, shortest window.
 
@@ -41,14 +41,11 @@ def shrink(
         file for a picture of one case before and after: .gif moves, .png is a still
     act_timeout
         a planner outside JAX that takes longer over one decision has failed [s]
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.cases.files import load_manifest
     from regents_cosim.cases.suite import SuiteWriter, load_suite
     from regents_cosim.evaluation.reduction.shrink import crashes_of, size
     from regents_cosim.evaluation.reduction.shrink import shrink as run_shrink
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.planners.find import planner_of
     from regents_cosim.planners.under_test import PlannerUnderTest
     from regents_cosim.reports.picture import animate_pair, draw_pair
@@ -69,8 +66,7 @@ def shrink(
     folder = output or _suite_of(cases, is_case)
     names = [planner_of(case, planner) for case in crashes]
     planners = {name: PlannerUnderTest.of(name) for name in names}
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     seed = load_manifest(folder).seed if (folder / "suite.json").is_file() else 0
     suite = SuiteWriter(folder, seed)
     rows = []

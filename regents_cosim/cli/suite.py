@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from regents_cosim.cli.options import Cases, Count, CountOrZero, Seed, Switch, Talk
+from regents_cosim.cli.options import Cases, Count, CountOrZero, OutputOptions, ProgramOptions, Seed, Switch
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 
@@ -28,8 +28,8 @@ def build(
     planner: tuple[str, ...] = ("idm",),
     method: Literal["regents", "king", "focused"] = "focused",
     seed: Seed = 0,
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Record traffic, attack it, and keep a balanced choice. The same command gives the same suite, bit for bit.
 
@@ -67,19 +67,15 @@ def build(
         of the attack
     seed
         of the traffic and of the choice
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.cases.files import content_hash
     from regents_cosim.cases.shipped import NETWORKS
     from regents_cosim.evaluation.suites.building import Recipe, build_suite
     from regents_cosim.evaluation.suites.cards import card
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import LISTED
 
     terminal = open_terminal(talk)
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     networks = NETWORKS if nets == "all" else () if nets == "none" else _words(nets)
     counts = {"windows": windows, "adversarial": adversarial, "unavoidable": unavoidable, "ordinary": ordinary}
     for name, count in counts.items():
@@ -102,7 +98,7 @@ def build(
 
 
 @suites.command(name="list")
-def list_cases(suite: Cases | None = None, *, shipped: bool = False, talk: Talk = Talk()) -> int:
+def list_cases(suite: Cases | None = None, *, shipped: bool = False, talk: OutputOptions = OutputOptions()) -> int:
     """What a suite holds.
 
     Parameters
@@ -130,7 +126,7 @@ def list_cases(suite: Cases | None = None, *, shipped: bool = False, talk: Talk 
 
 
 @suites.command
-def check(suite: Cases, *, replay: bool = False, talk: Talk = Talk()) -> int:
+def check(suite: Cases, *, replay: bool = False, talk: OutputOptions = OutputOptions()) -> int:
     """Whether every case of a suite loads as it was saved, with its maps, and fits its manifest and its baseline.
 
     Parameters
@@ -164,7 +160,10 @@ def check(suite: Cases, *, replay: bool = False, talk: Talk = Talk()) -> int:
 
 @suites.command
 def judge(
-    suite: Cases, *, output: Annotated[Path | None, Parameter(["--output", "-o"])] = None, talk: Talk = Talk()
+    suite: Cases,
+    *,
+    output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Judge the crashes of a suite by the verdicts of today: which of them tell something about the planner.
 
@@ -203,8 +202,8 @@ def rank(
     *,
     planner: tuple[str, ...],
     act_timeout: float = 10.0,
-    compile_cache: Switch = True,
-    talk: Talk = Talk(),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """How often planners crash in a suite, and whether each crashes more often than the one named before it.
 
@@ -219,18 +218,14 @@ def rank(
         as often as there are planners, the best first
     act_timeout
         a planner outside JAX that takes longer over one decision has failed [s]
-    compile_cache
-        keep compiled programs on disk (folder: $REGENTS_CACHE)
     """
     from regents_cosim.cases.suite import load_suite
     from regents_cosim.evaluation.drives.driving import drive_each
     from regents_cosim.evaluation.suites.ranking import rank_rows
-    from regents_cosim.mirror.compile_cache import keep_compiled_programs
     from regents_cosim.reports.tables import RANKED
 
     terminal = open_terminal(talk)
-    if compile_cache:
-        keep_compiled_programs()
+    programs.keep()
     cases = load_suite(suite)
     driven = [
         (name, list(terminal.each(drive_each(cases, name, act_timeout), f"driving {name}", len(cases))))
@@ -246,7 +241,7 @@ def merge(
     *folders: Cases,
     output: Annotated[Path, Parameter(["--output", "-o"])],
     seed: Seed = 0,
-    talk: Talk = Talk(),
+    talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Make one suite of several, with their baselines; refuses different cases of one name.
 
