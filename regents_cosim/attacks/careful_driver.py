@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.mirror.bicycle import CURVATURE_LIMIT, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.separation import Box, corners, overlaps
@@ -30,7 +31,7 @@ from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
 
 _BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
 _OFF_ROAD = 0.5  # of the blurred map, as in `acceptance`
-_SAME_WAY = np.float32(np.cos(np.deg2rad(45.0)))
+_SAME_WAY = np.float32(np.cos(ALONG_RAD))
 
 
 class _Path(eqx.Module):

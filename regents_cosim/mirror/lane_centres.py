@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 
@@ -15,7 +16,7 @@ _MARGIN_M = 10.0  # around the tracks of a scene
 _REACH_M = 2.0
 _SIZES = tuple(2**power for power in range(10, 18))  # points; few shapes, few compilations
 _FAR_M = 1e6
-_SAME_WAY = np.float32(np.cos(np.deg2rad(45.0)))
+_SAME_WAY = np.float32(np.cos(ALONG_RAD))
 
 
 class LaneCentres(eqx.Module):

@@ -6,11 +6,11 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import RoadMap
 
 _REACH_M = 2.0
-_SAME_WAY_RAD = np.deg2rad(45.0)
 _DIRECTION_M = 0.5  # over which the direction of a lane is taken
 
 
@@ -34,7 +34,7 @@ def from_lane_centre(
         shapely.get_coordinates(shapely.line_interpolate_point(line, at + ahead)) for ahead in (0.0, _DIRECTION_M)
     )
     turn = np.abs(wrap(np.arctan2(*(end - begin).T[::-1]) - yaw[place]))
-    runs = turn < _SAME_WAY_RAD
+    runs = turn < ALONG_RAD
     if road.raised:
         points = np.stack([x, y], axis=-1)
         runs &= [bool(same_level(height_on(road.lanes[k], points[i]), z[i])) for i, k in zip(place, lane, strict=True)]

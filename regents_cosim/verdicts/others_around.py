@@ -8,11 +8,11 @@ from jaxtyping import Bool
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.emergency_braking import EgoPlaces
 
 BEYOND_S = 2.0
-_SAME_WAY_RAD = np.deg2rad(45.0)
 
 
 def beyond_steps(scenario: Scenario) -> int:
@@ -63,7 +63,7 @@ class OthersAround:
         met, first = np.unique(agent[touches], return_index=True)  # in order of the steps
         at, step = (met, step[touches[first]]), step[touches[first]]
         ahead = dx[at] * np.cos(drive.yaw[step]) + dy[at] * np.sin(drive.yaw[step])
-        from_behind = (np.abs(wrap(self._yaw[at] - drive.yaw[step])) < _SAME_WAY_RAD) & (ahead < 0.0)
+        from_behind = (np.abs(wrap(self._yaw[at] - drive.yaw[step])) < ALONG_RAD) & (ahead < 0.0)
         counts, behind = np.zeros((2, len(self._x)), bool)
         counts[met] = (met == self._adversary) | ~from_behind
         behind[met] = ~counts[met]

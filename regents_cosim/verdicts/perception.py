@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.limits import STANDING_M_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_keeping import from_lane_centre
 
@@ -13,7 +14,6 @@ _PLACE_M = 0.5
 _HEADING_RAD = np.deg2rad(5.0)
 _SPEED_M_S = 1.5
 _WANDER_M = 0.375  # UN Regulation 157, Annex 3: who is further from the middle of the lane is seen to leave it
-_MOVES_M_S = 0.5  # what stands has no heading to speak of
 
 
 def perceived_step(attacked: Scenario, agent: int) -> int:
@@ -36,7 +36,7 @@ def reacts_step(perceived: int, dt: float) -> int:
 
 def _departs(attacked: Scenario, log: Tracks, agent: int) -> Bool[np.ndarray, " time"]:
     now = attacked.tracks
-    moves = (now.speed[agent] > _MOVES_M_S) & (log.speed[agent] > _MOVES_M_S)
+    moves = (now.speed[agent] > STANDING_M_S) & (log.speed[agent] > STANDING_M_S)
     off = np.hypot(now.x[agent] - log.x[agent], now.y[agent] - log.y[agent]) > _PLACE_M
     off |= moves & (np.abs(wrap(now.yaw[agent] - log.yaw[agent])) > _HEADING_RAD)
     off |= np.abs(now.speed[agent] - log.speed[agent]) > _SPEED_M_S
