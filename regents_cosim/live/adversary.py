@@ -318,7 +318,8 @@ class Adversary(StepListener):
             return
         self._barred = {name: until for name, until in self._barred.items() if until > self._now}
         moment = self._moments.of(self._traffic(frame))
-        plan = self._search.fresh(moment, self._barred.keys(), self._reader.sideways)
+        at_stops = {name for name in frame.ids[1:] if frame.speed[frame.number[name]] < 0.1 and self._is_at_stop(name)}
+        plan = self._search.fresh(moment, self._barred.keys() | at_stops, self._reader.sideways)
         if plan is None:
             return
         kind = frame.types[frame.number[plan.adversary]]
@@ -329,6 +330,10 @@ class Adversary(StepListener):
         self._attack = _Attack(plan, hand, self._now, before, iterations=plan.iterations, rollouts=plan.rollouts)
         self.tally.attacks += 1
         self.tally.adversaries.append(plan.adversary)
+
+    def _is_at_stop(self, name: str) -> bool:
+        """Whether a vehicle waits at a stop of its own, or is parked: it is left there."""
+        return bool(self._sumo.vehicle.getStopState(name) & 1)
 
     def _watch_attack(self, frame: Frame) -> None:
         """Did it hit, is it still there, does it lead anywhere."""
