@@ -203,9 +203,7 @@ OURS = REGENTS_FOCUSED  # by whose protocol methods are compared
 
 # The cost alone, from the log, for any crash that nothing spoils: what the figures show, and what scenes without lanes
 # can be asked for.
-FOCUSED_COST = replace(
-    REGENTS_FOCUSED, law="any", driving="any", max_lateral_accel=3.0, accept="clean", starts=0, attempts=1
-)
+FOCUSED_COST = replace(REGENTS_FOCUSED, law="any", driving="any", accept="clean", starts=0, attempts=1)
 
 # The same cost without its gradient, with as many roll-outs for each candidate.
 RANDOM = replace(REGENTS_FOCUSED, method="random", optimiser="random", iterations=1000, attempts=1, patience=0)

@@ -2,13 +2,16 @@
 
 ```python
 import libsumo as traci  # or: import traci
+from regents_cosim import network_config
 from regents_cosim.live import Adversary
 
-traci.start(["sumo", "-c", "my.sumocfg"])
-traci.addStepListener(Adversary(traci, ego="ego", planner="idm", output="suite/"))
-while traci.simulation.getMinExpectedNumber() > 0:
-    my_planner_drives()
-    traci.simulationStep()
+traci.start(["sumo", "-c", str(network_config("crossing")), "--collision.action", "warn"])
+adversary = Adversary(traci, ego="passenger", planner="observed", output="live/")
+traci.addStepListener(adversary)
+while traci.simulation.getTime() < 5.0:
+    traci.simulationStep()  # your planner drives in between
+adversary.detach()
+traci.close()
 ```
 
 It reads the traffic around the ego, and touches one vehicle at a time: the adversary, while it attacks. The user's

@@ -188,7 +188,7 @@ def test_its_children_end_with_it(hosted, tmp_path):
 
 OWNER = """
 import sys, time
-sys.path.insert(0, {tests!r})
+sys.path[:0] = {tests!r}
 from test_hostile_planners import HostProcess, named, told
 host = HostProcess(named("HasChildren"))
 host.reset([told()])
@@ -199,7 +199,7 @@ time.sleep(1000)
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, slow(signal.SIGTERM)])
 def test_they_end_with_whoever_asked(how, tmp_path):
-    code = OWNER.format(tests=str(FILE.parent))
+    code = OWNER.format(tests=[str(FILE.parent), str(Path(__file__).parent)])
     environment = os.environ | {"REGENTS_CHILDREN": str(tmp_path / "children")}
     owner = subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE)
     assert owner.stdout.readline() == b"ready\n"
