@@ -129,6 +129,7 @@ class Adversary(StepListener):
         keep: Literal["crashes", "near-misses"] = "crashes",
         predictor: Predictor | None = None,
         net: Path | str | None = None,
+        source: str | None = None,
         judged: bool = True,
         seed: int = 0,
         tell: Callable[[str], None] | None = None,
@@ -143,6 +144,7 @@ class Adversary(StepListener):
         for name, value in (("replan_s", replan_s), ("horizon_s", horizon_s), ("radius_m", radius_m)):
             _RANGES[name].check(name, value)
         require(keep in ("crashes", "near-misses"), f"keep {keep!r}, expected `crashes` or `near-misses`", RegentsError)
+        self._called = source
         self._sumo, self._ego_is, self._when, self._keep = connection, ego, attack_when, keep
         self._replan_s, self._horizon_s, self._radius_m = replan_s, horizon_s, radius_m
         self._net = Path(net) if net is not None else None
@@ -260,7 +262,8 @@ class Adversary(StepListener):
         if self._reader is None:
             self._reader = Reader(self._sumo, self._radius_m, self._net)
             net = self._net or Path(self._reader.option("net-file"))
-            self._source = Origin("sumo", Path(self._reader.option("configuration-file") or net).name, sha256_of(net))
+            source = self._called or Path(self._reader.option("configuration-file") or net).name
+            self._source = Origin("sumo", source, sha256_of(net))
         kind = self._sumo.vehicle.getVehicleClass(picked)
         if kind.startswith(("rail", "tram", "subway", "ship", "cable_car")):
             raise SumoError(f"the ego {picked!r} is of the class {kind}: not supported on rails or water")

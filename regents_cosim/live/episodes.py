@@ -116,7 +116,7 @@ class _Episode:
             self._sumo, ego, self._of.expected or self._of.planner, self._of.method,
             replan_s=self._of.replan_s, horizon_s=self._of.horizon_s, radius_m=self._of.radius_m,
             attack_when=None if self._of.attack else _never, output=self._of.output, keep=self._of.keep,
-            seed=self._seed, tell=self._told.append,
+            source=self._of.options.file.name, seed=self._seed, tell=self._told.append,
         )  # fmt: skip
         how: How = "time over"
         try:
