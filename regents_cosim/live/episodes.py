@@ -3,11 +3,9 @@
 import random
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
-
-import numpy as np
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.errors import DriveError
@@ -18,7 +16,7 @@ from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.scenario import VEHICLE_KINDS
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
 from regents_cosim.sources.recording import ANY_EGO, is_called
 from regents_cosim.sources.sumo_config import SumoOptions, write_config
 from regents_cosim.sources.sumo_types import kind_of
@@ -27,14 +25,6 @@ from regents_cosim.system.workers import local_processes, result_of, submit
 
 How = Literal["crash", "met another", "arrived", "time over", "gone", "never departed", "planner failed"]
 
-_SIMULATED = {
-    "time-to-teleport": "-1",
-    "collision.action": "warn",
-    "collision.mingap-factor": "0",
-    "collision.check-junctions": "true",
-    "no-step-log": "true",
-    "no-warnings": "true",
-}
 _DRAWN_FROM_S = (20.0, 40.0)  # after the begin, when an ego is drawn by seed
 _WAITED_S = 600.0  # for the ego to depart
 
@@ -72,7 +62,6 @@ class Ended:
     attacks: int = 0
     cases: tuple[str, ...] = ()
     told: tuple[str, ...] = ()
-    step_ms: tuple[float, ...] = field(default=(), repr=False)  # of the adversary alone, while it attacks
 
 
 def run_episodes(episodes: Episodes, seeds: list[int]) -> Iterator[Ended]:
@@ -86,7 +75,7 @@ def run_episode(episodes: Episodes, seed: int) -> Ended:
     """One of them. Call it in a worker process."""
     keep_compiled_programs()
     with scratch_folder() as folder:
-        forced = {"step-length": "0.1", "seed": str(seed), **_SIMULATED}
+        forced = {"step-length": "0.1", "seed": str(seed), **CRASHES_STAY}
         command = ["-c", str(write_config(episodes.options, folder, forced, {})), *episodes.options.extra]
         if episodes.gui:
             command += ["--start", "true", "--quit-on-end", "true"]
@@ -104,7 +93,6 @@ class _Episode:
     def __init__(self, episodes: Episodes, seed: int, sumo: Any, driver: Any) -> None:
         self._of, self._seed, self._sumo, self._driver = episodes, seed, sumo, driver
         self._told: list[str] = []
-        self._ms: list[float] = []
 
     def run(self) -> Ended:
         """To its end."""
@@ -131,7 +119,6 @@ class _Episode:
         lasted_s = round(self._now - begun_s, 3)
         return Ended(
             self._seed, how, ego, begun_s, lasted_s, last, tally.attacks, tuple(tally.cases), tuple(self._told),
-            tuple(self._ms),
         )  # fmt: skip
 
     def _drive(self, ego: str, adversary: Adversary, until_s: float) -> How:
@@ -140,11 +127,8 @@ class _Episode:
             frame = wheel.go(ego)
             if frame is None:
                 return "arrived" if ego in self._sumo.vehicle.getIDList() else "gone"
-            begun = time.perf_counter()
-            held, crashes = adversary.adversary, adversary.tally.crashes
+            crashes = adversary.tally.crashes
             adversary.step()
-            if held:
-                self._ms.append(1e3 * (time.perf_counter() - begun))
             if touched(frame):
                 return "crash" if adversary.tally.crashes > crashes else "met another"
             if self._of.gui:
@@ -183,9 +167,3 @@ class _Episode:
 
 def _never(_: Any) -> bool:
     return False
-
-
-def percentile_ms(ended: list[Ended], share: float) -> float:
-    """Of the time that the adversary took for its steps while it attacked [ms]; NaN where it never did."""
-    steps = [one for episode in ended for one in episode.step_ms]
-    return float(np.percentile(steps, share)) if steps else float("nan")

@@ -16,7 +16,7 @@ from regents_cosim.replays.sumo.network_file import network_file
 from regents_cosim.replays.sumo.routes import route_of
 from regents_cosim.replays.sumo.stage import Stage, SumoReplay
 from regents_cosim.scenario import Scenario
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
 
 
 def replay_in_sumo(
@@ -71,12 +71,7 @@ def _options(scenario: Scenario, files: dict[str, str], gui: bool, seed: int) ->
     options = files | {
         "step-length": repr(scenario.dt),
         "seed": str(seed),
-        "time-to-teleport": "-1",
-        "collision.action": "warn",
-        "collision.mingap-factor": "0",
-        "collision.check-junctions": "true",
-        "no-step-log": "true",
-        "no-warnings": "true",
+        **CRASHES_STAY,
     }
     if gui:
         options |= {"start": "true", "quit-on-end": "true", "window-size": "1200,900"}
