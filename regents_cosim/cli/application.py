@@ -3,32 +3,52 @@
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 
-from cyclopts import CycloptsError, UnknownOptionError
+from cyclopts import App, CycloptsError, Parameter, UnknownOptionError
 
-from regents_cosim.cli.bench import bench
-from regents_cosim.cli.commands import app, training
-from regents_cosim.cli.evaluate import evaluate
-from regents_cosim.cli.live import live
+from regents_cosim.cli.commands.attack import attack
+from regents_cosim.cli.commands.bench import bench
+from regents_cosim.cli.commands.evaluate import evaluate
+from regents_cosim.cli.commands.export import export
+from regents_cosim.cli.commands.gallery import gallery
+from regents_cosim.cli.commands.inspect import inspect
+from regents_cosim.cli.commands.live import live
+from regents_cosim.cli.commands.record import record
+from regents_cosim.cli.commands.replay import replay
+from regents_cosim.cli.commands.report import report
+from regents_cosim.cli.commands.shrink import shrink
+from regents_cosim.cli.commands.suite import suites
+from regents_cosim.cli.commands.train import training
 from regents_cosim.cli.run_log import end_run_log
-from regents_cosim.cli.shrink import shrink
-from regents_cosim.cli.suite import suites
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import one_line
 from regents_cosim.simulators.sumo_process import untested_sumo
 
-app.help_epilogue = (
-    "Exit codes: 0 all is well; 1 a negative verdict (a crash that did not transfer, a regression, a suite that fails "
-    "its check); 2 wrong usage or input; 3 an optional package or a library of the system is missing; 4 a planner "
-    "failed in at least one case, the others are done; 130 interrupted, 143 terminated."
-)
 
-app.command(bench)
-app.command(training)
-app.command(suites)
-app.command(shrink)
-app.command(evaluate)
-app.command(live)
+def _shown_default(value: object) -> str | None:
+    """Defaults that say nothing are not shown; several words as they are typed."""
+    if value is None or value is False or value in ("", ()):
+        return None
+    return " ".join(map(str, value)) if isinstance(value, tuple) else "on" if value is True else str(value)
+
+
+app = App(
+    name="regents",
+    help="Crash-test driving planners: ordinary traffic in, a verified crash out.",
+    help_format="plaintext",
+    help_epilogue=(
+        "Exit codes: 0 all is well; 1 a negative verdict (a crash that did not transfer, a regression, a suite that "
+        "fails its check); 2 wrong usage or input; 3 an optional package or a library of the system is missing; 4 a "
+        "planner failed in at least one case, the others are done; 130 interrupted, 143 terminated."
+    ),
+    version=lambda: version("regents_cosim"),
+    default_parameter=Parameter(negative_bool=(), negative_iterable=(), show_default=_shown_default),
+)
+for _command in (record, inspect, attack, replay, export, report, gallery, shrink, evaluate, live):
+    app.command(_command)
+for _family in (training, suites, bench):
+    app.command(_family)
 
 _FOR_SUMO = (["record"], ["attack"], ["live"])
 _WITH_SUMO = ("record", "attack", "replay", "evaluate", "live", "bench")

@@ -1,0 +1,114 @@
+"""`regents attack`: cases or traffic in, attacked cases out."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from regents_cosim.cli.options import (
+    Cases,
+    Count,
+    OutputOptions,
+    ProgramOptions,
+    SearchOptions,
+    SumoOptions,
+    Switch,
+    TrafficOptions,
+)
+from regents_cosim.cli.shared import (
+    draw_stills,
+    exit_code,
+    names_traffic,
+    open_terminal,
+    planner_errors,
+    record_traffic,
+    require_other_folder,
+)
+from regents_cosim.errors import RegentsError
+
+
+def attack(
+    cases: Cases | None = None,
+    *,
+    traffic: TrafficOptions = TrafficOptions(),
+    planner: str = "idm",
+    against: tuple[str, ...] = (),
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    search: SearchOptions = SearchOptions(),
+    batch: Count = 32,
+    engine: Literal["auto", "threads", "batched"] = "auto",
+    act_timeout: float = 10.0,
+    executor: str = "local",
+    judge: Switch = True,
+    verify: Switch = True,
+    pictures: Switch = True,
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
+    sumo: SumoOptions = (),
+) -> int:
+    """Find how another road user could make the planner crash; verify every crash in SUMO.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases, as `regents record` makes them; or name traffic with -c
+    planner
+        system under test: aim-bev, aim-bev:WEIGHTS, idm, log_replay, constant_velocity, sumo, highway:AGENT,
+        torch:MODULE, exec:COMMAND, package.module:attribute or file.py:attribute
+    against
+        another planner (in JAX) that the same adversary is to make crash; as many as you like
+    output
+        folder for the attacked cases
+    batch
+        scenarios held on the device at once
+    engine
+        one scenario per core (threads), or `batch` searches in one program (batched); auto: batched on a GPU.
+        The two round differently: their results are not equal bit for bit, and a search may end otherwise
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    executor
+        where SUMO runs: local, or dask:ADDRESS
+    judge
+        say of every crash what spoils it as a test, and whether the ego could have avoided it
+    verify
+        replay every crash in SUMO
+    pictures
+        draw a still picture into every case
+    """
+    from regents_cosim.attacks.attack import attack_each as run_attack_each
+    from regents_cosim.cases.suite import SuiteWriter, load_suite
+    from regents_cosim.replays.replay import verify_in_sumo
+    from regents_cosim.reports.tables import ATTACKED, attack_row, summary
+    from regents_cosim.system.workers import executor_for
+    from regents_cosim.verdicts.judgement import judge_each
+
+    terminal = open_terminal(talk)
+    if (cases is None) == (not names_traffic(traffic)):
+        raise RegentsError(
+            "expected either a folder of cases or traffic "
+            "(-c NAME.sumocfg, --from highway:ENVIRONMENT, --log PATH), not both"
+        )
+    if cases and sumo:
+        raise RegentsError("what follows -- goes to SUMO, which records nothing here: leave it out, or name traffic")
+    programs.keep()
+    config = search.config()
+    if cases is not None:
+        require_other_folder(output, cases)
+    suite = SuiteWriter(output, traffic.seed)
+    scenarios = load_suite(cases) if cases else record_traffic(traffic, sumo, executor, terminal)
+    attacked = []
+    runs = run_attack_each(scenarios, config, planner, batch, engine=engine, act_timeout_s=act_timeout, against=against)
+    for results in terminal.each(runs, "attacking", len(scenarios)):
+        judged = list(judge_each(results)) if judge else results
+        for scenario in judged:
+            suite.add(scenario)
+        attacked += judged
+    with executor_for(executor) as pool:
+        replays = verify_in_sumo(attacked, pool, terminal) if verify else {}
+    if pictures:
+        draw_stills(attacked, output, terminal)
+    rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
+    planners = " and ".join((planner, *against))
+    title = f"{config.label} against {planners}: {len(rows)} cases in {output}"
+    terminal.show(title, rows, summary(attacked, replays), ATTACKED)
+    return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))

@@ -1,0 +1,43 @@
+"""`regents export`: a case as other tools read it."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from regents_cosim.cli.options import Cases, OutputOptions
+from regents_cosim.cli.shared import open_terminal
+from regents_cosim.errors import RegentsError
+
+
+def export(
+    case: Cases,
+    *,
+    to: Literal["fcd", "csv", "openscenario", "commonroad"],
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Write a case as other tools read it.
+
+    Parameters
+    ----------
+    case
+        folder of one case
+    to
+        fcd: SUMO's FCD with net and configuration, which plain sumo-gui opens; csv: a table of tracks;
+        openscenario: OpenSCENARIO 1.2 and OpenDRIVE; commonroad: CommonRoad 2020a
+    output
+        new folder for the files
+    """
+    from regents_cosim.cases.suite import load_suite
+    from regents_cosim.exports.export import export as run_export
+
+    terminal = open_terminal(talk)
+    scenarios = load_suite(case)
+    if len(scenarios) > 1:
+        raise RegentsError(f"{case} holds {len(scenarios)} cases; export takes one, name its folder")
+    with terminal.waiting(f"writing {output}"):
+        files = run_export(scenarios[0], to, output)
+    rows = [{"file": file.name, "bytes": file.stat().st_size} for file in files]
+    terminal.show(f"{scenarios[0].id} as {to} in {output}", rows)
+    return 0

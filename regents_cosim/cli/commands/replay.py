@@ -1,0 +1,86 @@
+"""`regents replay`: whether the same crash happens again."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from regents_cosim.cli.options import Cases, OutputOptions
+from regents_cosim.cli.shared import draw, evaded_cases, exit_code, open_terminal
+from regents_cosim.errors import RegentsError
+
+
+def replay(
+    cases: Cases,
+    *,
+    where: Annotated[Literal["sumo", "highway", "mirror"], Parameter("--in")] = "sumo",
+    mode: Literal["track", "actions"] = "track",
+    background: Literal["log", "reactive"] = "log",
+    ego: Literal["track", "planner", "evasion"] | None = None,
+    planner: str | None = None,
+    gui: bool = False,
+    record: Path | None = None,
+    beside_original: bool = False,
+    executor: str = "local",
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Replay a case, or every case of a folder, and say whether the same crash happens.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases; shipped:standard and shipped:quickstart come with the package
+    where
+        in SUMO, in highway-env, or in the mirror
+    mode
+        in highway-env the others are placed on their tracks, or moved by its own physics (actions)
+    background
+        in SUMO the others follow their tracks, or only the adversary does and SUMO drives the rest (reactive)
+    ego
+        track: as in the case; planner: driven in closed loop by the planner (default where --planner is given);
+        evasion: by the drive that avoids the collision
+    planner
+        who drives the ego; default the planner that was attacked, if it is one of ours: what a case names is not run;
+        also sumo, and highway-env's agents:
+        highway:idm, highway:mdp, highway:random, highway:package.module:attribute
+    gui
+        show it in the simulator's own window, sumo-gui or highway-env's
+    record
+        file for a picture of one case: .gif moves, .png is a still
+    beside_original
+        show the traffic before the attack beside it (.gif)
+    executor
+        where SUMO runs: local, or dask:ADDRESS
+    """
+    from regents_cosim.cases.suite import load_suite
+    from regents_cosim.planners.find import attacked_planner
+    from regents_cosim.replays.replay import replay_each
+    from regents_cosim.reports.tables import REPLAYED, replay_row, replay_summary, traffic_row
+    from regents_cosim.system.workers import executor_for
+
+    terminal = open_terminal(talk)
+    scenarios = load_suite(cases)
+    if (record or gui) and len(scenarios) > 1:
+        raise RegentsError(f"{cases} holds {len(scenarios)} cases; --record and --gui show one, name its folder")
+    if record and record.suffix not in (".gif", ".png"):
+        raise RegentsError(f"--record {record}: expected a name that ends in .gif (moves) or .png (a still)")
+    if beside_original and (record is None or record.suffix != ".gif" or scenarios[0].attack is None):
+        raise RegentsError("--beside-original shows an attacked case in the .gif that --record names")
+    driven_by = planner
+    if ego == "planner" and planner is None:
+        driven_by = attacked_planner(scenarios)
+    if ego == "evasion":
+        scenarios, driven_by = evaded_cases(scenarios, terminal), None
+    with executor_for(executor) as pool:
+        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode, background)
+        found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
+    if record and found[0].replayed:
+        draw(found[0].replayed, record, beside_original, terminal)
+    rows = [
+        replay_row(result, not talk.json) | (traffic_row(result) if background == "reactive" else {})
+        for result in found
+    ]
+    at_the_wheel = "its evasion" if ego == "evasion" else driven_by or "its track"
+    title = f"replayed in {where}, the ego driven by {at_the_wheel}"
+    terminal.show(title, rows, replay_summary(found, ego == "evasion"), REPLAYED)
+    return exit_code(found, terminal)

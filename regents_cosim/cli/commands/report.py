@@ -1,0 +1,57 @@
+"""`regents report`: one page of all cases."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from regents_cosim.cli.options import Cases, OutputOptions, ProgramOptions
+from regents_cosim.cli.shared import open_terminal
+from regents_cosim.errors import PLANNER_FAILED
+
+
+def report(
+    cases: Cases,
+    *,
+    output: Annotated[Path, Parameter(["--output", "-o"])],
+    planner: tuple[str, ...] = (),
+    act_timeout: float = 10.0,
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """One HTML file with the scores, every case in a player, and what is known of it; opens anywhere, offline.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases; shipped:standard and shipped:quickstart come with the package
+    output
+        file for the page (.html); the scores and the table go into a .json beside it
+    planner
+        who drives the egos, among the adversaries of each case; once more: a second one beside it, to see what it fixes
+        and breaks. Without it the report shows the drives that the cases hold
+    act_timeout
+        a planner outside JAX that takes longer over one decision has failed [s]
+    """
+    from regents_cosim.cases.suite import load_suite
+    from regents_cosim.reports.report import check_report, drive_for_report, judge_rest, report_of, save_report
+    from regents_cosim.reports.tables import SCORED
+
+    terminal = open_terminal(talk)
+    check_report(output, planner)
+    loaded = load_suite(cases)
+    scenarios = list(terminal.each(judge_rest(loaded), "judging crashes", len(loaded)))
+    programs.keep()
+    driven = {
+        name: list(terminal.each(drive_for_report(scenarios, name, act_timeout), f"driving {name}", len(scenarios)))
+        for name in planner
+    }
+    with terminal.waiting(f"writing {output}"):
+        made = report_of(scenarios, driven, cases)
+        save_report(made, output)
+    rows = [{"score": s.label, "driver": s.driver, "value": s.value, "detail": s.detail} for s in made.scores]
+    terminal.show(f"{len(scenarios)} cases in {output}", rows, essential=SCORED)
+    errors = [(case.scenario.id, run) for case in made.cases for run in case.runs if run.error]
+    for name, run in errors:
+        terminal.say(f"{name}: {run.driver}: {run.error}")
+    return PLANNER_FAILED if errors else 0
