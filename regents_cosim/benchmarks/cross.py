@@ -11,6 +11,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import Drive, drive_each
 from regents_cosim.evaluation.reduction.way_back import with_rows
 from regents_cosim.evaluation.statistics import percent, percent_interval
+from regents_cosim.planners.find import attacked_planners
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
@@ -51,6 +52,12 @@ def among_adversaries(attacked: Scenario) -> Scenario:
         return attacked
     is_ego = np.arange(len(attacked.agents)) == 0
     return replace(attacked, tracks=with_rows(attacked.tracks, attacked.original, is_ego), judgement=None, evasion=None)
+
+
+def planners_of(attacked: Mapping[str, Sequence[Scenario]]) -> tuple[str, ...]:
+    """Those that the cases were attacked with, each once. Raises PlannerError for one that is not ours."""
+    named = (name for cases in attacked.values() for case in cases for name in attacked_planners(case))
+    return tuple(dict.fromkeys(named))
 
 
 def by_attacked(cases: Iterable[Scenario]) -> dict[str, list[Scenario]]:

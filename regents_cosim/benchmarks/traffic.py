@@ -11,6 +11,20 @@ from regents_cosim.sources.windows import Prefer
 from regents_cosim.system.progress import SILENT, Progress
 
 
+def traffic_of(
+    nets: Sequence[str],
+    logs: Sequence[Path],
+    count: int,
+    seed: int,
+    prefer: Prefer = "conflicts",
+    progress: Progress = SILENT,
+) -> list[list[Scenario]]:
+    """Windows of networks and of logs, place by place: of all shipped networks where neither is named."""
+    networks = network_traffic(nets, count, seed, prefer, progress) if nets or not logs else {}
+    recordings = logged_traffic(logs, count, seed, prefer, progress) if logs else {}
+    return [found for found in (*networks.values(), *recordings.values()) if found] or [[]]
+
+
 def network_traffic(
     nets: Sequence[str], count: int, seed: int, prefer: Prefer = "conflicts", progress: Progress = SILENT
 ) -> dict[str, list[Scenario]]:

@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options that several commands share, each with the words that tell of it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
+
+from regents_cosim.planners.names import all_that_may_be_named
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,6 +21,26 @@ Switch = Annotated[bool, Parameter(negative_bool="no-")]
 Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**31 - 1))]
 Count = Annotated[int, Parameter(validator=Number(gte=1, lte=1_000_000))]  # of what there must be one of
 CountOrZero = Annotated[int, Parameter(validator=Number(gte=0, lte=1_000_000))]  # of what there may be none of
+
+Output = Annotated[Path, Parameter(["--output", "-o"])]
+OutputIfAny = Annotated[Path | None, Parameter(["--output", "-o"])]
+PlannerName = Annotated[str, Parameter(help=f"system under test: {all_that_may_be_named()}")]
+PlannerOfCase = Annotated[
+    str | None,
+    Parameter(
+        help="who drives the ego, any that `attack --planner` takes; default the planner that was attacked, if it is "
+        "one of ours: what a case names is not run"
+    ),
+]
+ActTimeout = Annotated[
+    float, Parameter(help="a planner outside JAX that takes longer over one decision has failed [s]")
+]
+Executor = Annotated[str, Parameter(help="where SUMO runs: local, or dask:ADDRESS")]
+Networks = Annotated[
+    tuple[str, ...], Parameter(help="shipped networks, or .sumocfg files; all shipped ones by default")
+]
+Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO")]
+Pictures = Annotated[Switch, Parameter(help="draw a still picture into every case")]
 
 
 def _located(type_: object, tokens: "Sequence[Token]") -> Path:
@@ -79,28 +101,15 @@ class TrafficOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class SearchOptions:
-    """How the attack searches; what is not given is the preset's."""
+class SearchRules:
+    """What a search may try, and what it accepts; what is not given is the preset's."""
 
-    method: Literal["focused", "regents", "king", "random", "cma-es"] = "focused"
-    """preset: focused, our own, finds crashes that tell something: a lawful adversary, and a careful driver avoids it;
-    regents and king as in the papers; random and cma-es search without gradients, to compare with"""
-    search: Literal["joint", "per-candidate"] | None = None
-    """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
     nearest: int | None = None
     """candidates that get a search of their own"""
     adversaries: Literal["all", "one"] | None = None
     """of these: a case for all that succeed, or for the first, which ends a scenario's search"""
-    background: Literal["log", "reactive"] | None = None
-    """do other agents replay their log, or brake for what stands in their way"""
-    dynamics: Literal["recorded", "bicycle", "highway"] | None = None
-    """how vehicles move: by the mirror's bicycle, or exactly as in highway-env; recorded: as where the case is from"""
-    gradient: Literal["adversary", "through-planner"] | None = None
-    """is the planner's track constant to the gradient, or is the planner (in JAX) differentiated as well"""
     as_published: bool | None = None
     """do as the public ReGentS code where it departs from its paper (king and regents only)"""
-    iterations: int | None = None
-    """updates at most"""
     patience: int | None = None
     """updates without progress after which a search ends; 0: it goes on to the last"""
     accept: Literal["any", "clean", "telling"] | None = None
@@ -113,6 +122,26 @@ class SearchOptions:
     """searches for each candidate, from another start each, until one succeeds"""
     replan_every: int | None = None
     """iterations between two closed loops of the planner; 1 in the compiled loop, 10 for planners outside it"""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class SearchOptions:
+    """How the attack searches; what is not given is the preset's."""
+
+    method: Literal["focused", "regents", "king", "random", "cma-es"] = "focused"
+    """preset: focused, our own, finds crashes that tell something: a lawful adversary, and a careful driver avoids it;
+    regents and king as in the papers; random and cma-es search without gradients, to compare with"""
+    search: Literal["joint", "per-candidate"] | None = None
+    """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
+    background: Literal["log", "reactive"] | None = None
+    """do other agents replay their log, or brake for what stands in their way"""
+    dynamics: Literal["recorded", "bicycle", "highway"] | None = None
+    """how vehicles move: by the mirror's bicycle, or exactly as in highway-env; recorded: as where the case is from"""
+    gradient: Literal["adversary", "through-planner"] | None = None
+    """is the planner's track constant to the gradient, or is the planner (in JAX) differentiated as well"""
+    iterations: int | None = None
+    """updates at most"""
     universal: Literal["mean", "worst"] | None = None
     """with --against: lower the mean of the planners' costs, or the cost of the one furthest from a crash"""
     max_deviation: float | None = None
@@ -129,11 +158,11 @@ class SearchOptions:
     max_jerk: float | None = None
     """the same for how fast the acceleration changes [m/s^3]"""
 
-    def config(self) -> "AttackConfig":
+    def config(self, rules: SearchRules) -> "AttackConfig":
         """The preset with what was given in its place."""
         from regents_cosim.attacks.presets import preset
 
-        return preset(**vars(self))
+        return preset(**vars(self), **vars(rules))
 
 
 @Parameter(name="*")

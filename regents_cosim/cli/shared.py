@@ -105,6 +105,12 @@ def require_other_folder(output: Path, cases: Path) -> None:
         )
 
 
+def require_picture_name(record: Path | None) -> None:
+    """Raise RegentsError for a file that no picture is drawn into."""
+    if record and record.suffix not in (".gif", ".png"):
+        raise RegentsError(f"--record {record}: expected a name that ends in .gif (moves) or .png (a still)")
+
+
 def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":
     """Those of several cases that have an evasion, with the ego driving it; a single case must have one."""
     known = [scenario for scenario in scenarios if scenario.evasion is not None] or scenarios[:1]

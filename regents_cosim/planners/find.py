@@ -12,29 +12,10 @@ from typing import Any
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.bridges import bridges
 from regents_cosim.planners.interface import Planner
+from regents_cosim.planners.names import OURS, all_that_may_be_named, is_built_in
 from regents_cosim.planners.own_object import Pickled, name_of, unpickled
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.user_code import import_named
-
-# Those that come with the package. Another package's entry point of the same name does not take their place.
-OURS: dict[str, str] = {
-    "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
-    "careful": "regents_cosim.planners.reference.drivers:Careful",
-    "constant_velocity": "regents_cosim.planners.constant_velocity:ConstantVelocity",
-    "fuzzy": "regents_cosim.planners.reference.drivers:FuzzyDriver",
-    "idm": "regents_cosim.planners.idm:IDM",
-    "log_replay": "regents_cosim.planners.log_replay:LogReplay",
-    "rss": "regents_cosim.planners.reference.drivers:RssDriver",
-}
-
-# All that a case may name: what these load comes with the package, or with SUMO and highway-env.
-BUILT_IN = frozenset({*OURS, "sumo", "highway:idm", "highway:mdp", "highway:random"})
-_OURS_WITH_NUMBERS = ("idm:",)  # and these with whatever settings: nothing but numbers follows
-
-
-def is_built_in(name: str) -> bool:
-    """Whether a case may name this planner."""
-    return name in BUILT_IN or name.startswith(_OURS_WITH_NUMBERS)
 
 
 def planner_of(case: Scenario, named: str | None = None) -> str:
@@ -82,11 +63,7 @@ def find_attribute(name: str) -> Any:
         return lambda: factory(rest)
     module_name, _, attribute = known.get(name, name).rpartition(":")
     if not module_name:
-        raise PlannerError(
-            f"planner {name!r} not found, expected one of {', '.join(sorted({*OURS, *known}))}, sumo, "
-            "idm:SETTING=NUMBER, aim-bev:WEIGHTS, highway:AGENT, torch:MODULE, exec:COMMAND, "
-            "`package.module:attribute` or `file.py:attribute`"
-        )
+        raise PlannerError(f"planner {name!r} not found, expected one of {all_that_may_be_named(tuple(known))}")
     found: Any = import_named(module_name, f"planner {name!r}", installed=name in known)
     for part in attribute.split("."):  # of a class in a class
         found = getattr(found, part, None)

@@ -10,9 +10,10 @@ from typing import Any, Literal
 
 from regents_cosim.checks.names import require_id
 from regents_cosim.errors import PlannerError, RegentsError
-from regents_cosim.planners.find import OURS, find_attribute, is_built_in, no_planner
+from regents_cosim.planners.find import find_attribute, no_planner
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.jax_planner import JaxPlanner
+from regents_cosim.planners.names import OURS, is_built_in
 from regents_cosim.planners.own_object import Pickled, name_of, pickled, unpickled
 from regents_cosim.planners.torch_bridge import TorchPlanner, is_torch
 from regents_cosim.planners.torch_in_loop import in_loop

@@ -12,7 +12,7 @@ import numpy as np
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.evaluation.crashes.verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.planners.find import is_built_in
+from regents_cosim.planners.names import is_built_in
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, Crash
 from regents_cosim.reports.packing import Spans, gaps, motion

@@ -9,6 +9,7 @@ from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.checks.ranges import Range
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.suites.building import Recipe
 from regents_cosim.sources.logs.cut import LogWindows
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import Windows
@@ -48,6 +49,12 @@ def test_every_number_of_the_traffic_is_checked(value):
             SumoInput(**{name: value})
     with pytest.raises(RegentsError, match="expected"):
         LogWindows(stride_s=value)
+
+
+@pytest.mark.parametrize("name", ["windows", "attacked", "adversarial", "unavoidable", "ordinary", "seed"])
+def test_every_number_of_a_recipe_is_checked(name):
+    with pytest.raises(RegentsError, match=f"{name} is -1, expected"):
+        Recipe(**{name: -1})
 
 
 WORDS = [

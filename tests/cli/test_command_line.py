@@ -10,6 +10,7 @@ from regents_cosim.cases.shipped import suite_folder
 from regents_cosim.cli import run
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome
 from regents_cosim.exports.export import export
+from regents_cosim.planners.names import OURS
 
 CASE = min(file.parent.name for file in suite_folder("standard").glob("crossing-*/evasion.npz"))
 DRIVEN = DriveOutcome("hash", "no_collision")
@@ -32,6 +33,12 @@ def test_help_shows_only_options_that_do_something(capsys):
         }
         assert {"--wide", "--verbose", "--log-file"} <= options
     assert "--no-verify" in words_of(capsys, "attack")
+
+
+@pytest.mark.parametrize("command", ["attack", "evaluate", "live"])
+def test_help_names_all_planners_that_come_with_the_package(command, capsys):
+    run([command, "--help"])
+    assert set(OURS) <= set(re.findall(r"[\w-]+", capsys.readouterr().out))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ from regents_cosim.cli import run
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.planners import find
-from regents_cosim.planners.find import BUILT_IN, OURS, attacked_planners, find_attribute, planner_of
+from regents_cosim.planners.find import attacked_planners, find_attribute, planner_of
+from regents_cosim.planners.names import BUILT_IN, OURS
 from regents_cosim.reports.page_map import page_maps
 from regents_cosim.reports.report import report_of
 from regents_cosim.simulators.highway_agents import AGENTS

@@ -3,8 +3,8 @@
 import pytest
 
 from regents_cosim.errors import PlannerError
-from regents_cosim.planners.find import is_built_in
 from regents_cosim.planners.idm import IDM
+from regents_cosim.planners.names import is_built_in
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 

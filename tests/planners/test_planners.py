@@ -11,6 +11,7 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.driver import LoopDriver
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.planners.jax_planner import LoopScene
+from regents_cosim.planners.names import OURS
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 MINE = """
@@ -87,7 +88,6 @@ def test_a_planner_from_a_module():
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("nobody", "careful, constant_velocity, fuzzy, idm, log_replay, rss"),
         ("no_such_module:Thing", "cannot be imported: ModuleNotFoundError"),
         ("regents_cosim.planners.idm:Nothing", "has no 'Nothing'"),
         ("nowhere.py:Thing", "cannot be imported: FileNotFoundError"),
@@ -97,6 +97,12 @@ def test_a_planner_from_a_module():
 def test_a_planner_that_cannot_be_found(name, said):
     with pytest.raises(PlannerError, match=said):
         PlannerUnderTest.of(name)
+
+
+def test_an_unknown_name_is_told_all_that_come_with_the_package():
+    with pytest.raises(PlannerError, match="'no_such_planner' not found") as raised:
+        PlannerUnderTest.of("no_such_planner")
+    assert all(f" {name}," in str(raised.value) for name in OURS)
 
 
 def test_something_that_is_no_planner(mine):

@@ -1,19 +1,23 @@
 """`regents attack`: cases or traffic in, attacked cases out."""
 
-from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from regents_cosim.cli.options import (
+    ActTimeout,
     Cases,
     Count,
+    Executor,
+    Output,
     OutputOptions,
+    Pictures,
+    PlannerName,
     ProgramOptions,
     SearchOptions,
+    SearchRules,
     SumoOptions,
     Switch,
     TrafficOptions,
+    Verify,
 )
 from regents_cosim.cli.shared import (
     draw_stills,
@@ -25,23 +29,25 @@ from regents_cosim.cli.shared import (
     require_other_folder,
 )
 from regents_cosim.errors import RegentsError
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 
 def attack(
     cases: Cases | None = None,
     *,
     traffic: TrafficOptions = TrafficOptions(),
-    planner: str = "idm",
+    planner: PlannerName = "idm",
     against: tuple[str, ...] = (),
-    output: Annotated[Path, Parameter(["--output", "-o"])],
+    output: Output,
     search: SearchOptions = SearchOptions(),
+    rules: SearchRules = SearchRules(),
     batch: Count = 32,
     engine: Literal["auto", "threads", "batched"] = "auto",
-    act_timeout: float = 10.0,
-    executor: str = "local",
+    act_timeout: ActTimeout = ACT_TIMEOUT_S,
+    executor: Executor = "local",
     judge: Switch = True,
-    verify: Switch = True,
-    pictures: Switch = True,
+    verify: Verify = True,
+    pictures: Pictures = True,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
@@ -52,9 +58,6 @@ def attack(
     ----------
     cases
         a case or a folder of cases, as `regents record` makes them; or name traffic with -c
-    planner
-        system under test: aim-bev, aim-bev:WEIGHTS, idm, log_replay, constant_velocity, sumo, highway:AGENT,
-        torch:MODULE, exec:COMMAND, package.module:attribute or file.py:attribute
     against
         another planner (in JAX) that the same adversary is to make crash; as many as you like
     output
@@ -64,16 +67,8 @@ def attack(
     engine
         one scenario per core (threads), or `batch` searches in one program (batched); auto: batched on a GPU.
         The two round differently: their results are not equal bit for bit, and a search may end otherwise
-    act_timeout
-        a planner outside JAX that takes longer over one decision has failed [s]
-    executor
-        where SUMO runs: local, or dask:ADDRESS
     judge
         say of every crash what spoils it as a test, and whether the ego could have avoided it
-    verify
-        replay every crash in SUMO
-    pictures
-        draw a still picture into every case
     """
     from regents_cosim.attacks.attack import attack_each as run_attack_each
     from regents_cosim.cases.suite import SuiteWriter, load_suite
@@ -91,7 +86,7 @@ def attack(
     if cases and sumo:
         raise RegentsError("what follows -- goes to SUMO, which records nothing here: leave it out, or name traffic")
     programs.keep()
-    config = search.config()
+    config = search.config(rules)
     if cases is not None:
         require_other_folder(output, cases)
     suite = SuiteWriter(output, traffic.seed)

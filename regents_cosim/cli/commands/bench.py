@@ -7,9 +7,20 @@ from typing import Literal
 from cyclopts import App
 
 from regents_cosim.cli.commands.bench_table1 import table1
-from regents_cosim.cli.options import Cases, Count, OutputOptions, ProgramOptions, Seed
+from regents_cosim.cli.options import (
+    ActTimeout,
+    Cases,
+    Count,
+    Networks,
+    OutputOptions,
+    PlannerName,
+    PlannerOfCase,
+    ProgramOptions,
+    Seed,
+)
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 bench = App(name="bench", help="Measure, and print the tables of the documentation.")
 bench.command(table1)
@@ -17,7 +28,7 @@ bench.command(table1)
 
 @bench.command
 def reconstruction(
-    *, count: Count = 20, seed: Seed = 0, nets: tuple[str, ...] = (), talk: OutputOptions = OutputOptions()
+    *, count: Count = 20, seed: Seed = 0, nets: Networks = (), talk: OutputOptions = OutputOptions()
 ) -> int:
     """How well the mirror's controls reproduce SUMO's tracks, per network.
 
@@ -25,8 +36,6 @@ def reconstruction(
     ----------
     count
         windows per network
-    nets
-        shipped networks, or .sumocfg files; all shipped ones by default
     """
     from regents_cosim.benchmarks.reconstruction import reconstruction_row
     from regents_cosim.benchmarks.traffic import network_traffic
@@ -44,13 +53,13 @@ def reconstruction(
 @bench.command
 def replan(
     *,
-    planner: str,
+    planner: PlannerName,
     count: Count = 9,
     seed: Seed = 0,
-    nets: tuple[str, ...] = (),
+    nets: Networks = (),
     every: tuple[int, ...] = (1, 10),
     method: Literal["king", "regents"] = "regents",
-    act_timeout: float = 10.0,
+    act_timeout: ActTimeout = ACT_TIMEOUT_S,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
@@ -58,18 +67,12 @@ def replan(
 
     Parameters
     ----------
-    planner
-        system under test
     count
         windows per network
-    nets
-        shipped networks, or .sumocfg files; all shipped ones by default
     every
         values of --replan-every; the first is what the others are compared with
     method
         preset
-    act_timeout
-        a planner outside JAX that takes longer over one decision has failed [s]
     """
     from regents_cosim.benchmarks.replanning import replan_rows
     from regents_cosim.benchmarks.traffic import network_traffic
@@ -147,7 +150,7 @@ def highway(
 
 
 @bench.command
-def transfer(cases: Cases, *, planner: str | None = None, talk: OutputOptions = OutputOptions()) -> int:
+def transfer(cases: Cases, *, planner: PlannerOfCase = None, talk: OutputOptions = OutputOptions()) -> int:
     """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
 
     In SUMO with everybody scripted, then among live traffic: only the adversary is scripted, and the ego, which
@@ -157,8 +160,6 @@ def transfer(cases: Cases, *, planner: str | None = None, talk: OutputOptions = 
     ----------
     cases
         a case or a folder of cases; shipped:standard and shipped:quickstart come with the package
-    planner
-        who drives there; default the planner that was attacked, if it is one of ours: what a case names is not run
     """
     from regents_cosim.benchmarks.transfer import PLACES
     from regents_cosim.benchmarks.transfer import transfer as run_transfer
@@ -183,8 +184,8 @@ def cross(
     method: Literal["king", "regents", "focused"] = "focused",
     count: Count = 8,
     seed: Seed = 0,
-    nets: tuple[str, ...] = (),
-    act_timeout: float = 10.0,
+    nets: Networks = (),
+    act_timeout: ActTimeout = ACT_TIMEOUT_S,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
@@ -204,15 +205,10 @@ def cross(
         preset of the attacks
     count
         windows per network
-    nets
-        shipped networks, or .sumocfg files; all shipped ones by default
-    act_timeout
-        a planner outside JAX that takes longer over one decision has failed [s]
     """
-    from regents_cosim.benchmarks.cross import attacked_for_each, by_attacked, cross_rows
+    from regents_cosim.benchmarks.cross import attacked_for_each, by_attacked, cross_rows, planners_of
     from regents_cosim.benchmarks.traffic import network_traffic
     from regents_cosim.cases.suite import load_suite
-    from regents_cosim.planners.find import attacked_planners
     from regents_cosim.reports.tables import CROSSED
 
     terminal = open_terminal(talk)
@@ -221,9 +217,7 @@ def cross(
         if universal or nets:
             raise RegentsError("--universal and --nets make attacks; cases that were attacked already stand alone")
         attacked = by_attacked(case for folder in cases for case in load_suite(folder))
-        if not planners:
-            named = (one for found in attacked.values() for case in found for one in attacked_planners(case))
-            planners = tuple(dict.fromkeys(named))
+        planners = planners or planners_of(attacked)
     elif len(planners) < 2:
         raise RegentsError("expected two or more --planners to attack, or folders of attacked cases")
     else:

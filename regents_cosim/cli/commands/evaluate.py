@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from regents_cosim.cli.options import Against, Cases, OutputOptions, ProgramOptions
+from regents_cosim.cli.options import ActTimeout, Against, Cases, Executor, OutputOptions, PlannerName, ProgramOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
@@ -21,11 +22,11 @@ _STDOUT = Path("-")
 def evaluate(
     cases: Cases,
     *,
-    planner: str,
+    planner: PlannerName,
     where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
     baseline: Against = Against(),
-    act_timeout: float = 10.0,
-    executor: str = "local",
+    act_timeout: ActTimeout = ACT_TIMEOUT_S,
+    executor: Executor = "local",
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
@@ -35,15 +36,8 @@ def evaluate(
     ----------
     cases
         a case or a folder of cases; attacked ones are driven among their adversaries
-    planner
-        system under test: aim-bev, aim-bev:WEIGHTS, idm, log_replay, constant_velocity, sumo, highway:AGENT,
-        torch:MODULE, exec:COMMAND, package.module:attribute or file.py:attribute
     where
         in the mirror, in SUMO, or in highway-env
-    act_timeout
-        in the mirror, a planner outside JAX that takes longer over one decision has failed [s]
-    executor
-        where SUMO runs: local, or dask:ADDRESS
     """
     from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
     from regents_cosim.reports.tables import DRIVEN

@@ -1,11 +1,8 @@
 """`regents export`: a case as other tools read it."""
 
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
-from regents_cosim.cli.options import Cases, OutputOptions
+from regents_cosim.cli.options import Cases, Output, OutputOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
@@ -14,7 +11,7 @@ def export(
     case: Cases,
     *,
     to: Literal["fcd", "csv", "openscenario", "commonroad"],
-    output: Annotated[Path, Parameter(["--output", "-o"])],
+    output: Output,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Write a case as other tools read it.

@@ -1,17 +1,12 @@
 """`regents gallery`: the figures of the ReGentS paper."""
 
-from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
-
-from regents_cosim.cli.options import OutputOptions, ProgramOptions
+from regents_cosim.cli.options import Output, OutputOptions, ProgramOptions
 from regents_cosim.cli.shared import open_terminal
 
 
 def gallery(
     *,
-    output: Annotated[Path, Parameter(["--output", "-o"])],
+    output: Output,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:

@@ -2,11 +2,8 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from regents_cosim.cli.options import OutputOptions
+from regents_cosim.cli.options import OutputIfAny, OutputOptions
 from regents_cosim.cli.shared import open_terminal
 
 
@@ -16,7 +13,7 @@ def inspect(
     format: str = "auto",
     map: Path | None = None,
     columns: Path | None = None,
-    output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
+    output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Say what logged traffic holds, and draw it.

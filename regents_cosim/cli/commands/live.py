@@ -6,9 +6,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from regents_cosim.cli.options import Count, OutputOptions, Seed, SumoOptions, Switch
+from regents_cosim.cli.options import (
+    ActTimeout,
+    Count,
+    Output,
+    OutputOptions,
+    Pictures,
+    PlannerName,
+    Seed,
+    SumoOptions,
+    Verify,
+)
 from regents_cosim.cli.shared import draw_stills, exit_code, open_terminal
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,10 +33,10 @@ def live(
     *,
     config: Annotated[Path, Parameter(["--configuration-file", "-c"])],
     ego: str = "auto",
-    planner: str = "idm",
+    planner: PlannerName = "idm",
     expected: str = "",
     method: Literal["focused", "regents", "king"] = "focused",
-    output: Annotated[Path, Parameter(["--output", "-o"])],
+    output: Output,
     episodes: Count = 1,
     seed: Seed = 0,
     longest: float = 60.0,
@@ -34,9 +45,9 @@ def live(
     radius: float = 100.0,
     keep: Literal["crashes", "near-misses"] = "crashes",
     gui: bool = False,
-    verify: Switch = True,
-    pictures: Switch = True,
-    act_timeout: float = 10.0,
+    verify: Verify = True,
+    pictures: Pictures = True,
+    act_timeout: ActTimeout = ACT_TIMEOUT_S,
     talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
 ) -> int:
@@ -48,8 +59,6 @@ def live(
         SUMO configuration (.sumocfg), or shipped:NETWORK
     ego
         a vehicle, a vehicle type or a flow, of which the first that departs is driven; auto: one drawn by seed
-    planner
-        who drives the ego: all that `attack` takes
     expected
         how the adversary expects the ego to react, where that is not its planner; observed: it keeps to its route at
         its recent speed and brakes for leaders
@@ -73,12 +82,6 @@ def live(
         crashes, or the near misses as well
     gui
         show it in sumo-gui, in real time
-    verify
-        replay every crash in SUMO
-    pictures
-        draw a still picture into every case
-    act_timeout
-        a planner outside JAX that takes longer over one decision has failed [s]
     """
     from regents_cosim.cases.files import load_case
     from regents_cosim.cases.shipped import located

@@ -1,19 +1,14 @@
 """`regents record`: ordinary traffic in, cases out."""
 
-from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
-
-from regents_cosim.cli.options import OutputOptions, SumoOptions, TrafficOptions
+from regents_cosim.cli.options import Executor, Output, OutputOptions, SumoOptions, TrafficOptions
 from regents_cosim.cli.shared import open_terminal, record_traffic
 
 
 def record(
     *,
     traffic: TrafficOptions = TrafficOptions(),
-    output: Annotated[Path, Parameter(["--output", "-o"])],
-    executor: str = "local",
+    output: Output,
+    executor: Executor = "local",
     talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
 ) -> int:
@@ -23,8 +18,6 @@ def record(
     ----------
     output
         folder for the cases
-    executor
-        where SUMO runs: local, or dask:ADDRESS
     """
     from regents_cosim.cases.suite import SuiteWriter
     from regents_cosim.reports.tables import RECORDED, case_row

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from regents_cosim.cli.options import Cases, OutputOptions
-from regents_cosim.cli.shared import draw, evaded_cases, exit_code, open_terminal
+from regents_cosim.cli.options import Cases, Executor, OutputOptions, PlannerOfCase
+from regents_cosim.cli.shared import draw, evaded_cases, exit_code, open_terminal, require_picture_name
 from regents_cosim.errors import RegentsError
 
 
@@ -17,11 +17,11 @@ def replay(
     mode: Literal["track", "actions"] = "track",
     background: Literal["log", "reactive"] = "log",
     ego: Literal["track", "planner", "evasion"] | None = None,
-    planner: str | None = None,
+    planner: PlannerOfCase = None,
     gui: bool = False,
     record: Path | None = None,
     beside_original: bool = False,
-    executor: str = "local",
+    executor: Executor = "local",
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Replay a case, or every case of a folder, and say whether the same crash happens.
@@ -39,18 +39,12 @@ def replay(
     ego
         track: as in the case; planner: driven in closed loop by the planner (default where --planner is given);
         evasion: by the drive that avoids the collision
-    planner
-        who drives the ego; default the planner that was attacked, if it is one of ours: what a case names is not run;
-        also sumo, and highway-env's agents:
-        highway:idm, highway:mdp, highway:random, highway:package.module:attribute
     gui
         show it in the simulator's own window, sumo-gui or highway-env's
     record
         file for a picture of one case: .gif moves, .png is a still
     beside_original
         show the traffic before the attack beside it (.gif)
-    executor
-        where SUMO runs: local, or dask:ADDRESS
     """
     from regents_cosim.cases.suite import load_suite
     from regents_cosim.planners.find import attacked_planner
@@ -62,8 +56,7 @@ def replay(
     scenarios = load_suite(cases)
     if (record or gui) and len(scenarios) > 1:
         raise RegentsError(f"{cases} holds {len(scenarios)} cases; --record and --gui show one, name its folder")
-    if record and record.suffix not in (".gif", ".png"):
-        raise RegentsError(f"--record {record}: expected a name that ends in .gif (moves) or .png (a still)")
+    require_picture_name(record)
     if beside_original and (record is None or record.suffix != ".gif" or scenarios[0].attack is None):
         raise RegentsError("--beside-original shows an attacked case in the .gif that --record names")
     driven_by = planner

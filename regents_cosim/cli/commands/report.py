@@ -1,21 +1,17 @@
 """`regents report`: one page of all cases."""
 
-from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
-
-from regents_cosim.cli.options import Cases, OutputOptions, ProgramOptions
+from regents_cosim.cli.options import ActTimeout, Cases, Output, OutputOptions, ProgramOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import PLANNER_FAILED
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 
 def report(
     cases: Cases,
     *,
-    output: Annotated[Path, Parameter(["--output", "-o"])],
+    output: Output,
     planner: tuple[str, ...] = (),
-    act_timeout: float = 10.0,
+    act_timeout: ActTimeout = ACT_TIMEOUT_S,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
@@ -30,8 +26,6 @@ def report(
     planner
         who drives the egos, among the adversaries of each case; once more: a second one beside it, to see what it fixes
         and breaks. Without it the report shows the drives that the cases hold
-    act_timeout
-        a planner outside JAX that takes longer over one decision has failed [s]
     """
     from regents_cosim.cases.suite import load_suite
     from regents_cosim.reports.report import check_report, drive_for_report, judge_rest, report_of, save_report

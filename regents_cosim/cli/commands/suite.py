@@ -1,14 +1,25 @@
 """`regents suite`: make, look at, check and merge suites."""
 
 import dataclasses
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
-from regents_cosim.cli.options import Cases, Count, CountOrZero, OutputOptions, ProgramOptions, Seed, Switch
+from regents_cosim.cli.options import (
+    ActTimeout,
+    Cases,
+    Count,
+    CountOrZero,
+    Output,
+    OutputIfAny,
+    OutputOptions,
+    ProgramOptions,
+    Seed,
+    Switch,
+)
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 suites = App(name="suite", help="Make, look at, check and merge suites: folders of cases that planners are tested on.")
 
@@ -16,7 +27,7 @@ suites = App(name="suite", help="Make, look at, check and merge suites: folders 
 @suites.command
 def build(
     *,
-    output: Annotated[Path, Parameter(["--output", "-o"])],
+    output: Output,
     nets: str = "all",
     highway: str = "",
     windows: Count = 25,
@@ -77,14 +88,13 @@ def build(
     terminal = open_terminal(talk)
     programs.keep()
     networks = NETWORKS if nets == "all" else () if nets == "none" else _words(nets)
-    counts = {"windows": windows, "adversarial": adversarial, "unavoidable": unavoidable, "ordinary": ordinary}
-    for name, count in counts.items():
-        if count < (1 if name == "windows" else 0):
-            raise RegentsError(f"--{name} {count}, expected {1 if name == 'windows' else 0} or more")
     recipe = Recipe(
         networks,
         _words(highway),
-        **counts,
+        windows=windows,
+        adversarial=adversarial,
+        unavoidable=unavoidable,
+        ordinary=ordinary,
         attacked=attacked,
         harmless=harmless,
         planners=planner,
@@ -137,7 +147,7 @@ def check(suite: Cases, *, replay: bool = False, talk: OutputOptions = OutputOpt
         replay every case in the simulator that it is from as well, and compare every position
     """
     from regents_cosim.evaluation.suites.folders import check_suite
-    from regents_cosim.planners.find import is_built_in
+    from regents_cosim.planners.names import is_built_in
     from regents_cosim.reports.tables import CHECKED
 
     terminal = open_terminal(talk)
@@ -162,7 +172,7 @@ def check(suite: Cases, *, replay: bool = False, talk: OutputOptions = OutputOpt
 def judge(
     suite: Cases,
     *,
-    output: Annotated[Path | None, Parameter(["--output", "-o"])] = None,
+    output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Judge the crashes of a suite by the verdicts of today: which of them tell something about the planner.
@@ -201,7 +211,7 @@ def rank(
     suite: Cases,
     *,
     planner: tuple[str, ...],
-    act_timeout: float = 10.0,
+    act_timeout: ActTimeout = ACT_TIMEOUT_S,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
@@ -216,8 +226,6 @@ def rank(
         a folder of cases
     planner
         as often as there are planners, the best first
-    act_timeout
-        a planner outside JAX that takes longer over one decision has failed [s]
     """
     from regents_cosim.cases.suite import load_suite
     from regents_cosim.evaluation.drives.driving import drive_each
@@ -239,7 +247,7 @@ def rank(
 @suites.command
 def merge(
     *folders: Cases,
-    output: Annotated[Path, Parameter(["--output", "-o"])],
+    output: Output,
     seed: Seed = 0,
     talk: OutputOptions = OutputOptions(),
 ) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.cli.options import Cases, Count, CountOrZero, FineTune, OutputOptions, Seed
+from regents_cosim.cli.options import Cases, Count, CountOrZero, FineTune, Output, OutputOptions, Seed
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
@@ -23,7 +23,7 @@ training = App(name="train", help="Teach a planner to drive.")
 def train_aim_bev(
     cases: Cases,
     *,
-    output: Annotated[Path, Parameter(["--output", "-o"])],
+    output: Output,
     epochs: Count | None = None,
     lessons: Count | None = None,
     drives: CountOrZero | None = None,

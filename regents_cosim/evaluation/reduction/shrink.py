@@ -113,11 +113,6 @@ def shrink(
         return shrink_at(driver, attacked, lead_s)
 
 
-def crashes_of(cases: Sequence[Scenario]) -> list[Scenario]:
-    """Those that end in a collision."""
-    return [case for case in cases if case.attack and case.attack.outcome == "collision"]
-
-
 def shrink_at(driver: MirrorDriver, attacked: Scenario, lead_s: float = LEAD_S) -> Shrunk:
     """The same, with the planner that is at the wheel."""
     hit = _collision(attacked)

@@ -18,6 +18,7 @@ from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import METHODS
 from regents_cosim.cases.files import content_hash
 from regents_cosim.cases.shipped import network
+from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import is_telling
 from regents_cosim.evaluation.drives.driving import Drive, drive_each
@@ -39,6 +40,16 @@ _FOLLOWS_SHARE = 0.5  # of the horizon
 _CAREFUL = "careful"  # planner above all others of a ladder
 _BLIND = "constant_velocity"
 
+_MOST = 1_000_000
+_RANGES = {
+    "windows": Range(1, _MOST, "windows of traffic, for each network and environment", whole=True),
+    "attacked": Range(0, _MOST, "of these windows that are attacked; 0: all", whole=True),
+    "adversarial": Range(0, _MOST, "crashes that the planner could have avoided", whole=True),
+    "unavoidable": Range(0, _MOST, "crashes that it could not have avoided", whole=True),
+    "ordinary": Range(0, _MOST, "windows of recorded traffic", whole=True),
+    "seed": SEED,
+}
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -55,6 +66,10 @@ class Recipe:
     planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
     method: str = "focused"
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raises RegentsError."""
+        check_ranges(self, _RANGES)
 
 
 def build_suite(
