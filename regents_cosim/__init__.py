@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.training.fine_tuning import finetune as finetune
     from regents_cosim.evaluation.training.fine_tuning import train as train
     from regents_cosim.exports.export import export as export
+    from regents_cosim.judgement import Judgement as Judgement
     from regents_cosim.maps.roadmap import Lane as Lane
     from regents_cosim.maps.roadmap import RoadMap as RoadMap
     from regents_cosim.mirror.bicycle import Controls as Controls
@@ -59,7 +60,6 @@ if TYPE_CHECKING:
     from regents_cosim.scenario import Agent as Agent
     from regents_cosim.scenario import AttackRecord as AttackRecord
     from regents_cosim.scenario import Collision as Collision
-    from regents_cosim.scenario import Judgement as Judgement
     from regents_cosim.scenario import Scenario as Scenario
     from regents_cosim.scenario import Tracks as Tracks
     from regents_cosim.sources.logs.formats import LogFormat as LogFormat
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from regents_cosim.sources.record import LogInput as LogInput
     from regents_cosim.sources.record import record as record
     from regents_cosim.sources.sumo_config import SumoInput as SumoInput
-    from regents_cosim.verdicts.judgement import judge as judge
+    from regents_cosim.verdicts.judge import judge as judge
 
 _NAMES = {
     "attacks.attack": "attack",
@@ -84,6 +84,7 @@ _NAMES = {
     "evaluation.training.before_after": "BeforeAfterRow",
     "evaluation.training.fine_tuning": "FineTuned finetune train",
     "exports.export": "export",
+    "judgement": "Judgement",
     "maps.roadmap": "Lane RoadMap",
     "mirror.bicycle": "Controls Motion",
     "planners.aim_bev.train_config": "Epoch TrainConfig",
@@ -93,12 +94,12 @@ _NAMES = {
     "replays.replay": "replay",
     "replays.verify": "Replay",
     "reports.report": "report",
-    "scenario": "Agent AttackRecord Collision Judgement Scenario Tracks",
+    "scenario": "Agent AttackRecord Collision Scenario Tracks",
     "sources.logs.formats": "LogFormat",
     "sources.logs.scene": "LoggedScene",
     "sources.record": "LogInput record",
     "sources.sumo_config": "SumoInput",
-    "verdicts.judgement": "judge",
+    "verdicts.judge": "judge",
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -5,7 +5,8 @@ import pytest
 from scenes import scene
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.scenario import Agent, AttackRecord, Avoidability, Judgement, Manoeuvre, Signal, Tracks
+from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
+from regents_cosim.scenario import Agent, AttackRecord, Signal, Tracks
 
 CARS = ((0.0, 0.0, 10.0), (20.0, 0.0, 8.0), (20.0, 3.2, 8.0))
 

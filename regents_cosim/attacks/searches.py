@@ -21,7 +21,7 @@ from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.judgement import is_telling
+from regents_cosim.verdicts.judge import is_telling
 
 
 def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:

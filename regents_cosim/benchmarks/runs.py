@@ -21,7 +21,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import verify_in_sumo
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
-from regents_cosim.verdicts.judgement import judge_each
+from regents_cosim.verdicts.judge import judge_each
 
 _OF_PAPERS = ("king", "regents")
 _PRESETS = (*_OF_PAPERS, "focused")

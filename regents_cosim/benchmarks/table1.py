@@ -26,7 +26,8 @@ from regents_cosim.evaluation.crashes.scores import (
     scores,
 )
 from regents_cosim.evaluation.statistics import mcnemar, percent
-from regents_cosim.scenario import UNLAWFUL, OffenceName, Scenario
+from regents_cosim.judgement import UNLAWFUL, OffenceName
+from regents_cosim.scenario import Scenario
 
 _COUNTS: dict[str, Callable[[Scenario], bool]] = {
     "telling": is_telling,

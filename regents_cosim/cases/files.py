@@ -28,7 +28,8 @@ from regents_cosim.cases.shipped import SUITES, located, names
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_file_name, require_inside, require_no_link
 from regents_cosim.errors import CaseError, InputError, ScenarioError, require
-from regents_cosim.scenario import Agent, AttackRecord, Judgement, Overlap, Provenance, Scenario, Signal, Tracks
+from regents_cosim.judgement import Judgement
+from regents_cosim.scenario import Agent, AttackRecord, Overlap, Provenance, Scenario, Signal, Tracks
 from regents_cosim.system.atomic import clear_leftovers, explain_write, new_folder, write_atomic
 from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore

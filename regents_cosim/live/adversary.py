@@ -47,7 +47,7 @@ from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Outcome, Scenario
 from regents_cosim.sources.recording import is_called
 from regents_cosim.sources.windows import Origin
-from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.judge import judge
 
 State = Literal["waiting", "watching", "attacking", "returning", "paused", "detached"]
 Picks = str | Callable[[Any], str | None]

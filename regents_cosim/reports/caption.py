@@ -4,6 +4,7 @@ import unicodedata
 
 import numpy as np
 
+from regents_cosim.judgement import Judgement, Manoeuvre
 from regents_cosim.reports.camera import View
 from regents_cosim.reports.canvas import Canvas, shorten, text_width
 from regents_cosim.reports.palette import (
@@ -20,7 +21,7 @@ from regents_cosim.reports.palette import (
     shade,
 )
 from regents_cosim.reports.pictured_case import PicturedCase, draw_burst
-from regents_cosim.scenario import Collision, CollisionKind, Judgement, Manoeuvre, Outcome
+from regents_cosim.scenario import Collision, CollisionKind, Outcome
 from regents_cosim.verdicts.words import DRIVERS, braking_words
 
 HEADER_PX = 66

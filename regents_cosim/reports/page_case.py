@@ -12,13 +12,14 @@ import numpy as np
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.evaluation.crashes.verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
+from regents_cosim.judgement import Escape, Flaw
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, Crash
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.pictured_case import contact_point
-from regents_cosim.scenario import Collision, Escape, Flaw, Scenario, Tracks
+from regents_cosim.scenario import Collision, Scenario, Tracks
 from regents_cosim.verdicts.words import behind_words, drive_words, offences_words, telling_words
 
 Change = Literal["broken", "fixed", "unchanged"]

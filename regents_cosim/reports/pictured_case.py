@@ -8,12 +8,13 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import Boxes, corners
+from regents_cosim.judgement import Manoeuvre
 from regents_cosim.reports.camera import View
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import ADVERSARY, BURST, EGO, EVASION, INK, LAND, OTHER, PANEL, ROAD, Colour, mix
 from regents_cosim.reports.road import draw_road, draw_signals
 from regents_cosim.reports.vehicles import Pose, draw_ghost, draw_planned_way, draw_tail, draw_trail, draw_vehicle
-from regents_cosim.scenario import Agent, Collision, Manoeuvre, Scenario, Tracks
+from regents_cosim.scenario import Agent, Collision, Scenario, Tracks
 
 _AFTER_COLLISION_S = 1.0  # later motion means nothing: nobody computes what a crash does
 _EVASION_S = 1.0  # between two outlines of an ego that evades

@@ -25,7 +25,7 @@ from regents_cosim.reports.html import Report, Score, html_page, json_twin
 from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, PageDrive, network
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.atomic import explain_write, require_writable, write_atomic
-from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.judge import judge
 
 _MOTIONS = {
     "accel": ("Acceleration", "m/s²"),

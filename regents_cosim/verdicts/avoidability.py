@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.scenario import Avoidability, Manoeuvre, Scenario, Tracks
+from regents_cosim.judgement import Avoidability, Manoeuvre
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.manoeuvres import BANK, Bank, ManoeuvreSet, manoeuvre_sets
 from regents_cosim.verdicts.obstacles import Others, Road
 from regents_cosim.verdicts.perception import perceived_step, reacts_step

@@ -17,10 +17,11 @@ import shapely
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.judgement import Fault, OffenceName
 from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane
-from regents_cosim.scenario import Collision, Fault, OffenceName, Scenario
+from regents_cosim.scenario import Collision, Scenario
 from regents_cosim.verdicts.drive import Act, gaps
 from regents_cosim.verdicts.offences import acts
 

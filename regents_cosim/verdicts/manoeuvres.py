@@ -22,8 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from regents_cosim.judgement import Manoeuvre
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
-from regents_cosim.scenario import Manoeuvre, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.own_way import OwnWay, own_way
 
 FRICTION = 0.75  # dry asphalt or concrete, sliding tyres (Wong 2008, table 1.3; 0.8 to 0.9 at their best)

@@ -29,8 +29,9 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.boxes import Boxes, corners
+from regents_cosim.judgement import Side
 from regents_cosim.routes.ego_route import plan_route
-from regents_cosim.scenario import Collision, Scenario, Side
+from regents_cosim.scenario import Collision, Scenario
 from regents_cosim.verdicts.manoeuvres import Bank, ManoeuvreSet
 from regents_cosim.verdicts.obstacles import Others
 from regents_cosim.verdicts.ways import lawful_area

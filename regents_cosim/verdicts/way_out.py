@@ -15,8 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from regents_cosim.judgement import Avoidability, Manoeuvre, ReferenceDrive
 from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.scenario import Avoidability, Manoeuvre, ReferenceDrive, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.avoidability import MARGIN_M, Tried
 from regents_cosim.verdicts.emergency_braking import EgoPlaces
 from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, ManoeuvreSet

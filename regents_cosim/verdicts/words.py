@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from regents_cosim.scenario import UNLAWFUL, Judgement, Offence, ReferenceDrive, ReferenceDriver
+from regents_cosim.judgement import UNLAWFUL, Judgement, Offence, ReferenceDrive, ReferenceDriver
 
 DRIVERS: dict[ReferenceDriver, str] = {
     "careful": "a careful driver (UN R157)",

@@ -31,7 +31,7 @@ from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
-from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.judge import judge
 
 FEW = replace(REGENTS_FOCUSED, iterations=40, nearest=2, starts=6)
 TURN = straight("a", 60.0, 1.7, np.pi, 12.0)  # on the inner of two lanes to the west, beside the ego's road

@@ -10,7 +10,7 @@ from regents_cosim.benchmarks.ceiling import ceiling, unsolved
 from regents_cosim.benchmarks.kept_runs import joined, keep, kept, run_folder
 from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.crashes.scores import InSumo, MethodRun, rollouts_at_most, scores
-from regents_cosim.scenario import ReferenceDrive
+from regents_cosim.judgement import ReferenceDrive
 
 KINGS = MethodRun("king", "idm", 500, WINDOWS, [InSumo("b", True, False)], 2.0, KING.protocol)
 

@@ -16,11 +16,8 @@ from regents_cosim.benchmarks.runs import columns
 from regents_cosim.benchmarks.table1 import as_json, compare, markdown, require_places, table1
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
+from regents_cosim.judgement import Law, Offence
 from regents_cosim.reports.bars import Share, draw_bars
-from regents_cosim.scenario import (
-    Law,
-    Offence,
-)
 
 UNLAWFUL = Law(
     (Offence("oncoming_lanes", 2.0, 1.0, 0.4, "share of its body"),), (Offence("speeding", 1.0, 1.0, 3.0, "m/s"),)

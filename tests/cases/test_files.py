@@ -12,17 +12,8 @@ from scenes import platoon, scene
 from regents_cosim.cases.files import content_hash, find_cases, load_case, load_manifest, save_case
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.scenario import (
-    AttackRecord,
-    Avoidability,
-    Collision,
-    Fault,
-    Judgement,
-    Manoeuvre,
-    Overlap,
-    Signal,
-    Tracks,
-)
+from regents_cosim.judgement import Avoidability, Fault, Judgement, Manoeuvre
+from regents_cosim.scenario import AttackRecord, Collision, Overlap, Signal, Tracks
 
 
 def attacked():

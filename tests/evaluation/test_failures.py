@@ -5,16 +5,8 @@ import pytest
 from scenes import scene
 
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences, failure_reason, may_reach
-from regents_cosim.scenario import (
-    AttackRecord,
-    Avoidability,
-    Judgement,
-    Law,
-    Manoeuvre,
-    Offence,
-    ReferenceDrive,
-    Tracks,
-)
+from regents_cosim.judgement import Avoidability, Judgement, Law, Manoeuvre, Offence, ReferenceDrive
+from regents_cosim.scenario import AttackRecord, Tracks
 
 
 def attacked(*cars, outcome="no_collision", judgement=None, **record):

@@ -13,12 +13,12 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.reduction.shrink import shrink_at, size
 from regents_cosim.evaluation.reduction.way_back import WayBack
+from regents_cosim.judgement import UNLAWFUL
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.dynamics import controls_between
 from regents_cosim.mirror.world import to_world
 from regents_cosim.replays.mirror import MirrorDriver
-from regents_cosim.scenario import UNLAWFUL
-from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.judge import judge
 
 
 @pytest.fixture(scope="module")

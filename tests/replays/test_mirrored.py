@@ -20,7 +20,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.routes.ego_route import plan_route
-from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.judge import judge
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"
 

@@ -12,6 +12,7 @@ from scenes import DT, scene, straight_road
 
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
+from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.camera import View, centred, fit_latest
 from regents_cosim.reports.canvas import Canvas, dashes, shorten, text_width
@@ -32,8 +33,8 @@ from regents_cosim.reports.palette import (
 )
 from regents_cosim.reports.picture import STILL_SIZE, animate, animate_pair, draw_still
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
-from regents_cosim.scenario import AttackRecord, Avoidability, Collision, Judgement, Manoeuvre, Scenario, Signal
-from regents_cosim.verdicts.judgement import judge
+from regents_cosim.scenario import AttackRecord, Collision, Scenario, Signal
+from regents_cosim.verdicts.judge import judge
 
 SHIFT_M = 3.2  # one lane
 

@@ -27,13 +27,13 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import realism
 from regents_cosim.evaluation.drives.driving import Drive
 from regents_cosim.geometry.boxes import Boxes, distance
+from regents_cosim.judgement import Avoidability, Fault, Judgement
 from regents_cosim.reports.crash_groups import groups
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.packing import CM, differences, stretches
 from regents_cosim.reports.page_case import PageCase, PageDrive
 from regents_cosim.reports.page_map import page_maps
 from regents_cosim.reports.report import judge_rest, motion_sheet, report_of
-from regents_cosim.scenario import Avoidability, Fault, Judgement
 
 REGENTS = Path(sys.executable).parent / "regents"
 QUICKSTART = shipped("scenarios") / "quickstart"

@@ -11,9 +11,10 @@ from params import slow
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.judgement import Avoidability, Fault, Judgement, Manoeuvre
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
-from regents_cosim.scenario import Avoidability, Fault, Judgement, Manoeuvre, Tracks
+from regents_cosim.scenario import Tracks
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install -e '.[dev]'")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chromium-browser"))), None)

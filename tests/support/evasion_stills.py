@@ -11,7 +11,7 @@ import numpy as np
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.reports.caption import way_out
 from regents_cosim.reports.picture import draw_still
-from regents_cosim.verdicts.judgement import judge_each
+from regents_cosim.verdicts.judge import judge_each
 
 if __name__ == "__main__":
     suite, count, seed, target = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4])

@@ -19,7 +19,7 @@ from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.scenario import Tracks
 from regents_cosim.verdicts.avoidability import avoidability
-from regents_cosim.verdicts.judgement import judge, judge_each
+from regents_cosim.verdicts.judge import judge, judge_each
 from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, Bank
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"

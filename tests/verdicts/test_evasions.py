@@ -14,7 +14,7 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.caption import way_out
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.avoidability import avoidability
-from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.manoeuvres import BANK, manoeuvre_sets
 from regents_cosim.verdicts.perception import perceived_step, reacts_step
 from regents_cosim.verdicts.preference import Preference

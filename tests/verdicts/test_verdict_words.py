@@ -8,7 +8,7 @@ import pytest
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.comparison import RegressionVerdict, explain
 from regents_cosim.evaluation.suites.cards import Card
-from regents_cosim.scenario import Judgement, Law, Offence, ReferenceDrive
+from regents_cosim.judgement import Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.verdicts.words import advice, offences_words, telling_words
 
 RED = Offence("red_light", 2.0, 0.5, 3.25, "m")

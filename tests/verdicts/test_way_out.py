@@ -14,7 +14,7 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.reports.caption import manoeuvre_words, way_out
-from regents_cosim.verdicts.judgement import judge
+from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.manoeuvres import BANK, manoeuvre_sets
 from regents_cosim.verdicts.preference import Preference
 from regents_cosim.verdicts.reference_drivers import careful_answer

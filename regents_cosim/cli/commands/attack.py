@@ -75,7 +75,7 @@ def attack(
     from regents_cosim.replays.replay import verify_in_sumo
     from regents_cosim.reports.tables import ATTACKED, attack_row, summary
     from regents_cosim.system.workers import executor_for
-    from regents_cosim.verdicts.judgement import judge_each
+    from regents_cosim.verdicts.judge import judge_each
 
     terminal = open_terminal(talk)
     if (cases is None) == (not names_traffic(traffic)):

@@ -6,8 +6,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from regents_cosim.judgement import UNLAWFUL, Judgement
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT
-from regents_cosim.scenario import UNLAWFUL, Judgement, Scenario
+from regents_cosim.scenario import Scenario
 
 Reason = Literal[
     "no_candidate", "out_of_reach", "stuck", "spoilt_only", "unlawful_only", "not_known", "unavoidable_only",

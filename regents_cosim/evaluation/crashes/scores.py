@@ -12,7 +12,8 @@ from regents_cosim.evaluation.crashes.failures import count_reasons, failing_off
 from regents_cosim.evaluation.crashes.realism import realism
 from regents_cosim.evaluation.drives.driving import driving_row, score
 from regents_cosim.evaluation.statistics import percent, percent_interval
-from regents_cosim.scenario import OffenceName, Scenario
+from regents_cosim.judgement import OffenceName
+from regents_cosim.scenario import Scenario
 
 Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
 Interval = tuple[float, float]

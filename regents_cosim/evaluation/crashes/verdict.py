@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from regents_cosim.scenario import Escape
+from regents_cosim.judgement import Escape
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
 _BLAME: dict[Blamed | None, int] = {"ego": 0, "both": 0, "nobody": 1, None: 1, "adversary": 2}

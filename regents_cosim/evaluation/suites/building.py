@@ -31,7 +31,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import AttackRecord, Scenario
 from regents_cosim.sources.record import record
-from regents_cosim.verdicts.judgement import judge_each
+from regents_cosim.verdicts.judge import judge_each
 
 _SEEN_AHEAD_M = 40.0  # centre to centre
 _IN_LANE_M = 1.6  # to either side: half a lane

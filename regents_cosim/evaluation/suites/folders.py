@@ -14,7 +14,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, is_temporary, new_folder, require_writable
 from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore
-from regents_cosim.verdicts.judgement import judge_each
+from regents_cosim.verdicts.judge import judge_each
 
 
 @dataclass(frozen=True)

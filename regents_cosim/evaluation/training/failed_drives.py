@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.judgement import Flaw
 from regents_cosim.mirror.observe import VIEW_M
-from regents_cosim.scenario import AttackRecord, Flaw, Scenario, Tracks
-from regents_cosim.verdicts.judgement import judge
+from regents_cosim.scenario import AttackRecord, Scenario, Tracks
+from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.manoeuvres import BANK, Bank
 
 # What a planner that sees one instant can learn: to brake once there is something to brake for, firmly rather than

@@ -5,7 +5,8 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-from regents_cosim.scenario import Judgement, Scenario
+from regents_cosim.judgement import Judgement
+from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.fault import fault
