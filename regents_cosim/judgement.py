@@ -4,6 +4,7 @@ Values alone, of a case on disk. They are made in `verdicts`.
 """
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Literal
 
 ReferenceDriver = Literal["careful", "fuzzy", "rss"]
@@ -52,11 +53,34 @@ class Fault:
     reason: str  # in words, with the numbers that decided
 
 
-Flaw = Literal[
-    "unattributed", "off_road", "hits_others", "bystanders_collide", "rear_ends_ego", "from_behind", "ego_stands",
-    "too_hard",
-]  # fmt: skip
-"""What spoils a crash as a test (`verdicts.clean`)."""
+class Flaw(StrEnum):
+    """What spoils a crash as a test: its word on disk, the same as a sentence, and as a heading in tables.
+
+    `verdicts.clean` asks for each, by the numbers of `limits`.
+    """
+
+    UNATTRIBUTED = "unattributed", "the ego met a road user that the attack did not steer", "not attributed"
+    OFF_ROAD = "off_road", "the adversary left the road", "adversary off the road"
+    HITS_OTHERS = "hits_others", "the adversary hit another road user first", "adversary hits others"
+    BYSTANDERS_COLLIDE = "bystanders_collide", "two others collided that do not in the log", "bystanders collide"
+    REAR_ENDS_EGO = "rear_ends_ego", "the adversary ran into the back of the ego", "ego rear-ended"
+    FROM_BEHIND = "from_behind", "the adversary came from behind the ego", "adversary from behind"
+    EGO_STANDS = "ego_stands", "the ego stood", "ego stands"
+    TOO_HARD = (
+        "too_hard",
+        "the adversary braked or steered harder than tyres hold on a dry road",
+        "adversary beyond tyres",
+    )
+
+    sentence: str
+    heading: str
+
+    def __new__(cls, word: str, sentence: str, heading: str) -> "Flaw":
+        """The word, which is what it is compared and written by, with what is said of it."""
+        made = str.__new__(cls, word)
+        made._value_, made.sentence, made.heading = word, sentence, heading
+        return made
+
 
 OffenceName = Literal[
     "oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding",

@@ -5,7 +5,7 @@ import pytest
 from scenes import scene
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
+from regents_cosim.judgement import Avoidability, Flaw, Judgement, Manoeuvre
 from regents_cosim.scenario import Agent, AttackRecord, Signal, Tracks
 
 CARS = ((0.0, 0.0, 10.0), (20.0, 0.0, 8.0), (20.0, 3.2, 8.0))
@@ -125,6 +125,6 @@ def test_an_evasion_comes_with_an_avoidable_collision_and_only_then():
 def test_only_a_clean_and_avoidable_collision_is_actionable():
     avoidable = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4))
     assert Judgement((), avoidable).actionable
-    assert not Judgement(("off_road",), avoidable).actionable
+    assert not Judgement((Flaw.OFF_ROAD,), avoidable).actionable
     assert not Judgement((), replace(avoidable, avoidable=False)).actionable
     assert not Judgement(()).actionable

@@ -26,7 +26,7 @@ from regents_cosim.evaluation.crashes.scores import (
     scores,
 )
 from regents_cosim.evaluation.statistics import mcnemar, percent
-from regents_cosim.judgement import UNLAWFUL, OffenceName
+from regents_cosim.judgement import UNLAWFUL, Flaw, OffenceName
 from regents_cosim.scenario import Scenario
 
 _COUNTS: dict[str, Callable[[Scenario], bool]] = {
@@ -201,7 +201,7 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "clean success": lambda c: _share(c.clean, c.n, c.clean_percent, c.clean_interval),
         "actionable success": lambda c: _share(c.actionable, c.n, c.actionable_percent, c.actionable_interval),
         "crashes found": lambda c: f"{c.crashes}",
-        **{_FLAWS.get(flaw, flaw.replace("_", " ")): _flawed(flaw) for flaw in _flaws(columns)},
+        **{flaw.heading: _flawed(flaw) for flaw in Flaw},
         "adversary lawful": _lawful,
         "avoided by a reference driver": _avoided,
         "avoidable": lambda c: f"{c.avoidable_percent} %",
@@ -336,24 +336,7 @@ def _lawful(c: MethodScores) -> str:
     return (_part(c.lawful, known) if known else "-") + _not_known(c.lawful_unknown)
 
 
-_FLAWS = {
-    "unattributed": "not attributed",
-    "rear_ends_ego": "ego rear-ended",
-    "ego_stands": "ego stands",
-    "off_road": "adversary off the road",
-    "hits_others": "adversary hits others",
-    "bystanders_collide": "bystanders collide",
-    "from_behind": "adversary from behind",
-    "too_hard": "adversary beyond tyres",
-}
-
-
-def _flaws(columns: Sequence[MethodScores]) -> list[str]:
-    """Those of every table, and what else spoils a crash of these."""
-    return list(dict.fromkeys([*_FLAWS, *(flaw for column in columns for flaw in column.flaws)]))
-
-
-def _flawed(flaw: str) -> Callable[[MethodScores], str]:
+def _flawed(flaw: Flaw) -> Callable[[MethodScores], str]:
     return lambda column: _part(column.flaws.get(flaw, 0), column.crashes)
 
 

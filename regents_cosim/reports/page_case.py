@@ -12,7 +12,7 @@ import numpy as np
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.evaluation.crashes.verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.judgement import Escape, Flaw
+from regents_cosim.judgement import Escape
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, Crash
@@ -24,16 +24,6 @@ from regents_cosim.verdicts.words import behind_words, drive_words, offences_wor
 
 Change = Literal["broken", "fixed", "unchanged"]
 _MOST_COSTS = 240  # iterations drawn
-_FLAWS: dict[Flaw, str] = {
-    "unattributed": "the ego met somebody whom the attack did not steer",
-    "off_road": "the adversary left the road",
-    "hits_others": "the adversary hit another road user first",
-    "bystanders_collide": "two others collided that do not in the log",
-    "rear_ends_ego": "the adversary ran into the back of the ego",
-    "from_behind": "the adversary came from behind the ego",
-    "ego_stands": "the ego stood",
-    "too_hard": "the adversary braked or steered harder than tyres hold on a dry road",
-}
 
 
 @dataclass(frozen=True)
@@ -256,7 +246,7 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
     if judgement is None:
         return []
     # a file may name others
-    flaws = "; ".join(_FLAWS.get(flaw, flaw.replace("_", " ")) for flaw in judgement.flaws)
+    flaws = "; ".join(flaw.sentence for flaw in judgement.flaws)
     said = [("Telling", telling_words(judgement)), ("As a test", flaws or "clean: nothing spoils it")]
     if (law := judgement.law) is not None:
         said += [

@@ -30,7 +30,7 @@ def flaws(attacked: Scenario) -> tuple[Flaw, ...] | None:
     if hit is None or attacked.original is None:
         return None
     crash = Crash(attacked, attacked.original, hit)
-    return tuple(word for word, spoils in _SPOILS.items() if spoils(crash))
+    return tuple(flaw for flaw, spoils in _SPOILS.items() if spoils(crash))
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,13 +196,13 @@ def _too_hard(crash: Crash) -> bool:
 
 _SPOILS: MappingProxyType[Flaw, Callable[[Crash], bool]] = MappingProxyType(
     {
-        "unattributed": _unattributed,
-        "off_road": _off_road,
-        "hits_others": _hits_others,
-        "bystanders_collide": _bystanders_collide,
-        "rear_ends_ego": _rear_ends_ego,
-        "from_behind": _from_behind,
-        "ego_stands": _ego_stands,
-        "too_hard": _too_hard,
+        Flaw.UNATTRIBUTED: _unattributed,
+        Flaw.OFF_ROAD: _off_road,
+        Flaw.HITS_OTHERS: _hits_others,
+        Flaw.BYSTANDERS_COLLIDE: _bystanders_collide,
+        Flaw.REAR_ENDS_EGO: _rear_ends_ego,
+        Flaw.FROM_BEHIND: _from_behind,
+        Flaw.EGO_STANDS: _ego_stands,
+        Flaw.TOO_HARD: _too_hard,
     }
 )

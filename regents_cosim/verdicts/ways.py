@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.ops import substring
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import OVER_LIMIT
+from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.maps.levels import drivable_at
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
@@ -32,7 +32,6 @@ OFF_WAY_M = 1.6  # the centre may be so far from the middle of its way through a
 MOST_WAYS = 12
 
 _BEHIND_M = 20.0  # of where it begins; a lorry is 16 m long
-_ALONG_RAD = np.deg2rad(45.0)
 _LOG_SPACING_M = 2.0  # of the points by which the log is matched
 _LONGEST_M = 500.0
 _MOST_LANES = 200  # that a way may lead over
@@ -98,7 +97,7 @@ def _start(scenario: Scenario, agent: int) -> _Start | None:
 
 def _lanes_of(road: RoadMap, place: tuple[float, float], z: float, yaw: float) -> dict[str, float]:
     at = lane_pieces(road).under(np.array([place]), z)
-    along = np.abs(wrap(at.heading - yaw)) < _ALONG_RAD
+    along = np.abs(wrap(at.heading - yaw)) < ALONG_RAD
     pairs = zip(at.lane[along].tolist(), at.along[along].tolist(), strict=True)
     return {road.lanes[lane].id: along for lane, along in pairs}
 

@@ -16,7 +16,7 @@ from regents_cosim.benchmarks.runs import columns
 from regents_cosim.benchmarks.table1 import as_json, compare, markdown, require_places, table1
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
-from regents_cosim.judgement import Law, Offence
+from regents_cosim.judgement import Flaw, Law, Offence
 from regents_cosim.reports.bars import Share, draw_bars
 
 UNLAWFUL = Law(
@@ -73,7 +73,10 @@ def test_telling_is_the_headline_and_what_is_not_known_is_said():
         [crashed("b", law=LAWFUL, drivers=AVOIDS)],
         [crashed("c", law=UNLAWFUL, drivers=AVOIDS)],
         [crashed("d")],
-        [crashed("e", ["off_road"], law=LAWFUL, drivers=AVOIDS), crashed("e2", law=Law((), (), ("oncoming_lanes",)))],
+        [
+            crashed("e", [Flaw.OFF_ROAD], law=LAWFUL, drivers=AVOIDS),
+            crashed("e2", law=Law((), (), ("oncoming_lanes",))),
+        ],
     ]
     run = MethodRun("king", "idm", 500, windows)
     found = scores(run)

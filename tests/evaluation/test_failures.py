@@ -5,7 +5,7 @@ import pytest
 from scenes import scene
 
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences, failure_reason, may_reach
-from regents_cosim.judgement import Avoidability, Judgement, Law, Manoeuvre, Offence, ReferenceDrive
+from regents_cosim.judgement import Avoidability, Flaw, Judgement, Law, Manoeuvre, Offence, ReferenceDrive
 from regents_cosim.scenario import AttackRecord, Tracks
 
 
@@ -36,7 +36,7 @@ BREAKS_THE_LAW = Judgement((), AVOIDABLE, law=UNLAWFUL, drivers=AVOIDS)
         ([attacked(*NEAR, outcome="no_candidate")], "no_candidate"),
         ([attacked(*NEAR)], "stuck"),
         ([attacked(*NEAR, spoilt=True)], "spoilt_only"),
-        ([attacked(*NEAR, outcome="collision", judgement=Judgement(("off_road",)))], "spoilt_only"),
+        ([attacked(*NEAR, outcome="collision", judgement=Judgement((Flaw.OFF_ROAD,)))], "spoilt_only"),
         ([attacked(*NEAR, outcome="collision", judgement=UNAVOIDABLE)], "unavoidable_only"),
         ([attacked(*NEAR, outcome="collision", judgement=BREAKS_THE_LAW)], "unlawful_only"),
         ([attacked(*NEAR, outcome="collision", judgement=Judgement((), AVOIDABLE))], "not_known"),

@@ -27,7 +27,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import realism
 from regents_cosim.evaluation.drives.driving import Drive
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.judgement import Avoidability, Fault, Judgement
+from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement
 from regents_cosim.reports.crash_groups import groups
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.packing import CM, differences, stretches
@@ -254,7 +254,7 @@ def test_scores_count_what_the_cases_hold():
     judged = []
     for k, case in enumerate(CRASHES):
         evaded = Avoidability(k % 2 == 0, 100, 10 * (k % 2 == 0), 3, None)
-        judgement = Judgement(() if k else ("off_road",), evaded, Fault("ego", "rule", "reason"))
+        judgement = Judgement(() if k else (Flaw.OFF_ROAD,), evaded, Fault("ego", "rule", "reason"))
         ego = replace(case.tracks, **{n: getattr(case.tracks, n)[:1] for n in ("x", "y", "yaw", "speed", "valid", "z")},
                       accel=None, curvature=None)  # fmt: skip
         judged.append(replace(case, judgement=judgement, evasion=ego if k % 2 == 0 else None))

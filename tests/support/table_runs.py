@@ -7,7 +7,7 @@ from scenes import scene
 
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.evaluation.crashes.scores import MethodRun
-from regents_cosim.judgement import Avoidability, Fault, Judgement, Law, Manoeuvre, ReferenceDrive
+from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
 from regents_cosim.scenario import AttackRecord, Collision, Tracks
 
 AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4), in_time=False)
@@ -54,8 +54,8 @@ def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=()):
 WINDOWS = [
     [missed("a", "already_colliding")],
     [crashed("b")],
-    [crashed("c", ["off_road"]), crashed("c2", avoidability=UNAVOIDABLE)],
-    [crashed("d", ["off_road"])],
+    [crashed("c", [Flaw.OFF_ROAD]), crashed("c2", avoidability=UNAVOIDABLE)],
+    [crashed("d", [Flaw.OFF_ROAD])],
     [missed("e")],
 ]
 

@@ -8,7 +8,7 @@ import pytest
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.comparison import RegressionVerdict, explain
 from regents_cosim.evaluation.suites.cards import Card
-from regents_cosim.judgement import Judgement, Law, Offence, ReferenceDrive
+from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.verdicts.words import advice, offences_words, telling_words
 
 RED = Offence("red_light", 2.0, 0.5, 3.25, "m")
@@ -21,7 +21,7 @@ TELLING = Judgement((), law=Law((CLOSE,), ()), drivers=(BRAKES,))
     ("judgement", "said"),
     [
         (TELLING, "yes: "),
-        (replace(TELLING, flaws=("off_road",)), "no: something spoils it"),
+        (replace(TELLING, flaws=(Flaw.OFF_ROAD,)), "no: something spoils it"),
         (replace(TELLING, law=Law((RED, CLOSE), ())), "no: the adversary breaks the law"),
         (replace(TELLING, drivers=(replace(BRAKES, avoids=False),)), "no: a careful driver crashes too"),
         (replace(TELLING, law=None), "not known: whether the adversary keeps the law"),

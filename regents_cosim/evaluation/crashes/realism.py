@@ -13,6 +13,7 @@ from scipy.stats import wasserstein_distance
 
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.judgement import Flaw
 from regents_cosim.scenario import Scenario, Tracks, boxes_of
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.leaving_road import corners_off_road
@@ -95,7 +96,7 @@ def realism(attacked: Sequence[Scenario], limits: Limits = Limits()) -> Realism 
         traffic += [motion(log.tracks, i, case.dt) for i in range(1, len(case.agents))]
         off.append(off_road_steps(case, agent, end))
         off_before.append(off_road_steps(log, agent, end))
-        touching += "hits_others" in (flaws(case) or ())
+        touching += Flaw.HITS_OTHERS in (flaws(case) or ())
     samples = pooled(after), pooled(before), pooled(traffic)
     return Realism(
         adversaries=len(hits),

@@ -314,7 +314,7 @@ def _adversary(case: Scenario) -> int:
 def _flaws(case: Scenario) -> frozenset[Flaw]:
     found = flaws(case)
     assert found is not None
-    return frozenset(found) - {"unattributed"}
+    return frozenset(found) - {Flaw.UNATTRIBUTED}
 
 
 def _said(case: Scenario) -> _Said:

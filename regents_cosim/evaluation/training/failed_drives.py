@@ -40,7 +40,7 @@ def teachable(failed: Sequence[Scenario | None]) -> list[Scenario]:
     ]
 
 
-_BEHIND: frozenset[Flaw] = frozenset({"rear_ends_ego", "from_behind"})
+_BEHIND: frozenset[Flaw] = frozenset({Flaw.REAR_ENDS_EGO, Flaw.FROM_BEHIND})
 
 
 def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | None:
