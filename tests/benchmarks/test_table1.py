@@ -173,23 +173,21 @@ def test_bars_are_as_high_as_their_shares(tmp_path):
 
 
 @pytest.mark.slow
-def test_our_preset_makes_more_actionable_crashes_than_those_of_the_papers(tmp_path):
-    """The table of the README on twenty windows of each network, among them those that nothing was tuned on."""
+def test_our_preset_finds_more_telling_crashes_than_those_of_the_papers(tmp_path):
+    """The table of the README on four windows of each network, half of which had no say in any choice."""
     program = Path(sys.executable).parent / "regents"
+    small = ["--count", "4", "--seed", "3", "--adversaries", "one"]
     done = subprocess.run(
-        [str(program), "bench", "table1", "--count", "20", "--seed", "3", "-o", str(tmp_path), "--quiet"],
-        capture_output=True,
-        text=True,
+        [str(program), "bench", "table1", *small, "-o", str(tmp_path), "--quiet"], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     table = json.loads((tmp_path / "table1.json").read_text())
     found = {row["method"]: row for row in table["scores"]}
     assert set(found) == {"king", "regents", "focused"}
-    assert found["focused"]["n"] > 100
-    assert found["focused"]["clean_percent"] >= 65.0
-    assert found["focused"]["actionable_percent"] >= 55.0
-    assert not {"off_road", "hits_others"} & set(found["focused"]["flaws"])
-    against = [c for c in table["comparisons"] if (c["second"], c["count"]) == ("focused", "actionable")]
+    assert found["focused"]["n"] >= 20
+    assert found["focused"]["telling_percent"] >= 50.0
+    assert not found["focused"]["flaws"]
+    against = [c for c in table["comparisons"] if (c["second"], c["count"]) == ("focused", "telling")]
     assert {c["first"] for c in against} == {"king", "regents"}
     assert all(c["only_second"] > c["only_first"] and c["p"] is None for c in against)  # protocols differ
     assert all(row["verified_in_sumo"] == row["crashes"] for row in found.values())
