@@ -77,7 +77,7 @@ def _from_behind(
 
 
 def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]:
-    """`Crash.met_at`: where on the ego it is met at the first touch, a share of its length from the rear end."""
+    """`CrashTracks.met_at`: where on the ego it is met at the first touch, a share of its length from the rear end."""
     before = jnp.maximum(step - 1, 0)
     steps = jnp.stack([jnp.where(look_up(there, before), before, step), step])
     poses = jnp.stack([jnp.stack([box.x, box.y, box.cos, box.sin]) for box in (ego, other)])[..., steps]

@@ -10,7 +10,7 @@ from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts
 from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.attacks.universal import Several
+from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError
 from regents_cosim.planners.host_pool import HostPool
@@ -108,7 +108,7 @@ def attack_each(
     yield from run(scenarios, under_attack, batch)
 
 
-def _several(planners: Sequence[PlannerUnderTest], config: AttackConfig) -> Several:
+def _several(planners: Sequence[PlannerUnderTest], config: AttackConfig) -> AttackedPlanners:
     """The planners of an attack on several. Raises RegentsError."""
     names = tuple(planner.name for planner in planners)
     for planner in planners:
@@ -124,7 +124,7 @@ def _several(planners: Sequence[PlannerUnderTest], config: AttackConfig) -> Seve
             "several planners are attacked at once by gradients, in every iteration and by our own code: "
             "leave out --as-published and --replan-every, and take method king, regents or focused"
         )
-    return Several(tuple(planner.loop for planner in planners if planner.loop is not None), names)
+    return AttackedPlanners(tuple(planner.loop for planner in planners if planner.loop is not None), names)
 
 
 def _replanning(config: AttackConfig, default: int) -> AttackConfig:

@@ -12,7 +12,7 @@ from regents_cosim.attacks.pursuit import DriveRequest, in_compiled_loop
 from regents_cosim.attacks.replanned import BackgroundTraffic
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.attacks.universal import Several
+from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError
@@ -86,7 +86,7 @@ def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended:
         candidates=tuple(scenario.agents[index].id for index in np.flatnonzero(job.searched.candidate)),
         cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
     )
-    if isinstance(setup.planner, Several):
+    if isinstance(setup.planner, AttackedPlanners):
         # Where the search diverged, one of them may have: the log tells.
         told = (job.world.log, job.world.controls) if outcome == "diverged" else (found.motion, found.controls)
         crashed = _who_crashes(setup.planner, scenario, job, *told)
@@ -107,7 +107,7 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
     """What is known of an attack before it has done anything."""
     config = replace(setup.config, dynamics=setup.dynamics(scenario))
     settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("method", "universal")}
-    if isinstance(setup.planner, Several):
+    if isinstance(setup.planner, AttackedPlanners):
         settings |= {"universal": config.universal, "against": " ".join(setup.planner.names[1:])}
     return AttackRecord(
         case=scenario.id,
@@ -121,7 +121,7 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
 
 def _name(setup: AttackSetup, scenario: Scenario) -> str:
     """The id of an attacked case."""
-    names = setup.planner.names if isinstance(setup.planner, Several) else (setup.planner_name,)
+    names = setup.planner.names if isinstance(setup.planner, AttackedPlanners) else (setup.planner_name,)
     return file_name(scenario.id, setup.config.label, "+".join(map(_label, names)))
 
 
@@ -136,7 +136,7 @@ def _label(planner: str) -> str:
 
 
 def _who_crashes(
-    several: Several, scenario: Scenario, job: SearchJob, background: Motion, controls: Controls
+    several: AttackedPlanners, scenario: Scenario, job: SearchJob, background: Motion, controls: Controls
 ) -> list[str]:
     """Names of the planners that crash among `background`, each in a drive of its own, by the exact boxes.
 

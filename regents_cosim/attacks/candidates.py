@@ -22,7 +22,7 @@ from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts import Start, followed, starts
-from regents_cosim.attacks.universal import Several
+from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import Motion
@@ -50,7 +50,7 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
     memory = None
     if isinstance(setup.planner, JaxPlanner):
         scene = LoopScene(scenario, world)
-        several = isinstance(setup.planner, Several)
+        several = isinstance(setup.planner, AttackedPlanners)
         memory = setup.planner.init(scene) if several else start(setup.planner, scene, setup.planner_name)
     allowed = np.asarray(_candidates(world, setup.config))
     if setup.config.search == "joint" or not allowed.any():
@@ -95,7 +95,9 @@ def _unattacked(
 ) -> Tracks | None:
     """The ego's track [1, time] among the traffic as it was recorded; None where it fails or collides there."""
     job = SearchJob(
-        world, memory[0] if isinstance(setup.planner, Several) else memory, SearchedAgents.only(0, len(world.valid))
+        world,
+        memory[0] if isinstance(setup.planner, AttackedPlanners) else memory,
+        SearchedAgents.only(0, len(world.valid)),
     )
     background = _undisturbed(world)
     reacting = world.vehicle if setup.config.background == "reactive" else None

@@ -20,8 +20,8 @@ from regents_cosim.mirror.separation import Box, corners, overlaps
 from regents_cosim.mirror.world import World
 from regents_cosim.planners.reference.foresight import (
     EGO_TIMES_S,
-    Course,
-    Place,
+    ExpectedMotion,
+    PlaceOnPath,
     curvature_of,
     further,
     is_risk,
@@ -139,12 +139,12 @@ def _ego_going_on(world: World, path: _Path, own: Motion) -> Box:
     return Box(x, y, jnp.cos(yaw), jnp.sin(yaw), world.half_length[0], world.half_width[0], z)
 
 
-def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) -> Course:
+def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) -> ExpectedMotion:
     valid = _row(world.valid, adversary)
     since, passed = _since(world, other.x.shape[0])
     known = valid[since]
     turned = jnp.where(known, other.yaw - other.yaw[since], 0.0)
-    return Course(
+    return ExpectedMotion(
         other.x,
         other.y,
         other.yaw,
@@ -157,7 +157,7 @@ def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) 
     )
 
 
-def _place(world: World, path: _Path, other: Motion, course: Course) -> Place:
+def _place(world: World, path: _Path, other: Motion, course: ExpectedMotion) -> PlaceOnPath:
     """Of the adversary at every step."""
     dx, dy = other.x[:, None] - path.x, other.y[:, None] - path.y
     nearest = jnp.argmin(dx**2 + dy**2, axis=-1)

@@ -29,7 +29,7 @@ _SHORTEST_CHANGE_M = 12.0
 
 
 @dataclass(frozen=True, eq=False)
-class StopLine:
+class LightOnLine:
     """A light on the line."""
 
     at_m: float  # along the line
@@ -44,7 +44,7 @@ class DriveLine:
     heading: Float[np.ndarray, " point"]  # [rad] continuous
     limit: float  # [m/s] where it begins
     shows_m: float = 0.0  # so far along, a change of lane can be noticed
-    stop_lines: tuple[StopLine, ...] = ()
+    stop_lines: tuple[LightOnLine, ...] = ()
 
     def at(self, way: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Places [m, m] and headings [rad] so many metres along."""
@@ -101,7 +101,7 @@ def _neighbours_aside(
     return [float((other - place) @ left) for other in found]
 
 
-def _stop_lines(scenario: Scenario, way: Way, line: DriveLine) -> tuple[StopLine, ...]:
+def _stop_lines(scenario: Scenario, way: Way, line: DriveLine) -> tuple[LightOnLine, ...]:
     """The lights that the way passes."""
     signals = {signal.id: signal for signal in scenario.signals}
     drawn = shapely.LineString(line.points)
@@ -111,7 +111,7 @@ def _stop_lines(scenario: Scenario, way: Way, line: DriveLine) -> tuple[StopLine
         if link is not None and link.signal in signals:
             shown = [signals[link.signal].letters(step)[link.link] for step in range(scenario.tracks.steps)]
             at_m = float(drawn.project(shapely.Point(lane.centre[-1])))
-            found.append(StopLine(at_m, np.array([letter in RED for letter in shown])))
+            found.append(LightOnLine(at_m, np.array([letter in RED for letter in shown])))
     return tuple(found)
 
 

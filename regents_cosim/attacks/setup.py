@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import RunClosedLoops, in_compiled_loop
-from regents_cosim.attacks.universal import Several
+from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Dynamics, Scenario
 
@@ -25,6 +25,6 @@ class AttackSetup:
 
     def loop(self) -> RunClosedLoops:
         """Closed loops of the planner in JAX; of several, of the first."""
-        first = self.planner.planners[0] if isinstance(self.planner, Several) else self.planner
+        first = self.planner.planners[0] if isinstance(self.planner, AttackedPlanners) else self.planner
         assert isinstance(first, JaxPlanner)
         return in_compiled_loop(first, self.planner_name)

@@ -20,7 +20,7 @@ from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 
 
-class Several(JaxPlanner):
+class AttackedPlanners(JaxPlanner):
     """Planners that one adversary is to make crash, the first one being the ego of the case that results.
 
     Stands in a planner's place as `rollout.FixedEgo` does: it is never asked for a step.
@@ -46,7 +46,7 @@ class UniversalDescent(Descent):
 
     def alone(self) -> tuple[Descent, ...]:
         """The descent against each of the planners."""
-        assert isinstance(self.planner, Several)
+        assert isinstance(self.planner, AttackedPlanners)
         return tuple(
             Descent(
                 self.world, planner, memory, self.searched, self.undisturbed, self.start, self.config, self.extra_cost

@@ -16,7 +16,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.cases.files import content_hash, load_case, save_case
 from regents_cosim.checks.names import file_name, word
 from regents_cosim.errors import CaseError
-from regents_cosim.evaluation.crashes.scores import InSumo, MethodRun
+from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, write_atomic
 
@@ -33,7 +33,7 @@ class _Header(msgspec.Struct, frozen=True):
     seconds: float
     protocol: dict[str, str | int]
     windows: list[list[str]]  # ids of the results of each
-    in_sumo: list[InSumo]
+    in_sumo: list[CrashInSumo]
 
 
 def run_folder(

@@ -16,7 +16,7 @@ from regents_cosim.benchmarks.kept_runs import joined, keep, kept, run_folder
 from regents_cosim.benchmarks.table1 import Table1, table1
 from regents_cosim.benchmarks.table_files import write_table
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.scores import InSumo, MethodRun, Protocol, Results, rollouts_at_most
+from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, Protocol, Results, rollouts_at_most
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import verify_in_sumo
 from regents_cosim.scenario import Scenario
@@ -29,7 +29,7 @@ _ALL = (*_PRESETS, "random", "cma-es", "starts")
 
 
 @dataclass(frozen=True)
-class Column:
+class ComparedMethod:
     """What a column of the table is about."""
 
     name: str
@@ -42,7 +42,7 @@ def columns(
     backgrounds: Sequence[str],
     equal_protocol: bool,
     given: Mapping[str, Any],
-) -> list[Column]:
+) -> list[ComparedMethod]:
     """The columns of a table, for one planner; `given` takes the place of the presets' settings.
 
     With an equal protocol all search by the rules of ours, and those of the papers as there besides.
@@ -55,23 +55,23 @@ def columns(
     found = []
     for method, search, background in product(chosen, searches or (None,), backgrounds or (None,)):
         config = _config(method, {**given, "search": search, "background": background})
-        found.append(Column(_name(config) if config else method, config))
+        found.append(ComparedMethod(_name(config) if config else method, config))
     return found
 
 
-def _as_published(methods: Sequence[str], given: Mapping[str, Any]) -> list[Column]:
+def _as_published(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
     configs = (_config(method, given) for method in methods if method in _OF_PAPERS)
-    return [Column(_name(config), config) for config in configs if config]
+    return [ComparedMethod(_name(config), config) for config in configs if config]
 
 
-def _by_our_protocol(methods: Sequence[str], given: Mapping[str, Any]) -> list[Column]:
+def _by_our_protocol(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
     ours = _config(OURS.method, given)
     assert ours is not None
     found = []
     for method in methods:
         config = _config(method, given)
         name = method if config is None or method == ours.method else f"{config.label}, protocol of {ours.method}"
-        found.append(Column(name, config and config.by_protocol_of(ours)))
+        found.append(ComparedMethod(name, config and config.by_protocol_of(ours)))
     return found
 
 
@@ -90,7 +90,7 @@ class TryAgain:
 def tables(
     places: Sequence[list[Scenario]],
     planners: Sequence[AnyPlanner],
-    wanted: Sequence[Column],
+    wanted: Sequence[ComparedMethod],
     *,
     tuned_on: Sequence[str] = (),
     again: TryAgain = TryAgain(),
@@ -120,7 +120,7 @@ def _written(table: Table1, output: Path | None) -> Table1:
 def places_run(
     places: Sequence[list[Scenario]],
     planner: PlannerUnderTest,
-    wanted: Sequence[Column],
+    wanted: Sequence[ComparedMethod],
     output: Path | None,
     progress: Progress,
 ) -> Iterator[list[MethodRun]]:
@@ -153,7 +153,7 @@ def runs_again(
             left = unsolved(left, made)
             if left:
                 config = with_ten_times(METHODS[method].by_protocol_of(OURS))
-                column = Column(f"{method} with ten times the roll-outs", config)
+                column = ComparedMethod(f"{method} with ten times the roll-outs", config)
                 made.append(_one_run(left, planner, column, made, output, progress))
                 yield made[-1]
 
@@ -161,7 +161,7 @@ def runs_again(
 def _one_run(
     windows: list[Scenario],
     planner: PlannerUnderTest,
-    column: Column,
+    column: ComparedMethod,
     others: list[MethodRun],
     output: Path | None,
     progress: Progress,
@@ -179,7 +179,9 @@ def _one_run(
     return run
 
 
-def attack_run(windows: list[Scenario], planner: PlannerUnderTest, column: Column, progress: Progress) -> MethodRun:
+def attack_run(
+    windows: list[Scenario], planner: PlannerUnderTest, column: ComparedMethod, progress: Progress
+) -> MethodRun:
     """An attack on all `windows`."""
     config = column.config
     assert config is not None
@@ -215,7 +217,7 @@ def _judged(
     judged = iter(list(progress.each(judge_each(cases), "judging", len(cases))))
     windows = [[next(judged) for _ in results] for results in found]
     replays = verify_in_sumo([case for results in windows for case in results], progress=progress)
-    in_sumo = [InSumo(one.case, one.verified, one.reports_same_pair) for one in replays.values()]
+    in_sumo = [CrashInSumo(one.case, one.verified, one.reports_same_pair) for one in replays.values()]
     return MethodRun(method, planner, rollouts, windows, in_sumo, seconds, protocol)
 
 

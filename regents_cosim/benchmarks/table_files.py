@@ -5,7 +5,7 @@ from pathlib import Path
 
 from regents_cosim.benchmarks.table1 import Table1, as_json, markdown
 from regents_cosim.evaluation.crashes.scores import USUAL, MethodScores
-from regents_cosim.reports.bars import Share, draw_bars
+from regents_cosim.reports.bars import PercentWithInterval, draw_bars
 from regents_cosim.reports.curve import draw_curve
 from regents_cosim.system.atomic import explain_write, write_atomic
 
@@ -18,7 +18,7 @@ def write_table(table: Table1, folder: Path) -> None:
         write_atomic(folder / "table1.json", json.dumps(as_json(table), indent=1).encode())
         several = len({row.planner for row in table.scores}) > 1
         groups = {_label(row, several): _shares(row) for row in table.scores}
-        bars = {label: [Share(*share) for share in shares] for label, shares in groups.items()}
+        bars = {label: [PercentWithInterval(*share) for share in shares] for label, shares in groups.items()}
         draw_bars("Windows that end in a crash", ("success", "actionable", "telling"), bars, folder / "table1.png")
         lines = {_label(row, several): list(row.telling_by_usual.values()) for row in table.scores}
         title = "Windows with a telling crash [%] whose adversary is at least so usual"

@@ -20,7 +20,7 @@ from regents_cosim.system.progress import SILENT, Progress
 
 
 @dataclass(frozen=True)
-class Place:
+class ReplayPlace:
     """Where cases are replayed, and who is scripted there."""
 
     name: str
@@ -31,11 +31,11 @@ class Place:
 
 
 PLACES = (
-    Place("SUMO", "sumo"),
-    Place("SUMO, reactive", "sumo", background="reactive"),
-    Place("SUMO, reactive, planner drives", "sumo", background="reactive", planner_drives=True),
-    Place("highway-env, track", "highway"),
-    Place("highway-env, actions", "highway", mode="actions"),
+    ReplayPlace("SUMO", "sumo"),
+    ReplayPlace("SUMO, reactive", "sumo", background="reactive"),
+    ReplayPlace("SUMO, reactive, planner drives", "sumo", background="reactive", planner_drives=True),
+    ReplayPlace("highway-env, track", "highway"),
+    ReplayPlace("highway-env, actions", "highway", mode="actions"),
 )
 
 
@@ -98,7 +98,7 @@ class HighwayRow:
 
 
 def transfer(
-    cases: Sequence[Scenario], places: Sequence[Place] = PLACES, planner: str | None = None
+    cases: Sequence[Scenario], places: Sequence[ReplayPlace] = PLACES, planner: str | None = None
 ) -> Iterator[tuple[TransferRow, list[CrashReport]]]:
     """What becomes of `cases`, place by place.
 
@@ -116,13 +116,15 @@ def transfer(
         yield _transfer_row(place.name, cases, replays), [_report(place.name, replay) for replay in replays]
 
 
-def _takes(place: Place, cases: Sequence[Scenario]) -> bool:
+def _takes(place: ReplayPlace, cases: Sequence[Scenario]) -> bool:
     if place.background == "reactive" and not all(case.road.sumo_net for case in cases):
         return False
     return not place.planner_drives or all(case.attack for case in cases)
 
 
-def _replayed(cases: Sequence[Scenario], drivers: Sequence[PlannerUnderTest | None], place: Place) -> list[Replay]:
+def _replayed(
+    cases: Sequence[Scenario], drivers: Sequence[PlannerUnderTest | None], place: ReplayPlace
+) -> list[Replay]:
     """In the order of `cases`, each with its driver; None: the ego follows its track."""
     found = dict[str, Replay]()
     for planner in dict.fromkeys(drivers):

@@ -17,7 +17,7 @@ def most_unpacked(packed_bytes: int, largest: int) -> int:
     return min(largest, _ALWAYS_BYTES + _MOST_TIMES * packed_bytes)
 
 
-class Count:
+class ElementCount:
     """How deep one is in a file, and how many elements it had; raises ValueError past what is sensible."""
 
     def __init__(self, size: int) -> None:

@@ -17,9 +17,9 @@ from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.episode import Contacts, RecordedPath, choose_case, require_known
 from regents_cosim.replays.sumo.drivers import background_drivers
-from regents_cosim.replays.sumo.session import Play, SumoSession
+from regents_cosim.replays.sumo.session import CaseToPlay, SumoSession
 from regents_cosim.reports.camera import View, centred
-from regents_cosim.reports.film import Ground
+from regents_cosim.reports.film import Backdrop
 from regents_cosim.reports.pictured_case import PicturedCase, draw_moving
 from regents_cosim.scenario import Scenario, Tracks
 
@@ -114,7 +114,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         self.scenario = choose_case(pool.get("case"), pool.get("suite"), self.np_random)
         self._over = True  # until SUMO has begun
         released = background_drivers(self.scenario) if self.config["background"] == "reactive" else {}
-        self._frames = [self._session.begin(Play(self.scenario, released, int(self.np_random.integers(2**31))))]
+        self._frames = [self._session.begin(CaseToPlay(self.scenario, released, int(self.np_random.integers(2**31))))]
         self._origin = np.array([*scene_origin(self.scenario), 0.0, 0.0])
         self._half_length, self._dt = jnp.array([0.5 * self.scenario.ego.length]), jnp.float32(self.scenario.dt)
         self._path, self._progress = RecordedPath(self.scenario), 0.0
@@ -154,7 +154,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         size = self.config["screen_width"], self.config["screen_height"]
         if self._ground is None:
             view = centred(np.array([now.x[0], now.y[0]]), _PX_PER_M, size)
-            self._ground = Ground(scene, view, _ZOOM), view
+            self._ground = Backdrop(scene, view, _ZOOM), view
         ground, first = self._ground
         moved = (np.array([now.x[0], now.y[0]]) - _middle(first)) * [_PX_PER_M, -_PX_PER_M]
         view = first.shifted(*np.rint(moved).astype(int).tolist())

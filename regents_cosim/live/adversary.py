@@ -46,7 +46,7 @@ from regents_cosim.live.traffic import Traffic
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Outcome, Scenario
 from regents_cosim.sources.recording import is_called
-from regents_cosim.sources.windows import Origin
+from regents_cosim.sources.windows import RecordingOrigin
 from regents_cosim.verdicts.judge import judge
 
 State = Literal["waiting", "watching", "attacking", "returning", "paused", "detached"]
@@ -263,7 +263,7 @@ class Adversary(StepListener):
             self._reader = Reader(self._sumo, self._radius_m, self._net)
             net = self._net or Path(self._reader.option("net-file"))
             source = self._called or Path(self._reader.option("configuration-file") or net).name
-            self._source = Origin("sumo", source, sha256_of(net))
+            self._source = RecordingOrigin("sumo", source, sha256_of(net))
         kind = self._sumo.vehicle.getVehicleClass(picked)
         if kind.startswith(("rail", "tram", "subway", "ship", "cable_car")):
             raise SumoError(f"the ego {picked!r} is of the class {kind}: not supported on rails or water")

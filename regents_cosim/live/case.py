@@ -20,7 +20,7 @@ from regents_cosim.live.reading import Frame
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import AttackRecord, Outcome, Scenario, Signal, Tracks
 from regents_cosim.sources.recording import Recording, changes
-from regents_cosim.sources.windows import Origin, RecordedScene, Windows, make_scenario
+from regents_cosim.sources.windows import RecordedScene, RecordingOrigin, Windows, make_scenario
 
 _LABEL = 40  # characters of a planner or an adversary in the id of a case
 _FIELDS = ("x", "y", "yaw", "z")
@@ -62,7 +62,7 @@ class Attacked:
     iterations: int
     rollouts: int
     replan_s: float
-    source: Origin
+    source: RecordingOrigin
     seed: int = 0
 
 

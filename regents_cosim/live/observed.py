@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from regents_cosim.planners.idm import IDM, Memory
+from regents_cosim.planners.idm import IDM, IdmMemory
 from regents_cosim.planners.jax_planner import LoopScene
 
 OBSERVED = "observed"
@@ -13,7 +13,7 @@ _LEAST_M_S = 2.0  # one that stands is about to go on
 class Observed(IDM):
     """IDM that wants to go no faster than the ego is predicted to, which is its recent speed."""
 
-    def init(self, scene: LoopScene) -> Memory:
+    def init(self, scene: LoopScene) -> IdmMemory:
         """The route of the ego, at its recent speed."""
         memory = super().init(scene)
         recent = max(float(scene.scenario.tracks.speed[0].max()), _LEAST_M_S)

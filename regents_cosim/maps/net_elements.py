@@ -6,7 +6,7 @@ whatever place the network says, whenever a case is replayed. A network of a cas
 
 from xml.parsers import expat
 
-from regents_cosim.checks.xml_count import Count
+from regents_cosim.checks.xml_count import ElementCount
 from regents_cosim.errors import InputError
 
 _ELEMENTS = frozenset(
@@ -19,7 +19,7 @@ _ELEMENTS = frozenset(
 
 def require_network_alone(content: bytes, packed_bytes: int) -> None:
     """Raise InputError where a network, unpacked, holds anything else, lights that write files, or absurdly much."""
-    parser, count = expat.ParserCreate(), Count(packed_bytes)
+    parser, count = expat.ParserCreate(), ElementCount(packed_bytes)
 
     def begin(name: str, attributes: dict[str, str]) -> None:
         count.open()

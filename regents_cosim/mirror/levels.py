@@ -28,7 +28,7 @@ def same_level(a: Array | None, b: Array | None) -> Any:
     return True if a is None or b is None else jnp.abs(a - b) < CLEARANCE_M
 
 
-class Bands(eqx.Module):
+class LevelBands(eqx.Module):
     """The levels of a scene, numbered from the lowest."""
 
     row: Int[Array, " band"]  # number of the nearest level that the scene has
@@ -49,7 +49,7 @@ class HeightMap(eqx.Module):
     cells: Float[Array, " cell"]  # [m] heights, level by level and row by row
     shape: Int[Array, " 2"]  # rows, columns of one level
     corner: Float[Array, " 2"]  # [m] position of the first cell
-    bands: Bands
+    bands: LevelBands
 
     def __call__(self, x: Float[Array, "agent *time"], y: Float[Array, "agent *time"]) -> Float[Array, "agent *time"]:
         """Heights [m] of the road under all agents, over time or at one instant. Without gradient."""
@@ -70,11 +70,11 @@ class HeightMap(eqx.Module):
         return look_up(self.cells, (self.bands(own) * rows + row) * columns + column)
 
 
-def to_bands(levels: list[int]) -> Bands:
+def to_bands(levels: list[int]) -> LevelBands:
     """Levels, the lowest first, on the device; more than 96 m above it all is one."""
     all_ = levels[0] + np.arange(_BANDS)
     nearest = np.abs(all_[:, None] - np.array(levels)).argmin(axis=1)
-    return Bands(jnp.asarray(nearest, jnp.int32), jnp.int32(levels[0]))
+    return LevelBands(jnp.asarray(nearest, jnp.int32), jnp.int32(levels[0]))
 
 
 def to_height_map(

@@ -56,7 +56,7 @@ _WORDS = PIXELS // 32
 _OFFSETS = ((PIXELS - 1) / 2 - np.arange(PIXELS, dtype=np.float32)) * np.float32(PIXEL_M)
 
 
-class View(eqx.Module):
+class Surroundings(eqx.Module):
     """All that moves or changes, at one instant or over time."""
 
     boxes: Box  # [agent] other road users
@@ -65,7 +65,7 @@ class View(eqx.Module):
     lights: UInt8[Array, "*axes bar"]  # RED, AMBER, GREEN or DARK
 
 
-def observe(ground: Ground, bars: Box, view: View, ego: Motion) -> UInt8[Array, "192 192 3"]:
+def observe(ground: Ground, bars: Box, view: Surroundings, ego: Motion) -> UInt8[Array, "192 192 3"]:
     """The view from above the ego at one instant, everything in the coordinates of `ego`."""
     cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
     bars, light = _nearest(_from_ego(bars, ego, cos, sin), view.lights)

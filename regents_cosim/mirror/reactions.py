@@ -30,26 +30,26 @@ _STANDING_M_S = 0.05
 _CONTACT_M = 0.1  # gaps below count as this
 
 
-class Progress(eqx.Module):
+class LogProgress(eqx.Module):
     """How far agents have got in their own log."""
 
     step: Float[Array, " agent"]  # of the log, at most the present one
     speed: Float[Array, " agent"]  # [m/s]
 
 
-def begin(log: Motion) -> Progress:
+def begin(log: Motion) -> LogProgress:
     """Everybody where its log begins."""
-    return Progress(jnp.zeros_like(log.speed[:, 0]), log.speed[:, 0])
+    return LogProgress(jnp.zeros_like(log.speed[:, 0]), log.speed[:, 0])
 
 
-def place(log: Motion, progress: Progress) -> Motion:
+def place(log: Motion, progress: LogProgress) -> Motion:
     """Poses [agent] of agents that have got as far as `progress` in `log` [agent, time]."""
     x, y, yaw = (_at(values, log, progress.step) for values in (log.x, log.y, log.yaw))
     return Motion(x, y, yaw, progress.speed)
 
 
 def react(
-    progress: Progress,
+    progress: LogProgress,
     now: Motion,
     log: Motion,
     curvature: Float[Array, "agent step"],
@@ -59,7 +59,7 @@ def react(
     half_width: Float[Array, " agent"],
     dt: Float[Array, ""],
     z: Float[Array, " agent"] | None = None,
-) -> Progress:
+) -> LogProgress:
     """One step of `dt`: all agents are at `now` [agent], and the log had them at `log_now` [agent].
 
     `z` [m] are the heights of their roads, where roads lie above each other.
@@ -82,7 +82,7 @@ def react(
     )
     step = progress.step + jnp.where(following, 1.0, jnp.clip(pace, 0.0, 1.0))
     ahead = _at(log.speed, log, step)
-    return Progress(step, jnp.where(following, ahead, jnp.minimum(speed, ahead)))
+    return LogProgress(step, jnp.where(following, ahead, jnp.minimum(speed, ahead)))
 
 
 def _pressure(

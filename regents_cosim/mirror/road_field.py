@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.geometry.rasters import grid_shape, inside
 from regents_cosim.maps.levels import BAND_M, drivable_at
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.mirror.levels import Bands, to_bands
+from regents_cosim.mirror.levels import LevelBands, to_bands
 from regents_cosim.mirror.lookup import look_up
 
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
@@ -38,7 +38,7 @@ class RoadField(eqx.Module):
     cells: Float[Array, "cell 4"]  # 0 on the road, 1 off it
     shape: Int[Array, " 2"]  # rows, columns
     corner: Float[Array, " 2"]  # [m] position of cell (0, 0)
-    bands: Bands | None = None  # the levels, where roads lie above each other
+    bands: LevelBands | None = None  # the levels, where roads lie above each other
 
     def __call__(
         self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], z: Float[Array, "*#axes"] | None = None
@@ -108,7 +108,7 @@ def blur_areas(
     low: Float[np.ndarray, " 2"],
     high: Float[np.ndarray, " 2"],
     origin: Float[np.ndarray, " 2"],
-    bands: Bands | None = None,
+    bands: LevelBands | None = None,
     room: int = 0,
 ) -> RoadField:
     """The field of areas in which one may drive, one for each level, over the bounds `low`..`high` [m, map frame].

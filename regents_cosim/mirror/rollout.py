@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, clip
 from regents_cosim.mirror.dynamics import roll_out, step
-from regents_cosim.mirror.reactions import Progress, begin, place, react
+from regents_cosim.mirror.reactions import LogProgress, begin, place, react
 from regents_cosim.mirror.world import World
 
 
@@ -105,7 +105,7 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
     return jax.tree.map(lambda values, end: jnp.append(values, end), motion, last), controls, memory
 
 
-class Instant(eqx.Module):
+class BackgroundInstant(eqx.Module):
     """What the background was to do at one step, or [time, agent] at all of them."""
 
     log: Motion  # [agent] its own track
@@ -123,7 +123,7 @@ def drive_among_reacting(
     """
 
     def advance(
-        carry: tuple[Motion, Any, Progress], inputs: tuple[Instant, Any]
+        carry: tuple[Motion, Any, LogProgress], inputs: tuple[BackgroundInstant, Any]
     ) -> tuple[Any, tuple[Motion, Controls]]:
         ego, recalled, progress = carry
         instant, held = inputs
@@ -143,7 +143,7 @@ def drive_among_reacting(
         held = memory.controls, jax.tree.map(lambda values: values[1:], memory.motion)
     start = (ego_start(world), None if held else memory, begin(background))
     (ego, memory, progress), (motion, controls) = jax.lax.scan(
-        advance, start, (Instant(log, present, world.moving.T), held)
+        advance, start, (BackgroundInstant(log, present, world.moving.T), held)
     )
     last = placed(background, reacting, progress, jax.tree.map(lambda values: values[:, -1], background), ego)
     motion = jax.tree.map(lambda values, end: jnp.concatenate([values.T, end[:, None]], axis=1), motion, last)
@@ -151,21 +151,23 @@ def drive_among_reacting(
 
 
 def placed(
-    background: Motion, reacting: Bool[Array, " agent"], progress: Progress, log_now: Motion, ego: Motion
+    background: Motion, reacting: Bool[Array, " agent"], progress: LogProgress, log_now: Motion, ego: Motion
 ) -> Motion:
     """Where everybody is [agent]: the `reacting` as far as they have got, the rest where `log_now` has them."""
     as_far = place(background, progress)
     return with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b), as_far, log_now), ego)
 
 
-def reacted(world: World, background: Motion, progress: Progress, now: Motion, instant: Instant) -> Progress:
+def reacted(
+    world: World, background: Motion, progress: LogProgress, now: Motion, instant: BackgroundInstant
+) -> LogProgress:
     """How far everybody gets by the next step."""
     further = react(
         progress, now, background, world.controls.curvature, instant.log, instant.present,
         world.half_length, world.half_width, world.dt, world.height(now),
     )  # fmt: skip
     # Whoever has not entered yet is as far as time is.
-    return Progress(
+    return LogProgress(
         jnp.where(instant.moving, further.step, progress.step + 1.0),
         jnp.where(instant.moving, further.speed, progress.speed),
     )

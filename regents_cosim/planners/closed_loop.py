@@ -12,8 +12,8 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror import dynamics as models
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.reactions import Progress, begin
-from regents_cosim.mirror.rollout import EgoTrack, Instant, placed, reacted
+from regents_cosim.mirror.reactions import LogProgress, begin
+from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, placed, reacted
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
@@ -143,22 +143,22 @@ def _advance_traced(
     world: World,
     background: Motion,
     reacting: Bool[Array, " agent"],
-    progress: Progress,
+    progress: LogProgress,
     egos: Float[Array, "2 4"],
     step: Int[Array, ""],
-) -> tuple[Progress, Float[Array, "4 agent"]]:
+) -> tuple[LogProgress, Float[Array, "4 agent"]]:
     """Everybody's progress, and states at the next step, the ego's states at this and the next being known."""
     log, later = (jax.tree.map(lambda values, k=k: values[:, k], background) for k in (step, step + 1))
     now = placed(background, reacting, progress, log, Motion(*egos[0]))
-    instant = Instant(log, world.valid[:, step], world.moving[:, step])
+    instant = BackgroundInstant(log, world.valid[:, step], world.moving[:, step])
     further = reacted(world, background, progress, now, instant)
     ahead = placed(background, reacting, further, later, Motion(*egos[1]))
     return further, jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
 
 
 def _advance(
-    world: World, background: Motion, reacting: Array, progress: Progress | None, ego: State, ahead: State, step: int
-) -> tuple[Progress, Float[Array, "4 agent"]]:
+    world: World, background: Motion, reacting: Array, progress: LogProgress | None, ego: State, ahead: State, step: int
+) -> tuple[LogProgress, Float[Array, "4 agent"]]:
     assert progress is not None
     egos = jnp.asarray(np.stack([ego, ahead]), jnp.float32)
     return _advance_traced(world, background, reacting, progress, egos, jnp.int32(step))

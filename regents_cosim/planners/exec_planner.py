@@ -83,12 +83,12 @@ class ExecPlanner:
             raise PlannerError(
                 f"planner 'exec:{command}': {self._words[0]!r} is neither an executable file nor on the PATH"
             )
-        self._running: _Running | None = None
+        self._running: _CommandProcess | None = None
 
     def reset(self, scene: Scene) -> None:
         """Tell the scene. Raises PlannerError."""
         if self._running is None:
-            self._running = _Running(self._words)
+            self._running = _CommandProcess(self._words)
             self._end = weakref.finalize(self, self._running.end)
         answer = self._ask("reset", _told(scene))
         if answer.ok is not True:
@@ -139,7 +139,7 @@ class _UnaskedError(Exception):
         self.text = text
 
 
-class _Running:
+class _CommandProcess:
     """The process of a command, and whatever that starts itself."""
 
     def __init__(self, words: list[str]) -> None:

@@ -8,21 +8,21 @@ from regents_cosim.planners.host_messages import encoder, questions
 from regents_cosim.planners.host_process import HostProcess, Running
 from regents_cosim.planners.host_server import Served
 from regents_cosim.planners.interface import Planner
-from regents_cosim.planners.patience import Patience
+from regents_cosim.planners.patience import Deadlines
 
 
-class HostHere(HostProcess):
+class HostInThisProcess(HostProcess):
     """The planner, and the conversation with it. Use it from one thread at a time."""
 
-    def __init__(self, name: str, planner: Planner, patience: Patience | None = None) -> None:
+    def __init__(self, name: str, planner: Planner, patience: Deadlines | None = None) -> None:
         super().__init__(name, patience)
         self._here = planner
 
     def _serving(self) -> Running:
-        return _Here(Served(self._here))
+        return _HostInThisProcess(Served(self._here))
 
 
-class _Here:
+class _HostInThisProcess:
     """Questions and answers go through the same bytes: the planner gets copies, and the same to the last digit."""
 
     def __init__(self, served: Served) -> None:

@@ -32,7 +32,7 @@ class Reset(msgspec.Struct, tag=True):
     scenes: list[Scene] | None
 
 
-class Act(msgspec.Struct, tag=True):
+class Decide(msgspec.Struct, tag=True):
     """Decide in every scene of the drive; answered by Decided."""
 
     number: int
@@ -84,7 +84,7 @@ class Raised(msgspec.Struct, tag=True, forbid_unknown_fields=True):
     trace: Annotated[str, msgspec.Meta(max_length=TRACE_LIMIT)]
 
 
-Question = Make | Reset | Act
+Question = Make | Reset | Decide
 Reply = Made | Done | Decided | Raised
 
 

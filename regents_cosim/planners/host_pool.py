@@ -5,9 +5,9 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from regents_cosim.planners.host_here import HostHere
+from regents_cosim.planners.host_here import HostInThisProcess
 from regents_cosim.planners.host_process import HostProcess
-from regents_cosim.planners.patience import ACT_TIMEOUT_S, Patience
+from regents_cosim.planners.patience import ACT_TIMEOUT_S, Deadlines
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 
@@ -17,7 +17,7 @@ class HostPool:
     def __init__(self, planner: PlannerUnderTest, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises RegentsError for a time that cannot be waited."""
         self._planner = planner
-        self._patience = Patience(planner.name, act_timeout_s)
+        self._patience = Deadlines(planner.name, act_timeout_s)
         self._free: queue.SimpleQueue[HostProcess] = queue.SimpleQueue()
         self._all: list[HostProcess] = []
         self._one_alone = planner.where == "this process"
@@ -47,7 +47,7 @@ class HostPool:
     def _new(self) -> HostProcess:
         planner = self._planner
         if planner.source is None and planner.here is not None:
-            host = HostHere(planner.name, planner.here, self._patience)
+            host = HostInThisProcess(planner.name, planner.here, self._patience)
         else:
             host = HostProcess(planner.name, self._patience, planner.source)
         self._all.append(host)

@@ -24,8 +24,8 @@ import msgspec
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.host_messages import (
     TRACE_LIMIT,
-    Act,
     Answer,
+    Decide,
     Decided,
     Done,
     Made,
@@ -41,8 +41,8 @@ from regents_cosim.planners.host_messages import (
 from regents_cosim.planners.interface import Scene, Snapshot
 from regents_cosim.planners.kept_process import KeptProcess
 from regents_cosim.planners.own_object import Pickled
-from regents_cosim.planners.patience import Patience
-from regents_cosim.planners.talk import Talk, TalkError
+from regents_cosim.planners.patience import Deadlines
+from regents_cosim.planners.talk import MessageError, MessageSocket
 
 _LAST_WORDS_S = 2.0  # a process that has closed its end may take so long to end
 _STACK_S = 0.5  # a process may take so long to say where it is
@@ -84,9 +84,9 @@ class Running(Protocol):
 class HostProcess:
     """The process, and the conversation with it. Use it from one thread at a time; any may close it."""
 
-    def __init__(self, name: str, patience: Patience | None = None, planner: str | Pickled | None = None) -> None:
+    def __init__(self, name: str, patience: Deadlines | None = None, planner: str | Pickled | None = None) -> None:
         """`patience` is shared with other processes of the same planner, which is made by `planner` or its name."""
-        self._name, self._patience = name, patience or Patience(name)
+        self._name, self._patience = name, patience or Deadlines(name)
         self._planner = name if planner is None else planner
         self._running: Running | None = None
         self._batches = self._closed = False
@@ -111,7 +111,7 @@ class HostProcess:
         running, when = self._running, f"in `act` at step {step}"
         if running is None:
             raise DriveError(f"planner {self._name!r} was ended {when}")
-        question = Act(running.number(), step, [packed(one) for one in seen])
+        question = Decide(running.number(), step, [packed(one) for one in seen])
         decided = self._ask(running, question, Decided, self._patience.act_s, when)
         if len(decided.answers) != len(seen) or not all(map(_fits, decided.answers, self._told)):
             raise self._lost(running, f"broke the protocol {when}: no decision within the limits for each scene")
@@ -131,7 +131,7 @@ class HostProcess:
             running.end()
 
     def _serving(self) -> Running:
-        return _Running()
+        return _ServingProcess()
 
     def _start(self) -> Running:
         self._patience.check()
@@ -163,7 +163,7 @@ class HostProcess:
             raise self._lost(running, f"gave no answer within {timeout_s:g} s {when}", stack, _HungError) from None
         except (EOFError, OSError) as error:
             raise self._lost(running, f"ended its process {when} ({running.outcome()})") from error
-        except (TalkError, msgspec.MsgspecError) as error:
+        except (MessageError, msgspec.MsgspecError) as error:
             raise self._lost(running, f"broke the protocol {when}: {error}") from error
         if reply.number != question.number:
             raise self._lost(running, f"broke the protocol {when}: an answer to another question")
@@ -185,7 +185,7 @@ class _HungError(DriveError):
     """It gave no answer in time."""
 
 
-class _Running:
+class _ServingProcess:
     """A process that serves (`host_server`)."""
 
     def __init__(self) -> None:
@@ -203,7 +203,7 @@ class _Running:
         finally:
             theirs.close()
             os.close(stacks)
-        self._talk, self._asked = Talk(ours), 0
+        self._talk, self._asked = MessageSocket(ours), 0
         self._in_use = threading.Lock()  # of the descriptors
         self._ended = False
 
@@ -218,7 +218,7 @@ class _Running:
             if self._ended:
                 raise EOFError
             if unasked := self._talk.unasked():
-                raise TalkError(f"{unasked!r} unasked")
+                raise MessageError(f"{unasked!r} unasked")
             deadline = time.monotonic() + timeout_s
             self._talk.send(question, deadline)
             return self._talk.receive(deadline)

@@ -21,8 +21,8 @@ from regents_cosim.planners.find import make_planner
 from regents_cosim.planners.host_messages import (
     SUMMARY_LIMIT,
     TRACE_LIMIT,
-    Act,
     Answer,
+    Decide,
     Decided,
     Done,
     Made,
@@ -48,7 +48,7 @@ from regents_cosim.planners.interface import (
     Snapshot,
     Waypoints,
 )
-from regents_cosim.planners.talk import Talk
+from regents_cosim.planners.talk import MessageSocket
 from regents_cosim.planners.waypoints import follow
 
 _TOLERANCE = 1e-6  # rounding beyond a limit
@@ -58,7 +58,7 @@ _MOST_DESCRIPTORS = 1024  # that are looked at for a place that cannot be guesse
 def serve(connection: int, stacks: int) -> None:
     """Answer what is asked over the socket `connection` until that ends. `stacks` takes where the planner hangs."""
     faulthandler.register(signal.SIGUSR1, _hidden(stacks), all_threads=True)
-    talk = Talk(socket.socket(fileno=_hidden(connection)), limit_bytes=None)
+    talk = MessageSocket(socket.socket(fileno=_hidden(connection)), limit_bytes=None)
     os.register_at_fork(after_in_child=talk.close)  # of two that answer, one is a copy
     served = Served()
     while True:
@@ -121,7 +121,7 @@ class Served:
             case Reset():
                 self._reset(question.scenes)
                 return Done(question.number)
-            case Act():
+            case Decide():
                 return Decided(question.number, self._act(question.step, [unpacked(one) for one in question.seen]))
 
     def _reset(self, scenes: list[Scene] | None) -> None:

@@ -31,7 +31,7 @@ _MIN_GAP_M = 0.1  # closer than this the interaction term would blow up
 _ALREADY_PASSED_M = 1.0  # a stop line this far behind the front bumper no longer holds
 
 
-class Memory(eqx.Module):
+class IdmMemory(eqx.Module):
     """The route on the device, and the ego's size."""
 
     x: Float[Array, " point"]  # [m]
@@ -49,7 +49,7 @@ class Memory(eqx.Module):
     z: Float[Array, " point"] | None = None  # [m] heights of the route, where roads lie above each other
 
 
-class Sight(eqx.Module):
+class IdmSight(eqx.Module):
     """Obstacles along the route."""
 
     rear: Float[Array, "*time agent"]  # [m] where along the route the agent's box begins
@@ -71,7 +71,7 @@ class IDM(JaxPlanner):
     look_ahead: float = 0.5  # [s] of pure pursuit
     min_look_ahead: float = 3.0  # [m]
 
-    def init(self, scene: LoopScene) -> Memory:
+    def init(self, scene: LoopScene) -> IdmMemory:
         """The route of the ego: its logged path, extended along the lanes."""
         memory = self.on_route(scene.scenario, scene.origin)
         if scene.world.heights is None:
@@ -80,7 +80,7 @@ class IDM(JaxPlanner):
         z = scene.scenario.heights.of(0, np.asarray(x, float), np.asarray(y, float))
         return eqx.tree_at(lambda m: m.z, memory, jnp.asarray(z, jnp.float32), is_leaf=lambda leaf: leaf is None)
 
-    def on_route(self, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> Memory:
+    def on_route(self, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> IdmMemory:
         """What it knows of the route of a scenario's ego, in the map's coordinates less `origin` [m]."""
         route = plan_route(scenario)
         points = _pad_line(route.points)
@@ -89,7 +89,7 @@ class IDM(JaxPlanner):
         x, y = (points - origin).T.astype(np.float32)
         nearest, corner = _nearest_points(points)
         line, closed = _stop_lines(route, scenario.tracks.steps)
-        return Memory(
+        return IdmMemory(
             x=jnp.asarray(x),
             y=jnp.asarray(y),
             cos=jnp.asarray(np.cos(angle), jnp.float32),
@@ -104,7 +104,7 @@ class IDM(JaxPlanner):
             half_width=jnp.float32(0.5 * scenario.agents[0].width),
         )
 
-    def look(self, memory: Memory, traffic: Traffic) -> Sight:
+    def look(self, memory: IdmMemory, traffic: Traffic) -> IdmSight:
         """Where along the route every agent's box begins and ends, and whether it is in the way."""
         motion = traffic.motion
         along, across, index = _project(memory, motion.x, motion.y)
@@ -118,9 +118,9 @@ class IDM(JaxPlanner):
         if memory.z is not None:
             inside &= same_level(traffic.z, look_up(memory.z, index))
         sight = (along - reach, along + reach, motion.speed * cos, traffic.valid & inside)
-        return Sight(*(values.T for values in sight))
+        return IdmSight(*(values.T for values in sight))
 
-    def step(self, memory: Memory, sight: Sight, ego: Motion) -> tuple[Controls, Memory]:
+    def step(self, memory: IdmMemory, sight: IdmSight, ego: Motion) -> tuple[Controls, IdmMemory]:
         """IDM acceleration for the tightest obstacle, pure-pursuit curvature."""
         along, _, index = _project(memory, ego.x, ego.y)
         nose = along + memory.half_length
@@ -143,7 +143,7 @@ class IDM(JaxPlanner):
         accel = self.max_accel * (jnp.maximum(free, -self.comfortable_brake / self.max_accel) - interaction.max())
         return jnp.clip(accel, -ACCEL_LIMIT, self.max_accel)
 
-    def _curvature(self, memory: Memory, along: Array, ego: Motion) -> Float[Array, ""]:
+    def _curvature(self, memory: IdmMemory, along: Array, ego: Motion) -> Float[Array, ""]:
         ahead = jnp.maximum(self.look_ahead * ego.speed, self.min_look_ahead)
         at = jnp.clip((along + ahead) / SPACING_M, 0.0, _POINTS - 1.001)
         index = at.astype(jnp.int32)
@@ -164,14 +164,14 @@ class IDM(JaxPlanner):
         return np.minimum(speed, 60.0)
 
 
-def place_on_route(memory: Memory, x: Array, y: Array) -> tuple[Array, Array, Array]:
+def place_on_route(memory: IdmMemory, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Distance along the route and to the left of it [m], and the route's direction [rad] there."""
     along, across, index = _project(memory, x, y)
     _, _, cos, sin = _point(memory, index)
     return along, across, jnp.arctan2(sin, cos)
 
 
-def route_poses(memory: Memory, along: Array) -> tuple[Array, Array, Array, Array]:
+def route_poses(memory: IdmMemory, along: Array) -> tuple[Array, Array, Array, Array]:
     """Places and directions of the route at distances [m]: x, y [m], cosine, sine; straight on beyond its end."""
     index = jnp.clip(jnp.floor(along / SPACING_M).astype(jnp.int32), 0, _POINTS - 1)
     x, y, cos, sin = _point(memory, index)
@@ -179,7 +179,7 @@ def route_poses(memory: Memory, along: Array) -> tuple[Array, Array, Array, Arra
     return x + rest * cos, y + rest * sin, cos, sin
 
 
-def _project(memory: Memory, x: Array, y: Array) -> tuple[Array, Array, Array]:
+def _project(memory: IdmMemory, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Distance along and across the route [m], left positive, and the nearest point's index.
 
     The grid gives a point within a few metres of the nearest, its tangent the rest: the same as
@@ -193,12 +193,12 @@ def _project(memory: Memory, x: Array, y: Array) -> tuple[Array, Array, Array]:
     return _along(memory, index, x, y), (y - route_y) * cos - (x - route_x) * sin, index
 
 
-def _along(memory: Memory, index: Array, x: Array, y: Array) -> Array:
+def _along(memory: IdmMemory, index: Array, x: Array, y: Array) -> Array:
     route_x, route_y, cos, sin = _point(memory, index)
     return index * SPACING_M + (x - route_x) * cos + (y - route_y) * sin
 
 
-def _point(memory: Memory, index: Array) -> tuple[Array, ...]:
+def _point(memory: IdmMemory, index: Array) -> tuple[Array, ...]:
     """Position and direction of the route at one of its points: x, y [m], cosine, sine."""
     return tuple(look_up(values, index) for values in (memory.x, memory.y, memory.cos, memory.sin))
 

@@ -11,7 +11,7 @@ RESET_TIMEOUT_S = 30.0  # over one `reset`
 ACT_TIMEOUT = Range(1e-3, 86400.0, "seconds that a planner may take over one decision")
 
 
-class Patience:
+class Deadlines:
     """What the processes of one planner share. From any thread.
 
     A planner that hangs when it is made, or in its first `reset`, is given up: all further drives fail at once. One

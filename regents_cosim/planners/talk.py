@@ -18,11 +18,11 @@ _MARK = b"\xa7rc1"  # not what text or a pickle begins with
 _PIECE_BYTES = 1 << 18
 
 
-class TalkError(Exception):
+class MessageError(Exception):
     """What came is no message."""
 
 
-class Talk:
+class MessageSocket:
     """One end of a pair of sockets, for one thread at a time; deadlines by `time.monotonic`, None waits for ever."""
 
     def __init__(self, connection: socket.socket, limit_bytes: int | None = LIMIT_BYTES) -> None:
@@ -47,9 +47,9 @@ class Talk:
         head = self._read(_HEADER.size, deadline)
         mark, length = _HEADER.unpack(head)
         if mark != _MARK:
-            raise TalkError(f"{head!r} where a message begins")
+            raise MessageError(f"{head!r} where a message begins")
         if self._limit is not None and length > self._limit:
-            raise TalkError(f"a message of {length} bytes, more than {self._limit}")
+            raise MessageError(f"a message of {length} bytes, more than {self._limit}")
         return self._read(length, deadline)
 
     def unasked(self) -> bytes:

@@ -14,7 +14,7 @@ from regents_cosim.planners.torch_bridge import NEAREST, TorchPlanner
 from regents_cosim.planners.torch_translation import Translated, translate
 
 
-class Memory(eqx.Module):
+class TorchMemory(eqx.Module):
     """What stays throughout a scene."""
 
     target: Float[Array, " 2"]  # [m]
@@ -45,12 +45,12 @@ class TorchInLoop(JaxPlanner):
 
     module: Translated
 
-    def init(self, scene: LoopScene) -> Memory:
+    def init(self, scene: LoopScene) -> TorchMemory:
         """Where to go, and how large the ego is."""
         sizes = (scene.world.half_length[0], scene.world.half_width[0])
-        return Memory(scene.on_device(np.array([scene.scenario.target]))[0], 2.0 * jnp.stack(sizes))
+        return TorchMemory(scene.on_device(np.array([scene.scenario.target]))[0], 2.0 * jnp.stack(sizes))
 
-    def step(self, memory: Memory, sight: Traffic, ego: Motion) -> tuple[Controls, Memory]:
+    def step(self, memory: TorchMemory, sight: Traffic, ego: Motion) -> tuple[Controls, TorchMemory]:
         """Look, and ask the module."""
         at = jnp.stack([ego.speed, *memory.size, *_from(ego, *memory.target)])
         accel, curvature = self.module(at[None], _others(sight, ego)[None])[0]

@@ -55,13 +55,13 @@ class PlannerUnderTest:
         return "this process" if self.source is None else "own process"
 
     @property
-    def ticket(self) -> "Ticket | None":
+    def ticket(self) -> "PlannerTicket | None":
         """What another process gets it by; None where it cannot leave this one."""
-        return None if self.source is None else Ticket(self.name, self.source, self.loop is not None)
+        return None if self.source is None else PlannerTicket(self.name, self.source, self.loop is not None)
 
 
 @dataclass(frozen=True)
-class Ticket:
+class PlannerTicket:
     """A planner for another process."""
 
     name: str

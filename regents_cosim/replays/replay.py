@@ -11,7 +11,7 @@ from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.relay import Relay, RelayedDriver, relayed
-from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest, Ticket
+from regents_cosim.planners.under_test import AnyPlanner, PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.sumo.drivers import DriverParameters, background_drivers
 from regents_cosim.replays.sumo.replay import replay_in_sumo
@@ -27,7 +27,7 @@ Simulator = Literal["sumo", "highway", "mirror"]
 Mode = Literal["track", "actions"]
 Background = Literal["log", "reactive"]
 _RUN = secrets.token_hex(8)  # of this process
-_KEPT: dict[tuple[str, Ticket, float], Drivers] = {}  # in a worker: of the run that it works on
+_KEPT: dict[tuple[str, PlannerTicket, float], Drivers] = {}  # in a worker: of the run that it works on
 _AGENT = "highway:"  # in front of the names of highway-env's agents, which need no bridge there
 
 
@@ -114,7 +114,7 @@ class SumoDrive:
     """One run of SUMO: who is at the wheel of the ego, and whom SUMO drives, how, by index."""
 
     scenario: Scenario
-    planner: Ticket | Relay | None = None  # `at_hand`; None: the ego follows its track, or is among the released
+    planner: PlannerTicket | Relay | None = None  # `at_hand`; None: the ego follows its track, or is among the released
     released: Mapping[int, DriverParameters] = field(default_factory=dict)
     seed: int = 0
     gui: bool = False
@@ -136,7 +136,9 @@ def drive_in_sumo(drive: SumoDrive) -> SumoReplay:
 
 
 @contextmanager
-def at_hand(planner: PlannerUnderTest | None, act_timeout_s: float = ACT_TIMEOUT_S) -> Iterator[Ticket | Relay | None]:
+def at_hand(
+    planner: PlannerUnderTest | None, act_timeout_s: float = ACT_TIMEOUT_S
+) -> Iterator[PlannerTicket | Relay | None]:
     """The planner for SUMO's processes; one that cannot leave this process is asked here meanwhile."""
     if planner is None or planner.ticket is not None:
         yield planner and planner.ticket

@@ -16,7 +16,7 @@ _COLOURS = (OTHER, EGO, ADVERSARY)
 _ZOOM = 2
 
 
-class Share(NamedTuple):
+class PercentWithInterval(NamedTuple):
     """In percent, with the ends of its interval."""
 
     percent: float
@@ -24,7 +24,9 @@ class Share(NamedTuple):
     high: float
 
 
-def draw_bars(title: str, names: Sequence[str], groups: Mapping[str, Sequence[Share]], path: Path) -> None:
+def draw_bars(
+    title: str, names: Sequence[str], groups: Mapping[str, Sequence[PercentWithInterval]], path: Path
+) -> None:
     """Write a PNG: a group of up to three bars, called `names`, for every entry of `groups`."""
     wide = len(names) * (_BAR + _GAP) + _GROUP_GAP
     size = (max(_LEFT + _RIGHT + wide * len(groups), 480), _HEIGHT)

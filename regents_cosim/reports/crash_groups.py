@@ -11,7 +11,7 @@ NOT_JUDGED = (1, 1, 1, 1)  # the urgency of a crash without a verdict
 
 
 @dataclass(frozen=True)
-class Crash:
+class ReportedCrash:
     """One crash, for the summary."""
 
     case: str
@@ -33,7 +33,7 @@ class Crash:
 
 
 @dataclass(frozen=True)
-class Group:
+class CrashGroup:
     """Crashes that are alike."""
 
     kind: str
@@ -46,9 +46,9 @@ class Group:
     cases: tuple[str, ...]
 
 
-def groups(crashes: Sequence[Crash]) -> list[Group]:
+def groups(crashes: Sequence[ReportedCrash]) -> list[CrashGroup]:
     """What to fix, the most urgent first, larger groups before smaller ones; `crashes` in the order of the page."""
-    found: dict[tuple[bool, str, str | None, str | None], list[Crash]] = {}
+    found: dict[tuple[bool, str, str | None, str | None], list[ReportedCrash]] = {}
     for crash in crashes:
         found.setdefault(crash.group, []).append(crash)
     ordered = sorted(
@@ -58,10 +58,10 @@ def groups(crashes: Sequence[Crash]) -> list[Group]:
     return [_group(alike) for alike in ordered]
 
 
-def _group(alike: Sequence[Crash]) -> Group:
+def _group(alike: Sequence[ReportedCrash]) -> CrashGroup:
     first = _first(alike)
     judged = any(crash.verdict and crash.verdict.in_time is not None for crash in alike)
-    return Group(
+    return CrashGroup(
         kind=first.kind,
         why=_why(first),
         crashes=len(alike),
@@ -73,23 +73,23 @@ def _group(alike: Sequence[Crash]) -> Group:
     )
 
 
-def _first(alike: Sequence[Crash]) -> Crash:
+def _first(alike: Sequence[ReportedCrash]) -> ReportedCrash:
     return min(alike, key=lambda crash: crash.sort)
 
 
-def _blame(alike: Sequence[Crash]) -> int:
+def _blame(alike: Sequence[ReportedCrash]) -> int:
     return alike[0].verdict.blame if alike[0].verdict else 1
 
 
-def _telling(alike: Sequence[Crash]) -> int:
+def _telling(alike: Sequence[ReportedCrash]) -> int:
     return sum(bool(crash.verdict and crash.verdict.telling) for crash in alike)
 
 
-def _in_time(alike: Sequence[Crash]) -> int:
+def _in_time(alike: Sequence[ReportedCrash]) -> int:
     return sum(bool(crash.verdict and crash.verdict.in_time) for crash in alike)
 
 
-def _why(crash: Crash) -> str:
+def _why(crash: ReportedCrash) -> str:
     verdict = crash.verdict
     if crash.failed:
         return "raised, hung or answered wrongly"

@@ -36,7 +36,7 @@ def shoot(
     return follow(np.nanmean(points, axis=1), dt, _FOLLOW_PX_PER_M, size)
 
 
-class Ground:
+class Backdrop:
     """What stands still, drawn once per tile of the size of a view, so that a long way needs little memory."""
 
     def __init__(self, scene: PicturedCase, origin: View, zoom: int) -> None:

@@ -15,7 +15,7 @@ from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import Escape
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
-from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, Crash
+from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, ReportedCrash
 from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.pictured_case import contact_point
@@ -102,13 +102,13 @@ class PageCase:
         return order[self.change], not failed, impact < 0.0, urgency, -impact, min(calls, default=inf)
 
     @property
-    def crash(self) -> Crash | None:
+    def crash(self) -> ReportedCrash | None:
         """That of the last driver, the one to be fixed; a planner that fails counts as well."""
         run, hit = self.runs[-1], self.endings[-1]
         if hit is None and not run.error:
             return None
         kind = "Planner failed" if run.error or hit is None else _sentence(KINDS[hit.kind])
-        return Crash(self.scenario.id, kind, run.verdict, self.change == "broken", bool(run.error))
+        return ReportedCrash(self.scenario.id, kind, run.verdict, self.change == "broken", bool(run.error))
 
     def row(self, map_index: int) -> dict[str, Any]:
         """What the table says."""

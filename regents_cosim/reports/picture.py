@@ -14,7 +14,7 @@ from regents_cosim.reports.camera import View, fit, fit_latest
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.caption import FOOTER_PX, HEADER_PX, STRIP_PX, draw_footer, draw_header, draw_strip
 from regents_cosim.reports.close_up import draw_close_up
-from regents_cosim.reports.film import Ground, Progress, frame_steps, gif_bytes, shoot
+from regents_cosim.reports.film import Backdrop, Progress, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.palette import ADVERSARY, HAIRLINE, INK, PANEL
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario
@@ -54,7 +54,7 @@ def animate(scenario: Scenario, path: Path, progress: Progress | None = None) ->
     """
     scene = PicturedCase.of(scenario)
     views = shoot(scene.main_points(), scenario.dt, _inside(GIF_SIZE), _LEAST_HEIGHT_PX)
-    ground = Ground(scene, views[0], _ZOOM)
+    ground = Backdrop(scene, views[0], _ZOOM)
 
     def frame(step: int) -> Image.Image:
         picture = ground.under(views[step])
@@ -100,7 +100,7 @@ def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tu
     size = _pair_size(points)
     views = shoot(points, right.dt, size, size[1])
     panels = [
-        (Ground(scene, views[0], _ZOOM), _draw_strip(title, scene, size[0]), scene)
+        (Backdrop(scene, views[0], _ZOOM), _draw_strip(title, scene, size[0]), scene)
         for title, scene in zip(titles or (_when(left), _when(right)), (before, after), strict=True)
     ]
     right_px, down_px = (size[0] + _GAP_PX, 0) if size == _BESIDE else (0, STRIP_PX + size[1])

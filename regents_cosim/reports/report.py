@@ -14,7 +14,7 @@ from regents_cosim.cases.suite import cases_of
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.driven_crash import verdict_of, verdict_of_drive
-from regents_cosim.evaluation.crashes.realism import PERCENTILES, Limits, motion, pooled, quantity
+from regents_cosim.evaluation.crashes.realism import PERCENTILES, DryRoadLimits, motion, pooled, quantity
 from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_and_keep, driving_row
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
@@ -154,7 +154,7 @@ def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
     traffic = pooled([motion(log, i, dt) for i in range(1, len(scenario.agents))])
     rows = []
     for key, (name, unit) in _MOTIONS.items():
-        limit = getattr(Limits(), key)
+        limit = getattr(DryRoadLimits(), key)
         found = quantity(key, (getattr(after, key), getattr(before, key), getattr(traffic, key)), limit)
         most = _most(found.percentiles_before), _most(found.percentiles), _most(found.percentiles_traffic)
         rows.append(MotionRow(name, unit, *most, limit, round(found.beyond_percent, 1)))

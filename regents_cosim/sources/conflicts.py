@@ -55,7 +55,7 @@ class _OwnPath:
 
 
 @dataclass(frozen=True, eq=False)
-class _WayOn:
+class _LanesAhead:
     """Lanes one after another from where a vehicle is first seen."""
 
     points: Float[np.ndarray, "point 2"]  # [m] every metre
@@ -74,7 +74,7 @@ class Conflicts:
         road: RoadMap,
     ) -> None:
         self._recording, self._valid, self._speed, self._road = recording, valid, speed, road
-        self._ways: dict[int, list[_WayOn]] = {}
+        self._ways: dict[int, list[_LanesAhead]] = {}
 
     def possible_for(self, ego: int) -> bool:
         """Whether another vehicle could cross or join the path of `ego`, which is there throughout."""
@@ -99,7 +99,7 @@ class Conflicts:
     def _first(self) -> np.ndarray:
         return np.argmax(self._valid, axis=1)
 
-    def _may_meet(self, other: int, way: _WayOn, own: _OwnPath) -> bool:
+    def _may_meet(self, other: int, way: _LanesAhead, own: _OwnPath) -> bool:
         """Whether the way leads onto the path, at a time at which the other can be there."""
         away = shapely.distance(own.line, shapely.points(way.points))
         joins = np.flatnonzero((np.maximum.accumulate(away) > _OFF_PATH_M) & (away < _ON_PATH_M))
@@ -110,7 +110,7 @@ class Conflicts:
             return False
         return self._may_arrive(other, way, float(joins[0]) * _STEP_M, passes_s)
 
-    def _may_arrive(self, other: int, way: _WayOn, at_m: float, time_s: float) -> bool:
+    def _may_arrive(self, other: int, way: _LanesAhead, at_m: float, time_s: float) -> bool:
         """Whether it can be so far along its way at that time, past the lights before."""
         first = int(self._first[other])
         begun, speed = first * self._recording.dt, float(self._speed[other, first])
@@ -127,12 +127,12 @@ class Conflicts:
         steps = range(int(since_s / self._recording.dt), int(until_s / self._recording.dt) + 1)
         return signal is None or any(signal.letters(step)[link.link] not in RED for step in steps)
 
-    def _ways_of(self, vehicle: int) -> list[_WayOn]:
+    def _ways_of(self, vehicle: int) -> list[_LanesAhead]:
         if vehicle not in self._ways:
             self._ways[vehicle] = list(self._found_ways(vehicle))
         return self._ways[vehicle]
 
-    def _found_ways(self, vehicle: int) -> Iterator[_WayOn]:
+    def _found_ways(self, vehicle: int) -> Iterator[_LanesAhead]:
         first = int(self._first[vehicle])
         x, y, yaw = (values[vehicle, first] for values in (self._recording.x, self._recording.y, self._recording.yaw))
         begun = _lane_under(self._road, shapely.Point(x, y), float(yaw))
@@ -167,13 +167,13 @@ def _lane_under(road: RoadMap, place: shapely.Point, yaw: float) -> tuple[Lane, 
     return road.lanes[index], along
 
 
-def _way_on(lanes: tuple[Lane, ...], links: tuple[Connection, ...], along: float) -> _WayOn:
+def _way_on(lanes: tuple[Lane, ...], links: tuple[Connection, ...], along: float) -> _LanesAhead:
     line = shapely.LineString(np.concatenate([lane.centre for lane in lanes]))
     at = np.arange(along, min(along + _LONGEST_M, line.length), _STEP_M)
     points = shapely.get_coordinates(shapely.line_interpolate_point(line, at)).reshape(-1, 2)
     ends = np.cumsum([lane.length for lane in lanes]) - along
     lights = tuple((float(end), link) for end, link in zip(ends, links, strict=False) if link.signal is not None)
-    return _WayOn(points, lights, max(lane.speed_limit for lane in lanes))
+    return _LanesAhead(points, lights, max(lane.speed_limit for lane in lanes))
 
 
 def _arrives(distance_m: float, speed: float, most: float) -> tuple[float, float]:

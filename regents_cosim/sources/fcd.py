@@ -29,10 +29,10 @@ from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.motion import smooth_pieces
-from regents_cosim.sources.recording import ANY_EGO, Names, Recording, Slot, left_out
+from regents_cosim.sources.recording import ANY_EGO, DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, VehicleType, read_types
-from regents_cosim.sources.windows import Origin, Prefer, Windows, choose_windows, draw_slots
+from regents_cosim.sources.windows import Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
 from regents_cosim.sources.xml_input import children, unpacked_limit
 
 STEP_S = 0.1
@@ -75,7 +75,7 @@ def record_fcd(
     for line in left_out(recordings):
         tell(line)
     recordings = [_resampled(recording, windows) for recording in recordings]
-    return choose_windows(recordings, road, Origin("fcd", log.name, sha256_of(log)), windows)
+    return choose_windows(recordings, road, RecordingOrigin("fcd", log.name, sha256_of(log)), windows)
 
 
 # --- time ---------------------------------------------------------------------------------------
@@ -123,9 +123,9 @@ def _recordings(
             f"no window found: a horizon of {windows.horizon_s:g} s does not fit into {log.name}, which lasts "
             f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter --horizon"
         )
-    names, kinds = Names(), dict[str, str]()
+    names, kinds = DistinctIds(), dict[str, str]()
     slots = {
-        i: Slot(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps, names=names, ego=windows.ego)
+        i: GrowingRecording(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps, names=names, ego=windows.ego)
         for i in draw_slots(total, windows)
     }
     for time, rows, persons in _instants(log):

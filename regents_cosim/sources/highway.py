@@ -26,7 +26,7 @@ from regents_cosim.simulators.highway_agents import HighwayAgent, find_agent
 from regents_cosim.sources.highway_net import to_road_map
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import Origin, Windows, choose_windows
+from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows
 from regents_cosim.system.workers import result_of, run_isolated, submit
 
 STEP_S = 0.1
@@ -65,12 +65,12 @@ def record_highway(
     find_agent(policy)  # complain here rather than in the worker
     _require_environment(environment)
     # One other vehicle is traffic enough: racetrack has no more.
-    job = RecordingJob(environment, policy, Windows(count, seed, horizon_s, radius_m, company=1))
+    job = HighwayRecordingJob(environment, policy, Windows(count, seed, horizon_s, radius_m, company=1))
     return run_isolated(record_episodes, job) if executor is None else result_of(submit(executor, record_episodes, job))
 
 
 @dataclass(frozen=True)
-class RecordingJob:
+class HighwayRecordingJob:
     """Episodes of one environment."""
 
     environment: str
@@ -78,7 +78,7 @@ class RecordingJob:
     windows: Windows
 
 
-def record_episodes(job: RecordingJob) -> list[Scenario]:
+def record_episodes(job: HighwayRecordingJob) -> list[Scenario]:
     """Run episodes until they hold enough windows. Call it in a worker process."""
     for name, value in _IDM_PARAMETERS.items():
         setattr(IDMVehicle, name, value)
@@ -118,7 +118,7 @@ def _require_environment(name: str) -> None:
         )
 
 
-def _make(job: RecordingJob) -> AbstractEnv:
+def _make(job: HighwayRecordingJob) -> AbstractEnv:
     """The environment at 10 Hz."""
     environments()
     config: dict[str, Any] = {"simulation_frequency": round(1.0 / STEP_S), **find_agent(job.policy).config}
@@ -132,9 +132,9 @@ def _make(job: RecordingJob) -> AbstractEnv:
     return env
 
 
-def _origin(job: RecordingJob, env: AbstractEnv) -> Origin:
+def _origin(job: HighwayRecordingJob, env: AbstractEnv) -> RecordingOrigin:
     what = json.dumps({"policy": job.policy, **env.config}, sort_keys=True, default=str)
-    return Origin("highway", job.environment, hashlib.sha256(what.encode()).hexdigest())
+    return RecordingOrigin("highway", job.environment, hashlib.sha256(what.encode()).hexdigest())
 
 
 # --- episodes ---------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ class _TrackHistory:
         return self._names[id(item)]
 
 
-def _drive(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episode: int) -> Recording | None:
+def _drive(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob, episode: int) -> Recording | None:
     """The window of one episode, None where it ended too early."""
     try:
         return _run_episode(env, agent, job, episode)
@@ -214,7 +214,7 @@ def _drive(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episode: in
         raise PlannerError(f"policy {job.policy} cannot drive in {job.environment} ({said})") from error
 
 
-def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: RecordingJob, episode: int) -> Recording | None:
+def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob, episode: int) -> Recording | None:
     rng = np.random.default_rng([job.windows.seed, episode])
     seed = int(rng.integers(2**31))
     observation, _ = env.reset(seed=seed)

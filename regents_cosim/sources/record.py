@@ -33,7 +33,7 @@ class LogInput:
     columns: Path | None = None  # TOML file that names the columns of a table (csv, parquet)
 
 
-class _Asked(TypedDict):
+class _RecordRequest(TypedDict):
     """What every source is asked for."""
 
     count: int
@@ -69,7 +69,7 @@ def record(
     alone. `tell` is told what is left out or assumed. Raises RegentsError for bad input, NoWindowError where
     there is no window.
     """
-    asked: _Asked = {"count": count, "seed": seed, "horizon_s": horizon_s, "radius_m": radius_m}
+    asked: _RecordRequest = {"count": count, "seed": seed, "horizon_s": horizon_s, "radius_m": radius_m}
     if isinstance(source, str) and source.startswith(_HIGHWAY):
         from regents_cosim.sources.highway import record_highway  # imports pygame
 

@@ -37,7 +37,7 @@ class Recording:
     z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
 
 
-class Names:
+class DistinctIds:
     """Ids that tell apart vehicles which use one id one after the other, with other types: `car`, then `car#2`."""
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ def is_called(wanted: str, vehicle: str, kind: str) -> bool:
 
 
 @dataclass
-class Slot:
+class GrowingRecording:
     """A Recording while it grows, in SUMO's terms."""
 
     begin_s: float
@@ -71,7 +71,7 @@ class Slot:
     rows: list[tuple[str, int, float, float, float, float]] = field(default_factory=list)
     letters: dict[str, list[str]] = field(default_factory=dict)  # of every signal, per step
     persons: set[str] = field(default_factory=set)
-    names: Names = field(default_factory=Names)
+    names: DistinctIds = field(default_factory=DistinctIds)
     ego: str = ANY_EGO  # who may be the ego
     egos: set[str] = field(default_factory=set)
 

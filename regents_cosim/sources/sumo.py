@@ -11,12 +11,12 @@ from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import running_sumo
-from regents_cosim.sources.recording import Names, Recording, Slot, left_out
+from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input, write_config
 from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of, require_size
-from regents_cosim.sources.windows import Origin, Prefer, Windows, choose_windows, draw_slots
+from regents_cosim.sources.windows import Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
 from regents_cosim.system.scratch import scratch_folder
 from regents_cosim.system.workers import result_of, run_isolated, submit
 
@@ -50,11 +50,11 @@ def record_sumo(
     _require_microscopic(options)
     require_bounded((*options.routes, *options.additional), options.others.values())
     road = read_road_map(options.net)
-    job = RecordingJob(options, windows)
+    job = SumoRecordingJob(options, windows)
     recordings = run_isolated(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))
     for line in left_out(recordings):
         tell(line)
-    origin = Origin("sumo", options.file.name, sha256_of(options.file))
+    origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
     return choose_windows(recordings, road, origin, windows)
 
 
@@ -71,20 +71,20 @@ def _require_microscopic(options: SumoOptions) -> None:
 
 
 @dataclass(frozen=True)
-class RecordingJob:
+class SumoRecordingJob:
     """One run of SUMO."""
 
     options: SumoOptions
     windows: Windows
 
 
-def record_slots(job: RecordingJob) -> list[Recording]:
+def record_slots(job: SumoRecordingJob) -> list[Recording]:
     """Run SUMO and read the traffic in slots drawn by seed. Call it in a worker process."""
     with scratch_folder() as folder, running_sumo(sumo_command(job, folder)) as sumo:
         return list(_recordings(sumo, job))
 
 
-def sumo_command(job: RecordingJob, folder: Path) -> list[str]:
+def sumo_command(job: SumoRecordingJob, folder: Path) -> list[str]:
     """The options that SUMO is started with; a configuration is written to `folder`."""
     options = job.options
     forced = {"step-length": str(STEP_S), "seed": str(job.windows.seed)}
@@ -95,7 +95,7 @@ def sumo_command(job: RecordingJob, folder: Path) -> list[str]:
     return ["-c", str(write_config(options, folder, forced, defaults)), *options.extra]
 
 
-def _recordings(sumo: ModuleType, job: RecordingJob) -> Iterator[Recording]:
+def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
     begin_s, end_s = _span(sumo)
     steps = job.windows.steps(STEP_S)
     total = round((end_s - begin_s) / STEP_S) // steps
@@ -105,7 +105,7 @@ def _recordings(sumo: ModuleType, job: RecordingJob) -> Iterator[Recording]:
             f"{end_s - begin_s:g} s ({begin_s:g} to {end_s:g}); choose a shorter --horizon or a later --end"
         )
     types: dict[str, VehicleType] = {}
-    names = Names()
+    names = DistinctIds()
     done = 0
     for index in draw_slots(total, job.windows):
         if sumo.simulation.getMinExpectedNumber() == 0:
@@ -114,7 +114,7 @@ def _recordings(sumo: ModuleType, job: RecordingJob) -> Iterator[Recording]:
         if first > done:
             sumo.simulationStep(begin_s + first * STEP_S)
         done = first + steps
-        slot = Slot(round(begin_s + first * STEP_S, 6), STEP_S, steps, names=names, ego=job.windows.ego)
+        slot = GrowingRecording(round(begin_s + first * STEP_S, 6), STEP_S, steps, names=names, ego=job.windows.ego)
         _fill(slot, sumo, types)
         yield slot.finish(types)
 
@@ -127,7 +127,7 @@ def _span(sumo: ModuleType) -> tuple[float, float]:
     return begin_s, end_s if end_s >= 0 else begin_s + _SPAN_S
 
 
-def _fill(slot: Slot, sumo: ModuleType, types: dict[str, VehicleType]) -> None:
+def _fill(slot: GrowingRecording, sumo: ModuleType, types: dict[str, VehicleType]) -> None:
     vehicle, light = sumo.vehicle, sumo.trafficlight
     position, angle, type_of = vehicle.getPosition3D, vehicle.getAngle, vehicle.getTypeID
     add = slot.rows.append

@@ -18,7 +18,7 @@ import sumolib
 from shapely.errors import ShapelyError
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.checks.xml_count import Count
+from regents_cosim.checks.xml_count import ElementCount
 from regents_cosim.errors import InputError, ScenarioError, SumoError, require
 from regents_cosim.maps.net_elements import require_network_alone
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
@@ -77,7 +77,7 @@ class _Reader(sumolib.net.NetReader):
 
     lefthand: bool | None = None
 
-    def __init__(self, count: Count) -> None:
+    def __init__(self, count: ElementCount) -> None:
         super().__init__(withInternal=True)
         self._count = count
 
@@ -93,7 +93,7 @@ class _Reader(sumolib.net.NetReader):
 
 
 def _parse(content: bytes, path: Path) -> tuple[sumolib.net.Net, bool]:
-    reader = _Reader(Count(path.stat().st_size))
+    reader = _Reader(ElementCount(path.stat().st_size))
     xml.sax.parseString(content, reader)
     if reader.lefthand is None:
         raise SumoError("not a SUMO network (expected the root element <net>, as netconvert writes it)")

@@ -66,7 +66,7 @@ class Windows:
 
 
 @dataclass(frozen=True)
-class Origin:
+class RecordingOrigin:
     """Where the recordings come from, for ids and provenance."""
 
     source: str  # "sumo", "fcd", "highway"
@@ -98,7 +98,9 @@ def draw_slots(total: int, windows: Windows) -> list[int]:
     return [int(rng.integers(low, high)) for low, high in pairwise(bounds)]
 
 
-def choose_windows(recordings: Sequence[Recording], road: RoadMap, origin: Origin, windows: Windows) -> list[Scenario]:
+def choose_windows(
+    recordings: Sequence[Recording], road: RoadMap, origin: RecordingOrigin, windows: Windows
+) -> list[Scenario]:
     """Up to `windows.count` Scenarios, ordered by time; every Recording is one slot of the horizon.
 
     First one ego per slot, in rounds until there are enough. An ego is a motor vehicle that
@@ -280,7 +282,7 @@ def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: W
 
 
 def make_scenario(
-    scene: RecordedScene, ego: int, road: RoadMap, origin: Origin, windows: Windows, taken: Counter[str]
+    scene: RecordedScene, ego: int, road: RoadMap, origin: RecordingOrigin, windows: Windows, taken: Counter[str]
 ) -> Scenario:
     """The Scenario of that ego among those who come near it; `taken` counts the names in use."""
     recording = scene.recording

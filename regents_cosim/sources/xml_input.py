@@ -12,7 +12,7 @@ from typing import cast
 from xml.parsers import expat
 
 from regents_cosim.checks.bounded import open_bounded
-from regents_cosim.checks.xml_count import Count, most_unpacked
+from regents_cosim.checks.xml_count import ElementCount, most_unpacked
 from regents_cosim.errors import RegentsError, require_file
 
 _LARGEST = 1 << 30  # bytes of unpacked text
@@ -37,7 +37,7 @@ def children(path: Path, what: str, error: type[RegentsError]) -> Iterator[tuple
     """The name of the root, and each of its children as a whole; what was read is not kept."""
     root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
-        count = Count(path.stat().st_size)
+        count = ElementCount(path.stat().st_size)
         for event, element in _events(stream):
             root = element if root is None else root
             if event == "start":
@@ -52,7 +52,7 @@ def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
     """The root of a file. Raises `error` where it is broken or too large."""
     root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
-        count = Count(path.stat().st_size)
+        count = ElementCount(path.stat().st_size)
         for event, element in _events(stream):
             root = element if root is None else root
             if event == "start":
@@ -66,7 +66,7 @@ def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
 def walk(path: Path, what: str, error: type[RegentsError], visit: Callable[[str, dict[str, str]], object]) -> None:
     """Read a file to its end and tell `visit` of every element; nothing is kept. Raises `error` as `read_tree` does."""
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
-        count = Count(path.stat().st_size)
+        count = ElementCount(path.stat().st_size)
 
         def begin(name: str, attributes: dict[str, str]) -> None:
             count.open()

@@ -19,43 +19,43 @@ import numpy as np
 from regents_cosim.errors import ScenarioError
 from regents_cosim.judgement import Avoidability, Manoeuvre
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.manoeuvres import BANK, Bank, ManoeuvreSet, manoeuvre_sets
-from regents_cosim.verdicts.obstacles import Others, Road
+from regents_cosim.verdicts.manoeuvres import BANK, ManoeuvreBank, ManoeuvreSet, manoeuvre_sets
+from regents_cosim.verdicts.obstacles import DrivableRoad, Obstacles
 from regents_cosim.verdicts.perception import perceived_step, reacts_step
 from regents_cosim.verdicts.preference import FOR_GOOD_S, Preference
 
 MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
 
 
-def avoidability(attacked: Scenario, bank: Bank = BANK) -> tuple[Avoidability, Tracks | None]:
+def avoidability(attacked: Scenario, bank: ManoeuvreBank = BANK) -> tuple[Avoidability, Tracks | None]:
     """Whether a manoeuvre of the bank that begins before the collision avoids it, and which one is preferred.
 
     That one is the first by `preference`, and comes with its track [1, time]. Raises ScenarioError where there is no
     collision.
     """
-    tried = Tried.of(attacked, bank)
+    tried = TriedManoeuvres.of(attacked, bank)
     return tried.preferred() if tried.evading else (tried.verdict, None)
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class TriedManoeuvres:
     """The manoeuvres of a bank that avoid a crash, and of how many."""
 
     preference: Preference
     attacked: Scenario
-    bank: Bank
+    bank: ManoeuvreBank
     count: int
     evading: list[ManoeuvreSet]  # by onset, the last first; none of them empty
 
     @classmethod
-    def of(cls, attacked: Scenario, bank: Bank = BANK) -> "Tried":
+    def of(cls, attacked: Scenario, bank: ManoeuvreBank = BANK) -> "TriedManoeuvres":
         """Try them all. Raises ScenarioError where there is no collision."""
         hit = attacked.attack.collision if attacked.attack else None
         if hit is None:
             raise ScenarioError(f"case {attacked.id} holds no collision, expected one that the ego may avoid")
         perceived = perceived_step(attacked, [agent.id for agent in attacked.agents].index(hit.agent))
         reacts = reacts_step(perceived, attacked.dt)
-        others, road = Others(attacked, hit, MARGIN_M), Road(attacked)
+        others, road = Obstacles(attacked, hit, MARGIN_M), DrivableRoad(attacked)
         steps = attacked.tracks.steps + round(FOR_GOOD_S / attacked.dt)
         count, evading = 0, list[ManoeuvreSet]()
         for manoeuvres in manoeuvre_sets(bank, attacked, hit.step, steps, also=(perceived, reacts)):

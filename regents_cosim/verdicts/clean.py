@@ -29,12 +29,12 @@ def flaws(attacked: Scenario) -> tuple[Flaw, ...] | None:
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
     if hit is None or attacked.original is None:
         return None
-    crash = Crash(attacked, attacked.original, hit)
+    crash = CrashTracks(attacked, attacked.original, hit)
     return tuple(flaw for flaw, spoils in _SPOILS.items() if spoils(crash))
 
 
 @dataclass(frozen=True, eq=False)
-class Crash:
+class CrashTracks:
     """A collision, and what led to it."""
 
     case: Scenario
@@ -143,7 +143,7 @@ def _up_to(boxes: Boxes, tracks: Tracks, step: int) -> Boxes:
 # --- the questions -------------------------------------------------------------------------------
 
 
-def _unattributed(crash: Crash) -> bool:
+def _unattributed(crash: CrashTracks) -> bool:
     """It is with an agent whose controls the attack left alone, or that is where its log has it up to 1 mm."""
     now, log, agent = crash.case.tracks, crash.log, crash.adversary
     upto = slice(crash.hit.step + 1)
@@ -152,49 +152,49 @@ def _unattributed(crash: Crash) -> bool:
     return not crash.hit.attributed or not np.any(both & (away > limits.MOVED_M))
 
 
-def _off_road(crash: Crash) -> bool:
+def _off_road(crash: CrashTracks) -> bool:
     box = _row(crash.boxes, crash.adversary)
     return leaves_road(crash.case.road, box, crash.valid[crash.adversary])
 
 
-def _hits_others(crash: Crash) -> bool:
+def _hits_others(crash: CrashTracks) -> bool:
     """The adversary touches a third party that it does not touch in its log, at a step or between two."""
     near = crash.others & crash.strangers[crash.adversary]
     finer, there = in_between(crash.boxes, limits.SUB_STEPS), there_between(crash.valid, limits.SUB_STEPS)
     return bool(np.any(overlap(_row(finer, crash.adversary), _row(finer, near)) & there[near] & there[crash.adversary]))
 
 
-def _bystanders_collide(crash: Crash) -> bool:
+def _bystanders_collide(crash: CrashTracks) -> bool:
     """Two others touch at a step that do not touch in the log, at least one of them a motor vehicle."""
     vehicle = np.array([agent.kind in VEHICLE_KINDS for agent in crash.case.agents])
     counts = crash.strangers & crash.others & crash.others[:, None] & (vehicle | vehicle[:, None])
     return bool(np.any(counts & touching(crash.boxes, crash.valid, 1)))
 
 
-def _rear_ends_ego(crash: Crash) -> bool:
+def _rear_ends_ego(crash: CrashTracks) -> bool:
     """It drives the ego's way and meets its rear face."""
     return crash.turn < limits.ALONG_RAD and crash.met_at < limits.REAR_FACE and crash.ahead(crash.hit.step) < 0.0
 
 
-def _from_behind(crash: Crash) -> bool:
+def _from_behind(crash: CrashTracks) -> bool:
     """It was behind the ego a second before and meets the rear part of it, whatever its heading by then."""
     since = max(crash.hit.step - round(limits.FROM_BEHIND_S / crash.case.dt), 0)
     since += int(np.argmax(crash.valid[crash.adversary, since:]))
     return crash.met_at < limits.REAR_PART and crash.ahead(since) < -0.5 * crash.case.ego.length
 
 
-def _ego_stands(crash: Crash) -> bool:
+def _ego_stands(crash: CrashTracks) -> bool:
     return bool(crash.case.tracks.speed[_EGO, crash.hit.step] < limits.STANDING_M_S)
 
 
-def _too_hard(crash: Crash) -> bool:
+def _too_hard(crash: CrashTracks) -> bool:
     """It needs more than dry asphalt gives, and more than its log did."""
     needed = hardest(crash.case.tracks, crash.adversary, crash.hit.step + 1, crash.case.dt)
     in_log = hardest(crash.log, crash.adversary, crash.log.steps, crash.case.dt)
     return needed > max(limits.MOST_ACCEL_M_S2, in_log + limits.ABOVE_LOG_M_S2)
 
 
-_SPOILS: MappingProxyType[Flaw, Callable[[Crash], bool]] = MappingProxyType(
+_SPOILS: MappingProxyType[Flaw, Callable[[CrashTracks], bool]] = MappingProxyType(
     {
         Flaw.UNATTRIBUTED: _unattributed,
         Flaw.OFF_ROAD: _off_road,

@@ -14,14 +14,14 @@ from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.lane_pieces import Under, lane_pieces
+from regents_cosim.verdicts.lane_pieces import LanesUnder, lane_pieces
 from regents_cosim.verdicts.oncoming import oncoming_share
 from regents_cosim.verdicts.ways import lawful_lanes
 
 _MATCH_SPACING_M = 0.5  # of the points by which lanes are found: a standing vehicle adds none
 
 
-class Act(NamedTuple):
+class OffendingAct(NamedTuple):
     """What a measure of a drive found."""
 
     step: int  # when it began
@@ -110,12 +110,12 @@ class AgentDrive:
         return oncoming_share(self.scenario.road, self.box, self.lawful)
 
     @cached_property
-    def under(self) -> Under:
+    def under(self) -> LanesUnder:
         """The lanes that hold its centre."""
         return lane_pieces(self.scenario.road).under(self.centre, np.asarray(self.box.z))
 
     @cached_property
-    def own(self) -> Under:
+    def own(self) -> LanesUnder:
         """Of those the ones that run its way."""
         return self.under.take(np.abs(wrap(self.under.heading - self.yaw[self.under.point])) < ALONG_RAD)
 

@@ -22,7 +22,7 @@ from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.scenario import Collision, Scenario
-from regents_cosim.verdicts.drive import Act, gaps
+from regents_cosim.verdicts.drive import OffendingAct, gaps
 from regents_cosim.verdicts.offences import acts
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
@@ -62,7 +62,7 @@ _STRAIGHT_RAD = np.deg2rad(12.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Crash:
+class CrashHistory:
     """The collision of a scenario, and what led to it."""
 
     scenario: Scenario
@@ -95,12 +95,12 @@ class Crash:
         """Bumper to bumper [m] along the follower's heading, and side to side [m]; negative where they overlap."""
         return gaps(self.scenario, follower, leader, step)
 
-    def acts(self, name: OffenceName, within_s: float = np.inf) -> dict[int, Act]:
+    def acts(self, name: OffenceName, within_s: float = np.inf) -> dict[int, OffendingAct]:
         """Who of the two did something against the law in the last seconds, and what."""
         since = max(self.hit.step - within_s / self.scenario.dt, 0)
         return acts(self.scenario, name, self.hit.step, (_EGO, self.other), int(since))
 
-    def late_acts(self, name: OffenceName) -> dict[int, Act]:
+    def late_acts(self, name: OffenceName) -> dict[int, OffendingAct]:
         """The same within the last second, of those that moved then."""
         late = slice(max(self.before - round(_LATE_S / self.scenario.dt), 0), self.before + 1)
         speed = self.scenario.tracks.speed[:, late]
@@ -176,21 +176,21 @@ class Rule:
 
     name: str
     source: str
-    decide: Callable[[Crash], RuleFinding | None]  # None where the rule does not apply
+    decide: Callable[[CrashHistory], RuleFinding | None]  # None where the rule does not apply
 
 
-def _red_light(crash: Crash) -> RuleFinding | None:
+def _red_light(crash: CrashHistory) -> RuleFinding | None:
     dt = crash.scenario.dt
     passed = crash.acts("red_light")
     return _by_each(crash, {agent: f"passed a red light at {act.step * dt:.1f} s" for agent, act in passed.items()})
 
 
-def _off_road(crash: Crash) -> RuleFinding | None:
+def _off_road(crash: CrashHistory) -> RuleFinding | None:
     off = crash.late_acts("off_road")
     return _by_each(crash, {agent: f"was {act.amount:.1f} m off the road" for agent, act in off.items()})
 
 
-def _wrong_way(crash: Crash) -> RuleFinding | None:
+def _wrong_way(crash: CrashHistory) -> RuleFinding | None:
     """Its body where only oncoming traffic may be, by more than 17 %, or by 5 % where the two met head-on."""
     over, against = crash.late_acts("oncoming_lanes"), crash.late_acts("against_direction")
     said = {agent: f"was against its direction for {act.amount:.1f} m" for agent, act in against.items()}
@@ -198,7 +198,7 @@ def _wrong_way(crash: Crash) -> RuleFinding | None:
     return _by_each(crash, said)
 
 
-def _gives_way(crash: Crash) -> RuleFinding | None:
+def _gives_way(crash: CrashHistory) -> RuleFinding | None:
     failed = crash.acts("gives_no_way")
     dt = crash.scenario.dt
     return _by_each(
@@ -206,12 +206,12 @@ def _gives_way(crash: Crash) -> RuleFinding | None:
     )
 
 
-def _leaves_way(crash: Crash) -> RuleFinding | None:
+def _leaves_way(crash: CrashHistory) -> RuleFinding | None:
     off = crash.late_acts("leaves_way")
     return _by_each(crash, {a: f"was {act.amount:.1f} m off its way through the junction" for a, act in off.items()})
 
 
-def _turns_across(crash: Crash) -> RuleFinding | None:
+def _turns_across(crash: CrashHistory) -> RuleFinding | None:
     """One of two that came towards each other turned across the way of the other, which went straight on."""
     turned = {agent: crash.turned(agent) for agent in (_EGO, crash.other)}
     yaw = crash.scenario.tracks.yaw[:, crash.before]
@@ -225,19 +225,19 @@ def _turns_across(crash: Crash) -> RuleFinding | None:
     )
 
 
-def _leaves_lane(crash: Crash) -> RuleFinding | None:
+def _leaves_lane(crash: CrashHistory) -> RuleFinding | None:
     over = crash.late_acts("leaves_lane")
     said = {agent: f"was {act.amount:.1f} m over the edge of its lane" for agent, act in over.items()}
     return _by_each(crash, said) if len(said) == 1 else None
 
 
-def _speeding(crash: Crash) -> RuleFinding | None:
+def _speeding(crash: CrashHistory) -> RuleFinding | None:
     fast = crash.late_acts("speeding")
     said = {agent: f"was {act.amount:.1f} m/s over the limit" for agent, act in fast.items()}
     return _by_each(crash, said) if len(said) == 1 else None
 
 
-def _by_each(crash: Crash, found: dict[int, str]) -> RuleFinding | None:
+def _by_each(crash: CrashHistory, found: dict[int, str]) -> RuleFinding | None:
     """Blame those of which something was found."""
     if not found:
         return None
@@ -245,7 +245,7 @@ def _by_each(crash: Crash, found: dict[int, str]) -> RuleFinding | None:
     return RuleFinding(blamed, " and ".join(f"{crash.name(agent)} {what}" for agent, what in found.items()))
 
 
-def _cut_in(crash: Crash) -> RuleFinding | None:
+def _cut_in(crash: CrashHistory) -> RuleFinding | None:
     """One came into the lane of the other, in front of it, closer than the safe distance."""
     found = _followed(crash)
     if found is None:
@@ -267,7 +267,7 @@ def _cut_in(crash: Crash) -> RuleFinding | None:
     )
 
 
-def _side_swipe(crash: Crash) -> RuleFinding | None:
+def _side_swipe(crash: CrashHistory) -> RuleFinding | None:
     """Two that lately drove the same way, side by side: the one that moved sideways more."""
     if crash.turn(crash.lately) > ALONG_RAD or crash.hit.kind not in ("side_swipe", "t_bone"):
         return None
@@ -284,7 +284,7 @@ def _side_swipe(crash: Crash) -> RuleFinding | None:
 _SIDEWAYS_M = 0.5
 
 
-def _rear_end(crash: Crash) -> RuleFinding | None:
+def _rear_end(crash: CrashHistory) -> RuleFinding | None:
     """One that follows keeps the distance, and stops before one that stands."""
     found = _followed(crash)
     if found is None:
@@ -303,7 +303,7 @@ def _rear_end(crash: Crash) -> RuleFinding | None:
     return RuleFinding("ego" if follower == _EGO else "adversary", ran)
 
 
-def _followed(crash: Crash) -> tuple[int, int] | None:
+def _followed(crash: CrashHistory) -> tuple[int, int] | None:
     """(follower, leader) just before a collision of two that drove the same way, one behind the other."""
     if crash.turn(crash.before) > ALONG_RAD:
         return None
@@ -314,7 +314,7 @@ def _followed(crash: Crash) -> tuple[int, int] | None:
     return None
 
 
-def _standing(crash: Crash) -> RuleFinding | None:
+def _standing(crash: CrashHistory) -> RuleFinding | None:
     """One of them had stood for a while, wherever the other one came from."""
     first = max(crash.before - round(_STOOD_S / crash.scenario.dt), 0)
     speeds = crash.scenario.tracks.speed[[_EGO, crash.other], first : crash.before + 1]
@@ -326,7 +326,7 @@ def _standing(crash: Crash) -> RuleFinding | None:
     return RuleFinding("ego" if mover == _EGO else "adversary", f"{ran}which had stood for {_STOOD_S:.1f} s")
 
 
-def _unclear(crash: Crash) -> RuleFinding:
+def _unclear(crash: CrashHistory) -> RuleFinding:
     v, w = (crash.speed(agent, crash.before) for agent in (_EGO, crash.other))
     return RuleFinding(
         "nobody",
@@ -359,7 +359,7 @@ def fault(attacked: Scenario) -> Fault | None:
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
     if hit is None:
         return None
-    crash = Crash(attacked, hit)
+    crash = CrashHistory(attacked, hit)
     for rule in RULES:
         verdict = rule.decide(crash)
         if verdict is not None:

@@ -64,15 +64,15 @@ def all_risks(
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _PlaceOnPath:
     """Where agents are as seen from the ego's path."""
 
     ahead: Bool[np.ndarray, " pair"]  # their centres, of the ego's
     in_way: Bool[np.ndarray, " pair"]  # and their boxes reach into what the ego will sweep
     leads: Bool[np.ndarray, " pair"]  # and they run the same way
 
-    def take(self, chosen: Bool[np.ndarray, " pair"]) -> "_Place":
-        return _Place(self.ahead[chosen], self.in_way[chosen], self.leads[chosen])
+    def take(self, chosen: Bool[np.ndarray, " pair"]) -> "_PlaceOnPath":
+        return _PlaceOnPath(self.ahead[chosen], self.in_way[chosen], self.leads[chosen])
 
 
 def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int, foresight: Foresight) -> _Pairs:
@@ -197,7 +197,7 @@ def _ego_going_on(
 def _suspected(
     scenario: Scenario,
     pairs: _Pairs,
-    place: _Place,
+    place: _PlaceOnPath,
     meets_s: Float[np.ndarray, " pair"],
     meets_turn: Float[np.ndarray, " pair"],
     foresight: Foresight,
@@ -222,7 +222,7 @@ def _wanders(scenario: Scenario, pairs: _Pairs, asked: Bool[np.ndarray, " pair"]
     return found
 
 
-def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> _Place:
+def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> _PlaceOnPath:
     tracks, at = scenario.tracks, (pairs.agent, pairs.step)
     length, width = np.array([(agent.length, agent.width) for agent in scenario.agents])[pairs.agent].T
     along, across, yaw = path.project(tracks.x[at], tracks.y[at])
@@ -230,4 +230,4 @@ def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> _Place:
     breadth = 0.5 * (np.abs(np.sin(turn)) * length + np.abs(np.cos(turn)) * width)
     ahead = along > path.driven[pairs.step]
     in_way = ahead & (np.abs(across) - breadth < 0.5 * scenario.ego.width)
-    return _Place(ahead, in_way, in_way & (np.cos(turn) > np.cos(FORESIGHT.along_rad)))
+    return _PlaceOnPath(ahead, in_way, in_way & (np.cos(turn) > np.cos(FORESIGHT.along_rad)))

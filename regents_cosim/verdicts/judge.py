@@ -10,7 +10,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.fault import fault
-from regents_cosim.verdicts.manoeuvres import Bank
+from regents_cosim.verdicts.manoeuvres import ManoeuvreBank
 from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.reference_drivers import careful_drive, reference_drives
 from regents_cosim.verdicts.unavoidable import unavoidable
@@ -18,7 +18,7 @@ from regents_cosim.verdicts.usual import usual
 from regents_cosim.verdicts.way_out import way_out
 
 
-def judge(attacked: Scenario, bank: Bank | None = None) -> Scenario:
+def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
     """The scenario with the judgement of its crash, and the track that avoids it; unchanged where there is none.
 
     That track is the one of `way_out`; where a `bank` is given, of its manoeuvres alone.

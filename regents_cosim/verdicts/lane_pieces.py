@@ -23,7 +23,7 @@ _PARALLEL_RAD = np.deg2rad(20.0)
 _BESIDE_M = 1.0  # neighbours of a map that names none: their edges are no further apart
 
 
-class Under(NamedTuple):
+class LanesUnder(NamedTuple):
     """Pairs of a place and a lane that holds it."""
 
     point: Int[np.ndarray, " pair"]
@@ -32,9 +32,9 @@ class Under(NamedTuple):
     along: Float[np.ndarray, " pair"]  # [m] from the begin of the lane
     heading: Float[np.ndarray, " pair"]  # [rad] of the lane
 
-    def take(self, chosen: np.ndarray) -> "Under":
+    def take(self, chosen: np.ndarray) -> "LanesUnder":
         """Some of them, by mask or index."""
-        return Under(*(values[chosen] for values in self))
+        return LanesUnder(*(values[chosen] for values in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class LanePieces:
 
     def under(
         self, points: Float[np.ndarray, "point 2"], z: Values = 0.0, beyond_m: Float[np.ndarray, " lane"] | float = 0.0
-    ) -> Under:
+    ) -> LanesUnder:
         """Which lanes hold points [m] of the road at height `z` [m], or miss them by at most `beyond_m` to the side."""
         reach = float(self.half_width.max(initial=0.0) + np.max(beyond_m)) + _BEND_M
         point, piece = self.tree.query(shapely.points(points), predicate="dwithin", distance=reach)
@@ -76,7 +76,7 @@ class LanePieces:
         height = (1.0 - part) * self.height[piece, 0] + part * self.height[piece, 1]
         return np.asarray(same_level(height, z if np.ndim(z) == 0 else np.asarray(z)[point]))
 
-    def _nearest(self, point: np.ndarray, piece: np.ndarray, left: np.ndarray, along: np.ndarray) -> Under:
+    def _nearest(self, point: np.ndarray, piece: np.ndarray, left: np.ndarray, along: np.ndarray) -> LanesUnder:
         """Of the pieces of one lane at one point the nearest: a bend has several."""
         lane, over = self.lane[piece], np.maximum(np.maximum(-along, along - self.length[piece]), 0.0)
         order = np.lexsort((np.hypot(left, over), lane, point))
@@ -85,7 +85,7 @@ class LanePieces:
         kept = order[first]
         ahead = self.ahead[piece[kept]]
         onward = self.along[piece[kept]] + np.clip(along[kept], 0.0, self.length[piece[kept]])
-        return Under(point[kept], lane[kept], left[kept], onward, np.arctan2(ahead[:, 1], ahead[:, 0]))
+        return LanesUnder(point[kept], lane[kept], left[kept], onward, np.arctan2(ahead[:, 1], ahead[:, 0]))
 
 
 @functools.lru_cache(maxsize=64)

@@ -36,7 +36,7 @@ _ROUNDING = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
-class Bank:
+class ManoeuvreBank:
     """The grid of manoeuvres: every way along with every way aside, from every onset."""
 
     accels: tuple[float, ...] = (-ACCEL_LIMIT, -4.0, -2.0, -1.0, 2.0)  # [m/s^2]
@@ -71,7 +71,7 @@ class Bank:
         return sorted({onset for onset in (*found, *also) if first <= onset < before}, reverse=True)
 
 
-BANK = Bank()
+BANK = ManoeuvreBank()
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,8 @@ class ManoeuvreSet:
     """Manoeuvres of one onset and where they lead; time counts from the onset."""
 
     onset: int
-    along: Int[np.ndarray, " manoeuvre"]  # index into `Bank.along`
-    aside: Int[np.ndarray, " manoeuvre"]  # index into `Bank.aside`
+    along: Int[np.ndarray, " manoeuvre"]  # index into `ManoeuvreBank.along`
+    aside: Int[np.ndarray, " manoeuvre"]  # index into `ManoeuvreBank.aside`
     friction_share: Float[np.ndarray, " manoeuvre"]  # of what the tyres can do, the greatest on the way
     x: Float[np.ndarray, "manoeuvre time"]  # [m]
     y: Float[np.ndarray, "manoeuvre time"]  # [m]
@@ -94,7 +94,7 @@ class ManoeuvreSet:
         """Some of them, by mask or index."""
         return ManoeuvreSet(self.onset, *(values[chosen] for name, values in vars(self).items() if name != "onset"))
 
-    def manoeuvre(self, index: int, bank: Bank) -> Manoeuvre:
+    def manoeuvre(self, index: int, bank: ManoeuvreBank) -> Manoeuvre:
         """What one of them does."""
         accel, lasting_s = bank.along[self.along[index]]
         lateral_accel, shift = bank.aside[self.aside[index]]
@@ -117,7 +117,7 @@ class ManoeuvreSet:
 
 
 def manoeuvre_sets(
-    bank: Bank, scenario: Scenario, before: int, steps: int, also: tuple[int, ...] = ()
+    bank: ManoeuvreBank, scenario: Scenario, before: int, steps: int, also: tuple[int, ...] = ()
 ) -> Iterator[ManoeuvreSet]:
     """All manoeuvres of `bank` that begin ahead of step `before`, one onset after the other, the last first.
 
@@ -128,7 +128,7 @@ def manoeuvre_sets(
         yield _manoeuvre_set(bank, scenario, way, onset, steps)
 
 
-def _manoeuvre_set(bank: Bank, scenario: Scenario, way: OwnWay, onset: int, steps: int) -> ManoeuvreSet:
+def _manoeuvre_set(bank: ManoeuvreBank, scenario: Scenario, way: OwnWay, onset: int, steps: int) -> ManoeuvreSet:
     own, dt = scenario.tracks, scenario.dt
     x, y, yaw, start = (float(values[0, onset]) for values in (own.x, own.y, own.yaw, own.speed))
     # [along, aside, time]: speed and distance do not depend on the steering
@@ -158,7 +158,9 @@ def _manoeuvre_set(bank: Bank, scenario: Scenario, way: OwnWay, onset: int, step
     )
 
 
-def _turned_aside(bank: Bank, distance: Float[np.ndarray, "along 1 time"], speed: float) -> Float[np.ndarray, "..."]:
+def _turned_aside(
+    bank: ManoeuvreBank, distance: Float[np.ndarray, "along 1 time"], speed: float
+) -> Float[np.ndarray, "..."]:
     """atan(d'(s)): how far the heading is off that of the own way [rad], [along, aside, time]."""
     lateral_accel, shift = np.array(bank.aside).T[:, :, None]
     sharpest = 2.0 * np.pi * np.abs(shift)

@@ -17,7 +17,7 @@ _MOVES_M_S = 2.0  # slower: it is about to stand
 _BEYOND_M = 100.0  # around the ego's track: the road that manoeuvres are held against
 
 
-class Others:
+class Obstacles:
     """Those that a manoeuvre may not touch, and where they are up to a little beyond the horizon.
 
     Left out are only those who overlap the ego already when they first appear (`collisions`).
@@ -81,7 +81,7 @@ class Others:
         return touched
 
 
-class Road:
+class DrivableRoad:
     """Where the ego may drive, with the tolerance of `clean`."""
 
     def __init__(self, attacked: Scenario) -> None:

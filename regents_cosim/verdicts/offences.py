@@ -18,7 +18,7 @@ from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import RED, Scenario
-from regents_cosim.verdicts.drive import Act, AgentDrive, driven, gaps, logged
+from regents_cosim.verdicts.drive import AgentDrive, OffendingAct, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.oncoming import oncoming
 from regents_cosim.verdicts.priority import gives_no_way
@@ -44,7 +44,9 @@ _FOLLOW_M_S = 5.0
 _SAME = 1e-6
 
 
-Measure = Callable[[AgentDrive, AgentDrive | None], Act | None]  # of a drive, and of the one that it met; None: nothing
+Measure = Callable[
+    [AgentDrive, AgentDrive | None], OffendingAct | None
+]  # of a drive, and of the one that it met; None: nothing
 
 
 def law_of(attacked: Scenario) -> Law | None:
@@ -71,7 +73,9 @@ def _offences(drive: AgentDrive, partner: AgentDrive, unknown: tuple[OffenceName
     return tuple(found)
 
 
-def acts(attacked: Scenario, name: OffenceName, step: int, agents: tuple[int, int], since: int = 0) -> dict[int, Act]:
+def acts(
+    attacked: Scenario, name: OffenceName, step: int, agents: tuple[int, int], since: int = 0
+) -> dict[int, OffendingAct]:
     """What each of two that met at `step` did of one kind, whatever their logs did, and not before the step `since`.
 
     Empty where that is not known.
@@ -116,7 +120,7 @@ def _limit(road: RoadMap, lane: Lane) -> float:
 # --- the side of the road ----------------------------------------------------------------------------
 
 
-def _oncoming_lanes(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def _oncoming_lanes(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Its body on lanes that run only the other way: more than 17 % at 2 steps or more, or 5 % in a head-on crash."""
     share = drive.oncoming_share
     act = _lasting(drive, share > _BODY_SHARE, share, _STEPS)
@@ -125,7 +129,7 @@ def _oncoming_lanes(drive: AgentDrive, partner: AgentDrive | None) -> Act | None
     if _turn(drive, partner) <= _HEAD_ON_RAD or partner.oncoming_share[-1] > _NONE_SHARE:
         return None
     begin = len(share) - int(np.argmin(np.append(share[::-1] > _HEAD_ON_SHARE, False)))
-    return Act(int(drive.steps[begin]), len(share) - begin, float(share[begin:].max()))
+    return OffendingAct(int(drive.steps[begin]), len(share) - begin, float(share[begin:].max()))
 
 
 def _turn(drive: AgentDrive, partner: AgentDrive) -> float:
@@ -133,23 +137,27 @@ def _turn(drive: AgentDrive, partner: AgentDrive) -> float:
     return abs(float(wrap(drive.yaw[-1] - partner.yaw[-1])))
 
 
-def _against_direction(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def _against_direction(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Its centre on such lanes at 2 steps or more, while it moves; the amount is the way that it drove so."""
     against = oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z), drive.lawful)
     begin, end = drive.longest(against)
     moved = float(drive.moved_m[begin + 1 : end].sum())
-    return Act(int(drive.steps[begin]), end - begin, moved) if end - begin >= _STEPS and moved > _SAME else None
+    return (
+        OffendingAct(int(drive.steps[begin]), end - begin, moved) if end - begin >= _STEPS and moved > _SAME else None
+    )
 
 
-def _lasting(drive: AgentDrive, holds: Bool[np.ndarray, " time"], amount: np.ndarray, steps: int) -> Act | None:
+def _lasting(
+    drive: AgentDrive, holds: Bool[np.ndarray, " time"], amount: np.ndarray, steps: int
+) -> OffendingAct | None:
     """The worst of what holds, where it does so for `steps` on end."""
     begin, end = drive.longest(holds)
     if not end or end - begin < steps:
         return None
-    return Act(int(drive.steps[begin]), end - begin, float(amount[begin:end].max()))
+    return OffendingAct(int(drive.steps[begin]), end - begin, float(amount[begin:end].max()))
 
 
-def _off_road(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def _off_road(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """A corner that has been on the road is more than 0.3 m off it."""
     beyond = beyond_road(drive.scenario.road, corners(drive.box), np.asarray(drive.box.z)[:, None])
     was_on = np.logical_or.accumulate(beyond <= OFF_ROAD_M, axis=0)
@@ -157,7 +165,7 @@ def _off_road(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     return _lasting(drive, worst > OFF_ROAD_M, worst, 1)
 
 
-def _leaves_way(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def _leaves_way(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Inside a junction its centre is more than 1.6 m from all ways that begin at its approach, for over 0.25 s."""
     if drive.lawful is None:
         return None
@@ -182,7 +190,7 @@ def _inside_junction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
 # --- lights, speed, lanes ----------------------------------------------------------------------------
 
 
-def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Its front passes the stop line of its movement on red; the amount is for how long it had been red."""
     lights = {light.id: light for light in drive.scenario.signals}
     for step, before, after in drive.entered:
@@ -192,11 +200,11 @@ def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
                 since = step
                 while since > 0 and light.letters(since - 1)[link.link] in RED:
                     since -= 1
-                return Act(step, 1, (step - since + 1) * drive.scenario.dt)
+                return OffendingAct(step, 1, (step - since + 1) * drive.scenario.dt)
     return None
 
 
-def _speeding(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def _speeding(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Faster than 1.2 times the limit; the amount is what it is over the limit by."""
     over = drive.speed - _limits(drive)
     holds = drive.speed > OVER_LIMIT * _limits(drive)
@@ -217,7 +225,7 @@ def _limits(drive: AgentDrive) -> Float[np.ndarray, " time"]:
     return np.maximum(found[behind], found[ahead])
 
 
-def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Over the edge of its lane by more than 0.3 m for a second or more, and then not in the lane beside."""
     own, count = drive.own, len(drive.centre)
     width = np.array([lane.width for lane in drive.scenario.road.lanes])
@@ -230,13 +238,13 @@ def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     if (end - begin) * drive.scenario.dt < _OVER_EDGE_S:
         return None
     first, last = (set(own.lane[own.point == at].tolist()) for at in (begin, end - 1))
-    return Act(int(drive.steps[begin]), end - begin, float(over[begin:end].max())) if first & last else None
+    return OffendingAct(int(drive.steps[begin]), end - begin, float(over[begin:end].max())) if first & last else None
 
 
 # --- towards the other -------------------------------------------------------------------------------
 
 
-def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """It comes into the lane of the other, nearer ahead of it than UN R157 takes for avoidable; seconds too few."""
     if partner is None or _turn(drive, partner) > ALONG_RAD:
         return None
@@ -253,7 +261,7 @@ def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     if along <= 0.0 or closing <= 0.0:
         return None
     short = closing / (2.0 * _CUT_IN_BRAKE_M_S2) + _CUT_IN_S - along / closing
-    return Act(step, 1, short) if short > 0.0 else None
+    return OffendingAct(step, 1, short) if short > 0.0 else None
 
 
 def _moved_into(drive: AgentDrive, partner: AgentDrive, first: int, step: int) -> bool:
@@ -267,7 +275,7 @@ def _moved_into(drive: AgentDrive, partner: AgentDrive, first: int, step: int) -
     return bool(moved[0] > moved[1])
 
 
-def _tailgating(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def _tailgating(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Less than 0.9 s behind the other in its lane, for 3 s or more; the amount is the least time gap."""
     if partner is None:
         return None
@@ -282,7 +290,7 @@ def _tailgating(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
     begin, end = drive.longest(near)
     if (end - begin) * attacked.dt < _FOLLOWS_S:
         return None
-    return Act(
+    return OffendingAct(
         int(drive.steps[begin]), end - begin, _FOLLOW_S - float((along / np.maximum(speed, _SAME))[begin:end].min())
     )
 

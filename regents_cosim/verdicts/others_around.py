@@ -21,7 +21,7 @@ def beyond_steps(scenario: Scenario) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Met:
+class OverlappedUsers:
     """Which road users a drive overlaps: those that count against it, and those that only run into its back."""
 
     counts: Bool[np.ndarray, " agent"]
@@ -46,7 +46,7 @@ class OthersAround:
         self._size[0] += 2.0 * margin_m
         self._adversary, self._heights = adversary, scenario.heights
 
-    def met_by(self, drive: EgoPlaces) -> Met:
+    def met_by(self, drive: EgoPlaces) -> OverlappedUsers:
         """Which the drive overlaps; those that run into its back do not count: a log brakes for nothing new in it.
 
         The adversary counts however it meets the ego.
@@ -67,4 +67,4 @@ class OthersAround:
         counts, behind = np.zeros((2, len(self._x)), bool)
         counts[met] = (met == self._adversary) | ~from_behind
         behind[met] = ~counts[met]
-        return Met(counts, behind)
+        return OverlappedUsers(counts, behind)

@@ -32,8 +32,8 @@ from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import Side
 from regents_cosim.routes.ego_route import plan_route
 from regents_cosim.scenario import Collision, Scenario
-from regents_cosim.verdicts.manoeuvres import Bank, ManoeuvreSet
-from regents_cosim.verdicts.obstacles import Others
+from regents_cosim.verdicts.manoeuvres import ManoeuvreBank, ManoeuvreSet
+from regents_cosim.verdicts.obstacles import Obstacles
 from regents_cosim.verdicts.ways import lawful_area
 
 FOR_GOOD_S = 3.0  # beyond the horizon: what is out of harm's way then needs no luck
@@ -56,7 +56,7 @@ EvadingSets = Sequence[ManoeuvreSet]
 class Preference:
     """What a careful driver would do in the place of the ego of one crash."""
 
-    def __init__(self, attacked: Scenario, hit: Collision, bank: Bank, perceived: int, reacts: int) -> None:
+    def __init__(self, attacked: Scenario, hit: Collision, bank: ManoeuvreBank, perceived: int, reacts: int) -> None:
         self._attacked, self._bank, self._hit = attacked, bank, hit
         self._until = hit.step
         self.perceived, self.reacts = perceived, reacts
@@ -66,7 +66,7 @@ class Preference:
         tier = next(
             kept for tier in self.tiers(evading) if (kept := [manoeuvres for manoeuvres in tier if len(manoeuvres)])
         )
-        others = Others(self._attacked, self._hit, _ROOM_M)
+        others = Obstacles(self._attacked, self._hit, _ROOM_M)
         roomy = [kept for manoeuvres in tier if len(kept := others.untouched_by(manoeuvres))]
         return min((self._gentlest(sets) for sets in (roomy, tier) if sets), key=self._rank)
 
@@ -187,9 +187,9 @@ class Preference:
         return sides.tolist()
 
     @cached_property
-    def _going_on(self) -> list[Others]:
+    def _going_on(self) -> list[Obstacles]:
         """The others, with the adversary going on in several directions beyond the horizon."""
-        return [Others(self._attacked, self._hit, 0.0, FOR_GOOD_S, turned) for turned in _TURNED_RAD.tolist()]
+        return [Obstacles(self._attacked, self._hit, 0.0, FOR_GOOD_S, turned) for turned in _TURNED_RAD.tolist()]
 
     @cached_property
     def _own_line(self) -> shapely.LineString:

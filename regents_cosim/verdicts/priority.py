@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.scenario import RED
-from regents_cosim.verdicts.drive import Act, AgentDrive
+from regents_cosim.verdicts.drive import AgentDrive, OffendingAct
 from regents_cosim.verdicts.right_of_way import priorities
 
 _LATELY_S = 6.0  # who came into the junction longer ago was not to wait any more
@@ -17,7 +17,7 @@ class _Movement(NamedTuple):
     lane: Lane  # inside the junction
 
 
-def gives_no_way(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
+def gives_no_way(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """It went into the junction though it had to give way; the amount is how long before the crash."""
     table = priorities(drive.scenario.road)
     if table is None or partner is None:
@@ -27,7 +27,7 @@ def gives_no_way(drive: AgentDrive, partner: AgentDrive | None) -> Act | None:
         return None
     if _letter(drive, mine) in _FREE or _letter(partner, theirs) in _STOP:
         return None
-    return Act(mine.step, drive.last - mine.step + 1, (drive.last - mine.step + 1) * drive.scenario.dt)
+    return OffendingAct(mine.step, drive.last - mine.step + 1, (drive.last - mine.step + 1) * drive.scenario.dt)
 
 
 def _movement(drive: AgentDrive) -> _Movement | None:

@@ -31,7 +31,7 @@ from regents_cosim.scenario import Collision, Scenario, Tracks
 from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.emergency_braking import Brakes, EgoPlaces, braked_speed, driven
 from regents_cosim.verdicts.foresight import risks
-from regents_cosim.verdicts.others_around import Met, OthersAround, beyond_steps
+from regents_cosim.verdicts.others_around import OthersAround, OverlappedUsers, beyond_steps
 from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
 
 CAREFUL_BRAKES = Brakes(most=CAREFUL.most_braking_m_s2, jerk=CAREFUL.jerk_m_s3)
@@ -99,7 +99,7 @@ def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> Referen
     return ReferenceDrive(model.driver, True, perceives_s, acts_s, rear_ended_by=_names(attacked, met))
 
 
-def _names(attacked: Scenario, met: Met) -> tuple[str, ...]:
+def _names(attacked: Scenario, met: OverlappedUsers) -> tuple[str, ...]:
     """Of those that run into its back."""
     return tuple(attacked.agents[index].id for index in np.flatnonzero(met.from_behind).tolist())
 

@@ -10,7 +10,7 @@ from functools import lru_cache
 from xml.parsers import expat
 
 from regents_cosim.checks.bounded import gunzip_bounded
-from regents_cosim.checks.xml_count import Count, most_unpacked
+from regents_cosim.checks.xml_count import ElementCount, most_unpacked
 from regents_cosim.errors import InputError
 from regents_cosim.maps.roadmap import RoadMap
 
@@ -57,7 +57,7 @@ class _Reader:
     """Reads junctions and connections, and forgets the rest."""
 
     def __init__(self, packed_bytes: int) -> None:
-        self._count = Count(packed_bytes)
+        self._count = ElementCount(packed_bytes)
         self._junction: str | None = None
         self._links: dict[str, Link] = {}
         self._gives_way: dict[Link, frozenset[int]] = {}

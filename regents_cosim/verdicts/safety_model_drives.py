@@ -32,7 +32,7 @@ SAFETY_MODELS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Braked:
+class BrakedDrive:
     """Speeds of such a drive, and when it saw the danger and began to brake; None: never."""
 
     speed: Float[np.ndarray, " step"]  # [m/s]
@@ -40,7 +40,7 @@ class Braked:
     acts: int | None
 
 
-def braked_by(model: SafetyModel, scenario: Scenario, path: EgoPath, adversary: int, until: int) -> Braked:
+def braked_by(model: SafetyModel, scenario: Scenario, path: EgoPath, adversary: int, until: int) -> BrakedDrive:
     """The ego's own speeds until the model has seen a danger before step `until` and reacted, then its braking.
 
     Once it has begun it brakes as hard as the model wants, holds the speed where it wants nothing, and never brakes
@@ -51,7 +51,7 @@ def braked_by(model: SafetyModel, scenario: Scenario, path: EgoPath, adversary: 
     perceived = next((k for k in range(until) if seen.braking(model, k, path.driven[k], own) > 0.0), None)
     acts = None if perceived is None else perceived + round(model.delay_s / dt)
     if acts is None or acts >= until:
-        return Braked(own, perceived, None)
+        return BrakedDrive(own, perceived, None)
     speed, distance, braking = [*own[: acts + 1].tolist()], float(path.driven[acts]), 0.0
     for step in range(acts, steps - 1):
         wanted = seen.braking(model, step, distance, np.array(speed))
@@ -59,7 +59,7 @@ def braked_by(model: SafetyModel, scenario: Scenario, path: EgoPath, adversary: 
         own_braking = (own[step] - own[step + 1]) / dt if step + 1 < len(own) else 0.0
         speed.append(max(speed[-1] - dt * max(braking, own_braking), 0.0))
         distance += 0.5 * (speed[-1] + speed[-2]) * dt
-    return Braked(np.array(speed), perceived, acts)
+    return BrakedDrive(np.array(speed), perceived, acts)
 
 
 class _Adversary:

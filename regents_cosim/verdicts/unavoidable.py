@@ -83,14 +83,14 @@ def proven_unavoidable(attacked: Scenario, since: int) -> bool:
     last = min(hit.step + round(_AFTER_S / attacked.dt), attacked.tracks.steps - 1)
     if _escapes(ego, danger, since, last):
         return False
-    before = list[_Layer]()
+    before = list[_ReachableLayer]()
     for step in range(since + 1, last + 1):
         layer = _reachable(ego, before, (step - since) * attacked.dt)
         free = ~danger.for_certain(ego, layer, step)
         if not free.any():
             return True
         if not free.all():  # else it bounds what comes later no better than the disc does
-            before.append(_Layer(layer.time, layer.cell, layer.places[free]))
+            before.append(_ReachableLayer(layer.time, layer.cell, layer.places[free]))
     return False
 
 
@@ -102,7 +102,7 @@ def _escapes(ego: "_Ego", danger: "_Danger", since: int, last: int) -> bool:
     for step in range(since + 1, last + 1):
         time = (step - since) * danger.attacked.dt
         moved = 0.5 * accel * time**2
-        layer = _Layer(time, 0.0, np.stack([moved.real, moved.imag], axis=-1))
+        layer = _ReachableLayer(time, 0.0, np.stack([moved.real, moved.imag], axis=-1))
         free &= ~danger.touched(ego, layer, step)
         free[free] &= ~danger.beside_road(ego, layer.take(free))
         if not free.any():
@@ -144,11 +144,11 @@ class _Ego:
             off=float(off.max()) + _ROUNDING_M,
         )
 
-    def centre(self, layer: "_Layer") -> Float[np.ndarray, "cell 2"]:
+    def centre(self, layer: "_ReachableLayer") -> Float[np.ndarray, "cell 2"]:
         """The places of a layer on the map [m]."""
         return self.place + self.velocity * layer.time + layer.places
 
-    def turned(self, layer: "_Layer") -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
+    def turned(self, layer: "_ReachableLayer") -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
         """Heading at each place [rad], and by how much it may be off that at most."""
         time = layer.time
         velocity = self.velocity + _ROOT / time * layer.places
@@ -167,16 +167,16 @@ class _Ego:
 
 
 @dataclass(frozen=True, eq=False)
-class _Layer:
+class _ReachableLayer:
     """Where the ego may be after `time`: centres of cells, off the place where it would be with its speed unchanged."""
 
     time: float  # [s]
     cell: float  # [m]
     places: Float[np.ndarray, "cell 2"]  # [m]
 
-    def take(self, chosen: np.ndarray) -> "_Layer":
+    def take(self, chosen: np.ndarray) -> "_ReachableLayer":
         """Some of the places, by mask or index."""
-        return _Layer(self.time, self.cell, self.places[chosen])
+        return _ReachableLayer(self.time, self.cell, self.places[chosen])
 
     @property
     def slack(self) -> float:
@@ -184,13 +184,13 @@ class _Layer:
         return self.cell / _ROOT
 
 
-def _reachable(ego: _Ego, before: list[_Layer], time: float) -> _Layer:
+def _reachable(ego: _Ego, before: list[_ReachableLayer], time: float) -> _ReachableLayer:
     """The cells that can be reached from those that were free before."""
     radius = 0.5 * ego.accel * time**2
     cell = _CELL * radius
     line = cell * np.arange(-np.ceil(1.0 / _CELL), np.ceil(1.0 / _CELL) + 1)
     places = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    layer = _Layer(time, cell, places)
+    layer = _ReachableLayer(time, cell, places)
     places = places[np.hypot(*places.T) <= radius + layer.slack]
     for earlier in before:
         gone = time - earlier.time
@@ -198,7 +198,7 @@ def _reachable(ego: _Ego, before: list[_Layer], time: float) -> _Layer:
         reach = ego.accel * (_SPREAD * earlier.time * gone + 0.5 * gone**2)
         away, _ = KDTree(grown * earlier.places).query(places, distance_upper_bound=2.0 * radius + 1.0)
         places = places[away <= reach + layer.slack + grown * earlier.slack]
-    return _Layer(time, cell, places)
+    return _ReachableLayer(time, cell, places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,13 +225,13 @@ class _Danger:
         off = shapely.distance(road, shapely.points(places)) > 0.9 * OFF_ROAD_M
         return cls(attacked, since, agents, road, np.asarray(~off.any(axis=0)))
 
-    def for_certain(self, ego: _Ego, layer: _Layer, step: int) -> Bool[np.ndarray, " cell"]:
+    def for_certain(self, ego: _Ego, layer: _ReachableLayer, step: int) -> Bool[np.ndarray, " cell"]:
         """In which cells the ego touches another one or leaves the road, wherever in the cell and however it turns."""
         found = self.touched(ego, layer, step)
         found[~found] = self.beside_road(ego, layer.take(~found))
         return found
 
-    def touched(self, ego: _Ego, layer: _Layer, step: int) -> Bool[np.ndarray, " cell"]:
+    def touched(self, ego: _Ego, layer: _ReachableLayer, step: int) -> Bool[np.ndarray, " cell"]:
         """In which cells it touches another one."""
         touched = np.zeros(len(layer.places), bool)
         half = 0.5 * ego.size - ego.off - layer.slack
@@ -258,7 +258,7 @@ class _Danger:
             if np.hypot(*(middle - [x, y])) <= reach + 0.5 * np.hypot(*size):
                 yield x, y, yaw, *size
 
-    def beside_road(self, ego: _Ego, layer: _Layer) -> Bool[np.ndarray, " cell"]:
+    def beside_road(self, ego: _Ego, layer: _ReachableLayer) -> Bool[np.ndarray, " cell"]:
         """In which cells a corner is off the road."""
         if self.road is None or not self.on_road.any() or not len(layer.places):
             return np.zeros(len(layer.places), bool)

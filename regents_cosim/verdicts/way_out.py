@@ -18,7 +18,7 @@ import numpy as np
 from regents_cosim.judgement import Avoidability, Manoeuvre, ReferenceDrive
 from regents_cosim.planners.reference.parameters import CAREFUL
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.avoidability import MARGIN_M, Tried
+from regents_cosim.verdicts.avoidability import MARGIN_M, TriedManoeuvres
 from regents_cosim.verdicts.emergency_braking import EgoPlaces
 from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, ManoeuvreSet
 from regents_cosim.verdicts.others_around import OthersAround
@@ -30,7 +30,7 @@ def way_out(attacked: Scenario) -> tuple[Avoidability, Tracks | None]:
 
     Raises ScenarioError where there is no collision.
     """
-    tried, answer = Tried.of(attacked), careful_answer(attacked)
+    tried, answer = TriedManoeuvres.of(attacked), careful_answer(attacked)
     careful = answer if answer is not None and answer[0].avoids else None
     if careful is not None and (not careful[0].shift_m or _leaves_room(attacked, careful[1])):
         return _careful(attacked, tried, *careful)
@@ -45,7 +45,9 @@ def _leaves_room(attacked: Scenario, way: EgoPlaces) -> bool:
     return not OthersAround(attacked, adversary, MARGIN_M).met_by(way).counts.any()
 
 
-def _careful(attacked: Scenario, tried: Tried, drive: ReferenceDrive, way: EgoPlaces) -> tuple[Avoidability, Tracks]:
+def _careful(
+    attacked: Scenario, tried: TriedManoeuvres, drive: ReferenceDrive, way: EgoPlaces
+) -> tuple[Avoidability, Tracks]:
     perceives, acts = _step(drive.perceives_s, attacked.dt), _step(drive.acts_s, attacked.dt)
     one, bank = _as_set(way, acts, drive.shift_m), tried.verdict
     track = one.tracks(0, attacked)

@@ -13,7 +13,7 @@ from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import KING, REGENTS
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.attacks.universal import Several, UniversalDescent
+from regents_cosim.attacks.universal import AttackedPlanners, UniversalDescent
 from regents_cosim.benchmarks.cross import among_adversaries, cross_rows
 from regents_cosim.cases.files import content_hash
 from regents_cosim.collisions import first_contact
@@ -62,7 +62,7 @@ def test_the_gradient_is_that_of_finite_differences(x64, how):
     here = EgoTrack(*jax.tree.map(lambda v: v[0], (world.log, world.controls)))
     there = replace(here, motion=replace(here.motion, x=here.motion.x + 3.0, y=here.motion.y + 0.4))
     searched = SearchedAgents.among(jnp.arange(world.valid.shape[0]) == 1)
-    several = Several((FixedEgo(), FixedEgo()), ("here", "there"))
+    several = AttackedPlanners((FixedEgo(), FixedEgo()), ("here", "there"))
     descent = UniversalDescent.of(world, several, (here, there), searched, replace(KING, universal=how))
     rng = np.random.default_rng(0)
     moves = searched.candidate[:, None]

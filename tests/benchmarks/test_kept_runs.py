@@ -9,10 +9,10 @@ from regents_cosim.attacks.presets import KING, OURS, REGENTS, with_ten_times
 from regents_cosim.benchmarks.ceiling import ceiling, unsolved
 from regents_cosim.benchmarks.kept_runs import joined, keep, kept, run_folder
 from regents_cosim.errors import CaseError
-from regents_cosim.evaluation.crashes.scores import InSumo, MethodRun, rollouts_at_most, scores
+from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import ReferenceDrive
 
-KINGS = MethodRun("king", "idm", 500, WINDOWS, [InSumo("b", True, False)], 2.0, KING.protocol)
+KINGS = MethodRun("king", "idm", 500, WINDOWS, [CrashInSumo("b", True, False)], 2.0, KING.protocol)
 
 
 def test_a_run_that_was_kept_is_the_same_run(tmp_path):

@@ -17,7 +17,7 @@ from regents_cosim.benchmarks.table1 import as_json, compare, markdown, require_
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import Flaw, Law, Offence
-from regents_cosim.reports.bars import Share, draw_bars
+from regents_cosim.reports.bars import PercentWithInterval, draw_bars
 
 UNLAWFUL = Law(
     (Offence("oncoming_lanes", 2.0, 1.0, 0.4, "share of its body"),), (Offence("speeding", 1.0, 1.0, 3.0, "m/s"),)
@@ -162,7 +162,10 @@ def test_the_budget_counts_every_search():
 
 def test_bars_are_as_high_as_their_shares(tmp_path):
     draw_bars(
-        "title", ("success",), {"king": [Share(100.0, 90.0, 100.0)], "none": [Share(0.0, 0.0, 5.0)]}, tmp_path / "b.png"
+        "title",
+        ("success",),
+        {"king": [PercentWithInterval(100.0, 90.0, 100.0)], "none": [PercentWithInterval(0.0, 0.0, 5.0)]},
+        tmp_path / "b.png",
     )
     pixels = np.asarray(Image.open(tmp_path / "b.png").convert("RGB")).astype(int)
     scale, column = pixels.shape[0] / 360, int(80 * pixels.shape[1] / 480)

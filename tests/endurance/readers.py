@@ -42,7 +42,7 @@ from regents_cosim.sources.sumo_config import SumoInput, read_input, write_confi
 from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import read_types
-from regents_cosim.sources.windows import Origin, Windows
+from regents_cosim.sources.windows import RecordingOrigin, Windows
 
 _PROCESS = 150  # cost of a reader that starts a process
 _SECONDS = 1.2  # of every log: a reader is asked thousands of times
@@ -190,7 +190,7 @@ def _log(format: str, path: Path, mutated: Path) -> object:
     if _is_deep(mutated):
         asked = LogWindows(Windows(horizon_s=0.8))
         for scene in scenes_:
-            list(islice(cut(scene, asked, Origin("x", "x", "x"), Counter()), 1))
+            list(islice(cut(scene, asked, RecordingOrigin("x", "x", "x"), Counter()), 1))
     return len(scenes_)
 
 

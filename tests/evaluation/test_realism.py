@@ -7,7 +7,7 @@ from scenes import scene, straight_road
 from two_car_scenes import TIME, crashed, lane_change, moving
 
 from regents_cosim.evaluation.crashes.deviation import deviation
-from regents_cosim.evaluation.crashes.realism import Limits, motion, off_road_steps, quantity, realism
+from regents_cosim.evaluation.crashes.realism import DryRoadLimits, motion, off_road_steps, quantity, realism
 
 
 def test_motion_by_hand():
@@ -55,7 +55,7 @@ def test_a_swerve_shows_against_the_log():
     yaw = np.where((TIME > 0.95) & (TIME < 1.95), -0.3, 0.0)
     attacked = crashed(moving(log, 1, y=lane_change(1.0, 3.2, 0.0), yaw=yaw))
     attacked = replace(attacked, original=log.tracks)
-    rows = {row.name: row for row in realism([attacked], Limits(yaw_rate=2.0)).quantities}
+    rows = {row.name: row for row in realism([attacked], DryRoadLimits(yaw_rate=2.0)).quantities}
     assert rows["yaw_rate"].distance_before > 0.0
     assert rows["yaw_rate"].beyond_percent > 0.0 == rows["yaw_rate"].beyond_before_percent
     assert rows["accel"].distance_before == 0.0

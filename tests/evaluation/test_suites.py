@@ -17,7 +17,7 @@ from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
 from regents_cosim.evaluation.suites.building import Recipe, build, follows
-from regents_cosim.evaluation.suites.cards import Card, card_of
+from regents_cosim.evaluation.suites.cards import CaseCard, card_of
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.suites.folders import write_suite
 
@@ -26,7 +26,7 @@ KINDS = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "he
 
 def card(number=0, kind="t_bone", network="merge", window="w", adversary="car1", clean=True, avoidable=True, **rest):
     values = {"planner": "idm", "method": "focused", "hash": "", **rest}
-    return Card(f"case{number:03d}", network, kind, clean, avoidable, adversary=adversary, window=window, **values)
+    return CaseCard(f"case{number:03d}", network, kind, clean, avoidable, adversary=adversary, window=window, **values)
 
 
 # Plain values, of which the test makes cards: beartype, which checks them, draws from `random`, and a strategy may not.

@@ -12,7 +12,17 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.ground import EDGE_LINE_M, LANE_LINE_M, draw_cells, stop_bars, to_ground
-from regents_cosim.mirror.observe import COLOURS, MARK_S, MARK_WIDTH_M, MOST, PIXEL_M, PIXELS, REACH_M, View, observe
+from regents_cosim.mirror.observe import (
+    COLOURS,
+    MARK_S,
+    MARK_WIDTH_M,
+    MOST,
+    PIXEL_M,
+    PIXELS,
+    REACH_M,
+    Surroundings,
+    observe,
+)
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.planners.aim_bev.recollection import in_view
@@ -98,7 +108,9 @@ class Eye:
         size = (np.array([a.length / 2 for a in agents]), np.array([a.width / 2 for a in agents]))
         fields = (x - self.origin[0], y - self.origin[1], np.cos(yaw), np.sin(yaw), *size)
         box = Box(*(jnp.asarray(v, jnp.float32) for v in fields))
-        return View(box, jnp.asarray(speed, jnp.float32), jnp.asarray(tracks.valid[1:, step]), self.lights[step])
+        return Surroundings(
+            box, jnp.asarray(speed, jnp.float32), jnp.asarray(tracks.valid[1:, step]), self.lights[step]
+        )
 
     def sees(self, step, x, y, yaw):
         values = (x - self.origin[0], y - self.origin[1], yaw, 0.0)
@@ -144,7 +156,7 @@ def test_the_ego_is_not_drawn_and_absent_agents_are_not():
     made = scene((0, 0, 5.0), (8, 0, 5.0))
     eye = Eye(made)
     assert (eye.sees(0, 0.0, 0.0, 0.0)[96, 96] == COLOURS[SURFACE]).all()
-    hidden = View(eye.view(0).boxes, eye.view(0).speed, jnp.zeros(1, bool), eye.view(0).lights)
+    hidden = Surroundings(eye.view(0).boxes, eye.view(0).speed, jnp.zeros(1, bool), eye.view(0).lights)
     pose = Motion(*map(jnp.float32, (-eye.origin[0], -eye.origin[1], 0.0, 0.0)))
     assert not (np.asarray(RENDER(eye.ground, eye.bars, hidden, pose)) == COLOURS[OTHER]).all(axis=-1).any()
 

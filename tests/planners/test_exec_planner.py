@@ -17,7 +17,7 @@ from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.planners.exec_planner import ExecPlanner
 from regents_cosim.planners.host_process import HostProcess, Snapshot
 from regents_cosim.planners.interface import Control, Observation, Others, Scene, Waypoints
-from regents_cosim.planners.patience import Patience
+from regents_cosim.planners.patience import Deadlines
 
 # What it was asked goes to a file; what it answers is an expression of the question and the id of the scene.
 SCRIPT = """
@@ -178,7 +178,7 @@ def test_one_that_hangs_is_ended_with_all_that_it_started(planner, tmp_path):
     holds.write_text(HOLDS)
     script.write_text(f"{shlex.join([sys.executable, '-S', str(holds), str(lock)])}\ntrue\n")
     name = f"exec:sh {shlex.quote(str(script))}"
-    host = HostProcess(name, Patience(name, 0.3))
+    host = HostProcess(name, Deadlines(name, 0.3))
     host.reset([told()])
     assert not free(lock)
     with pytest.raises(DriveError, match="gave no answer within 0.3 s in `act` at step 0"):

@@ -24,7 +24,7 @@ from regents_cosim.planners.host_messages import SUMMARY_LIMIT, TRACE_LIMIT, sho
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Scene, Snapshot
-from regents_cosim.planners.patience import Patience
+from regents_cosim.planners.patience import Deadlines
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import replay_each
@@ -38,7 +38,7 @@ def named(attribute):
 
 
 def patience(attribute, act_s=10.0, reset_s=30.0, make_s=60.0):
-    made = Patience(named(attribute), act_s)
+    made = Deadlines(named(attribute), act_s)
     made.reset_s, made.make_s = reset_s, make_s
     return made
 

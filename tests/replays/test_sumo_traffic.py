@@ -16,7 +16,7 @@ from regents_cosim.cases.shipped import NETWORKS, network_config, shipped
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.planners.under_test import PlannerUnderTest, Ticket
+from regents_cosim.planners.under_test import PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.replay import SumoDrive, drive_in_sumo, drive_in_sumo_each, replay
 from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, SUMO_DRIVER, DriverParameters, background_drivers
 from regents_cosim.replays.sumo.routes import route_of
@@ -190,7 +190,7 @@ def test_parameters_reach_sumo(drive):
 def test_a_planner_drives_the_ego_among_live_traffic():
     made = load_case(next(QUICKSTART.glob("grid-00064*")))
     known = PlannerUnderTest.of("constant_velocity").ticket
-    unknown = Ticket("no_such_planner", "no_such_planner", in_loop=False)
+    unknown = PlannerTicket("no_such_planner", "no_such_planner", in_loop=False)
     drives = [SumoDrive(made, known, background_drivers(made)), SumoDrive(made, unknown)]
     found, error = drive_in_sumo_each(drives)
     assert np.ptp(found.tracks.speed[0]) < 1e-3

@@ -17,7 +17,7 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.camera import View, centred, fit_latest
 from regents_cosim.reports.canvas import Canvas, dashes, shorten, text_width
 from regents_cosim.reports.caption import HEADER_PX, describe, manoeuvre_words, plain, way_out
-from regents_cosim.reports.film import Ground, frame_steps, gif_bytes, shoot
+from regents_cosim.reports.film import Backdrop, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.palette import (
     ADVERSARY,
     BURST,
@@ -319,7 +319,7 @@ def test_a_long_way_is_followed(tmp_path):
         column, row = view.pixels(np.array([fast.tracks.x[0, step], fast.tracks.y[0, step]]))
         assert 0.1 * size[0] < column < 0.9 * size[0]
         assert 0.2 * size[1] < row < 0.8 * size[1]
-    ground = Ground(PicturedCase.of(fast), views[0], 1)
+    ground = Backdrop(PicturedCase.of(fast), views[0], 1)
     for step in (0, 33, 80):
         whole = draw_ground(PicturedCase.of(fast), views[step], 1).finish()
         tiled = ground.under(views[step]).finish()

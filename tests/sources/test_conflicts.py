@@ -10,7 +10,7 @@ from regents_cosim.scenario import Signal
 from regents_cosim.sources.conflicts import Conflicts
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import Origin, Windows, choose_windows
+from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows
 
 STEPS = 81
 TIME = 0.1 * np.arange(STEPS)
@@ -85,7 +85,7 @@ def test_a_map_without_connections_has_none():
 def test_windows_with_conflicts_come_first_and_the_rest_where_they_do_not_suffice():
     egos = [(-70.0 - 12.0 * k, -1.7, 0.0, 10.0) for k in range(6)]  # only the first comes to the middle in time
     made = recorded(*egos, (1.7, -50.0, NORTHWARD, 1.0))
-    origin = Origin("sumo", "town.sumocfg", "0" * 64)
+    origin = RecordingOrigin("sumo", "town.sumocfg", "0" * 64)
 
     def chosen(count, prefer, seed):
         windows = Windows(count=count, seed=seed, prefer=prefer)

@@ -10,7 +10,7 @@ import shapely
 from regents_cosim.cases.files import content_hash
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import points_from_highway
-from regents_cosim.sources.highway import RecordingJob, environments, record_episodes
+from regents_cosim.sources.highway import HighwayRecordingJob, environments, record_episodes
 from regents_cosim.sources.highway_net import to_road_map
 from regents_cosim.sources.record import record
 from regents_cosim.sources.windows import Windows
@@ -55,7 +55,7 @@ def test_the_road_map_is_the_network(name):
 
 
 def test_a_recording_is_what_highway_env_drove():
-    first, second = record_episodes(RecordingJob("merge-v1", "idm", replace(WINDOWS, radius_m=400.0)))
+    first, second = record_episodes(HighwayRecordingJob("merge-v1", "idm", replace(WINDOWS, radius_m=400.0)))
     assert (first.ego.id, second.ego.id) == ("e000.ego", "e001.ego")
     assert first.dt == 0.1
     assert first.tracks.steps == 31
@@ -67,7 +67,7 @@ def test_a_recording_is_what_highway_env_drove():
 
 
 def test_the_same_seed_gives_the_same_cases_in_any_process():
-    job = RecordingJob("merge-v1", "random", WINDOWS)
+    job = HighwayRecordingJob("merge-v1", "random", WINDOWS)
     here, there = record_episodes(job), run_isolated(record_episodes, job)
     assert [content_hash(s) for s in here] == [content_hash(s) for s in there]
     other = record_episodes(replace(job, windows=replace(WINDOWS, seed=1)))
@@ -79,7 +79,7 @@ def test_the_same_seed_gives_the_same_cases_in_any_process():
     [("merge-v1", "mdp"), ("racetrack-v1", "idm"), ("two-way-v0", "random"), ("two-way-v0", "idm")],
 )
 def test_other_environments_and_policies(environment, policy):
-    found = record_episodes(RecordingJob(environment, policy, replace(WINDOWS, count=1)))
+    found = record_episodes(HighwayRecordingJob(environment, policy, replace(WINDOWS, count=1)))
     assert found[0].id.startswith(environment)
     assert len(found[0].agents) >= 2
 
@@ -92,18 +92,18 @@ def test_a_policy_of_the_user_s(tmp_path):
         "        assert observation.shape == (5, 5)\n"
         "        return 3\n"
     )
-    job = RecordingJob("merge-v1", f"{tmp_path / 'mine.py'}:Fast", replace(WINDOWS, count=1))
+    job = HighwayRecordingJob("merge-v1", f"{tmp_path / 'mine.py'}:Fast", replace(WINDOWS, count=1))
     assert record_episodes(job)[0].tracks.speed[0, -1] > 29.0
 
 
 def test_who_cannot_drive_is_named(tmp_path):
     (tmp_path / "mine.py").write_text("def breaks(observation):\n    raise KeyError('lost')\n")
     with pytest.raises(PlannerError, match=r"breaks cannot drive in merge-v1 \(KeyError: 'lost'\)"):
-        record_episodes(RecordingJob("merge-v1", f"{tmp_path / 'mine.py'}:breaks", WINDOWS))
+        record_episodes(HighwayRecordingJob("merge-v1", f"{tmp_path / 'mine.py'}:breaks", WINDOWS))
     with pytest.raises(PlannerError, match="policy idm cannot drive in parking-v0"):
-        record_episodes(RecordingJob("parking-v0", "idm", WINDOWS))
+        record_episodes(HighwayRecordingJob("parking-v0", "idm", WINDOWS))
     with pytest.raises(RegentsError, match="parking-parked-v0 cannot be configured"):
-        record_episodes(RecordingJob("parking-parked-v0", "idm", WINDOWS))
+        record_episodes(HighwayRecordingJob("parking-parked-v0", "idm", WINDOWS))
 
 
 def test_wrong_names_are_explained():
@@ -112,4 +112,4 @@ def test_wrong_names_are_explained():
     with pytest.raises(PlannerError, match="expected one of idm, mdp, random"):
         record("highway:merge-v1", policy="imd")
     with pytest.raises(NoWindowError, match="12 of 12 episodes ended before 60 s"):
-        record_episodes(RecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=60.0)))
+        record_episodes(HighwayRecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=60.0)))

@@ -12,11 +12,11 @@ from regents_cosim.scenario import Signal
 from regents_cosim.sources.motion import smooth_pieces, speeds
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import Origin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows, draw_slots
 
 CAR = VehicleType("car", 5.0, 1.8)
 BIKE = VehicleType("bicycle", 1.6, 0.65)
-ORIGIN = Origin("sumo", "town.sumocfg", "0" * 64)
+ORIGIN = RecordingOrigin("sumo", "town.sumocfg", "0" * 64)
 STEPS = 81
 ROAD = RoadMap(
     lanes=(Lane("a", np.array([[-100.0, 0.0], [500.0, 0.0]]), 20.0, 30.0),),
@@ -157,7 +157,7 @@ def test_ids_are_folder_names():
         0.0, 0.1, ("..x", "a/b", "a:b"), (CAR,) * 3, cruise(0.0, 15.0, 30.0),
         np.zeros((3, STEPS)), np.zeros((3, STEPS)), np.ones((3, STEPS), bool),
     )  # fmt: skip
-    names = [s.id for s in choose_windows([strange], ROAD, Origin("fcd", "ä b.xml.gz", ""), Windows())]
+    names = [s.id for s in choose_windows([strange], ROAD, RecordingOrigin("fcd", "ä b.xml.gz", ""), Windows())]
     assert len(set(names)) == 3
     assert all(name.replace("_", "").replace("-", "").replace(".", "").isascii() for name in names)
     assert not any(set(name) & set('/:\\ "') for name in names)

@@ -15,7 +15,7 @@ from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.observe import View, observe
+from regents_cosim.mirror.observe import Surroundings, observe
 from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import to_world
@@ -48,7 +48,7 @@ def least_seconds(call, rounds=ROUNDS) -> float:
 def test_views(benchmark, driven):
     world, memory = driven
     now = jax.tree.map(lambda v: jnp.broadcast_to(v, world.log.x.shape)[1:, 0], world.boxes(world.log))
-    view = View(Box(*jax.tree.leaves(now)), world.log.speed[1:, 0], world.valid[1:, 0], memory.lights[0])
+    view = Surroundings(Box(*jax.tree.leaves(now)), world.log.speed[1:, 0], world.valid[1:, 0], memory.lights[0])
     egos = jax.tree.map(lambda v: v[0, :FRAMES], world.log)
     render = compiled(jax.vmap(observe, (None, None, None, 0)))
     halves = [jax.tree.map(lambda v, part=part: v[part], egos) for part in (slice(0, None, 2), slice(1, None, 2))]

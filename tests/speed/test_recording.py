@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from regents_cosim.simulators.sumo_process import running_sumo
-from regents_cosim.sources.sumo import STEP_S, RecordingJob, record_slots, record_sumo, sumo_command
+from regents_cosim.sources.sumo import STEP_S, SumoRecordingJob, record_slots, record_sumo, sumo_command
 from regents_cosim.sources.sumo_config import SumoInput, read_input
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
@@ -19,14 +19,14 @@ COUNT = 25
 ROUNDS = 3
 
 
-def seconds_of_recording(job: RecordingJob) -> tuple[float, float]:
+def seconds_of_recording(job: SumoRecordingJob) -> tuple[float, float]:
     """Wall time in the worker, and up to when SUMO was run."""
     start = time.perf_counter()
     last = record_slots(job)[-1]
     return time.perf_counter() - start, last.begin_s + last.dt * last.x.shape[1]
 
 
-def seconds_of_bare_run(job: RecordingJob, until_s: float) -> float:
+def seconds_of_bare_run(job: SumoRecordingJob, until_s: float) -> float:
     start = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder, running_sumo(sumo_command(job, Path(folder))) as sumo:
         while sumo.simulation.getTime() < until_s - 0.5 * STEP_S:
@@ -46,7 +46,7 @@ def test_recording_beside_the_bare_run(benchmark, name: str) -> None:
     if not config.is_file():
         pytest.skip(f"no {name} (set REGENTS_DATA to the folder of recordings)")
     source = SumoInput(config)
-    job = RecordingJob(read_input(source), Windows(count=COUNT))
+    job = SumoRecordingJob(read_input(source), Windows(count=COUNT))
     recording, bare = [], []
     for _ in range(ROUNDS):  # alternating, so that a slow moment of the machine meets both
         took, until_s = run_isolated(seconds_of_recording, job)

@@ -14,7 +14,7 @@ import numpy as np
 
 from regents_cosim import Control
 from regents_cosim.planners.host_messages import Answer, Decided, encoder
-from regents_cosim.planners.talk import Talk
+from regents_cosim.planners.talk import MessageSocket
 
 _DESCRIPTORS = range(3, 4096)
 
@@ -51,7 +51,7 @@ def everywhere(content):
 
 
 def talk():
-    return next(one for one in gc.get_objects() if isinstance(one, Talk))
+    return next(one for one in gc.get_objects() if isinstance(one, MessageSocket))
 
 
 class StrayByte(Misbehaves):

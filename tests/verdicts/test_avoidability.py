@@ -20,12 +20,12 @@ from regents_cosim.replays.replay import replay_each
 from regents_cosim.scenario import Tracks
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.judge import judge, judge_each
-from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, Bank
+from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, ManoeuvreBank
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"
 EVERY_STEP = ((np.inf, DT),)
-STOP = Bank(accels=(-6.0,), lasting_s=(None,), shifts=(), lateral_accels=())
-HAND = Bank((-6.0, -4.0, -2.0), (None,), (1.8, 3.5), (4.0, 6.5), EVERY_STEP)
+STOP = ManoeuvreBank(accels=(-6.0,), lasting_s=(None,), shifts=(), lateral_accels=())
+HAND = ManoeuvreBank((-6.0, -4.0, -2.0), (None,), (1.8, 3.5), (4.0, 6.5), EVERY_STEP)
 
 
 def test_braking_in_time():

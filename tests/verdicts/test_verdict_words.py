@@ -7,7 +7,7 @@ import pytest
 
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.comparison import RegressionVerdict, explain
-from regents_cosim.evaluation.suites.cards import Card
+from regents_cosim.evaluation.suites.cards import CaseCard
 from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.verdicts.words import advice, offences_words, telling_words
 
@@ -81,7 +81,9 @@ def test_a_failure_says_it_on_a_line_of_its_own():
 
 
 def test_the_properties_of_a_case():
-    card = Card("c", "grid", "t_bone", True, True, "idm", "king", "car1", "w", "h", True, "tailgating", "careful, rss")
+    card = CaseCard(
+        "c", "grid", "t_bone", True, True, "idm", "king", "car1", "w", "h", True, "tailgating", "careful, rss"
+    )
     assert card.properties == [("telling", "yes"), ("offences", "tailgating"), ("preventable_by", "careful, rss")]
     unknown = replace(card, telling=None, offences=None, preventable_by="")
     assert unknown.properties == [("telling", "not known"), ("offences", "not known"), ("preventable_by", "none")]

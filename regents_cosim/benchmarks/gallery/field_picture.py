@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.attacks.presets import REGENTS
-from regents_cosim.benchmarks.gallery.gradient_field import AHEAD_M, HELD_S, LEFT_M, SPEED_M_S, Field
+from regents_cosim.benchmarks.gallery.gradient_field import AHEAD_M, HELD_S, LEFT_M, SPEED_M_S, GradientField
 from regents_cosim.reports.camera import View, centred
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import EGO, FAINT_INK, HAIRLINE, INK, LAND, OTHER, PANEL, SIGNAL_RED, Colour, mix
@@ -33,7 +33,7 @@ _RED_ZONE: Colour = mix(LAND, SIGNAL_RED, 0.2)
 _REAR_SECTOR: Colour = mix(LAND, FAINT_INK, 0.16)
 
 
-def draw_fields(fields: list[Field]) -> Canvas:
+def draw_fields(fields: list[GradientField]) -> Canvas:
     """The whole picture, one row per field."""
     width = (_WIDTH_PX - _GAP_PX) // 2
     scale = width / (np.ptp(AHEAD_M) + 2 * _MARGIN_M)
@@ -54,7 +54,7 @@ def draw_fields(fields: list[Field]) -> Canvas:
 # --- one panel --------------------------------------------------------------------------------
 
 
-def _panel(field: Field, view: View, draw_arrows: Callable[[Canvas, View, Field], None]) -> Canvas:
+def _panel(field: GradientField, view: View, draw_arrows: Callable[[Canvas, View, GradientField], None]) -> Canvas:
     canvas = Canvas.blank((view.width, view.height), _ZOOM, LAND)
     half = 0.5 * REGENTS.rear_sector_rad
     canvas.polygon(view.pixels(_wedge(np.pi - half, np.pi + half)), _REAR_SECTOR)
@@ -73,7 +73,7 @@ def _wedge(first: float, last: float) -> Float[np.ndarray, "point 2"]:
     return np.concatenate([np.zeros((1, 2)), _FAR_M * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)])
 
 
-def _draw_steering(canvas: Canvas, view: View, field: Field) -> None:
+def _draw_steering(canvas: Canvas, view: View, field: GradientField) -> None:
     """Arrows of equal length that begin along the heading and bend to where descent steers."""
     bend = _SHARPEST_RAD * np.tanh(field.curvature / (_BENDS * np.abs(field.curvature).max()))
     for ahead, left, turn, away in zip(field.ahead, field.left, bend, field.leads_away, strict=True):
@@ -84,7 +84,7 @@ def _draw_steering(canvas: Canvas, view: View, field: Field) -> None:
         _draw_arrow(canvas, view.pixels(path), colour)
 
 
-def _draw_throttle(canvas: Canvas, view: View, field: Field) -> None:
+def _draw_throttle(canvas: Canvas, view: View, field: GradientField) -> None:
     """Straight arrows along the heading, or against it where descent brakes."""
     lengths = _ARROW_M * field.accel / np.abs(field.accel).max()
     along = np.array([np.cos(field.yaw), np.sin(field.yaw)])
@@ -120,7 +120,7 @@ def _header(width: int) -> Canvas:
     return canvas
 
 
-def _strip(field: Field) -> Canvas:
+def _strip(field: GradientField) -> Canvas:
     canvas = Canvas.blank((_WIDTH_PX, _STRIP_PX), _ZOOM, PANEL)
     degrees = round(np.rad2deg(field.yaw))
     side = "left" if degrees > 0 else "right"

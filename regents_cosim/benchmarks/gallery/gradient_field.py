@@ -37,7 +37,7 @@ _FACING_RAD = np.deg2rad(4.0)  # closer than that, corners of the boxes decide w
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class GradientField:
     """What descent does to an adversary turned by `yaw`: minus the gradient at each place."""
 
     yaw: float  # [rad] against the ego
@@ -77,7 +77,7 @@ def in_red_zone(
     return (abs(yaw) < window) & (np.abs(bearing) < window) & (bearing * yaw > 0.0) & (np.abs(bearing) < abs(yaw))
 
 
-def gradient_field(yaw: float) -> Field:
+def gradient_field(yaw: float) -> GradientField:
     """The field for adversaries turned by `yaw` [rad] against the ego."""
     grid = np.meshgrid(AHEAD_M, LEFT_M)
     ahead, left = (values.ravel() for values in grid)
@@ -85,7 +85,7 @@ def gradient_field(yaw: float) -> Field:
     ahead, left = ahead[clear], left[clear]
     places = (jnp.asarray(v, jnp.float32) for v in (ahead, left, np.full_like(ahead, yaw)))
     accel, curvature = _gradients(_two_cars(), *places)
-    return Field(yaw, ahead, left, -np.asarray(accel, float), -np.asarray(curvature, float))
+    return GradientField(yaw, ahead, left, -np.asarray(accel, float), -np.asarray(curvature, float))
 
 
 def _two_cars() -> World:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from regents_cosim.benchmarks.gallery.exhibits import METHOD_NAMES, PLANNER, ExhibitRun
-from regents_cosim.benchmarks.gallery.gradient_field import HELD_S, SPEED_M_S, Field
+from regents_cosim.benchmarks.gallery.gradient_field import HELD_S, SPEED_M_S, GradientField
 from regents_cosim.reports.caption import ending
 
 FIELD_PICTURE = "gradient_field.png"
@@ -20,12 +20,12 @@ its log (`{PLANNER}`). Every attacked scene is a case in `cases/`; watch one fro
 """
 
 
-def index_page(fields: Sequence[Field], runs: Sequence[ExhibitRun]) -> str:
+def index_page(fields: Sequence[GradientField], runs: Sequence[ExhibitRun]) -> str:
     """README.md of a gallery; links are relative to its folder."""
     return "\n".join([_OPENING, _field_section(fields), *map(_section, runs)])
 
 
-def _field_section(fields: Sequence[Field]) -> str:
+def _field_section(fields: Sequence[GradientField]) -> str:
     red, away, red_away, behind, converging = (
         sum(int(count.sum()) for count in counts)
         for counts in zip(

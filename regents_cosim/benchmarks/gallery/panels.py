@@ -64,7 +64,7 @@ def draw_exhibit(run: ExhibitRun) -> Canvas:
 
 
 @dataclass(frozen=True, eq=False)
-class _Panel:
+class _ScenePanel:
     """One scene with its title; the motion is shown from step `first` to step `last`."""
 
     title: str
@@ -122,14 +122,14 @@ class _Panel:
         return np.flatnonzero(self.scene.scenario.tracks.valid[:, step]).tolist()
 
 
-def _panels(run: ExhibitRun) -> list[_Panel]:
+def _panels(run: ExhibitRun) -> list[_ScenePanel]:
     log, notes = run.exhibit.scenario, run.exhibit.notes
     first, last = (round(second / log.dt) for second in run.exhibit.seconds)
-    panels = [_Panel("before the attack", notes["log"], INK, PicturedCase(log, run.exhibit.watched), first, last)]
+    panels = [_ScenePanel("before the attack", notes["log"], INK, PicturedCase(log, run.exhibit.watched), first, last)]
     for method, attacked in run.attacked.items():
         scene = PicturedCase(attacked, _adversary(run, method))
         end = min(last, scene.collision.step if scene.collision else last)
-        panels.append(_Panel(_title(method, attacked), notes[method], METHOD_COLOURS[method], scene, first, end))
+        panels.append(_ScenePanel(_title(method, attacked), notes[method], METHOD_COLOURS[method], scene, first, end))
     return panels
 
 
@@ -148,7 +148,7 @@ def _adversary(run: ExhibitRun, method: str) -> str | None:
     return hit or (most if run.moved(method, most) > _STILL_M else None)
 
 
-def _arrangement(panels: list[_Panel]) -> tuple[int, tuple[int, int], View]:
+def _arrangement(panels: list[_ScenePanel]) -> tuple[int, tuple[int, int], View]:
     """Columns, the size of each scene [px], and the view that all of them share."""
     points = np.concatenate([panel.points() for panel in panels])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M

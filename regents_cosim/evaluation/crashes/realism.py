@@ -24,7 +24,7 @@ PERCENTILES = (1, 5, 50, 95, 99)
 
 
 @dataclass(frozen=True)
-class Limits:
+class DryRoadLimits:
     """What a car on a dry road does at most, in magnitude."""
 
     accel: float = 6.0  # [m/s^2] the attack's own limit
@@ -34,7 +34,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionSamples:
     """Samples of how agents move, of all their valid steps."""
 
     accel: Float[np.ndarray, " sample"]  # [m/s^2] along the heading
@@ -68,21 +68,21 @@ class Realism:
     hits_others_percent: float  # of the adversaries: touched somebody else before the ego
 
 
-def motion(tracks: Tracks, agent: int, dt: float, end: int | None = None) -> Motion:
+def motion(tracks: Tracks, agent: int, dt: float, end: int | None = None) -> MotionSamples:
     """How one agent moves, before step `end`."""
     valid, speed, yaw = (values[agent, :end] for values in (tracks.valid, tracks.speed, tracks.yaw))
     pairs = valid[:-1] & valid[1:]
     accel, yaw_rate = np.diff(speed) / dt, np.asarray(wrap(np.diff(yaw))) / dt
     lateral = 0.5 * (speed[:-1] + speed[1:]) * yaw_rate
-    return Motion(accel[pairs], lateral[pairs], (np.diff(accel) / dt)[pairs[:-1] & pairs[1:]], yaw_rate[pairs])
+    return MotionSamples(accel[pairs], lateral[pairs], (np.diff(accel) / dt)[pairs[:-1] & pairs[1:]], yaw_rate[pairs])
 
 
-def pooled(motions: Sequence[Motion]) -> Motion:
+def pooled(motions: Sequence[MotionSamples]) -> MotionSamples:
     """All samples of some motions."""
-    return Motion(*(np.concatenate([getattr(one, f.name) for one in motions]) for f in fields(Motion)))
+    return MotionSamples(*(np.concatenate([getattr(one, f.name) for one in motions]) for f in fields(MotionSamples)))
 
 
-def realism(attacked: Sequence[Scenario], limits: Limits = Limits()) -> Realism | None:
+def realism(attacked: Sequence[Scenario], limits: DryRoadLimits = DryRoadLimits()) -> Realism | None:
     """The adversaries of the attacks that ended in a collision, up to it; None where none did."""
     hits = [(case, case.attack.collision) for case in attacked if case.attack and case.attack.collision]
     if not hits:
@@ -102,7 +102,7 @@ def realism(attacked: Sequence[Scenario], limits: Limits = Limits()) -> Realism 
         adversaries=len(hits),
         quantities=tuple(
             quantity(f.name, tuple(getattr(some, f.name) for some in samples), getattr(limits, f.name))
-            for f in fields(Motion)
+            for f in fields(MotionSamples)
         ),
         off_road_percent=_percent(np.concatenate(off)),
         off_road_before_percent=_percent(np.concatenate(off_before)),

@@ -22,7 +22,7 @@ USUAL = tuple(range(0, 101, 5))  # percent: success is counted by how usual the 
 Counted = Callable[[Scenario], Iterable[str]]
 
 
-class InSumo(NamedTuple):
+class CrashInSumo(NamedTuple):
     """What SUMO made of a crash."""
 
     case: str
@@ -38,7 +38,7 @@ class MethodRun:
     planner: str
     rollouts: int  # for a window, at most
     windows: Sequence[Results]
-    in_sumo: Sequence[InSumo] = ()  # of the crashes
+    in_sumo: Sequence[CrashInSumo] = ()  # of the crashes
     seconds: float = 0.0  # of the search, all cores
     protocol: Protocol = ()  # by which it searched; of runs without a search empty
 

@@ -19,7 +19,7 @@ Values = Float[np.ndarray, "*n"]
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class AgentPair:
     """The ego and one other agent over time; NaN where a measure is not defined."""
 
     ttc: Float[np.ndarray, " time"]  # [s]
@@ -156,7 +156,7 @@ def _passing(way: Values, dt: float) -> float:
 # --- over a drive ----------------------------------------------------------------------------------
 
 
-def measure_pair(ego: FrontPath, other: FrontPath, dt: float) -> Pair:
+def measure_pair(ego: FrontPath, other: FrontPath, dt: float) -> AgentPair:
     """All measures of two agents, step by step."""
     behind = list(followings(ego, other))
     ttc = [time_to_collision(f.gap, f.closing) for f in behind]
@@ -173,7 +173,7 @@ def measure_pair(ego: FrontPath, other: FrontPath, dt: float) -> Pair:
         for first, second in (joint, joint[::-1]):
             ttc.append(joining_ttc(first, second))
             drac.append(deceleration_to_join(first, second))
-    return Pair(np.fmin.reduce(ttc), np.fmax.reduce(drac), pet)
+    return AgentPair(np.fmin.reduce(ttc), np.fmax.reduce(drac), pet)
 
 
 def measure_drive(agents: tuple[Agent, ...], tracks: Tracks, dt: float, contact: int | None = None) -> Safety:

@@ -66,7 +66,7 @@ class Shrunk:
 
 
 @dataclass(frozen=True)
-class Size:
+class CaseSize:
     """How much there is to look at in an attacked case."""
 
     case: str
@@ -80,12 +80,12 @@ class Size:
     impact_m_s: float
 
 
-def size(attacked: Scenario) -> Size:
+def size(attacked: Scenario) -> CaseSize:
     """The size of a case that ends in a collision."""
     hit = _collision(attacked)
     apart = deviation(attacked)
     assert apart is not None
-    return Size(
+    return CaseSize(
         case=attacked.id,
         changed_agents=len(changed_agents(attacked)),
         deviation_mean_m=round(apart.mean_m, 3),
@@ -134,7 +134,7 @@ class _Trial:
     def __init__(self, driver: MirrorDriver, adversary: str) -> None:
         self._driver, self._adversary = driver, adversary
         self._kind, self._flaws = "", frozenset[Flaw]()
-        self._said = _Said(frozenset(), frozenset())
+        self._said = _TellingParts(frozenset(), frozenset())
         self.drives = 0
 
     def begin(self, attacked: Scenario) -> Scenario:
@@ -189,13 +189,13 @@ class _Trial:
 
 
 @dataclass(frozen=True)
-class _Said:
+class _TellingParts:
     """What makes a clean crash telling."""
 
     broken: frozenset[str]  # laws, by the adversary
     avoided_by: frozenset[str]  # reference drivers
 
-    def says_no_less_than(self, other: "_Said") -> bool:
+    def says_no_less_than(self, other: "_TellingParts") -> bool:
         return self.broken <= other.broken and self.avoided_by >= other.avoided_by
 
 
@@ -317,7 +317,7 @@ def _flaws(case: Scenario) -> frozenset[Flaw]:
     return frozenset(found) - {Flaw.UNATTRIBUTED}
 
 
-def _said(case: Scenario) -> _Said:
+def _said(case: Scenario) -> _TellingParts:
     judged = judge(case).judgement
     broken = {offence.name for offence in judged.law.adversary} & UNLAWFUL if judged and judged.law else ()
-    return _Said(frozenset(broken), frozenset(judged.preventable_by if judged else ()))
+    return _TellingParts(frozenset(broken), frozenset(judged.preventable_by if judged else ()))

@@ -105,7 +105,7 @@ def suite_of(cases: Path) -> Path:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _RegressionTest:
     """What a planner is to be held against."""
 
     suite: Path | None  # None: the cases are in memory
@@ -150,7 +150,7 @@ class _Asked:
 
 def _asked(
     folder: Path | None, against: Path | str | None, update: bool, fail: str, margin: bool, where: Simulator
-) -> _Asked | None:
+) -> _RegressionTest | None:
     """None where no baseline is asked for. Raises RegentsError."""
     if against is None and not update:
         if fail or margin:
@@ -168,7 +168,7 @@ def _asked(
         raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
     thresholds = parse_thresholds(fail)
     thresholds_measurable(thresholds, margin)
-    return _Asked(suite, file, load_baseline(file), thresholds, update, margin)
+    return _RegressionTest(suite, file, load_baseline(file), thresholds, update, margin)
 
 
 def _with_margins(

@@ -23,7 +23,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import is_telling
 from regents_cosim.evaluation.drives.driving import Drive, drive_each
 from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
-from regents_cosim.evaluation.suites.cards import Card, card
+from regents_cosim.evaluation.suites.cards import CaseCard, card
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
@@ -116,7 +116,7 @@ def _spread(windows: Sequence[Scenario], count: int) -> Sequence[Scenario]:
     return [windows[number * len(windows) // count] for number in range(count)]
 
 
-def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[Card]:
+def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[CaseCard]:
     """Those first that ask something of a planner: that a blind one does not survive."""
     drives = drive_each(ordinary, _BLIND)
     asking = {scenario.id for scenario, drive in zip(ordinary, drives, strict=True) if not _passes(drive)}
@@ -209,7 +209,7 @@ def _neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
         return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}
 
 
-def _cards(scenarios: Sequence[Scenario]) -> list[Card]:
+def _cards(scenarios: Sequence[Scenario]) -> list[CaseCard]:
     return [card(scenario, content_hash(scenario)) for scenario in scenarios]
 
 

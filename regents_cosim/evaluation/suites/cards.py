@@ -8,7 +8,7 @@ from regents_cosim.scenario import AttackRecord, Scenario
 
 
 @dataclass(frozen=True)
-class Card:
+class CaseCard:
     """One case at a glance."""
 
     case: str
@@ -48,19 +48,19 @@ class Card:
         )
 
 
-def card_of(folder: Path) -> Card:
+def card_of(folder: Path) -> CaseCard:
     """The card of the case in `folder`. Raises CaseError."""
     header = load_header(folder)
     return card(header, header.hash)
 
 
-def card(case: Header | Scenario, digest: str) -> Card:
+def card(case: Header | Scenario, digest: str) -> CaseCard:
     """The card of a case with that content hash."""
     attack, judgement = case.attack, case.judgement
     hit = attack.collision if attack and attack.outcome == "collision" else None
     avoidability = judgement.avoidability if judgement else None
     law = judgement.law if judgement else None
-    return Card(
+    return CaseCard(
         case=case.id,
         network=case.provenance.file.removeprefix("highway:").partition(".")[0],
         kind=_kind(attack),

@@ -7,12 +7,12 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 
-from regents_cosim.evaluation.suites.cards import Card
+from regents_cosim.evaluation.suites.cards import CaseCard
 
 _PER_WINDOW = 2  # attacks on one window share all their traffic but the adversary
 
 
-def choose_adversarial(cards: Sequence[Card], count: int, unavoidable: int, seed: int) -> list[Card]:
+def choose_adversarial(cards: Sequence[CaseCard], count: int, unavoidable: int, seed: int) -> list[CaseCard]:
     """`count` clean crashes that the planner could have avoided, and `unavoidable` ones that it could not.
 
     Of the former the telling ones come first, others only where there are too few. Balanced over kinds of collision,
@@ -25,7 +25,7 @@ def choose_adversarial(cards: Sequence[Card], count: int, unavoidable: int, seed
     return sorted([*could, *could_not], key=_name)
 
 
-def choose_ordinary(cards: Sequence[Card], followers: Collection[str], count: int, seed: int) -> list[Card]:
+def choose_ordinary(cards: Sequence[CaseCard], followers: Collection[str], count: int, seed: int) -> list[CaseCard]:
     """`count` cases of recorded traffic, half of them with the ego behind somebody (the names in `followers`).
 
     Those are the cases that tell a planner that keeps too little distance. Balanced over networks.
@@ -33,18 +33,18 @@ def choose_ordinary(cards: Sequence[Card], followers: Collection[str], count: in
     return sorted(_balanced(cards, count, seed, lambda card: card.case in followers), key=_name)
 
 
-def _balanced(cards: Sequence[Card], count: int, seed: int, kind: Callable[[Card], object]) -> list[Card]:
+def _balanced(cards: Sequence[CaseCard], count: int, seed: int, kind: Callable[[CaseCard], object]) -> list[CaseCard]:
     """The next is telling while there are such, of the rarest kind so far, then of its rarest network and so on."""
     left = {card.case: card for card in cards}
-    chosen: list[Card] = []
+    chosen: list[CaseCard] = []
     had: Counter[object] = Counter()
     alike: set[tuple[object, ...]] = set()
 
-    def traits(card: Card) -> list[tuple[object, ...]]:
+    def traits(card: CaseCard) -> list[tuple[object, ...]]:
         cell = ("cell", kind(card), card.network)
         return [("kind", kind(card)), cell, ("by", card.planner), ("net", card.network), ("window", card.window)]
 
-    def rarity(card: Card) -> tuple[int | str, ...]:
+    def rarity(card: CaseCard) -> tuple[int | str, ...]:
         lot = hashlib.sha256(f"{seed} {card.case}".encode()).hexdigest()  # no favour for early windows
         return int(card.telling is not True), *(had[trait] for trait in traits(card)), lot
 
@@ -59,9 +59,9 @@ def _balanced(cards: Sequence[Card], count: int, seed: int, kind: Callable[[Card
     return chosen
 
 
-def _kind(card: Card) -> object:
+def _kind(card: CaseCard) -> object:
     return card.kind
 
 
-def _name(card: Card) -> str:
+def _name(card: CaseCard) -> str:
     return card.case

@@ -10,7 +10,7 @@ from regents_cosim.judgement import Flaw
 from regents_cosim.mirror.observe import VIEW_M
 from regents_cosim.scenario import AttackRecord, Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.manoeuvres import BANK, Bank
+from regents_cosim.verdicts.manoeuvres import BANK, ManoeuvreBank
 
 # What a planner that sees one instant can learn: to brake once there is something to brake for, firmly rather than
 # as early as only who knows the future would. The gentlest of these begins as late as such braking allows, and at
@@ -21,7 +21,7 @@ BRAKING = replace(
 
 
 def failed_drives(
-    scenarios: Iterable[Scenario], drives: Iterable[Tracks], planner: str, bank: Bank = BRAKING
+    scenarios: Iterable[Scenario], drives: Iterable[Tracks], planner: str, bank: ManoeuvreBank = BRAKING
 ) -> Iterator[Scenario | None]:
     """For each case and drive of `planner` in it: the case with that drive, judged by `bank`; None without a collision.
 
@@ -65,7 +65,7 @@ def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | No
     )
 
 
-def _in_view(bank: Bank, crash: Scenario) -> Bank:
+def _in_view(bank: ManoeuvreBank, crash: Scenario) -> ManoeuvreBank:
     """What of `bank` begins once the other one is in the ego's view for good."""
     seen_s = _seen_s(crash)
     return replace(bank, onsets_s=tuple((min(until_s, seen_s), spacing_s) for until_s, spacing_s in bank.onsets_s))

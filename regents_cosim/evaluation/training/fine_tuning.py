@@ -39,7 +39,7 @@ class FineTuned:
 
 
 @dataclass(frozen=True)
-class Cases:
+class AttackedAndOrdinary:
     """Attacked cases, and ordinary ones."""
 
     adversarial: list[Scenario]
@@ -47,12 +47,12 @@ class Cases:
 
 
 @dataclass(frozen=True)
-class Course:
+class SplitCases:
     """Cases to learn from, to choose the weights by, and to judge them by; no window is in two of them."""
 
-    taught: Cases
-    chosen_by: Cases
-    judged_by: Cases
+    taught: AttackedAndOrdinary
+    chosen_by: AttackedAndOrdinary
+    judged_by: AttackedAndOrdinary
 
 
 def train(
@@ -145,11 +145,11 @@ def _trained(
 
 def _course(
     ordinary: list[Scenario], adversarial: list[Scenario], held_out: AnyCases | None, others: AnyCases | None
-) -> Course:
+) -> SplitCases:
     """The cases that are named; what is not named to judge by is held back from the training."""
     common_horizon([*ordinary, *adversarial])
     parts = [_parts(adversarial, held_out, "--held-out"), _parts(ordinary, others, "--ordinary")]
-    return Course(*(Cases(*part) for part in zip(*parts, strict=True)))
+    return SplitCases(*(AttackedAndOrdinary(*part) for part in zip(*parts, strict=True)))
 
 
 def _parts(scenarios: list[Scenario], others: AnyCases | None, option: str) -> tuple[list[Scenario], ...]:
@@ -179,7 +179,7 @@ def _crashes(weights: Path, adversarial: list[Scenario], progress: Progress) -> 
     return crashes
 
 
-def _keep_best(before: Path, learnt: Path, output: Path, chosen_by: Cases, progress: Progress) -> float:
+def _keep_best(before: Path, learnt: Path, output: Path, chosen_by: AttackedAndOrdinary, progress: Progress) -> float:
     """Write the mixture of both weights to `output` that drives the cases to choose by best; its share."""
     ends = load_weights(before), load_weights(learnt)
     with scratch_folder() as folder:
@@ -194,7 +194,7 @@ def _keep_best(before: Path, learnt: Path, output: Path, chosen_by: Cases, progr
     return chosen.share
 
 
-def _mixture(share: float, weights: Path, cases: Cases, progress: Progress) -> Mixture:
+def _mixture(share: float, weights: Path, cases: AttackedAndOrdinary, progress: Progress) -> Mixture:
     found = mixture(share, _drives(cases.adversarial, weights, progress), _drives(cases.ordinary, weights, progress))
     progress.say(
         f"{100 * share:.0f} % of what was learnt: {found.collisions} of {len(cases.adversarial)} attacked cases crash, "

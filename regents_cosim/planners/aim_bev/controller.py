@@ -18,7 +18,7 @@ _STANDING_M_S = 0.6  # a path slower than that means: stop, as published
 _LEAST_WAY_M2 = 0.25  # squared; waypoints nearer than 0.5 m tell no direction
 
 
-class Errors(eqx.Module):
+class SpeedErrors(eqx.Module):
     """The controller's state: what the desired speed was off by, the latest last."""
 
     speed: Float[Array, " window"]  # [m/s]
@@ -32,18 +32,18 @@ class Controller(eqx.Module):
     integral: float = 0.0
     derivative: float = 0.0
 
-    def begin(self) -> Errors:
+    def begin(self) -> SpeedErrors:
         """No errors yet."""
-        return Errors(jnp.zeros(_WINDOW))
+        return SpeedErrors(jnp.zeros(_WINDOW))
 
     def steer(
-        self, errors: Errors, waypoints: Float[Array, "waypoint 2"], speed: Float[Array, ""]
-    ) -> tuple[Controls, Errors]:
+        self, errors: SpeedErrors, waypoints: Float[Array, "waypoint 2"], speed: Float[Array, ""]
+    ) -> tuple[Controls, SpeedErrors]:
         """Controls along `waypoints` [m, ego frame, x ahead] at the present `speed` [m/s]."""
         steps = jnp.diff(waypoints, axis=0, prepend=jnp.zeros((1, 2)))
         desired = jnp.hypot(steps[:, 0], steps[:, 1]).sum() / (WAYPOINTS * WAYPOINT_S)
         desired = jnp.where((desired < _STANDING_M_S) | (waypoints[-1, 0] < 0.0), 0.0, desired)
-        errors = Errors(jnp.append(errors.speed[1:], desired - speed))
+        errors = SpeedErrors(jnp.append(errors.speed[1:], desired - speed))
         accel = (
             self.proportional * errors.speed[-1]
             + self.integral * errors.speed.mean()

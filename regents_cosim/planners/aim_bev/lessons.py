@@ -18,7 +18,7 @@ from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.ground import CELL_M, Ground, draw_cells, stop_bars
-from regents_cosim.mirror.observe import REACH_M, View, observe
+from regents_cosim.mirror.observe import REACH_M, Surroundings, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.scenario import Scenario
@@ -82,7 +82,7 @@ class Classroom(eqx.Module):
         sizes = (self.half_length[one.scene], self.half_width[one.scene])
         boxes = Box(now.x, now.y, jnp.cos(now.yaw), jnp.sin(now.yaw), *sizes)
         others = self.valid[one.scene, :, one.step] & (jnp.arange(now.x.shape[0]) != one.agent)
-        view = View(boxes, now.speed, others, self.lights[one.scene, one.step])
+        view = Surroundings(boxes, now.speed, others, self.lights[one.scene, one.step])
         road = self.road[one.scene]
         ground = Ground(self.ground.cells, self.ground.first[road], self.ground.shape[road], self.ground.corner[road])
         return observe(ground, jax.tree.map(lambda values: values[one.scene], self.bars), view, one.state)

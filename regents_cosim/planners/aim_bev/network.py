@@ -81,7 +81,7 @@ class Residual(eqx.Module):
         return x + out if self.adds else out
 
 
-class Network(eqx.Module):
+class NetworkWeights(eqx.Module):
     """The whole of it."""
 
     stem: Float[Array, "3 3 3 channel"]
@@ -137,7 +137,7 @@ class Network(eqx.Module):
         return jnp.stack(found) * COORDINATE_M
 
 
-def to_network(weights: Weights) -> Network:
+def to_network(weights: Weights) -> NetworkWeights:
     """The network of a file of weights. Raises RegentsError where one is missing or has another shape."""
     try:
         return _assembled({name: values.astype(np.float32) for name, values in weights.items()})
@@ -145,11 +145,11 @@ def to_network(weights: Weights) -> Network:
         raise RegentsError(f"these are no weights of AIM-BEV: {error}") from error
 
 
-def _assembled(weights: Weights) -> Network:
+def _assembled(weights: Weights) -> NetworkWeights:
     features = "encoder.features"
     stem, stem_bias = _folded(weights, f"{features}.0")
     blocks = tuple(_block(weights, index) for index in range(len(BLOCKS)))
-    return Network(
+    return NetworkWeights(
         # torch was given levels of 0..1
         stem=jnp.asarray(stem.transpose(2, 3, 1, 0) / 255.0),
         stem_bias=jnp.asarray(stem_bias),

@@ -12,11 +12,11 @@ from jaxtyping import Array, Float, Int, UInt8
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars, to_ground
 from regents_cosim.mirror.levels import HeightMap, same_level
-from regents_cosim.mirror.observe import REACH_M, View, observe
+from regents_cosim.mirror.observe import REACH_M, Surroundings, observe
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
-from regents_cosim.planners.aim_bev.controller import Controller, Errors
-from regents_cosim.planners.aim_bev.network import Network, to_network
+from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
+from regents_cosim.planners.aim_bev.network import NetworkWeights, to_network
 from regents_cosim.planners.aim_bev.recollection import Recollection, in_view
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
@@ -24,7 +24,7 @@ from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 _BEYOND_M = 30.0  # how far the ego may get away from its log and still see the road
 
 
-class Memory(eqx.Module):
+class AimBevMemory(eqx.Module):
     """What stays: the map and the target; and what changes: the time, the controller's errors, what was seen when."""
 
     ground: Ground
@@ -32,12 +32,12 @@ class Memory(eqx.Module):
     lights: UInt8[Array, "time bar"]
     target: Float[Array, " 2"]  # [m]
     now: Int[Array, ""]
-    errors: Errors
+    errors: SpeedErrors
     recollection: Recollection
     heights: HeightMap | None  # in scenes with roads above each other
 
 
-class Sight(eqx.Module):
+class AimBevSight(eqx.Module):
     """The other road users, turned into boxes for all steps at once."""
 
     boxes: Box  # [time agent]
@@ -48,10 +48,10 @@ class Sight(eqx.Module):
 class AimBev(JaxPlanner):
     """Looks at its surroundings from above and drives to its last logged position. Source: ReGentS section 4, KING."""
 
-    network: Network
+    network: NetworkWeights
     controller: Controller
 
-    def init(self, scene: LoopScene) -> Memory:
+    def init(self, scene: LoopScene) -> AimBevMemory:
         """Draw the map around the logged track."""
         scenario = scene.scenario
         tracks = scenario.tracks if scenario.original is None else scenario.original
@@ -59,7 +59,7 @@ class AimBev(JaxPlanner):
         low = track.min(axis=0) - REACH_M - _BEYOND_M
         cells = draw_cells(scenario.road, low, track.max(axis=0) + REACH_M + _BEYOND_M)
         bars, lights = stop_bars(scenario.road, scenario.signals, scenario.tracks.steps, scene.origin)
-        return Memory(
+        return AimBevMemory(
             ground=to_ground(cells, low, scene.origin),
             bars=bars,
             lights=lights,
@@ -70,16 +70,16 @@ class AimBev(JaxPlanner):
             heights=scene.world.heights,
         )
 
-    def look(self, memory: Memory, traffic: Traffic) -> Sight:
+    def look(self, memory: AimBevMemory, traffic: Traffic) -> AimBevSight:
         """Boxes of the others; the view itself depends on where the ego is."""
         motion = traffic.motion
         sizes = (jnp.broadcast_to(half[:, None], motion.x.shape) for half in (traffic.half_length, traffic.half_width))
         boxes = Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *sizes, z=traffic.z)
-        return jax.tree.map(lambda values: values.T, Sight(boxes, motion.speed, traffic.valid))
+        return jax.tree.map(lambda values: values.T, AimBevSight(boxes, motion.speed, traffic.valid))
 
-    def step(self, memory: Memory, sight: Sight, ego: Motion) -> tuple[Controls, Memory]:
+    def step(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> tuple[Controls, AimBevMemory]:
         """See, plan waypoints, steer along them."""
-        view = View(sight.boxes, sight.speed, self.on_level(memory, sight, ego), memory.lights[memory.now])
+        view = Surroundings(sight.boxes, sight.speed, self.on_level(memory, sight, ego), memory.lights[memory.now])
         seen, before = in_view(view, ego), memory.recollection.at(memory.now)
         known = (seen == before.seen).all()
         waypoints = jax.lax.cond(known, lambda: before.waypoints, lambda: self.plan(memory, view, ego))
@@ -88,21 +88,21 @@ class AimBev(JaxPlanner):
         changed = memory.now + 1, errors, recollection
         return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.recollection), memory, changed)
 
-    def on_level(self, memory: Memory, sight: Sight, ego: Motion) -> Array:
+    def on_level(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> Array:
         """Which agents are there on the ego's level: one on a bridge hides none below, and is not seen from there."""
         if memory.heights is None:
             return sight.valid
         return sight.valid & same_level(sight.boxes.z, memory.heights.of_ego(ego.x, ego.y))
 
-    def keep(self, last: Memory) -> Recollection:
+    def keep(self, last: AimBevMemory) -> Recollection:
         """What was seen when, and planned."""
         return last.recollection
 
-    def recall(self, memory: Memory, kept: Recollection) -> Memory:
+    def recall(self, memory: AimBevMemory, kept: Recollection) -> AimBevMemory:
         """With what was kept, at the first step again."""
         return eqx.tree_at(lambda m: m.recollection, memory, kept)
 
-    def plan(self, memory: Memory, view: View, ego: Motion) -> Float[Array, "waypoint 2"]:
+    def plan(self, memory: AimBevMemory, view: Surroundings, ego: Motion) -> Float[Array, "waypoint 2"]:
         """Waypoints [m] in the ego's frame."""
         dx, dy = memory.target - jnp.stack([ego.x, ego.y])
         cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)

@@ -13,7 +13,7 @@ from regents_cosim.mirror.bicycle import Motion, clip, step
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
-from regents_cosim.planners.aim_bev.controller import Controller, Errors
+from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
 
 LOST_M = 8.0  # further from its log an ego has nothing to learn from it
@@ -75,8 +75,8 @@ def drive(
 
 @compiled
 def _advance(
-    controller: Controller, errors: Errors, waypoints: Float[Array, "drive waypoint 2"], state: Motion, dt: float
-) -> tuple[Motion, Errors]:
+    controller: Controller, errors: SpeedErrors, waypoints: Float[Array, "drive waypoint 2"], state: Motion, dt: float
+) -> tuple[Motion, SpeedErrors]:
     controls, errors = jax.vmap(controller.steer)(errors, waypoints, state.speed)
     return step(state, clip(controls), dt), errors
 

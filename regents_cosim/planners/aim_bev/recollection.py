@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.observe import MARK_S, REACH_M, View
+from regents_cosim.mirror.observe import MARK_S, REACH_M, Surroundings
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 
 _VALUES = 6  # that say how an agent looks
@@ -36,7 +36,7 @@ class Recollection(eqx.Module):
         return jax.tree.map(lambda values, value: values.at[step].set(value), self, instant)
 
 
-def in_view(view: View, ego: Motion) -> Float[Array, " value"]:
+def in_view(view: Surroundings, ego: Motion) -> Float[Array, " value"]:
     """All that a picture of a scene at one step depends on: the ego, and whoever is near enough to be drawn."""
     box = view.boxes
     length = box.half_length + MARK_S * jnp.abs(view.speed)

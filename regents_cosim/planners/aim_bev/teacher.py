@@ -19,7 +19,7 @@ from regents_cosim.mirror.observe import VIEW_M
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame
-from regents_cosim.planners.idm import IDM, Memory
+from regents_cosim.planners.idm import IDM, IdmMemory
 from regents_cosim.scenario import Scenario
 
 
@@ -27,7 +27,7 @@ class Teacher(eqx.Module):
     """What IDM knows of the egos' routes, in the coordinates of their maps."""
 
     idm: IDM
-    routes: Memory  # [scene]
+    routes: IdmMemory  # [scene]
 
     @classmethod
     def of(cls, scenarios: Sequence[Scenario]) -> "Teacher":

@@ -27,7 +27,7 @@ _AT_ONCE = 64  # drives
 
 
 @dataclass
-class _Course:
+class _ResumableTraining:
     """Everything that a resumed run needs."""
 
     network: AimBevNetwork
@@ -107,7 +107,7 @@ def _split(curriculum: Curriculum) -> tuple[Curriculum, Curriculum]:
 
 
 def _prepare(
-    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
+    course: _ResumableTraining, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
 ) -> list[Tensor]:
     """New lessons, as the first layer that learns gets them."""
     course.network.eval()
@@ -118,7 +118,7 @@ def _prepare(
     return [torch.cat(columns).clone() for columns in zip(*parts, strict=True)]
 
 
-def _teach(course: _Course, rng: np.random.Generator, config: TrainConfig, epoch: int) -> float:
+def _teach(course: _ResumableTraining, rng: np.random.Generator, config: TrainConfig, epoch: int) -> float:
     """One pass over the lessons kept; returns the mean loss [m]."""
     network, frozen = course.network.train(not course.fine_tuning), config.frozen
     network.encoder.features[:frozen].eval().requires_grad_(False)
@@ -143,7 +143,7 @@ def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None
         group["lr"] = config.learning_rate * (0.01 + 0.99 * share)
 
 
-def _lessons(course: _Course, taught: Curriculum, rng: np.random.Generator, config: TrainConfig) -> Lesson:
+def _lessons(course: _ResumableTraining, taught: Curriculum, rng: np.random.Generator, config: TrainConfig) -> Lesson:
     """A batch of lessons, some of them from states met in practice."""
     count = config.batch
     lesson = taught.draw(count, rng, config.evading)
@@ -156,7 +156,7 @@ def _lessons(course: _Course, taught: Curriculum, rng: np.random.Generator, conf
     return taught.lessons(rows, np.where(met[:, None], course.states[drawn], own.T), rng)
 
 
-def _columns(course: _Course, room: Classroom, lesson: Lesson, frozen: int) -> tuple[Tensor, ...]:
+def _columns(course: _ResumableTraining, room: Classroom, lesson: Lesson, frozen: int) -> tuple[Tensor, ...]:
     """What the first layers make of the views, the speeds, targets and labels of a batch of lessons."""
     labels = course.teacher.labels(room, lesson) if course.teacher else room.labels(lesson)
     found = (room.views(lesson), lesson.state.speed, room.targets(lesson), labels)
@@ -177,7 +177,7 @@ def _pictures(views: Tensor) -> Tensor:
     return (views.float() / 255.0).permute(0, 3, 1, 2)
 
 
-def _check(course: _Course, room: Classroom, held_back: Curriculum, config: TrainConfig) -> float:
+def _check(course: _ResumableTraining, room: Classroom, held_back: Curriculum, config: TrainConfig) -> float:
     """Loss [m] on windows that are not taught, the same lessons in every epoch."""
     rng, errors = np.random.default_rng(config.seed), []
     course.network.eval()
@@ -191,7 +191,7 @@ def _check(course: _Course, room: Classroom, held_back: Curriculum, config: Trai
 
 
 def _practise(
-    course: _Course, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
+    course: _ResumableTraining, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
 ) -> tuple[float, float]:
     """Let the network drive, keep the states that it met, return its collision rate and distance to the log."""
     scenes = np.unique(np.concatenate([rows[:, 0] for rows in taught.rows.values()]))
@@ -237,11 +237,11 @@ def _with_ego(scenario: Scenario, driven: Float[np.ndarray, "4 time"]) -> Tracks
 
 def _begin(
     config: TrainConfig, resume: Path | None, teacher: Teacher | None = None, fine_tuning: bool = False
-) -> _Course:
+) -> _ResumableTraining:
     network = AimBevNetwork()
     network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
-    course = _Course(
+    course = _ResumableTraining(
         network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept), teacher, fine_tuning
     )
     if resume is not None:
@@ -256,7 +256,7 @@ def _weights(network: AimBevNetwork) -> dict[str, np.ndarray]:
     }
 
 
-def _save_checkpoint(course: _Course, output: Path) -> None:
+def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
     """Weights, Adam's moments, the epochs so far and the states met in practice."""
     saved = {f"network.{name}": values for name, values in _weights(course.network).items()}
     for index, state in course.adam.state_dict()["state"].items():
@@ -266,7 +266,7 @@ def _save_checkpoint(course: _Course, output: Path) -> None:
     save_weights(saved, checkpoint_path(output))
 
 
-def _restore(course: _Course, saved: dict[str, np.ndarray]) -> None:
+def _restore(course: _ResumableTraining, saved: dict[str, np.ndarray]) -> None:
     own = {name.removeprefix("network."): torch.tensor(v) for name, v in saved.items() if not name.startswith("adam.")}
     known = course.network.state_dict()
     missing = [name for name in known if name not in own and not name.endswith("num_batches_tracked")]

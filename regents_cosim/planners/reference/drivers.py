@@ -14,11 +14,11 @@ from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
-from regents_cosim.planners.idm import IDM, Memory, Sight, place_on_route, route_poses
+from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.planners.reference.foresight import (
     EGO_TIMES_S,
-    Course,
+    ExpectedMotion,
     breadth,
     curvature_of,
     further,
@@ -34,7 +34,7 @@ _CALM_S = 1.0  # without a danger, until the emergency is over
 class SurroundingTraffic(eqx.Module):
     """The others, as IDM sees them and in full."""
 
-    idm: Sight
+    idm: IdmSight
     traffic: Traffic
     along: Float[Array, "*time agent"]  # [m] of their centres on the route
     across: Float[Array, "*time agent"]  # [m] to the left of it
@@ -42,10 +42,10 @@ class SurroundingTraffic(eqx.Module):
     wanders: Bool[Array, "*time agent"]  # they have left the middle of every lane that runs their way
 
 
-class State(eqx.Module):
+class ReferenceMemory(eqx.Module):
     """What it remembers."""
 
-    idm: Memory
+    idm: IdmMemory
     lanes: LaneCentres
     dt: Float[Array, ""]  # [s]
     turned: Float[Array, "back agent"]  # [rad] the others' headings of late, the oldest first
@@ -67,19 +67,19 @@ class ReferencePlanner(JaxPlanner):
     delay_s: float = 0.75
     jerk: float = 12.65  # [m/s^3]
 
-    def init(self, scene: LoopScene) -> State:
+    def init(self, scene: LoopScene) -> ReferenceMemory:
         """The route, the lanes around, and an uneventful past."""
         back = max(round(FORESIGHT.over_s / scene.scenario.dt), 1)
         agents = scene.world.valid.shape[0] - 1
         past = jnp.zeros((back, agents), jnp.float32)
         zero = jnp.float32(0.0)
         own = jnp.full(back, scene.world.start.speed[0])
-        return State(
+        return ReferenceMemory(
             self.idm.init(scene), lane_centres(scene.scenario, scene.origin), scene.world.dt,
             past, past, past > 0.0, own, jnp.zeros(agents, jnp.float32), zero, zero, zero,
         )  # fmt: skip
 
-    def look(self, memory: State, traffic: Traffic) -> SurroundingTraffic:
+    def look(self, memory: ReferenceMemory, traffic: Traffic) -> SurroundingTraffic:
         """Everybody's place along the route and in the lanes."""
         motion = traffic.motion
         along, across, yaw = place_on_route(memory.idm, motion.x, motion.y)
@@ -87,11 +87,11 @@ class ReferencePlanner(JaxPlanner):
         places = (values.T for values in (along, across, motion.yaw - yaw, wanders))
         return SurroundingTraffic(self.idm.look(memory.idm, traffic), super().look(memory, traffic), *places)
 
-    def wanted(self, memory: State, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
+    def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """The braking [m/s^2] that each of the others calls for."""
         raise NotImplementedError
 
-    def step(self, memory: State, sight: SurroundingTraffic, ego: Motion) -> tuple[Controls, State]:
+    def step(self, memory: ReferenceMemory, sight: SurroundingTraffic, ego: Motion) -> tuple[Controls, ReferenceMemory]:
         """IDM's controls, or the emergency braking once it has reacted."""
         nominal, idm = self.idm.step(memory.idm, sight.idm, ego)
         wanted = jnp.where(sight.traffic.valid, self.wanted(memory, sight, ego), 0.0)
@@ -110,7 +110,7 @@ class ReferencePlanner(JaxPlanner):
             "there": _pushed(memory.there, sight.traffic.valid),
             "own": _pushed(memory.own, ego.speed),
         }
-        return Controls(accel, nominal.curvature), State(
+        return Controls(accel, nominal.curvature), ReferenceMemory(
             idm, memory.lanes, memory.dt, **past, danger_s=danger_s, reacts_s=reacts_s, calm_s=calm_s, braking=braking
         )
 
@@ -119,7 +119,7 @@ def _pushed(past: Array, now: Array) -> Array:
     return jnp.concatenate([past[1:], now[None].astype(past.dtype)])
 
 
-class Careful(ReferencePlanner):
+class CarefulDriver(ReferencePlanner):
     """The competent and careful human driver of UN Regulation 157 (`parameters.Careful`)."""
 
     evaluation_s: float = CAREFUL.evaluation_s
@@ -127,7 +127,7 @@ class Careful(ReferencePlanner):
     jerk: float = CAREFUL.jerk_m_s3
     most: float = CAREFUL.most_braking_m_s2
 
-    def wanted(self, memory: State, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
+    def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """Full braking for whom it expects to meet."""
         along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
         courses = _courses(memory, seen.traffic)
@@ -135,7 +135,7 @@ class Careful(ReferencePlanner):
         risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.wanders)
         return jnp.where(risk, self.most, 0.0)
 
-    def _going_on(self, memory: State, ego: Motion, along: Array, across: Array) -> Box:
+    def _going_on(self, memory: ReferenceMemory, ego: Motion, along: Array, across: Array) -> Box:
         """The ego along its route, as far beside it as it is now; once it brakes, as if it let go."""
         lost = jnp.maximum(memory.own[0] - ego.speed, 0.0) / (memory.own.shape[0] * memory.dt)
         braking = jnp.where(memory.braking > 0.0, 0.0, lost)
@@ -144,17 +144,17 @@ class Careful(ReferencePlanner):
         return Box(x - across * sin, y + across * cos, cos, sin, idm.half_length, idm.half_width)
 
 
-def _courses(memory: State, traffic: Traffic) -> Course:
+def _courses(memory: ReferenceMemory, traffic: Traffic) -> ExpectedMotion:
     motion, passed_s = traffic.motion, memory.turned.shape[0] * memory.dt
     known = memory.there[0]
     turned = jnp.where(known, motion.yaw - memory.turned[0], 0.0)
     braking = jnp.where(known, jnp.maximum(memory.speeds[0] - motion.speed, 0.0) / passed_s, 0.0)
     curvature = curvature_of(turned, motion.speed, passed_s)
     sizes = traffic.half_length, traffic.half_width
-    return Course(motion.x, motion.y, motion.yaw, motion.speed, curvature, braking, *sizes)
+    return ExpectedMotion(motion.x, motion.y, motion.yaw, motion.speed, curvature, braking, *sizes)
 
 
-def _beside(memory: State, seen: SurroundingTraffic, ego: Motion) -> NearbyRoadUser:
+def _beside(memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> NearbyRoadUser:
     along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
     traffic = seen.traffic
     aside = seen.across - across
@@ -175,7 +175,7 @@ class FuzzyDriver(ReferencePlanner):
     delay_s: float = FUZZY.delay_s
     jerk: float = FUZZY.jerk_m_s3
 
-    def wanted(self, memory: State, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
+    def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """By the proactive and the critical fuzzy safety metric."""
         accel = (ego.speed - memory.own[-1]) / memory.dt
         return fuzzy_braking(jnp, ego.speed, accel, _beside(memory, seen, ego))
@@ -187,6 +187,6 @@ class RssDriver(ReferencePlanner):
     delay_s: float = RSS.delay_s
     jerk: float = RSS.jerk_m_s3
 
-    def wanted(self, memory: State, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
+    def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """Braking where the distances along and across are both unsafe."""
         return rss_braking(jnp, ego.speed, _beside(memory, seen, ego))

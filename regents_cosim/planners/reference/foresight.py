@@ -24,7 +24,7 @@ _AGAINST = np.float32(np.cos(FORESIGHT.against_rad))
 _LEAST_TRAVEL_M = 0.05  # below, a turn is noise
 
 
-class Course(eqx.Module):
+class ExpectedMotion(eqx.Module):
     """How agents move now, and what they are expected to keep up."""
 
     x: Float[Array, "*axes"]  # [m]
@@ -51,7 +51,7 @@ def further(speed: Array, braking: Array, time: Array | np.ndarray) -> Array:
     return (speed - 0.5 * braking * until) * until
 
 
-class Place(eqx.Module):
+class PlaceOnPath(eqx.Module):
     """Where agents are as seen from the ego's path."""
 
     ahead: Bool[Array, "*axes"]  # their centres, of the ego's
@@ -64,15 +64,17 @@ def breadth(turn: Array, half_length: Array, half_width: Array) -> Array:
     return jnp.abs(jnp.sin(turn)) * half_length + jnp.abs(jnp.cos(turn)) * half_width
 
 
-def place_of(course: Course, ahead_m: Array, aside_m: Array, turn: Array, ego_half_width: Array) -> Place:
+def place_of(course: ExpectedMotion, ahead_m: Array, aside_m: Array, turn: Array, ego_half_width: Array) -> PlaceOnPath:
     """That of agents whose centres are so far ahead of the ego's along its path, and aside of it."""
     ahead = ahead_m > 0.0
     reach = breadth(turn, course.half_length, course.half_width)
     in_way = ahead & (jnp.abs(aside_m) - reach < ego_half_width)
-    return Place(ahead, in_way, in_way & (jnp.cos(turn) > _ALONG))
+    return PlaceOnPath(ahead, in_way, in_way & (jnp.cos(turn) > _ALONG))
 
 
-def is_risk(ego: Box, course: Course, place: Place, wanders: Bool[Array, "*axes"]) -> Bool[Array, "*axes"]:
+def is_risk(
+    ego: Box, course: ExpectedMotion, place: PlaceOnPath, wanders: Bool[Array, "*axes"]
+) -> Bool[Array, "*axes"]:
     """Who is expected to meet the ego, and is suspected of it. `ego` [*axes time] at `EGO_TIMES_S` from now.
 
     `wanders`: they have left the middle of every lane that runs their way.
@@ -89,7 +91,7 @@ def is_risk(ego: Box, course: Course, place: Place, wanders: Bool[Array, "*axes"
     return jnp.isfinite(meets_s) & suspected & (place.ahead | ~same_way)
 
 
-def _going_on(course: Course, leads: Bool[Array, "*axes"]) -> Box:
+def _going_on(course: ExpectedMotion, leads: Bool[Array, "*axes"]) -> Box:
     """Where agents are expected [*axes time]; who leads brakes on, too."""
     way = further(course.speed[..., None], jnp.where(leads, course.braking, 0.0)[..., None], _TIMES_S)
     half_turn = 0.5 * course.curvature[..., None] * way

@@ -8,7 +8,7 @@ from regents_cosim.limits import GRAVITY_M_S2
 
 
 @dataclass(frozen=True)
-class Careful:
+class CarefulParameters:
     """The competent and careful human driver of UN Regulation 157.
 
     Source: UN R157, Annex 4, Appendix 3 (Annex 3 in the 01 series), performance models: a lane change is perceived
@@ -51,5 +51,5 @@ class Foresight:
         return self.spacing_s * np.arange(len(self.times_s) + self.slack)
 
 
-CAREFUL = Careful()
+CAREFUL = CarefulParameters()
 FORESIGHT = Foresight()

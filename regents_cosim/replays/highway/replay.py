@@ -10,7 +10,7 @@ from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_driver import Driver, ask
 from regents_cosim.replays.highway.cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
-from regents_cosim.replays.highway.window import Window, opened
+from regents_cosim.replays.highway.window import RoadWindow, opened
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.simulators.highway_agents import find_agent
@@ -81,7 +81,7 @@ def drive_in_highway(
 class _StateHistory:
     """Everybody's states [4, agent] and presence, step by step, in the map's frame; shown in the window, if any."""
 
-    def __init__(self, scenario: Scenario, window: Window | None) -> None:
+    def __init__(self, scenario: Scenario, window: RoadWindow | None) -> None:
         self._scenario, self._window = scenario, window
         self._row = {agent.id: row for row, agent in enumerate(scenario.agents)}
         self.frames: list[tuple[Float[np.ndarray, "4 agent"], np.ndarray]] = []

@@ -17,7 +17,7 @@ _SIDE_PX = 800
 _PX_PER_M = 7.0
 
 
-class Window:
+class RoadWindow:
     """Shows a road with its first vehicle in the middle. Who closes it sees no more, the replay goes on.
 
     It is what highway-env's viewer asks of an environment, since a replay needs none.
@@ -65,9 +65,9 @@ class Window:
 
 
 @contextmanager
-def opened(road: Road, dt: float, gui: bool) -> Iterator[Window | None]:
+def opened(road: Road, dt: float, gui: bool) -> Iterator[RoadWindow | None]:
     """A window where there shall be one (`gui`), closed in the end."""
-    window = Window(road, dt) if gui else None
+    window = RoadWindow(road, dt) if gui else None
     try:
         yield window
     finally:

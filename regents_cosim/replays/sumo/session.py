@@ -22,7 +22,7 @@ _STEP_S = 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class Play:
+class CaseToPlay:
     """A case to be played, the ego by whoever asks."""
 
     scenario: Scenario
@@ -36,7 +36,7 @@ class SumoSession:
     def __init__(self) -> None:
         self._pipe: Any = None  # a connection while the process runs
 
-    def begin(self, play: Play) -> Snapshot:
+    def begin(self, play: CaseToPlay) -> Snapshot:
         """Begin a case, in the middle of another one too. Everybody at step 0. Raises SumoError."""
         if self._pipe is None:
             self._start()
@@ -64,7 +64,7 @@ class SumoSession:
             self._process.start()
         theirs.close()
 
-    def _ask(self, question: Play | EgoState, timeout_s: float, when: str) -> Snapshot:
+    def _ask(self, question: CaseToPlay | EgoState, timeout_s: float, when: str) -> Snapshot:
         try:
             self._pipe.send(question)
             if not self._pipe.poll(timeout_s):
@@ -84,14 +84,14 @@ class SumoSession:
 # --- inside the process -----------------------------------------------------------------------
 
 
-class _Another(BaseException):
+class _NextCaseSignal(BaseException):
     """The case is broken off for another one; nobody's error, so no Exception."""
 
-    def __init__(self, play: Play) -> None:
+    def __init__(self, play: CaseToPlay) -> None:
         self.play = play
 
 
-class _Remote:
+class _DriverBeyondPipe:
     """A driver at the other end of the pipe."""
 
     def __init__(self, pipe: Connection) -> None:
@@ -104,20 +104,20 @@ class _Remote:
         """Tell what is seen, and be told where the ego goes."""
         self._pipe.send(seen)
         told = self._pipe.recv()
-        if isinstance(told, Play):
-            raise _Another(told)
+        if isinstance(told, CaseToPlay):
+            raise _NextCaseSignal(told)
         return told
 
 
 def _serve(pipe: Connection) -> None:
     begin_child()
-    play: Play | None = None
+    play: CaseToPlay | None = None
     while True:
         try:
             play = play or _next_play(pipe)
             pipe.send(_last_seen(play, pipe))
             play = None
-        except _Another as another:
+        except _NextCaseSignal as another:
             play = another.play
         except RegentsError as error:
             pipe.send(str(error))
@@ -126,13 +126,13 @@ def _serve(pipe: Connection) -> None:
             return
 
 
-def _next_play(pipe: Connection) -> Play:
-    while not isinstance(asked := pipe.recv(), Play):
+def _next_play(pipe: Connection) -> CaseToPlay:
+    while not isinstance(asked := pipe.recv(), CaseToPlay):
         pipe.send("the case is over, expected another one to be begun")
     return asked
 
 
-def _last_seen(play: Play, pipe: Connection) -> Snapshot:
+def _last_seen(play: CaseToPlay, pipe: Connection) -> Snapshot:
     """Play to the end; all steps but the last are told on the way."""
-    tracks = replay_in_sumo(play.scenario, _Remote(pipe), released=play.released, seed=play.seed).tracks
+    tracks = replay_in_sumo(play.scenario, _DriverBeyondPipe(pipe), released=play.released, seed=play.seed).tracks
     return Snapshot(**{name: getattr(tracks, name)[:, -1] for name in Snapshot._fields})

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
-from regents_cosim.sources.logs.planned_ego import Goal, Start, planned_track
+from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.road import lanelet
 from regents_cosim.sources.logs.scene import (
     DEFAULT_SIZES,
@@ -272,11 +272,11 @@ def _ego(
     state = None if begin is None else _state(begin)
     if begin is None or goal is None or state is None:
         raise ValueError("a planning problem without start or goal")
-    start = Start(state[1], state[2], state[3], _value(begin.find("velocity")) or 0.0)
+    start = EgoStart(state[1], state[2], state[3], _value(begin.find("velocity")) or 0.0)
     first = round(state[0])
     place = _goal_place(goal, lanes)
     when = [dt * (time - first) for time in _interval(goal.find("time")) or (last, last)]
-    aim = Goal(place, _value(goal.find("orientation")), *(max(time, dt) for time in when))
+    aim = EgoGoal(place, _value(goal.find("orientation")), *(max(time, dt) for time in when))
     x, y, yaw = planned_track(start, aim, lanes, dt)
     step = first + np.arange(len(x))
     name = f"ego_{problem.get('id', '')}"

@@ -24,7 +24,7 @@ from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.sources.motion import jumps
 from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import Origin, RecordedScene, Windows, egos, make_scenario, preferred
+from regents_cosim.sources.windows import RecordedScene, RecordingOrigin, Windows, egos, make_scenario, preferred
 
 _STRIDE = Range(0.1, 1e6, "seconds from one window to the next")
 _COMPANY = 1
@@ -59,7 +59,7 @@ class LogWindows:
         return min(self.windows.steps(STEP_S), int(steps * scene.dt / STEP_S + 1e-6) + 1)
 
 
-def cut(scene: LoggedScene, asked: LogWindows, origin: Origin, refused: Counter[str]) -> Iterator[Scenario]:
+def cut(scene: LoggedScene, asked: LogWindows, origin: RecordingOrigin, refused: Counter[str]) -> Iterator[Scenario]:
     """The windows of `scene` in the order of time, one Scenario each; `refused` grows by what was not good enough.
 
     A scene shorter than the horizon gives one window as long as it is. Raises LogError where

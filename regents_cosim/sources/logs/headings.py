@@ -21,7 +21,7 @@ _MOST_RAD = np.pi / 3.0  # of mean disagreement; logs that are right have less t
 _UNITS = {"rad": "radians", "deg": "degrees", "nav": "degrees clockwise from +y"}
 
 
-class Ways(NamedTuple):
+class MovingSamples(NamedTuple):
     """Moving samples: what the log says of their heading, and the direction of their motion."""
 
     heading: Float[np.ndarray, " sample"]  # in the log's unit
@@ -40,27 +40,27 @@ def moving(
     x: Float[np.ndarray, " sample"],
     y: Float[np.ndarray, " sample"],
     follows: np.ndarray,
-) -> Ways:
+) -> MovingSamples:
     """The samples of one road user that moved since the one before; `follows`: whether that is the instant before."""
     dx, dy = np.diff(x), np.diff(y)
     moved = follows & (np.hypot(dx, dy) > _MOVING_M) & np.isfinite(heading[1:])
-    return Ways(heading[1:][moved], np.arctan2(dy[moved], dx[moved]))
+    return MovingSamples(heading[1:][moved], np.arctan2(dy[moved], dx[moved]))
 
 
-def joined(ways: Iterable[Ways]) -> Ways:
+def joined(ways: Iterable[MovingSamples]) -> MovingSamples:
     """All of them as one."""
-    found = [*ways, Ways(np.zeros(0), np.zeros(0))]
-    return Ways(np.concatenate([one.heading for one in found]), np.concatenate([one.motion for one in found]))
+    found = [*ways, MovingSamples(np.zeros(0), np.zeros(0))]
+    return MovingSamples(np.concatenate([one.heading for one in found]), np.concatenate([one.motion for one in found]))
 
 
-def disagreement(ways: Ways, unit: str) -> float:
+def disagreement(ways: MovingSamples, unit: str) -> float:
     """Mean angle between headings and motion [rad]; 0 where nothing moved."""
     if not len(ways.heading):
         return 0.0
     return float(np.abs(wrap(to_radians(ways.heading, unit) - ways.motion)).mean())
 
 
-def unit_of(ways: Ways, units: Sequence[str] = ("rad", "deg", "nav")) -> tuple[str, str]:
+def unit_of(ways: MovingSamples, units: Sequence[str] = ("rad", "deg", "nav")) -> tuple[str, str]:
     """The unit in which headings agree best with the motion, and a note that says so; the first one in doubt."""
     errors = [disagreement(ways, unit) for unit in units]
     if len(ways.heading) < _ENOUGH:
@@ -80,5 +80,5 @@ def require_headings_along_motion(scene: LoggedScene) -> None:
         )
 
 
-def _ways(track: Track) -> Ways:
+def _ways(track: Track) -> MovingSamples:
     return moving(track.yaw, track.x, track.y, np.diff(track.step) == 1)

@@ -34,7 +34,7 @@ _Path = Float[np.ndarray, "point 2"]
 
 
 @dataclass(frozen=True)
-class Start:
+class EgoStart:
     """Where the ego begins."""
 
     x: float  # [m]
@@ -44,7 +44,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Goal:
+class EgoGoal:
     """Where it should arrive; None where that is free."""
 
     place: tuple[float, float] | None  # [m]
@@ -54,7 +54,7 @@ class Goal:
 
 
 def planned_track(
-    start: Start, goal: Goal, lanes: Sequence[LoggedLane], dt: float
+    start: EgoStart, goal: EgoGoal, lanes: Sequence[LoggedLane], dt: float
 ) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
     """x, y [m] and yaw [rad] every `dt` [s] from the start to the goal."""
     path, goal_m = _path(start, goal, lanes)
@@ -89,7 +89,7 @@ def _gone(
     return np.minimum(speed * changing + 0.5 * accel * changing**2 + last_speed * after, _LONGEST_M)
 
 
-def _path(start: Start, goal: Goal, lanes: Sequence[LoggedLane]) -> tuple[_Path, float]:
+def _path(start: EgoStart, goal: EgoGoal, lanes: Sequence[LoggedLane]) -> tuple[_Path, float]:
     """A line from the start to the goal and beyond it, and how far the goal is along it [m]."""
     here = np.array([start.x, start.y])
     route = _route(start, goal, lanes)
@@ -108,7 +108,7 @@ def _path(start: Start, goal: Goal, lanes: Sequence[LoggedLane]) -> tuple[_Path,
     return points + (1.0 - fade**2 * (3.0 - 2.0 * fade))[:, None] * (here - points[0]), end - begin
 
 
-def _cubic(start: Start, goal: Goal) -> tuple[_Path, float]:
+def _cubic(start: EgoStart, goal: EgoGoal) -> tuple[_Path, float]:
     """The Hermite cubic between both poses; straight on where there is no goal."""
     here, ahead = np.array([start.x, start.y]), np.array([np.cos(start.yaw), np.sin(start.yaw)])
     there = here + 50.0 * ahead if goal.place is None else np.array(goal.place)
@@ -129,7 +129,7 @@ def _cubic(start: Start, goal: Goal) -> tuple[_Path, float]:
 # --- which lanes ------------------------------------------------------------------------------
 
 
-def _route(start: Start, goal: Goal, lanes: Sequence[LoggedLane]) -> _Path | None:
+def _route(start: EgoStart, goal: EgoGoal, lanes: Sequence[LoggedLane]) -> _Path | None:
     """The centre lines from the start to the goal, fewest lanes first; None where none lead there."""
     by_name = {lane.id: lane for lane in lanes}
     first = _lane_at(np.array([start.x, start.y]), start.yaw, lanes)

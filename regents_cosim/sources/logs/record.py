@@ -13,7 +13,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import ALONE, CompanionFiles, LogFormat, find_logs, read_log
 from regents_cosim.sources.logs.scene import LoggedScene
-from regents_cosim.sources.windows import Origin, Prefer, Windows
+from regents_cosim.sources.windows import Prefer, RecordingOrigin, Windows
 
 _MANY = 5
 
@@ -57,9 +57,9 @@ def scenes_of(
             yield file, one.name, scene
 
 
-def origin_of(file: Path, format: str, scene: LoggedScene) -> Origin:
+def origin_of(file: Path, format: str, scene: LoggedScene) -> RecordingOrigin:
     """Where the Scenarios of `scene` come from."""
-    return Origin(format, file.name, _digest(file), scene.name)
+    return RecordingOrigin(format, file.name, _digest(file), scene.name)
 
 
 def _each(
@@ -80,7 +80,7 @@ def _each(
                 if note not in told:
                     told.add(note)
                     tell(f"{file.name}: {note}")
-            yield from cut(scene, asked, Origin(one.name, file.name, digest, name), refused)
+            yield from cut(scene, asked, RecordingOrigin(one.name, file.name, digest, name), refused)
 
 
 def _digest(path: Path) -> str:

@@ -14,12 +14,12 @@ from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.crc32c import crc32c
 from regents_cosim.sources.logs.cut import LogWindows, cut, without_jumps
 from regents_cosim.sources.logs.edges import area_inside
-from regents_cosim.sources.logs.planned_ego import Goal, Start, planned_track
+from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.resample import sample
 from regents_cosim.sources.logs.road import build_road, lanelet
 from regents_cosim.sources.logs.rows import heading_from_motion, steps_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, RoadEdge, Track, joined
-from regents_cosim.sources.windows import Origin, Windows
+from regents_cosim.sources.windows import RecordingOrigin, Windows
 
 CAR = Agent("a", "car", 4.5, 1.8)
 
@@ -184,7 +184,7 @@ def test_vehicles_on_a_bridge_do_not_come_along():
     bridge = track(np.full(100, 50.0), y=np.linspace(-50, 50, 100), z=6.0, name="bridge")
     beside = track(np.arange(10, 110, 1.0), y=3.5, z=0.5, name="beside")
     one = replace(scene(LoggedMap((), STREET), ego, bridge, beside), ego="ego")
-    (found,) = cut(one, LogWindows(Windows(horizon_s=8.0)), Origin("x", "x", "x"), Counter())
+    (found,) = cut(one, LogWindows(Windows(horizon_s=8.0)), RecordingOrigin("x", "x", "x"), Counter())
     assert [agent.id for agent in found.agents] == ["ego", "beside"]
 
 
@@ -226,7 +226,7 @@ def test_a_planned_ego_keeps_to_its_lanes_and_arrives_in_time():
         LoggedLane("b", bend, exits=("c",)),
         lane((70, 20), (70, 80), name="c"),
     )
-    start, goal = Start(5.0, 1.0, 0.0, 10.0), Goal((70.0, 60.0), None, 9.0, 12.0)
+    start, goal = EgoStart(5.0, 1.0, 0.0, 10.0), EgoGoal((70.0, 60.0), None, 9.0, 12.0)
     x, y, yaw = planned_track(start, goal, lanes, 0.1)
     assert (x[0], y[0]) == pytest.approx((5.0, 1.0))
     distance = np.hypot(x - 70.0, y - 60.0)
@@ -238,7 +238,7 @@ def test_a_planned_ego_keeps_to_its_lanes_and_arrives_in_time():
 
 
 def test_a_planned_ego_without_lanes_goes_straight_to_its_goal():
-    x, y, _ = planned_track(Start(0.0, 0.0, 0.0, 10.0), Goal((60.0, 0.0), 0.0, 5.0, 7.0), (), 0.1)
+    x, y, _ = planned_track(EgoStart(0.0, 0.0, 0.0, 10.0), EgoGoal((60.0, 0.0), 0.0, 5.0, 7.0), (), 0.1)
     assert abs(y).max() < 1e-6
     assert x[60] == pytest.approx(60.0, abs=0.5)
 

@@ -26,7 +26,7 @@ from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, format
 from regents_cosim.sources.logs.inspection import inspect_scene
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.unpickle import unpickle
-from regents_cosim.sources.windows import Origin
+from regents_cosim.sources.windows import RecordingOrigin
 
 # What ten minutes of mutated logs per reader have found, reduced to what it takes.
 CORPUS = sorted((Path(__file__).parent / "damaged_logs").iterdir())
@@ -39,7 +39,9 @@ def use(path, name="auto"):
     try:
         for file, one in find_logs(path, name):
             for scene in read_log(file, one, CompanionFiles()):
-                for _, _ in zip(range(2), cut(scene, LogWindows(), Origin("x", "x", "x"), Counter()), strict=False):
+                for _, _ in zip(
+                    range(2), cut(scene, LogWindows(), RecordingOrigin("x", "x", "x"), Counter()), strict=False
+                ):
                     pass
     except RegentsError as error:
         return error
