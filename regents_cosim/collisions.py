@@ -1,4 +1,4 @@
-"""Who hit whom, when and how: the verdict on tracks, by the exact boxes."""
+"""Who hit who, when and how: the verdict on tracks, by the exact boxes."""
 
 import itertools
 
@@ -17,7 +17,7 @@ def ego_contacts(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, 
     """Where each agent's box touches the ego's, row 0 being the ego itself (all False).
 
     Agents that already overlap the ego when they first appear are left out: real logs hold
-    such pairs, and nobody drove into anybody. Source: ReGentS eq. 2.
+    such pairs, and none drove into another. Source: ReGentS eq. 2.
     """
     boxes = boxes_of(agents, tracks)
     hits = overlap(_row(boxes, 0), boxes) & tracks.valid & tracks.valid[:1]
@@ -110,7 +110,7 @@ def find_overlaps(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[Overlap, .
 def touching(boxes: Boxes, valid: Bool[np.ndarray, "agent time"], parts: int) -> Bool[np.ndarray, "agent agent"]:
     """Which pairs of agents share a point at a step, or at one of `parts` - 1 instants between two; boxes [agent time].
 
-    Everybody touches themselves. Circles around the boxes tell which pairs need to be looked at.
+    Every agent touches itself. Circles around the boxes tell which pairs need to be looked at.
     """
     found = np.eye(len(valid), dtype=bool)
     pairs = np.stack(np.nonzero(np.triu(_near(boxes, valid), k=1)))

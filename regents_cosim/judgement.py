@@ -35,7 +35,7 @@ class Avoidability:
 
     avoidable: bool  # `Scenario.evasion` proves it
     tried: int  # manoeuvres
-    evading: int  # of them reach the horizon without touching anybody, on the road
+    evading: int  # of them reach the horizon without touching another, on the road
     last_onset_step: int | None  # the latest at which one of them may begin
     gentlest: (
         Manoeuvre | None

@@ -188,7 +188,7 @@ class Provenance:
 class Collision:
     """The first contact of the ego."""
 
-    agent: str  # whom the ego hits, or is hit by
+    agent: str  # who the ego hits, or is hit by
     step: int
     time_s: float
     kind: CollisionKind

@@ -64,7 +64,7 @@ def careful_avoids(
 ) -> Bool[Array, ""]:
     """Whether the careful driver avoids the ego's collision with `adversary` at `step`, by braking or with a swerve.
 
-    `motion` and `boxes` [agent time] are everybody's, the ego in row 0.
+    `motion` and `boxes` [agent time] are every agent's, the ego in row 0.
     """
     own = jax.tree.map(lambda values: values[0], motion)
     other = jax.tree.map(lambda values: _row(values, adversary), motion)
@@ -213,7 +213,7 @@ def _aside(distance: Array, speed: Array, shift: Array) -> tuple[Array, Array]:
 
 
 def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Bool[Array, ""]:
-    """Whether it overlaps anybody; others than the adversary that first touch it from behind do not count."""
+    """Whether it overlaps another; others than the adversary that first touch it from behind do not count."""
     touches = world.valid & world.apart[0][:, None] & overlaps(ego, boxes)
     first = touches & jnp.equal(jnp.cumsum(touches, axis=1), 1)
     same_way = ego.cos * boxes.cos + ego.sin * boxes.sin > _SAME_WAY

@@ -149,9 +149,9 @@ def _closest_of(
         kept = replace(best, bounds=left)
         return jax.tree.map(lambda new, old: jnp.where(found.distance < best.distance, new, old), found, kept)
 
-    nobody = jnp.int32(0)
+    none_yet = jnp.int32(0)
     reach = jnp.asarray(reach_m, boxes.x.dtype)
-    best = _Closest(_lower_bounds(counts, valid, boxes), reach, nobody, nobody, nobody)
+    best = _Closest(_lower_bounds(counts, valid, boxes), reach, none_yet, none_yet, none_yet)
     best = jax.lax.while_loop(lambda now: now.bounds.min() < now.distance, nearer, best)
     return best.i, best.j, best.step
 

@@ -66,7 +66,7 @@ class Descent(eqx.Module):
         extra_cost: ExtraCost | None = None,
     ) -> "Descent":
         """Set a descent up, to begin with the logged actions unless others are given."""
-        undisturbed = None if searched.everybody else roll_out_background(world, world.controls)
+        undisturbed = None if searched.are_all else roll_out_background(world, world.controls)
         return cls(world, planner, memory, searched, undisturbed, start, config, extra_cost)
 
     def begin(self) -> SearchState:
@@ -161,7 +161,7 @@ class Descent(eqx.Module):
         return Rollout(log, self.world.boxes(log), of_ego, self.planner.keep(self.memory))
 
     def drive(self, actions: Controls, memory: Any) -> tuple[Motion, Controls, Any]:
-        """Everybody's motion [agent time] and the ego's controls [step] under the searched agents' actions.
+        """Every agent's motion [agent time] and the ego's controls [step] under the searched agents' actions.
 
         `memory` is the planner's at first, the third that at the end.
         """
@@ -181,11 +181,11 @@ class Descent(eqx.Module):
         return roll_out(world.dynamics, start, to_controls(actions), moving, half_length, world.dt)
 
     def background(self, actions: Controls) -> Motion:
-        """Everybody's own track [agent time]: of those that react, before they do."""
+        """Every agent's own track [agent time]: of those that react, before they do."""
         return self.among_all(self.own_motion(actions))
 
     def among_all(self, own: Motion) -> Motion:
-        """Everybody's motion [agent time], of which `own` [searched time] is the searched agents'."""
+        """Every agent's motion [agent time], of which `own` [searched time] is the searched agents'."""
         return own if self.undisturbed is None else self.searched.put(self.undisturbed, own)
 
     def gradient(self, actions: Controls, seen: Rollout) -> tuple[Float[Array, ""], Costs, Controls]:

@@ -75,7 +75,7 @@ class AttackConfig:
     static_m: float = 0.2  # moves less over the horizon
     softmin_m: float = 0.0  # T of a soft minimum over time in place of the mean of eq. 4; 0: the mean
     pull_from_behind: bool = True  # steps at which the adversary is behind the ego pull as well
-    behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which somebody is behind
+    behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which another is behind
     pull_standing: bool = True  # steps at which the ego stands pull as well
     accept: Literal["any", "clean", "telling"] = "any"  # which collisions end a search
     optimiser: Literal["adam", "random", "cma-es", "none"] = "adam"  # who lowers the cost; others to compare with
@@ -171,7 +171,7 @@ REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True,
 
 # A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the
 # ReGentS paper), and a minimum over candidates commits to one ("minimum trap"). The soft minimum pulls
-# the closest moments together, each candidate is searched alone, nobody is pulled from behind or towards a standing
+# the closest moments together, each candidate is searched alone, none is pulled from behind or towards a standing
 # ego, and followers brake for the ego instead of hitting it by themselves.
 # What is wanted is a crash that tells something: a lawful adversary (`law`) that a careful driver avoids (`accept`),
 # and one that drives as people do (`driving`): as hard as the traffic of its scene, jerk included.

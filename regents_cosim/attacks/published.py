@@ -13,7 +13,7 @@ the attack, and where it is:
 - agents that come late start from the filler and never join their log; when a log ends its agent
   drives on, which the costs do not see and the overlap test does (`stage`)
 - hits by agents that may not attack do not stop the search (`optimised_only`), so tracks without a
-  success can hold one; the record of a success names the first contact, whoever it is with
+  success can hold one; the record of a success names the first contact, with any road user
 
 Needs no code: that the search ignores an adversary that leaves the road or hits others first holds for
 ours as well (clean success does not), and so does a gradient that leaves the ego alone. Left out: with
@@ -110,11 +110,11 @@ def diverging_in_front(motion: Motion, config: AttackConfig) -> Bool[Array, " ag
 def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     """Rules 2 and 3: invalid steps are counted, the filler as a place like any other.
 
-    So whoever comes late or leaves early is never static, and can leave the sector behind the ego.
+    So an agent that comes late or leaves early is never static, and can leave the sector behind the ego.
     """
-    anybody = dataclasses.replace(config, exclude_rear=False, exclude_static=False)
+    unruled = dataclasses.replace(config, exclude_rear=False, exclude_static=False)
     filled = dataclasses.replace(stage(world), valid=jnp.ones_like(world.valid))
-    return rules.candidates(world, anybody) & rules.candidates(filled, config)
+    return rules.candidates(world, unruled) & rules.candidates(filled, config)
 
 
 def in_physical_units(steps: Controls, config: AttackConfig) -> Controls:
@@ -128,7 +128,7 @@ def in_physical_units(steps: Controls, config: AttackConfig) -> Controls:
 
 
 def roll_out_background(world: World, controls: Controls) -> Motion:
-    """Braking past standstill: speeds become negative, and agents creep backwards. Nobody waits for its log.
+    """Braking past standstill: speeds become negative, and agents creep backwards. No agent waits for its log.
 
     Saved tracks, whose speeds are never negative, say 0 then.
     """
@@ -145,7 +145,7 @@ def stage(world: World) -> World:
     """Late agents and ended logs: who moves, from where, and until when.
 
     Where a log is invalid it holds the filler, also as the start of agents that come late, and
-    nobody acts outside its log. From its first logged step on an agent is there to the end, for
+    no agent acts outside its log. From its first logged step on an agent is there to the end, for
     the planner and the overlap test; costs take `valid` of `world` itself.
 
     The position of the filler is counted from the corner of the road field: the origin of a SUMO
@@ -190,7 +190,7 @@ class PublishedDescent(Descent):
         return to_actions(stage(self.world).controls)
 
     def drive(self, actions: Controls, memory: Any) -> tuple[Motion, Controls, Any]:
-        """Everybody's motion [agent time], the ego's controls [step] and the planner's memory at the end."""
+        """Every agent's motion [agent time], the ego's controls [step] and the planner's memory at the end."""
         others = roll_out_background(stage(self.world), to_controls(actions))
         seen = others if self.config.gradient == "through-planner" else jax.lax.stop_gradient(others)
         ego, controls, last = drive(self.planner, memory, stage(self.world), seen)

@@ -123,7 +123,7 @@ def _side_by_side(process: HostProcess, requests: list[DriveRequest]) -> list[Cl
     except DriveError as failure:
         if len(requests) == 1:
             return [failure]
-        # Somebody in the batch made it fail; alone, each answers for itself.
+        # One of the batch made it fail; alone, each answers for itself.
         return [_side_by_side(process, [request])[0] for request in requests]
     share = len(seconds) // len(loops)
     return [ClosedLoopDrive(loop.track, seconds[:share]) for loop in loops]
@@ -134,6 +134,6 @@ def _drive(planner: JaxPlanner, memory: Any, world: World, traffic: BackgroundTr
     if traffic.reacting is None:
         motion, controls, last = drive(planner, memory, world, traffic.background)
     else:
-        everybody, controls, last = drive_among_reacting(planner, memory, world, traffic.background, traffic.reacting)
-        motion = jax.tree.map(lambda values: values[0], everybody)
+        all_motion, controls, last = drive_among_reacting(planner, memory, world, traffic.background, traffic.reacting)
+        motion = jax.tree.map(lambda values: values[0], all_motion)
     return EgoTrack(motion, controls), planner.keep(last)

@@ -25,8 +25,8 @@ from regents_cosim.mirror.world import World
 class BackgroundTraffic(eqx.Module):
     """What a closed loop is asked to drive among."""
 
-    background: Motion  # [agent time] everybody's own track
-    reacting: Bool[Array, " agent"] | None  # who brakes for what is in the way; None: nobody
+    background: Motion  # [agent time] every agent's own track
+    reacting: Bool[Array, " agent"] | None  # who brakes for what is in the way; None: no agent
 
 
 def searching(

@@ -32,13 +32,13 @@ class SearchedAgents(eqx.Module):
         return SearchedAgents(jnp.arange(agents) == agent, jnp.int32(agent), 1)
 
     @property
-    def everybody(self) -> bool:
+    def are_all(self) -> bool:
         """Whether all agents have a row."""
         return self.count == self.candidate.shape[0]
 
     def rows(self, values: _Tree) -> _Tree:
         """The searched agents' rows of arrays [agent, ...]."""
-        if self.everybody:
+        if self.are_all:
             return values
         return jax.tree.map(lambda v: jax.lax.dynamic_slice_in_dim(v, self.first, self.count), values)
 
@@ -48,7 +48,7 @@ class SearchedAgents(eqx.Module):
 
         def replace(all_: Array, own: Array) -> Array:
             chosen = jnp.where(mine.reshape(-1, *(1,) * (all_.ndim - 1)), own, self.rows(all_))
-            if self.everybody:
+            if self.are_all:
                 return chosen
             return jax.lax.dynamic_update_slice_in_dim(all_, chosen, self.first, 0)
 

@@ -96,7 +96,7 @@ def _aim(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the speeds [m/s] are to change by, and the accelerations [m/s^2] of at most that size to do it with."""
     changing = (wanted.accel != 0.0) & (time_s >= wanted.begins_s)
-    # Whom a bend has slowed down already does not speed up to brake less.
+    # What a bend has slowed down already does not speed up to brake less.
     target = np.where(changing, np.where(wanted.accel < 0.0, np.minimum(wanted.wanted, now), wanted.wanted), begun)
     in_bend = allowed < np.minimum(target, now)
     target = np.minimum(target, allowed)

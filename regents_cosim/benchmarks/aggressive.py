@@ -42,7 +42,7 @@ def _case(window: Scenario, seen: SumoReplay | RegentsError, planner: str) -> Sc
 
 
 def _drivers(window: Scenario) -> dict[int, DriverParameters]:
-    """Everybody but the ego drives aggressively."""
+    """All but the ego drive aggressively."""
     return {
         index: AGGRESSIVE_DRIVER
         for index, agent in enumerate(window.agents)

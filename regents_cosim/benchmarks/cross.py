@@ -46,7 +46,7 @@ def among_adversaries(attacked: Scenario) -> Scenario:
     """The traffic after an attack for another planner to drive in: its ego has its recorded track again.
 
     The track of the ego in an attacked case is what the attacked planner made of it, and says
-    where it crashes: nobody else is to follow it.
+    where it crashes: no other is to follow it.
     """
     if attacked.original is None:
         return attacked
@@ -80,7 +80,7 @@ def attacked_for_each(
     act_timeout_s: float = ACT_TIMEOUT_S,
     progress: Progress = SILENT,
 ) -> dict[str, list[Scenario]]:
-    """Attacks on each planner, and on all of them at once in each way of `universal`, by whom they were made for."""
+    """Attacks on each planner, and on all at once in each way of `universal`, by what they were made for."""
     first, *others = given = list(map(PlannerUnderTest.of, planners))
     wanted: dict[str, tuple[PlannerUnderTest, AttackConfig, Sequence[PlannerUnderTest]]] = {
         one.name: (one, preset(method), ()) for one in given
@@ -96,7 +96,7 @@ def attacked_for_each(
 def cross_rows(
     attacked: Mapping[str, Sequence[Scenario]], planners: Sequence[AnyPlanner], act_timeout_s: float = ACT_TIMEOUT_S
 ) -> list[CrossRow]:
-    """All rows: `attacked` holds the results of attacks by whom the adversaries were found for.
+    """All rows: `attacked` holds the results of attacks by the planner that the adversaries were found for.
 
     Raises PlannerError where a planner cannot be found.
     """

@@ -1,4 +1,4 @@
-"""Versions and hashes that let somebody else make a case again."""
+"""Versions and hashes that let others make a case again."""
 
 import hashlib
 import shlex

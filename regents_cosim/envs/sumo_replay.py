@@ -35,7 +35,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
 
     Configuration and options of `reset`: `case` (a folder) or `suite` (a folder of cases, of which
     the seed draws one); without either, the cases that come with the package. `background` log:
-    everybody else is where the case has them; reactive: only the adversary is, SUMO drives the
+    all others are where the case has them; reactive: only the adversary is, SUMO drives the
     rest. The episode ends with the ego's first contact, or with the case.
 
     Action, in [-1, 1]: acceleration and curvature (positive turns left) as shares of 6 m/s^2 and
@@ -45,8 +45,8 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
     - `ego` [4]: x, y from where it began [m], yaw counter-clockwise from east [rad], speed [m/s]
     - `others` [neighbours, 8]: of the nearest, nearest first: centre ahead and to the left of the
       ego's [m], velocity relative to the ego's, ahead and to the left [m/s], cosine and sine of the
-      yaw relative to the ego's, length and width [m]; 0 where nobody is
-    - `present` [neighbours]: whether somebody is, 0 or 1
+      yaw relative to the ego's, length and width [m]; 0 where none is
+    - `present` [neighbours]: whether one is, 0 or 1
     - `target` [2]: where the ego wants to go, ahead and to the left [m]
     - `time` [1]: the share of the case that is over
 
@@ -169,7 +169,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
 
     @property
     def seen(self) -> Snapshot:
-        """Everybody now, in the order of the case's agents, as SUMO reports them (map frame, float64)."""
+        """All agents now, in the order of the case's agents, as SUMO reports them (map frame, float64)."""
         return self._frames[-1]
 
     def _moved(self, share: Float[np.ndarray, " 2"]) -> EgoState:
@@ -217,10 +217,10 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         }
 
     def _so_far(self) -> Scenario:
-        """The case as it was played up to now; afterwards the ego stands, and nobody else is there."""
+        """The case as it was played up to now; afterwards the ego stands, and no other is there."""
         missing = self.scenario.tracks.steps - len(self._frames)
-        nobody = self.seen._replace(valid=np.arange(len(self.scenario.agents)) == 0)
-        columns = (np.stack(values, axis=1) for values in zip(*self._frames, *[nobody] * missing, strict=True))
+        ego_alone = self.seen._replace(valid=np.arange(len(self.scenario.agents)) == 0)
+        columns = (np.stack(values, axis=1) for values in zip(*self._frames, *[ego_alone] * missing, strict=True))
         tracks = Tracks(**dict(zip(Snapshot._fields, columns, strict=True)))
         return replace(self.scenario, tracks=tracks, attack=None, original=None, judgement=None, evasion=None)
 
@@ -230,7 +230,7 @@ def _numbers(*shape: int) -> Box:
 
 
 def _in_frame(dx: np.ndarray, dy: np.ndarray, yaw: float) -> np.ndarray:
-    """Ahead and to the left of somebody who heads along `yaw`, on a last axis."""
+    """Ahead and to the left of one who heads along `yaw`, on a last axis."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.stack([dx * cos + dy * sin, dy * cos - dx * sin], axis=-1)
 

@@ -32,7 +32,7 @@ def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> float:
 
     Source: McNemar 1947, in its exact form: the trials in which just one of them succeeds, against a fair coin.
     """
-    from scipy.stats import binomtest  # half a second, which nobody else should wait
+    from scipy.stats import binomtest  # half a second, for which no other command should wait
 
     only_first = sum(a and not b for a, b in zip(first, second, strict=True))
     only_second = sum(b and not a for a, b in zip(first, second, strict=True))

@@ -1,8 +1,8 @@
 """CommonRoad XML 2020a: lanelets, dynamic obstacles, and a planning problem for the ego.
 
-Two files, as there are two uses: `planning.xml` has everyone but the ego, whose start and target are
+Two files, as there are two uses: `planning.xml` has all but the ego, whose start and target are
 the planning problem; `recorded.xml` has the ego among the obstacles and no problem. CommonRoad knows
-lanelets and obstacles by number alone; `ids.csv` says whom the numbers stand for.
+lanelets and obstacles by number alone; `ids.csv` says what the numbers stand for.
 
 Source of the format: CommonRoad 2020a, "Documentation of the XML format".
 """

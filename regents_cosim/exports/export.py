@@ -26,7 +26,7 @@ def export(scenario: Scenario, to: Format, folder: Path | str) -> list[Path]:
     """Write `scenario` in the format `to` into `folder`, new or empty; return its files.
 
     fcd is for SUMO, openscenario 1.2 (with OpenDRIVE) for esmini and its kin, commonroad 2020a, csv for
-    everybody. Positions survive to less than 1 mm. The folder appears as a whole or not at all.
+    all agents. Positions survive to less than 1 mm. The folder appears as a whole or not at all.
 
     Raises RegentsError where `folder` holds something or cannot be written, or a package is missing.
     """

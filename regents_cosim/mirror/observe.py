@@ -42,7 +42,7 @@ COLOURS = _LEVEL * np.array(
         (7, 0, 0),  # red light
         (0, 7, 0),  # green
         (7, 7, 0),  # amber
-        (0, 0, 7),  # somebody else
+        (0, 0, 7),  # another road user
         (7, 0, 7),  # and where that one is heading
     ],
     np.uint8,

@@ -14,7 +14,7 @@ _OWN = ("regents_cosim.", "optax.")
 
 
 class NoOutlineError(TypeError):
-    """A tree holds what has no outline, such as a function, a class or a value of somebody else."""
+    """A tree holds what has no outline, such as a function, a class or a value from outside."""
 
 
 def outline(tree: Any, arrays: list[Any]) -> Any:
@@ -79,5 +79,5 @@ def _named(name: str) -> Any:
         raise NoOutlineError(f"{name} is not a name of the package's")
     found: Any = import_module(module)
     for part in path.split("."):
-        found = getattr(found, part, None)  # what its own name does not lead to is nobody's, and has no outline
+        found = getattr(found, part, None)  # what its own name does not lead to has no outline
     return found

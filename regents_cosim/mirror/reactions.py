@@ -1,13 +1,13 @@
 """Background agents that keep their path but brake for what stands in it.
 
 An agent that merely replays its log runs into an ego that brakes where the log did not, and the
-crash is nobody's doing. A reacting agent follows its logged path at its logged speed, or slower:
+crash is no planner's doing. A reacting agent follows its logged path at its logged speed, or slower:
 its state is how far it has got in its own log. It brakes by the interaction term of the
 Intelligent Driver Model (Treiber, Hennecke and Helbing 2000),
 
     a (1 - (s* / s)^2) where s < s*,   s* = s0 + max(0, v T + v dv / (2 sqrt(a b))),
 
-for agents that are not where the log had them, and for them only: so traffic that nobody disturbs
+for agents that are not where the log had them, and for them only: so traffic that nothing disturbs
 stays exactly as it was recorded. No gradient passes through reactions.
 """
 
@@ -38,7 +38,7 @@ class LogProgress(eqx.Module):
 
 
 def begin(log: Motion) -> LogProgress:
-    """Everybody where its log begins."""
+    """All agents where their logs begin."""
     return LogProgress(jnp.zeros_like(log.speed[:, 0]), log.speed[:, 0])
 
 
@@ -78,7 +78,7 @@ def react(
     pace = jnp.where(
         logged > _STANDING_M_S,
         0.5 * (progress.speed + speed) / jnp.maximum(logged, _STANDING_M_S),
-        pressure == 0.0,  # where the log stands, time passes unless somebody is in the way
+        pressure == 0.0,  # where the log stands, time passes unless another is in the way
     )
     step = progress.step + jnp.where(following, 1.0, jnp.clip(pace, 0.0, 1.0))
     ahead = _at(log.speed, log, step)
@@ -88,7 +88,7 @@ def react(
 def _pressure(
     speed: Float[Array, "agent 1"], gap: Float[Array, "agent agent"], closing: Float[Array, "agent agent"]
 ) -> Float[Array, " agent"]:
-    """(s* / s)^2 of the tightest agent in the way, 0 where nobody is closer than s*."""
+    """(s* / s)^2 of the tightest agent in the way, 0 where none is closer than s*."""
     wanted = _STANDSTILL_M + jnp.maximum(speed * _HEADWAY_S + speed * closing / (2.0 * (_ACCEL * _BRAKE) ** 0.5), 0.0)
     return jnp.where(gap < wanted, (wanted / jnp.maximum(gap, _CONTACT_M)) ** 2, 0.0).max(axis=1)
 

@@ -119,7 +119,7 @@ def drive_among_reacting(
     """The motion [agent, time] of all agents when `reacting` ones brake for what stands in their way.
 
     The others follow `background` [agent, time]. Returns the ego's controls [step] and the planner's memory at the end
-    as well. The price against `drive`: everybody is moved step by step, and the planner looks step by step.
+    as well. The price against `drive`: all are moved step by step, and the planner looks step by step.
     """
 
     def advance(
@@ -153,7 +153,7 @@ def drive_among_reacting(
 def placed(
     background: Motion, reacting: Bool[Array, " agent"], progress: LogProgress, log_now: Motion, ego: Motion
 ) -> Motion:
-    """Where everybody is [agent]: the `reacting` as far as they have got, the rest where `log_now` has them."""
+    """Where all are [agent]: the `reacting` as far as they have got, the rest where `log_now` has them."""
     as_far = place(background, progress)
     return with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b), as_far, log_now), ego)
 
@@ -161,12 +161,12 @@ def placed(
 def reacted(
     world: World, background: Motion, progress: LogProgress, now: Motion, instant: BackgroundInstant
 ) -> LogProgress:
-    """How far everybody gets by the next step."""
+    """How far all get by the next step."""
     further = react(
         progress, now, background, world.controls.curvature, instant.log, instant.present,
         world.half_length, world.half_width, world.dt, world.height(now),
     )  # fmt: skip
-    # Whoever has not entered yet is as far as time is.
+    # What has not entered yet is as far as time is.
     return LogProgress(
         jnp.where(instant.moving, further.step, progress.step + 1.0),
         jnp.where(instant.moving, further.speed, progress.speed),

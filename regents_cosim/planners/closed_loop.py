@@ -1,4 +1,4 @@
-"""The mirror step by step, for a planner that lives outside it: everybody as in `rollout`, the ego as it decides."""
+"""The mirror step by step, for a planner that lives outside it: all agents as in `rollout`, the ego as it decides."""
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
@@ -28,7 +28,7 @@ class ClosedLoop:
     def __init__(
         self, scenario: Scenario, world: World, background: Motion, reacting: Bool[Array, " agent"] | None
     ) -> None:
-        """`background` [agent, time] is everybody's own track; `reacting` agents brake on theirs."""
+        """`background` [agent, time] is every agent's own track; `reacting` agents brake on theirs."""
         self._scenario, self._world, self._background, self._reacting = scenario, world, background, reacting
         self._origin = np.array([*scene_origin(scenario), 0.0, 0.0])
         self._log = np.stack(_leaves(background))  # [4, agent, time]
@@ -147,7 +147,7 @@ def _advance_traced(
     egos: Float[Array, "2 4"],
     step: Int[Array, ""],
 ) -> tuple[LogProgress, Float[Array, "4 agent"]]:
-    """Everybody's progress, and states at the next step, the ego's states at this and the next being known."""
+    """Every agent's progress, and states at the next step, the ego's states at this and the next being known."""
     log, later = (jax.tree.map(lambda values, k=k: values[:, k], background) for k in (step, step + 1))
     now = placed(background, reacting, progress, log, Motion(*egos[0]))
     instant = BackgroundInstant(log, world.valid[:, step], world.moving[:, step])

@@ -8,7 +8,7 @@ A drive begins with `{"reset": SCENE}`, answered by `{"ok": true}`. SCENE has
 
 - `id`; `dt` [s] between two questions; `steps`, the instants of the scene, one more than the questions;
 - `ego`, a STATE: where the drive begins; `target` [x, y] [m]: where it should end;
-- `others` [{`id`, `kind`, `length` [m], `width` [m]}]: everybody else who may turn up;
+- `others` [{`id`, `kind`, `length` [m], `width` [m]}]: all others that may turn up;
 - `max_accel` [m/s^2] and `max_curvature` [1/m] of an answer, to either side;
 - `lanes` [{`id`, `centre` [[x, y], ...] [m] in the direction of travel, `height` [m] of each of its points,
   `width` [m], `speed_limit` [m/s], `junction` (inside one), `left` and `right` (the lane one may change to, or null)}];

@@ -148,7 +148,7 @@ class Scene:
     dt: float  # [s] between two questions
     steps: int  # instants of the scene, one more than the decisions
     ego: AgentState  # at the first step
-    others: tuple[Agent, ...]  # everybody else who may turn up, in the order of `Observation.others`
+    others: tuple[Agent, ...]  # all others that may turn up, in the order of `Observation.others`
     target: tuple[float, float]  # [m] where the ego wants to go
     road: RoadMap
     max_accel: float  # [m/s^2] of a Control, in either direction

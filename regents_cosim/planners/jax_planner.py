@@ -112,7 +112,7 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
     try:
         memory = planner.init(scene)
         control, after = _forms(planner, memory, traffic, ego)
-    except Exception as error:  # somebody else's code: whatever it raises is an answer
+    except Exception as error:  # code from outside: whatever it raises is an answer
         said = str(error).strip().partition("\n")[0]
         raise DriveError(
             f"planner {name!r} failed on case {scene.scenario.id}: {type(error).__name__}: {said}",

@@ -8,7 +8,7 @@ scenes at once, and without memory from step to step, it answers
 in float32, in the ego's frame (x ahead, y to the left, from box centre to box centre):
 
 - ego: speed [m/s], length [m], width [m], the target ahead [m], the target to the left [m];
-- others: the nearest 16, the nearest first, rows of zeros where there are fewer: 1 for somebody there, ahead [m],
+- others: the nearest 16, the nearest first, rows of zeros where there are fewer: 1 for one that is there, ahead [m],
   to the left [m], cosine and sine of their yaw less the ego's, speed [m/s], length [m], width [m];
 - answer: acceleration [m/s^2], curvature [1/m] positive to the left, cut off at 6 m/s^2 and 0.3 1/m.
 

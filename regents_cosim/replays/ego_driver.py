@@ -52,11 +52,11 @@ def decision(driver: Driver, step: int, seen: Snapshot) -> EgoState:
 
 
 def ask(question: Callable[[], _R], when: str) -> _R:
-    """The answer of somebody else's code. Raises DriveError where it fails."""
+    """The answer of code from outside. Raises DriveError where it fails."""
     try:
         return question()
     except RegentsError:
         raise
-    except Exception as error:  # somebody else's code: whatever it raises is an answer
+    except Exception as error:  # code from outside: whatever it raises is an answer
         said = " ".join(f"{type(error).__name__}: {error}".split())
         raise DriveError(f"the planner failed {when} ({said})", "".join(format_exception(error))) from error

@@ -1,4 +1,4 @@
-"""What the environments of both simulators share: the case that is played, how far the ego came, whom it hit."""
+"""What the environments of both simulators share: the case that is played, how far the ego came, who it hit."""
 
 import difflib
 from collections.abc import Sequence
@@ -56,7 +56,7 @@ class RecordedPath:
 
 
 class Contacts:
-    """Whom the ego touches, step by step; as in `collisions`, not those who come to be on top of it."""
+    """Who the ego touches, step by step; as in `collisions`, not those who come to be on top of it."""
 
     def __init__(self, agents: tuple[Agent, ...]) -> None:
         self._length, self._width = (np.array([getattr(a, name) for a in agents]) for name in ("length", "width"))

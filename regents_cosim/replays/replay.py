@@ -111,7 +111,7 @@ def verify_in_sumo(
 
 @dataclass(frozen=True)
 class SumoDrive:
-    """One run of SUMO: who is at the wheel of the ego, and whom SUMO drives, how, by index."""
+    """One run of SUMO: who is at the wheel of the ego, and who SUMO drives, how, by index."""
 
     scenario: Scenario
     planner: PlannerTicket | Relay | None = None  # `at_hand`; None: the ego follows its track, or is among the released

@@ -84,10 +84,10 @@ def compare(
 ) -> Replay:
     """Hold `tracks`, as a simulator reported them, against the case.
 
-    Whoever is scripted must be there, within 1 mm and 0.01 degrees, at every step: all but the
-    ego where a planner drove it (`ego_is_free`), and but those whom the simulator drove
+    Agents that are scripted must be there, within 1 mm and 0.01 degrees, at every step: all but the
+    ego where a planner drove it (`ego_is_free`), and but those who the simulator drove
     (`driven`, by index). The first contact must be with the same agent at the same step; where the
-    simulator drove anybody, within 1 s of it.
+    simulator drove any, within 1 s of it.
     """
     scripted = np.array([not (index in driven or (ego_is_free and index == 0)) for index in range(len(tracks.x))])
     position = np.hypot(tracks.x - scenario.tracks.x, tracks.y - scenario.tracks.y)

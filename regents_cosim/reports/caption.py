@@ -39,7 +39,7 @@ KINDS: dict[CollisionKind, str] = {
 OUTCOMES: dict[Outcome, str] = {
     "collision": "collision",
     "no_collision": "no collision found",
-    "no_candidate": "nobody may attack",
+    "no_candidate": "no road user may attack",
     "already_colliding": "collides without an attack",
     "diverged": "attack diverged",
     "planner_error": "planner failed",

@@ -24,7 +24,7 @@ _FOLLOW_PX_PER_M = 6.5
 def shoot(
     points: Float[np.ndarray, "time agent 2"], dt: float, size: tuple[int, int], least_height: int
 ) -> Sequence[View]:
-    """One view per instant: the same one where it shows everybody large enough, otherwise one that follows.
+    """One view per instant: the same one where it shows all large enough, otherwise one that follows.
 
     `points` [m] may be NaN where an agent is absent. Views have `size` [px], less where the scene is flat.
     """

@@ -43,7 +43,7 @@ class Report:
     title: str
     subtitle: str
     drivers: tuple[str, ...]  # who drove the egos, in the order of the runs of each case
-    driven: bool  # anew, for this report
+    driven: bool  # again, for this report
     scores: tuple[Score, ...]
     cases: tuple[PageCase, ...]
     command: str = ""

@@ -1,4 +1,4 @@
-"""A scene of a log as one picture: its road, everybody's way, and where everybody is halfway through."""
+"""A scene of a log as one picture: its road, every agent's way, and where all are halfway through."""
 
 import io
 import re

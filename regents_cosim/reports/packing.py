@@ -50,6 +50,6 @@ def gaps(metres: Float[np.ndarray, " time"], valid: Bool[np.ndarray, " time"]) -
 
 
 def stretches(valid: Bool[np.ndarray, " time"]) -> list[np.ndarray]:
-    """The steps of each stretch in which somebody is there without a gap."""
+    """The steps of each stretch in which one is there without a gap."""
     steps = np.flatnonzero(valid)
     return [part for part in np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1) if len(part)]

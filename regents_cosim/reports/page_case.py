@@ -55,7 +55,7 @@ class MotionRow:
     unit: str
     before: tuple[float, float]
     after: tuple[float, float]
-    traffic: tuple[float, float]  # of everybody, before the attack
+    traffic: tuple[float, float]  # of all agents, before the attack
     limit: float  # what a car on a dry road does at most
     beyond_percent: float  # of the adversary's steps after the attack
 
@@ -139,7 +139,7 @@ class PageCase:
         }
 
     def _otherwise(self) -> str:
-        """What the table says where nobody collides."""
+        """What the table says where none collides."""
         attack = self.scenario.attack
         if attack is None or attack.planner_error or attack.outcome in ("collision", "no_collision"):
             return "No collision"

@@ -16,7 +16,7 @@ from regents_cosim.reports.road import draw_road, draw_signals
 from regents_cosim.reports.vehicles import Pose, draw_ghost, draw_planned_way, draw_tail, draw_trail, draw_vehicle
 from regents_cosim.scenario import Agent, Collision, Scenario, Tracks
 
-_AFTER_COLLISION_S = 1.0  # later motion means nothing: nobody computes what a crash does
+_AFTER_COLLISION_S = 1.0  # later motion means nothing: what a crash does is not computed
 _EVASION_S = 1.0  # between two outlines of an ego that evades
 _PULSE_S = 0.5  # the ring around a contact grows for that long
 _TAIL_S = 1.0  # behind other road users
@@ -27,7 +27,7 @@ _STAR = np.stack([np.cos(_SPIKES), np.sin(_SPIKES)], axis=-1) * np.where(np.aran
 
 @dataclass(frozen=True, eq=False)
 class PicturedCase:
-    """A Scenario and whom its pictures are about."""
+    """A Scenario and who its pictures are about."""
 
     scenario: Scenario
     adversary: str | None  # id of the agent drawn as the adversary
@@ -63,7 +63,7 @@ class PicturedCase:
 
     @functools.cached_property
     def main(self) -> dict[int, Colour]:
-        """Indices and colours of those whom the picture is about: the adversary, if any, then the ego."""
+        """Indices and colours of those that the picture is about: the adversary, if any, then the ego."""
         ids = [agent.id for agent in self.scenario.agents]
         found = {ids.index(self.adversary): ADVERSARY} if self.adversary in ids else {}
         return found | {0: EGO}

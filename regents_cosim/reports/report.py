@@ -67,7 +67,7 @@ def check_report(path: Path, planners: Sequence[str]) -> None:
 
 
 def judge_rest(scenarios: Iterable[Scenario]) -> Iterator[Scenario]:
-    """Judge the crashes that nobody has judged, in order."""
+    """Judge the crashes that have not been judged, in order."""
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         yield from pool.map(lambda case: case if case.judgement else judge(case), scenarios)
 

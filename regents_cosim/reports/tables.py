@@ -157,7 +157,7 @@ def replay_summary(replays: Sequence[Replay], evaded: bool) -> str:
 
 
 def traffic_row(replay: Replay) -> dict[str, Any]:
-    """Of a case replayed among live traffic: whom the simulator drove, and how the collision moved."""
+    """Of a case replayed among live traffic: who the simulator drove, and how the collision moved."""
     steps = (
         replay.found[1] - replay.expected[1]
         if replay.found and replay.expected and replay.shift_m is not None

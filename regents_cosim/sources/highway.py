@@ -209,7 +209,7 @@ def _drive(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob, epis
         return _run_episode(env, agent, job, episode)
     except RegentsError:
         raise
-    except Exception as error:  # of somebody else's code, policy or environment: whatever it raises is an answer
+    except Exception as error:  # of a user's own code, policy or environment: whatever it raises is an answer
         said = " ".join(f"{type(error).__name__}: {error}".split())
         raise PlannerError(f"policy {job.policy} cannot drive in {job.environment} ({said})") from error
 

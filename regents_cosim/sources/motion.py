@@ -44,7 +44,7 @@ def jumps(
     links: Bool[np.ndarray, "agent time-1"],
     dt: float,
 ) -> Bool[np.ndarray, "agent time-1"]:
-    """Steps between samples that follow each other (`links`) in which somebody was moved, as `smooth_pieces` has it."""
+    """Steps between samples that follow each other (`links`) in which one was moved, as `smooth_pieces` has it."""
     change = np.abs(np.diff(np.diff(x + 1j * y)))
     change = np.where(links[:, :-1] & links[:, 1:], change, np.inf)
     border = np.full((len(x), 1), np.inf)

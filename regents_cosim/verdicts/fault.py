@@ -344,7 +344,7 @@ RULES: tuple[Rule, ...] = (
     Rule("gives_way", "Road Traffic, art. 18: give way at intersections; the network's own right of way", _gives_way),
     Rule("leaves_way", "Road Traffic, art. 16: keep to one's way while turning", _leaves_way),
     Rule("cut_in", "Road Traffic, art. 11 and 14; RSS: do not cut in recklessly", _cut_in),
-    Rule("side_swipe", "Road Traffic, art. 14: changing lanes must endanger nobody", _side_swipe),
+    Rule("side_swipe", "Road Traffic, art. 14: changing lanes must endanger no other", _side_swipe),
     Rule("rear_end", "Road Traffic, art. 13(5): keep a sufficient distance; RSS", _rear_end),
     Rule("standing", "Road Traffic, art. 13(1): be able to stop before any foreseeable obstruction", _standing),
     Rule("turns_across", "Road Traffic, art. 16(1)(b): who turns across lets oncoming traffic pass", _turns_across),

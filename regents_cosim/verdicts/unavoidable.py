@@ -9,7 +9,7 @@ and no reference driver exceeds. After t seconds it is in
 (B(r) is a disc of radius r: |w - c q / t| <= A int |1 - c (1 - s / t)| ds / ..., which is least for c = sqrt 2). Its
 heading is that of its velocity, up to the slip of a car that turns about its rear axle, so at each place it is known
 within a cone, which turns by no more than the tightest curvature allows either; what all bodies of headings in the cone
-share is occupied for certain. A place is impossible where that touches anybody at that step, or where a corner would be
+share is occupied for certain. A place is impossible where that touches another at that step, or where a corner would be
 off the road and its verge. What is left at one step bounds where the ego can be later:
 
     q_j  in  (1 + sqrt(2) (t_j - t_i) / t_i) q_i + B(A (0.4142 t_i (t_j - t_i) + (t_j - t_i)^2 / 2))

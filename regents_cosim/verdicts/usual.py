@@ -25,7 +25,7 @@ from regents_cosim.verdicts.ordinary import CAR
 CONTINUATIONS = 400
 _NEAREST_OF = 8  # pieces drawn, the nearest of which goes on
 _STATE = np.array([2.0, 1.0, 1.0])  # m/s, m/s^2, m/s^2 sideways: states that differ by so much are equally far apart
-_NOTHING = 0.1  # efforts below are felt by nobody, and equal
+_NOTHING = 0.1  # efforts below are not felt, and equal
 
 _AT_MOST = np.array([CAR.accel, CAR.braking, CAR.lateral_accel, CAR.jerk])
 # Peaks of the efforts of these vehicles and of those of Argoverse 2 and USA_Peach in 8 s, as a log-normal distribution.

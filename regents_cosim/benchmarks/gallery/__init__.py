@@ -1,1 +1,1 @@
-"""The figures of the ReGentS paper, made anew: gradients around the ego, and four ways in which KING fails."""
+"""The figures of the ReGentS paper, made again: gradients around the ego, and four ways in which KING fails."""

@@ -126,7 +126,7 @@ def exhibits() -> tuple[Exhibit, ...]:
             "minimum_trap",
             "Minimum trap",
             "The cost is the minimum over all candidates, so only the nearest one gets a gradient. Where that one "
-            "can never reach the ego, nobody else is tried.",
+            "can never reach the ego, no other is tried.",
             scenes.minimum_trap(),
             (KING, REGENTS, FOCUSED_COST),
             "ahead",

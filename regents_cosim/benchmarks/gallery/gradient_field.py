@@ -32,7 +32,7 @@ LEFT_M = np.arange(-12.0, 12.1, 3.0)
 YAWS_DEG = (15.0, 0.0, -15.0)
 
 _ADVERSARY = 1
-_CLEAR_M = 7.0  # nobody stands in the ego
+_CLEAR_M = 7.0  # none stands in the ego
 _FACING_RAD = np.deg2rad(4.0)  # closer than that, corners of the boxes decide where the closest points are
 
 

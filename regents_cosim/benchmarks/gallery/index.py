@@ -12,7 +12,7 @@ _OPENING = f"""\
 # What goes wrong with KING, and what ReGentS does about it
 
 Gradients around the ego, and the four failures that the ReGentS paper (Yin et al., ECCV 2024 workshop W-CODA) names,
-made anew by `regents gallery`. The scenes are cars that drive straight on, built in code. KING, ReGentS and our own
+made again by `regents gallery`. The scenes are cars that drive straight on, built in code. KING, ReGentS and our own
 preset `focused` attack them as they are, on the CPU, always with the same result; nothing is staged. The ego replays
 its log (`{PLANNER}`). Every attacked scene is a case in `cases/`; watch one from this folder with
 
@@ -42,7 +42,7 @@ Minus the gradient of one term of C_ego_col (eq. 4), the distance at one moment,
 the adversary held for the {HELD_S:g} s before, both at {SPEED_M_S:g} m/s.
 
 Behind the ego the arrows **converge**: at {converging} of {behind} places in the rear sector descent accelerates and
-turns to the ego. That makes rear-end crashes, so by rule 2 nobody who stays there is a candidate.
+turns to the ego. That makes rear-end crashes, so by rule 2 none that stays there is a candidate.
 
 In front they **diverge**: at {away} places descent turns an agent that is turned away further away. {red_away} of them
 lie in the red zone, which has {red} places: there rule 1 cancels the steering. The others lie straight ahead, on its

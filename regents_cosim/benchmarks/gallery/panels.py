@@ -32,7 +32,7 @@ _EVERY_S = 1.0  # between the earlier positions shown
 _FAINT = 0.32  # share of their colour
 _ROOF_M = 0.6  # behind the middle of a car
 _NUMBER_M = 1.2  # room that a number takes
-_STILL_M = 0.5  # nobody who moved less away from the log is taken for the adversary
+_STILL_M = 0.5  # none that moved less away from the log is taken for the adversary
 _MEAN = "mean over time"
 _SOFT = "soft minimum over time"
 
@@ -75,7 +75,7 @@ class _ScenePanel:
     last: int
 
     def points(self) -> Float[np.ndarray, "point 2"]:
-        """Where those are whom the picture is about [m]."""
+        """Where those are that the picture is about [m]."""
         tracks, main = self.scene.scenario.tracks, list(self.scene.main)
         shown = slice(self.first, self.last + 1)
         return np.stack([tracks.x[main, shown], tracks.y[main, shown]], axis=-1).reshape(-1, 2)
@@ -88,7 +88,7 @@ class _ScenePanel:
         return canvas
 
     def draw(self, view: View) -> Canvas:
-        """The road, everybody at every second, and at the last instant."""
+        """The road, all agents at every second, and at the last instant."""
         canvas = draw_ground(self.scene, view, _ZOOM)
         stride = round(_EVERY_S / self.scene.scenario.dt)
         for step in range(0, self.last, stride):
@@ -104,7 +104,7 @@ class _ScenePanel:
             draw_vehicle(canvas, view, scenario.agents[index], pose_at(scenario.tracks, index, step), colour, False)
 
     def _draw_seconds(self, canvas: Canvas, view: View, stride: int) -> None:
-        """The time on every earlier roof, unless somebody at the last instant or another number is there."""
+        """The time on every earlier roof, unless one at the last instant or another number is there."""
         tracks, agents = self.scene.scenario.tracks, self.scene.scenario.agents
         boxes = [np.broadcast_to(v, tracks.x.shape)[:, self.last] for v in boxes_of(agents, tracks)]
         taken: list[Boxes] = []
@@ -141,7 +141,7 @@ def _title(method: str, attacked: Scenario) -> str:
 
 
 def _adversary(run: ExhibitRun, method: str) -> str | None:
-    """Whom the ego hits, otherwise whom the attack moved most."""
+    """Who the ego hits, otherwise who the attack moved most."""
     agents = run.attacked[method].agents
     hit = next((agent.id for agent in agents if agent.role == "adversary"), None)
     most = max((agent.id for agent in agents[1:]), key=lambda agent: run.moved(method, agent))

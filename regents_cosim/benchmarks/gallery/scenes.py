@@ -68,7 +68,7 @@ def averaged_distance() -> Scenario:
 def front_divergence() -> Scenario:
     """A car far ahead begins to change lanes: turned to the left, and just left of the ego's way.
 
-    All are a lane or more away from the edge of the road, so that it pushes nobody.
+    All are a lane or more away from the edge of the road, so that it pushes none.
     """
     ego = Car(x=0.0, y=LANE_M, speed=8.5)
     ahead = Car(x=56.0, y=LANE_M + 0.2, speed=7.5, yaw=np.deg2rad(7.0))

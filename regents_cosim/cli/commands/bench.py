@@ -153,7 +153,7 @@ def highway(
 def transfer(cases: Cases, *, planner: PlannerOfCase = None, talk: OutputOptions = OutputOptions()) -> int:
     """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
 
-    In SUMO with everybody scripted, then among live traffic: only the adversary is scripted, and the ego, which
+    In SUMO with all scripted, then among live traffic: only the adversary is scripted, and the ego, which
     follows its track or is driven by the planner that was attacked. With --json every row also holds its cases.
 
     Parameters

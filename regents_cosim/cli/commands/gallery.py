@@ -10,7 +10,7 @@ def gallery(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Make the figures of the ReGentS paper anew: gradients around the ego, and how KING fails.
+    """Make the figures of the ReGentS paper again: gradients around the ego, and how KING fails.
 
     Parameters
     ----------

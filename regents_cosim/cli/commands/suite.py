@@ -62,10 +62,10 @@ def build(
         clean crashes that the planner could have avoided, balanced over kinds of collision and networks; the telling
         ones (by a lawful adversary, and a careful driver avoids them) before all others
     unavoidable
-        crashes that nobody could have avoided, marked so
+        crashes that no drive could have avoided, marked so
     ordinary
         windows of recorded traffic that the planner and the careful driver drive without a collision, and
-        constant_velocity does not, as far as there are such; half of them behind somebody
+        constant_velocity does not, as far as there are such; half of them behind another
     harmless
         only crashes that have a harmless neighbour, each with it: the same scene with so little of the attack left that
         a careful driver keeps 1 m from all others, brakes by no more than 3 m/s^2 and gets on. Who always brakes is

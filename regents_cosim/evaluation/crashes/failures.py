@@ -28,7 +28,7 @@ def failure_reason(results: Sequence[Scenario]) -> Reason | None:
 
     Of several crashes the one that comes nearest to telling decides.
 
-    - no_candidate: the rules of the method leave nobody who may attack.
+    - no_candidate: the rules of the method leave none that may attack.
     - out_of_reach: no candidate could meet the ego within its limits (`may_reach`).
     - stuck: one of them could reach the ego, but the search did not find out how.
     - spoilt_only: the search came across collisions, each spoilt by a flaw (`verdicts.clean`).
@@ -79,7 +79,7 @@ def count_reasons(windows: Sequence[Sequence[Scenario]]) -> dict[Reason, int]:
 def may_reach(attacked: Scenario) -> bool:
     """Whether some candidate could touch the ego's original track within the limits of acceleration.
 
-    A bound that errs on the side of yes: whoever accelerates as hard as the mirror lets it is within a circle around
+    A bound that errs on the side of yes: what accelerates as hard as the mirror lets it is within a circle around
     where it entered, whichever way it turns; curvature, the road and other vehicles only take away from that. No
     means that no search could have found a collision with the ego where it would have driven.
     """

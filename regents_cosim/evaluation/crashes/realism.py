@@ -45,7 +45,7 @@ class MotionSamples:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One component of motion: the adversaries' against what they did before and what everybody did."""
+    """One component of motion: the adversaries' against what they did before and what all did."""
 
     name: str
     percentiles: tuple[float, ...]  # of the adversaries after the attack, at PERCENTILES
@@ -65,7 +65,7 @@ class Realism:
     quantities: tuple[Quantity, ...]
     off_road_percent: float  # of the steps: a corner more than 0.3 m off the road
     off_road_before_percent: float
-    hits_others_percent: float  # of the adversaries: touched somebody else before the ego
+    hits_others_percent: float  # of the adversaries: touched another road user before the ego
 
 
 def motion(tracks: Tracks, agent: int, dt: float, end: int | None = None) -> MotionSamples:

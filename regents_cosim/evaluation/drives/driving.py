@@ -124,7 +124,7 @@ def drive_case(scenario: Scenario, driver: MirrorDriver) -> Drive:
 
 
 def drive_and_keep(scenario: Scenario, driver: MirrorDriver) -> tuple[Drive, Tracks | None]:
-    """As `drive_case`, with the tracks of everybody; None where the planner failed."""
+    """As `drive_case`, with the tracks of all agents; None where the planner failed."""
     try:
         driven = driver.drive(scenario)
     except DriveError as failure:

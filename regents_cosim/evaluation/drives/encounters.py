@@ -20,7 +20,7 @@ from regents_cosim.scenario import Agent, Tracks
 _BEYOND_M = 50.0  # SUMO's device looks as far
 _BEYOND_A_TURN_M = 5.0
 _TURNING_RAD = np.deg2rad(5.0)  # within its last 5 m
-_DROVE_M = 1.0  # whoever drove less stood
+_DROVE_M = 1.0  # what drove less stood
 _ACROSS_RAD = np.deg2rad(15.0)  # ways that meet at less neither cross nor join: a change of lanes, or head-on
 _AS_ONE_RAD = np.deg2rad(2.0)  # ways whose directions differ by less, one on the other, have joined
 _STANDING_M = 1e-6  # a step that is no way

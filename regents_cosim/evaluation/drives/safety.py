@@ -209,7 +209,7 @@ def least_gap(agents: tuple[Agent, ...], tracks: Tracks, end: int) -> float | No
     return least if np.isfinite(least) else None  # all the others are on other levels
 
 
-_NEAR_M = 50.0  # whoever stays further away has no part in the drive: the range of SUMO's device
+_NEAR_M = 50.0  # what stays further away has no part in the drive: the range of SUMO's device
 
 
 def _comes_near(tracks: Tracks, agent: int) -> bool:

@@ -3,7 +3,7 @@
 The other road users are moved from where the recording has them (share 0) to where the attack put
 them (share 1) along straight lines, so that their velocities and accelerations are averages of
 the two: what both respect, a friction circle for one, every share respects. The margin is the
-least share at which the planner, driving anew, collides. It falls before a planner starts to
+least share at which the planner, driving again, collides. It falls before a planner starts to
 crash in the attack itself, and it goes on falling afterwards.
 
 Not assumed: that a planner which collides at one share collides at every greater one. Assumed:
@@ -29,7 +29,7 @@ _HALVINGS = 2  # of the quarter before the first share that collides
 def attack_margin(scenario: Scenario, driver: MirrorDriver) -> float | None:
     """The least share of the attack at which the planner at the wheel collides, in (0, 1]; None where it never does.
 
-    Drives at most six times. None also for scenarios that nobody attacked. Raises DriveError.
+    Drives at most six times. None also for scenarios that were not attacked. Raises DriveError.
     """
     if scenario.original is None:
         return None

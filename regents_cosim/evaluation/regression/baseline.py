@@ -1,4 +1,4 @@
-"""Baselines: what a planner did in every case of a suite when somebody last looked and agreed. No JAX here.
+"""Baselines: what a planner did in every case of a suite when a person last looked and agreed. No JAX here.
 
 One file per suite, `<suite>/baseline.json`: by planner, simulator and case.
 """
@@ -28,7 +28,7 @@ class DriveOutcome:
 
     hash: str  # of the case's content
     outcome: Literal["no_collision", "collision", "planner_error"]
-    agent: str | None = None  # whom the ego hits
+    agent: str | None = None  # who the ego hits
     step: int | None = None  # of the collision
     time_s: float | None = None  # of the collision
     kind: str | None = None  # of the collision
@@ -128,7 +128,7 @@ def load_baseline(path: Path) -> Baseline:
     except (InputError, ScenarioError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise CaseError(
             f"{path}: not a baseline, or damaged or truncated ({str(error).splitlines()[0]}); "
-            "restore it, or delete it and accept anew"
+            "restore it, or delete it and accept again"
         ) from error
 
 

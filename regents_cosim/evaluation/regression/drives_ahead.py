@@ -1,4 +1,4 @@
-"""Drives of one planner through the cases of suites, begun before somebody asks for them.
+"""Drives of one planner through the cases of suites, begun before they are asked for.
 
 A test item asks for one case at a time; all cores work on those to come meanwhile. A planner that
 raises or hangs costs its own case only; SUMO runs in processes of its own.

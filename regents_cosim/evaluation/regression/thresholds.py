@@ -6,7 +6,7 @@
 
 `min_ttc_s:-5%` allows the metric to fall by at most 5 % of its baseline, `max_drac_m_s2:+0.5` to rise by
 at most 0.5, `collision:+0` no collision more. A metric without a value counts as the best there is:
-who meets nobody has all the time in the world.
+who meets none has all the time in the world.
 """
 
 import math

@@ -128,7 +128,7 @@ def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[CaseC
 
 
 def follows(scenario: Scenario) -> bool:
-    """Whether the ego drives behind somebody in its lane for half of the recording."""
+    """Whether the ego drives behind another in its lane for half of the recording."""
     tracks = scenario.tracks
     dx, dy = tracks.x[1:] - tracks.x[0], tracks.y[1:] - tracks.y[0]
     cos, sin = np.cos(tracks.yaw[0]), np.sin(tracks.yaw[0])
@@ -178,7 +178,7 @@ def _found(
 
 
 def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[Scenario]:
-    """The crashes that all of these pass, and those that are proven unavoidable, which nobody does."""
+    """The crashes that all of these pass, and those that are proven unavoidable, which no planner does."""
     for planner in planners:
         drives = drive_each(crashes, planner)
         crashes = [case for case, drive in zip(crashes, drives, strict=True) if _unavoidable(case) or _passes(drive)]

@@ -19,7 +19,7 @@ class CaseCard:
     avoidable: bool | None  # None: not judged
     planner: str | None  # that was attacked
     method: str | None
-    adversary: str | None  # whom the attacked planner hits
+    adversary: str | None  # who the attacked planner hits
     window: str  # the recorded case behind it
     hash: str
     telling: bool | None = None  # clean, the adversary lawful, and a careful driver avoids it; None: not known
@@ -38,14 +38,13 @@ class CaseCard:
 
     @property
     def adversary_in_words(self) -> str:
-        """Who attacks, whom, and how that was found."""
+        """Who attacks which road user, and how that was found."""
         if self.method is None:
             return "none: recorded traffic"
         if self.kind == "harmless":
             return f"none: the harmless neighbour of a crash ({self.method} against {self.planner})"
-        return (
-            f"{self.adversary or 'nobody in particular'} ({self.kind}, found by {self.method} against {self.planner})"
-        )
+        who = self.adversary or "no road user in particular"
+        return f"{who} ({self.kind}, found by {self.method} against {self.planner})"
 
 
 def card_of(folder: Path) -> CaseCard:

@@ -26,7 +26,7 @@ def choose_adversarial(cards: Sequence[CaseCard], count: int, unavoidable: int, 
 
 
 def choose_ordinary(cards: Sequence[CaseCard], followers: Collection[str], count: int, seed: int) -> list[CaseCard]:
-    """`count` cases of recorded traffic, half of them with the ego behind somebody (the names in `followers`).
+    """`count` cases of recorded traffic, half of them with the ego behind another (the names in `followers`).
 
     Those are the cases that tell a planner that keeps too little distance. Balanced over networks.
     """

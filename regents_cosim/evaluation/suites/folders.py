@@ -57,8 +57,8 @@ Watch = Callable[[Iterator[Scenario], int], Iterator[Scenario]]  # passes on wha
 def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) -> list[tuple[Scenario, Scenario]]:
     """Let `folder`, which may be `suite` itself, hold its cases as they are judged today; each before and after.
 
-    Cases without a crash stay as they are. What was accepted of a case stays accepted: nobody drives otherwise for a
-    judgement. Raises RegentsError as `write_suite` does.
+    Cases without a crash stay as they are. What was accepted of a case stays accepted: no planner drives otherwise for
+    a judgement. Raises RegentsError as `write_suite` does.
     """
     require_place(folder)
     with explain_write(folder), _alone_in(folder):
@@ -138,7 +138,7 @@ def _merged_baselines(suites: Sequence[Path]) -> Baseline:
                 if clash:
                     raise RegentsError(
                         f"the baselines differ on {clash} ({planner} in {where}), {suite} being the second: "
-                        "accept one of them anew with `regents evaluate --update`"
+                        "accept one of them again with `regents evaluate --update`"
                     )
                 merged = merged.accepting(planner, where, entries, {*before, *entries})
     return merged

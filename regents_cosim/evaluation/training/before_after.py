@@ -20,7 +20,7 @@ class BeforeAfterRow:
     collisions: int
     collision_rate_percent: float
     collision_interval_percent: tuple[float, float]
-    from_behind: int  # of them: somebody who replays a log drives into the ego, which may have braked
+    from_behind: int  # of them: another that replays a log drives into the ego, which may have braked
     route_completion_percent: float
     completion_interval_percent: tuple[float, float]
     alone: int  # cases in which only this one of the two collides

@@ -26,7 +26,7 @@ def failed_drives(
     """For each case and drive of `planner` in it: the case with that drive, judged by `bank`; None without a collision.
 
     Of `bank` only what begins when the other one is in the view of the ego counts: before that there is nothing to
-    learn to brake for. Everybody else drives as in the case.
+    learn to brake for. All others drive as in the case.
     """
     for scenario, tracks in zip(scenarios, drives, strict=True):
         crash = as_driven(scenario, tracks, planner)

@@ -52,7 +52,7 @@ class Curriculum:
     valid: Bool[np.ndarray, "scene agent time"]
     targets: Float[np.ndarray, "scene 2"]  # [m] of the egos
     evasions: Mapping[int, range]  # scenes in which the ego evades, and the steps at which it does
-    egos: bool  # nobody else is taught
+    egos: bool  # no other is taught
     dt: float  # [s]
 
     def draw(self, count: int, rng: np.random.Generator, evading: float = 0.0) -> Lesson:
@@ -190,7 +190,7 @@ def _kinds(
 
 
 def _follows(x: np.ndarray, y: np.ndarray, yaw: np.ndarray, valid: np.ndarray) -> Bool[np.ndarray, "agent time"]:
-    """Whether somebody drives close ahead in the same direction."""
+    """Whether another drives close ahead in the same direction."""
     found = np.zeros_like(valid)
     for other in range(len(x)):
         dx, dy = x[other] - x, y[other] - y

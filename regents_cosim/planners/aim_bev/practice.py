@@ -40,7 +40,7 @@ def practise(
     every: int = 3,
     lost_m: float = LOST_M,
 ) -> Practice:
-    """Drive the egos of some scenes from their first step with everybody else on their logs.
+    """Drive the egos of some scenes from their first step with all others on their logs.
 
     Who is further than `lost_m` from its log has nothing to learn any more.
     """
@@ -83,7 +83,7 @@ def _advance(
 
 @compiled
 def _mishaps(room: Classroom, lesson: Lesson) -> tuple[Bool[Array, " drive"], Float[Array, " drive"]]:
-    """Which egos overlap somebody, and how far from its log each is [m]."""
+    """Which egos overlap another, and how far from its log each is [m]."""
 
     def touches(one: Lesson) -> Bool[Array, ""]:
         now = jax.tree.map(lambda values: values[one.scene, :, one.step], room.log)

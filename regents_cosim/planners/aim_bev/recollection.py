@@ -37,7 +37,7 @@ class Recollection(eqx.Module):
 
 
 def in_view(view: Surroundings, ego: Motion) -> Float[Array, " value"]:
-    """All that a picture of a scene at one step depends on: the ego, and whoever is near enough to be drawn."""
+    """All that a picture of a scene at one step depends on: the ego, and who is near enough to be drawn."""
     box = view.boxes
     length = box.half_length + MARK_S * jnp.abs(view.speed)
     near = jnp.hypot(box.x - ego.x, box.y - ego.y) < REACH_M + jnp.hypot(length, box.half_width) + 1.0

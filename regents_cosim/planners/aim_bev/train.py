@@ -56,7 +56,7 @@ def train(
     lessons. Raises RegentsError where the scenarios hold too few lessons, or their horizons differ.
 
     From `crashes` of the network that `resume` holds, each with the drive that avoids it, it learns to evade. Its
-    batch norms keep their statistics. Such a fine-tuning begins anew from a checkpoint, and writes none.
+    batch norms keep their statistics. Such a fine-tuning begins again from a checkpoint, and writes none.
     """
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)

@@ -80,7 +80,7 @@ class ReferencePlanner(JaxPlanner):
         )  # fmt: skip
 
     def look(self, memory: ReferenceMemory, traffic: Traffic) -> SurroundingTraffic:
-        """Everybody's place along the route and in the lanes."""
+        """Every agent's place along the route and in the lanes."""
         motion = traffic.motion
         along, across, yaw = place_on_route(memory.idm, motion.x, motion.y)
         wanders = memory.lanes.away(motion.x, motion.y, motion.yaw) > CAREFUL.wandering_m
@@ -120,7 +120,7 @@ def _pushed(past: Array, now: Array) -> Array:
 
 
 class CarefulDriver(ReferencePlanner):
-    """The competent and careful human driver of UN Regulation 157 (`parameters.Careful`)."""
+    """The competent and careful human driver of UN Regulation 157 (`parameters.CarefulParameters`)."""
 
     evaluation_s: float = CAREFUL.evaluation_s
     delay_s: float = CAREFUL.delay_s
@@ -128,7 +128,7 @@ class CarefulDriver(ReferencePlanner):
     most: float = CAREFUL.most_braking_m_s2
 
     def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
-        """Full braking for whom it expects to meet."""
+        """Full braking for those that it expects to meet."""
         along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
         courses = _courses(memory, seen.traffic)
         place = place_of(courses, seen.along - along, seen.across - across, seen.turn, memory.idm.half_width)

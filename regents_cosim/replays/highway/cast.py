@@ -1,6 +1,6 @@
 """The scripted vehicles of a replay in highway-env, and the road that they drive on.
 
-Nobody is thrown off its track: highway-env moves and brakes vehicles that touch, which scripted
+No vehicle is thrown off its track: highway-env moves and brakes vehicles that touch, which scripted
 ones undo; that they touched is noted.
 """
 
@@ -44,7 +44,7 @@ class ScriptedVehicle(Vehicle):
         self.route: list[LaneIndex] = []  # intersection takes vehicles without one off the road
 
     def act(self, action: Any = None) -> None:
-        """Nobody decides."""
+        """Nothing to decide."""
 
     def step(self, dt: float) -> None:
         """The next step of the track."""
@@ -64,11 +64,11 @@ class ScriptedVehicle(Vehicle):
         return self.moment < len(self.valid) and bool(self.valid[self.moment])
 
     def predict_trajectory_constant_speed(self, times: np.ndarray) -> tuple[list[np.ndarray], list[float]]:
-        """Straight on: the general way copies the road with everybody on it."""
+        """Straight on: the general way copies the road with all agents on it."""
         return [self.position + self.speed * t * self.direction for t in times], [self.heading] * len(times)
 
     # Looking for the closest among all lanes costs more than everything else a scripted vehicle
-    # does, so it is done when somebody asks.
+    # does, so it is done when it is asked for.
 
     @property
     def lane_index(self) -> LaneIndex | None:
@@ -127,7 +127,7 @@ class ActionVehicle(ScriptedVehicle):
         self.crashed = crashed
 
     def on_state_update(self) -> None:
-        """The lane is looked up when somebody asks."""
+        """The lane is looked up when it is asked for."""
 
 
 class ReplayRoad(Road):
@@ -144,13 +144,13 @@ class ReplayRoad(Road):
         self.moment = 0
 
     def enter(self, ego: Vehicle, cast: list[ScriptedVehicle]) -> None:
-        """Everybody who is there at the first step."""
+        """All that are there at the first step."""
         self.cast = cast
         self.vehicles = [ego]
         self.look(0.0)
 
     def step(self, dt: float) -> None:
-        """Move everybody, see who comes and goes, and who touches the ego."""
+        """Move all agents, see who comes and goes, and who touches the ego."""
         self.moment += 1
         for vehicle in (self.vehicles[0], *self.cast):
             vehicle.step(dt)

@@ -1,7 +1,7 @@
 """The bridge `highway:AGENT`: the ego driven by an agent of highway-env's, moved by its own vehicles.
 
 An environment of its own runs beside the host's, in the process that hosts the planner: the case's
-map, everybody else placed where they are seen. The agent decides as often as its configuration
+map, all others placed where they are seen. The agent decides as often as its configuration
 says (`policy_frequency`), highway-env's controllers and physics do the rest, and the answer is where they put the ego.
 """
 
@@ -29,7 +29,7 @@ class HighwayEgo:
         self._env: Any = None
 
     def reset(self, scene: Scene) -> None:
-        """Begin anew; what the environment needs is known when everybody has been seen, at the first step."""
+        """Begin again; what the environment needs is known when all have been seen, at the first step."""
         ego = scene.ego
         self._way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), ego.z, scene.target)
 
@@ -53,7 +53,7 @@ class HighwayEgo:
         return Placement(float(pose.x), float(pose.y), float(pose.yaw), max(float(ego.speed), 0.0))
 
     def _begin(self, observation: Observation) -> Any:
-        """Everybody at the start, and the agent's first observation."""
+        """All agents at the start, and the agent's first observation."""
         case = _case(observation, self._way)
         if self._env is None:
             self._env = HighwayReplayEnv({"case": case, **self._agent.config})
@@ -74,7 +74,7 @@ class HighwayEgo:
 
 
 def _case(observation: Observation, way: list[Lane]) -> Scenario:
-    """What is known at the start as a case: where everybody is, and instead of its track the ego's way ahead."""
+    """What is known at the start as a case: where all are, and instead of its track the ego's way ahead."""
     scene, ego, others = observation.scene, observation.ego, observation.others
     ahead = np.concatenate([[[ego.x, ego.y]], *(lane.centre for lane in way)])
     first = np.arange(len(ahead)) == 0

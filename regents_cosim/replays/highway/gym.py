@@ -27,7 +27,7 @@ _LOOK_EVERY = 5  # points of the tracks that lanes are looked for around
 class HighwayReplayEnv(AbstractEnv):
     """The background of a case on its own map; any action and observation type of highway-env.
 
-    `mode` track: everybody is where the case has them. `mode` actions: highway-env's own physics
+    `mode` track: all are where the case has them. `mode` actions: highway-env's own physics
     moves them. The episode ends with the ego's first collision, or with the case. Configuration
     and options of `reset`: `case` (a folder) or `suite` (a folder of cases, of which the seed
     draws one); without either, the cases that come with the package.
@@ -65,7 +65,7 @@ class HighwayReplayEnv(AbstractEnv):
         require_known(options or {}, ("case", "suite", "config"), "option")
         self._asked = {name: value for name, value in (options or {}).items() if name != "config"}
         observation, info = super().reset(seed=seed, options=options)
-        del info["action"]  # a sample that nobody took, different every time
+        del info["action"]  # a sample that was not taken, different every time
         return observation, info
 
     def _reset(self) -> None:
@@ -129,7 +129,7 @@ class HighwayReplayEnv(AbstractEnv):
 
 
 def network_of(scenario: Scenario) -> RoadNetwork:
-    """The map around everybody's track."""
+    """The map around every agent's track."""
     tracks = scenario.tracks
     return build_network(scenario.road, np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid][::_LOOK_EVERY])
 

@@ -27,7 +27,7 @@ Who = Literal["adversary", "background"]
 class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
     """Adds the adversary of a case to `env` at every reset, on its track, whatever touches it.
 
-    The case must have been recorded on the map of `env`. `who` background adds everybody but the
+    The case must have been recorded on the map of `env`. `who` background adds all but the
     ego. Vehicles of the environment's own that are in the way of one who enters are taken off the
     road. As for the replay environment, `reset` takes the options `case` and `suite`; without a
     case or a suite no vehicle is added. `gymnasium.make(env.spec)` makes the same once more.
@@ -115,7 +115,7 @@ class InjectedVehicle(ScriptedVehicle):
         self._dt = scenario.dt
         super().__init__(road, agent.id, agent.role, (agent.length, agent.width), states, tracks.valid[row])
         self.states[2, self._steps] = np.unwrap(self.states[2, self._steps])
-        self.check_collisions = True  # whom it touches has crashed, whoever that is
+        self.check_collisions = True  # what it touches has crashed, whatever that is
 
     @property
     def present(self) -> bool:

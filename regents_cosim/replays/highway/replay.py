@@ -1,4 +1,4 @@
-"""A Scenario replayed in highway-env: everybody on their tracks, or driven by its own physics."""
+"""A Scenario replayed in highway-env: all agents on their tracks, or driven by its own physics."""
 
 from dataclasses import dataclass
 
@@ -79,7 +79,7 @@ def drive_in_highway(
 
 
 class _StateHistory:
-    """Everybody's states [4, agent] and presence, step by step, in the map's frame; shown in the window, if any."""
+    """Every agent's states [4, agent] and presence, step by step, in the map's frame; shown in the window, if any."""
 
     def __init__(self, scenario: Scenario, window: RoadWindow | None) -> None:
         self._scenario, self._window = scenario, window

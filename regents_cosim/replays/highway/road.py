@@ -65,7 +65,7 @@ class CentreLine(AbstractLane):
     ) -> None:
         self.points, self.width = points, width
         self.line_types, self.speed_limit = line_types, speed_limit
-        self.forbidden, self.priority = forbidden, 0  # forbidden: nobody may change to it
+        self.forbidden, self.priority = forbidden, 0  # forbidden: none may change to it
         steps = np.diff(points, axis=0)
         self._lengths = np.hypot(*steps.T)
         self._directions = steps / self._lengths[:, None]

@@ -48,7 +48,7 @@ class RoadWindow:
 
     @property
     def vehicle(self) -> Vehicle:
-        """Whom the window follows."""
+        """Who the window follows."""
         return self.road.vehicles[0]
 
     def show(self) -> None:
@@ -58,7 +58,7 @@ class RoadWindow:
             self._viewer.handle_events()
 
     def close(self) -> None:
-        """Close it, as the viewer does when somebody clicks on the cross."""
+        """Close it, as the viewer does when the user clicks on the cross."""
         if self._viewer is not None:
             self._viewer.close()
             self._viewer = None

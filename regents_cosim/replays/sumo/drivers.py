@@ -1,4 +1,4 @@
-"""Whom a replay leaves to SUMO, and how SUMO drives them, in SUMO's own words.
+"""Who a replay leaves to SUMO, and how SUMO drives them, in SUMO's own words.
 
 Attributes of a vType: https://sumo.dlr.de/docs/Definition_of_Vehicles,_Vehicle_Types,_and_Routes.html
 Modes: https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html

@@ -1,7 +1,7 @@
 """The bridge `sumo`: the ego driven by SUMO's own car-following and lane-changing model.
 
 A simulation of its own runs beside the host's, in the process that hosts the planner. There SUMO
-drives the ego, everybody else is placed where they are seen, and the answer is where SUMO puts
+drives the ego, all others are placed where they are seen, and the answer is where SUMO puts
 the ego. SUMO changes lanes in one step; here the way across takes 3 s, as with
 `--lanechange.duration 3` (which moveToXY does not survive, see `replay`).
 """
@@ -27,7 +27,7 @@ _ON_ROUTE = 1  # keepRoute of moveToXY: on the lane of the route that is nearest
 _JUMP_M = 1.0  # sideways in one step: a lane change
 _ACROSS_S = 3.0  # that a lane change takes
 _CLEAR_M = 0.5  # off its lane that the ego may be without being in the way on the next
-_STEEPEST = 0.35  # sideways per metre ahead, about 20 degrees: nobody slides sideways while standing
+_STEEPEST = 0.35  # sideways per metre ahead, about 20 degrees: no vehicle slides sideways while standing
 
 _Drive = Generator[Placement | None, Observation, None]
 
@@ -41,7 +41,7 @@ class SumoEgo:
         self._drive: _Drive | None = None
 
     def reset(self, scene: Scene) -> None:
-        """Start SUMO anew. Raises PlannerError where the scene has no network of SUMO's."""
+        """Start SUMO again. Raises PlannerError where the scene has no network of SUMO's."""
         if self._drive is not None:
             self._drive.close()
         self._drive = _drive(scene)
@@ -69,7 +69,7 @@ def _drive(scene: Scene) -> _Drive:
 
 
 def _options(net: str, dt: float) -> list[str]:
-    """The network alone; whoever is hit goes on."""
+    """The network alone; who is hit goes on."""
     options = {
         "net-file": net,
         "step-length": repr(dt),
@@ -98,7 +98,7 @@ class _Simulation:
         self._shown: dict[Connection, str] = {}
 
     def begin(self, observation: Observation) -> None:
-        """Put everybody where they are; the ego onto its lane, which it may be beside."""
+        """Put all agents where they are; the ego onto its lane, which it may be beside."""
         ego, vehicle = observation.ego, self._sumo.vehicle
         self._place_others(observation, 0.0)
         vehicle.add(_EGO, _ROUTE, _EGO)
@@ -116,7 +116,7 @@ class _Simulation:
         """Where the ego is one step after what it observes."""
         dt = self._scene.dt
         self._show_lights(observation)
-        # SUMO lets the ego react to where everybody was before the step, and places them after it.
+        # SUMO lets the ego react to where all were before the step, and places them after it.
         self._place_others(observation, dt)
         self._mind_the_lane_left()
         self._step(observation)
@@ -134,7 +134,7 @@ class _Simulation:
         return Placement(float(x), float(y), float(wrap(pose.yaw + np.arctan(slope))), speed)
 
     def _mind_the_lane_left(self) -> None:
-        """Follow whoever is ahead on the lane beside too, while the ego is partly there.
+        """Follow the vehicle ahead on the lane beside too, while the ego is partly there.
 
         As SUMO has it with `--lanechange.duration`; without, it takes the ego for gone from there at once.
         """
@@ -156,7 +156,7 @@ class _Simulation:
         return from_sumo(SumoPose(x, y, self._sumo.vehicle.getAngle(_EGO)), self._scene.ego.length)
 
     def _place_others(self, observation: Observation, ahead_s: float) -> None:
-        """Everybody where they will be in `ahead_s` if they go straight on."""
+        """All agents where they will be in `ahead_s` if they go straight on."""
         others, vehicle = observation.others, self._sumo.vehicle
         for index in range(len(others.agents)):
             name = _name(index)

@@ -31,7 +31,7 @@ def replay_in_sumo(
     What is placed before step k is what SUMO reports after it, and that is step k of the
     scenario; at step 0 the ego is always at its track. Agents that are `released` (by index) are
     placed once, where and as fast as they first are, and then driven by SUMO until their route
-    ends; those for whom no route is found stay on their tracks. `seed` is for SUMO's dice.
+    ends; those without a route stay on their tracks. `seed` is for SUMO's dice.
 
     A map that does not come from SUMO is a network of bare lanes there, without lights (`bare_network`).
     Raises ScenarioError where SUMO is to drive in such a one, SumoError with SUMO's own words where it
@@ -67,7 +67,7 @@ def _files(scenario: Scenario, drivers: Mapping[int, DriverParameters]) -> Itera
 
 
 def _options(scenario: Scenario, files: dict[str, str], gui: bool, seed: int) -> list[str]:
-    """The network alone, without traffic of its own; SUMO reports collisions and lets everyone go on."""
+    """The network alone, without traffic of its own; SUMO reports collisions and lets all go on."""
     options = files | {
         "step-length": repr(scenario.dt),
         "seed": str(seed),

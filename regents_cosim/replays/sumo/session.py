@@ -23,10 +23,10 @@ _STEP_S = 30.0
 
 @dataclass(frozen=True, eq=False)
 class CaseToPlay:
-    """A case to be played, the ego by whoever asks."""
+    """A case to be played, the ego by the one that asks."""
 
     scenario: Scenario
-    released: Mapping[int, DriverParameters]  # whom SUMO drives, by index
+    released: Mapping[int, DriverParameters]  # who SUMO drives, by index
     seed: int
 
 
@@ -37,13 +37,13 @@ class SumoSession:
         self._pipe: Any = None  # a connection while the process runs
 
     def begin(self, play: CaseToPlay) -> Snapshot:
-        """Begin a case, in the middle of another one too. Everybody at step 0. Raises SumoError."""
+        """Begin a case, in the middle of another one too. All agents at step 0. Raises SumoError."""
         if self._pipe is None:
             self._start()
         return self._ask(play, _START_S, "when it began a case")
 
     def go(self, ego: EgoState) -> Snapshot:
-        """Everybody one step later, the ego as told. Raises SumoError."""
+        """All agents one step later, the ego as told. Raises SumoError."""
         if self._pipe is None:
             raise SumoError("SUMO is not running, expected a case to be begun first")
         return self._ask(ego, _STEP_S, "in a step")
@@ -85,7 +85,7 @@ class SumoSession:
 
 
 class _NextCaseSignal(BaseException):
-    """The case is broken off for another one; nobody's error, so no Exception."""
+    """The case is broken off for another one; no error, so no Exception."""
 
     def __init__(self, play: CaseToPlay) -> None:
         self.play = play
@@ -122,7 +122,7 @@ def _serve(pipe: Connection) -> None:
         except RegentsError as error:
             pipe.send(str(error))
             play = None
-        except (EOFError, OSError):  # nobody is there any more
+        except (EOFError, OSError):  # none is there any more
             return
 
 

@@ -1,4 +1,4 @@
-"""The running simulation of a replay: who is placed where, whom SUMO drives, and what it reports."""
+"""The running simulation of a replay: who is placed where, who SUMO drives, and what it reports."""
 
 import time
 from collections.abc import Mapping

@@ -33,7 +33,7 @@ def type_name(index: int) -> str:
 
 
 def free_name(agent_id: str, taken: Collection[str]) -> str:
-    """A name that SUMO takes and that nobody had before: logs hold blanks, bars, any character."""
+    """A name that SUMO takes and that none had before: logs hold blanks, bars, any character."""
     plain = re.sub(r"[^A-Za-z0-9_.-]", "_", agent_id) or "_"
     name, number = plain, 1
     while name in taken:

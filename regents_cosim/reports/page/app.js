@@ -52,7 +52,7 @@ async function showCase(row) {
   open = row;
   const content = await unpack(`case-${row.index}`);
   if (!grounds.has(row.map)) grounds.set(row.map, new Ground(await unpack(`map-${row.map}`)));
-  if (open !== row) return; // somebody was faster
+  if (open !== row) return; // another click was faster
   byId("overview").hidden = true;
   byId("case").hidden = false;
   scrollTo(0, 0);
@@ -167,7 +167,7 @@ function showTime() {
   clearTimeout(saving);
   const here = open.id;
   saving = setTimeout(() => {
-    // Unless the address says already that somebody wants to be elsewhere.
+    // Unless the address says already that the user wants to be elsewhere.
     if (asked().get("case") === here) history.replaceState(null, "", hashOf({ case: here, t: seconds }));
   }, 150); // browsers bound how often
 }

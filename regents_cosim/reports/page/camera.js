@@ -9,7 +9,7 @@ class Camera {
   }
 
   // Keeps the first ego (of two: their middle, while they are near) in view, as close as it can without losing the
-  // others, until somebody zooms.
+  // others, until the user zooms.
   follow([ego, second], adversary) {
     if (!this.following || !ego) return;
     const apart = second ? Math.hypot(second.x - ego.x, second.y - ego.y) : 0;

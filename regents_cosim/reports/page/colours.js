@@ -2,7 +2,7 @@
 
 const NAMES = ["page", "panel", "hairline", "ink", "faint", "land", "road", "kerb", "marking", "other", "ego", "adversary",
   "second", "evasion", "ego-ink", "adversary-ink", "second-ink", "evasion-ink", "burst", "red", "amber", "green", "off"];
-const DRIVERS = ["ego", "second"]; // the colours of whoever drives the ego
+const DRIVERS = ["ego", "second"]; // the colours of who drives the ego
 let colours = {};
 
 function readColours() {

@@ -1,8 +1,8 @@
 // --- Player: the clock, and the scene at its time ---
 
 const TAIL_SECONDS = 1;
-const SAME_METRES = 1; // closer than that a ghost would only blur whom it belongs to
-const AFTER_CRASH_SECONDS = 1; // later motion means nothing: nobody computes what a crash does
+const SAME_METRES = 1; // closer than that a ghost would only blur who it belongs to
+const AFTER_CRASH_SECONDS = 1; // later motion means nothing: what a crash does is not computed
 
 class Player {
   constructor(canvas, onChange) {
@@ -35,14 +35,14 @@ class Player {
     this.draw();
   }
 
-  // Shortly after the last crash, or the end where somebody gets by.
+  // Shortly after the last crash, or the end where one gets by.
   lastStep() {
     const end = Math.max(this.row.steps - 1, 1);
     if (this.evasion || !this.driven.length || this.driven.some((run) => run.crash === Infinity)) return end;
     return Math.min(Math.max(...this.driven.map((run) => run.crash)) + Math.round(AFTER_CRASH_SECONDS / this.row.dt), end);
   }
 
-  // Whom the camera follows: the egos that were driven at all, or else anybody.
+  // Who the camera follows: the egos that were driven at all, or else any.
   targets(step) {
     if (this.driven.length) return this.driven.map((run) => run.track.at(Math.min(step, run.crash)));
     return [this.tracks.find((track) => track?.at(step))?.at(step) ?? null];
@@ -117,7 +117,7 @@ class Player {
     return !this.hidden.has(layer);
   }
 
-  // The adversary stands still with the crash, unless somebody is still on the way past it.
+  // The adversary stands still with the crash, unless another is still on the way past it.
   adversaryStep() {
     const over = this.driven.length && this.driven.every((run) => run.crash <= this.step);
     if (!over || (this.evasion && this.shows("evasion"))) return this.step;

@@ -76,7 +76,7 @@ function drawMark(context, [x, y], sinceSeconds) {
   context.stroke(star);
 }
 
-// In pixels, above whoever it names.
+// In pixels, above the one that it names.
 function drawName(context, words, [x, y], colour) {
   context.font = "600 13px system-ui, sans-serif";
   context.textAlign = "center";

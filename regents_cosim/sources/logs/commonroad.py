@@ -53,7 +53,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     notes += [] if ego else _without_goal(root)
     if ego is not None:
         tracks.append(ego)
-        notes.append("the ego's track follows lanelets from its start to its goal; nobody drove it")
+        notes.append("the ego's track follows lanelets from its start to its goal; it was not driven")
     yield LoggedScene(
         name=root.get("benchmarkID", path.stem),
         dt=dt,

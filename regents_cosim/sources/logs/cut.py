@@ -125,12 +125,12 @@ class _SceneWindows:
 
     @cached_property
     def _tracks(self) -> tuple[Track, ...]:
-        """Everybody by id, without jumps."""
+        """All by id, without jumps."""
         smooth = (without_jumps(track, self.scene.dt) for track in self.scene.tracks)
         return tuple(sorted(smooth, key=lambda track: track.agent.id))
 
     def windows(self, ego: str | None, stride: float) -> list[float]:
-        """First steps of the windows that somebody who may be the ego spans without a gap.
+        """First steps of the windows that one who may be the ego spans without a gap.
 
         They lie on one grid that begins with the ego's track, or with the first one where no ego
         is named.
@@ -145,7 +145,7 @@ class _SceneWindows:
         return [origin + k * stride for k in sorted(found)]
 
     def slot(self, first_step: float) -> RecordedScene:
-        """Everybody who is there in the window from `first_step` on."""
+        """All that are there in the window from `first_step` on."""
         here = [t for t in self._tracks if t.step[0] <= first_step + self._span and t.step[-1] >= first_step]
         samples = [sample(track, self.scene.dt, first_step, self.instants) for track in here]
         kept = [(track, found) for track, found in zip(here, samples, strict=True) if found.valid.any()]

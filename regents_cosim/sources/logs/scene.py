@@ -140,7 +140,7 @@ class LoggedScene:
             f"{self.name}: one sample every {self.dt:g} s, expected {_FINEST_S} to {_COARSEST_S:g} s",
             LogError,
         )
-        require(len(self.tracks) > 0, f"{self.name}: nobody is in it", LogError)
+        require(len(self.tracks) > 0, f"{self.name}: it holds no road user", LogError)
         ids = [track.agent.id for track in self.tracks]
         require(len(set(ids)) == len(ids), f"{self.name}: two road users have the same id", LogError)
         require(self.ego is None or self.ego in ids, f"{self.name}: the ego {self.ego!r} has no track", LogError)
@@ -149,12 +149,12 @@ class LoggedScene:
 
     @property
     def first_step(self) -> int:
-        """The first instant at which somebody is there."""
+        """The first instant at which any is there."""
         return int(min(track.step[0] for track in self.tracks))
 
     @property
     def last_step(self) -> int:
-        """The last instant at which somebody is there."""
+        """The last instant at which any is there."""
         return int(max(track.step[-1] for track in self.tracks))
 
     @property
