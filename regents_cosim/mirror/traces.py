@@ -1,10 +1,10 @@
 """Traced programs kept on disk, beside the compiled ones.
 
 What JAX compiles it keeps, and what a program does it has to be told again in every process: for an attack half a
-second of tracing Python, which is most of the time to its first iteration. So the traced program is kept too (StableHLO, by
-`jax.export`), under a name that is a digest of all that tracing depends on: the package's code, the versions of the
-libraries, the values that are compiled in, and the shapes. A program that holds code from outside, such as a
-planner or a cost, is traced every time; so is one that holds values which it was not given (a closure).
+second of tracing Python, which is most of the time to its first iteration. So the traced program is kept too
+(StableHLO, by `jax.export`), under a name that is a digest of all that tracing depends on: the package's code, the
+versions of the libraries, the values that are compiled in, and the shapes. A program that holds code from outside, such
+as a planner or a cost, is traced every time; so is one that holds values which it was not given (a closure).
 """
 
 import hashlib

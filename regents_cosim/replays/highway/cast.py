@@ -10,10 +10,10 @@ import numpy as np
 from highway_env.road.lane import AbstractLane
 from highway_env.road.road import LaneIndex, Road, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from regents_cosim.geometry.frames import Pose, to_highway, wheel_from_curvature
-from regents_cosim.scenario import Role
+from regents_cosim.scenario import Scenario
 
 _COLOURS = {"ego": (0, 114, 178), "adversary": (213, 94, 0), "background": (150, 150, 150)}
 
@@ -21,26 +21,19 @@ _COLOURS = {"ego": (0, 114, 178), "adversary": (213, 94, 0), "background": (150,
 class ScriptedVehicle(Vehicle):
     """A vehicle on its track. `moment` is the step of the track that it is at."""
 
-    def __init__(
-        self,
-        road: Road,
-        name: str,
-        role: Role,
-        size: tuple[float, float],
-        states: Float[np.ndarray, "4 time"],
-        valid: Bool[np.ndarray, " time"],
-    ) -> None:
-        """`states` are x, y [m], yaw [rad] and speed [m/s] in our frame."""
-        self.LENGTH, self.WIDTH = size  # highway-env takes the diagonal of them right away
-        x, y, heading = to_highway(Pose(states[0], states[1], states[2]))
-        self.states = np.stack([x, y, heading, states[3]])
-        self.valid = valid
-        self.name, self.role = name, role
-        self.color = _COLOURS[role]
+    def __init__(self, road: Road, scenario: Scenario, row: int) -> None:
+        """The agent of `scenario` in that `row`."""
+        agent, tracks = scenario.agents[row], scenario.tracks
+        self.LENGTH, self.WIDTH = agent.length, agent.width  # highway-env takes the diagonal of them right away
+        x, y, heading = to_highway(Pose(tracks.x[row], tracks.y[row], tracks.yaw[row]))
+        self.states = np.stack([x, y, heading, tracks.speed[row]])
+        self.valid = tracks.valid[row]
+        self.name, self.role = agent.id, agent.role
+        self.color = _COLOURS[agent.role]
         self.moment = 0
-        first = self.states[:, np.argmax(valid)]
+        first = self.states[:, np.argmax(self.valid)]
         super().__init__(road, first[:2], float(first[2]), float(first[3]))
-        self.check_collisions = role == "ego"  # two others never need to be held against each other
+        self.check_collisions = agent.role == "ego"  # two others never need to be held against each other
         self.route: list[LaneIndex] = []  # intersection takes vehicles without one off the road
 
     def act(self, action: Any = None) -> None:
@@ -97,20 +90,11 @@ class ScriptedVehicle(Vehicle):
 class ActionVehicle(ScriptedVehicle):
     """A vehicle that highway-env's own physics moves, by the actions that its track stands for."""
 
-    def __init__(
-        self,
-        road: Road,
-        name: str,
-        role: Role,
-        size: tuple[float, float],
-        states: Float[np.ndarray, "4 time"],
-        valid: Bool[np.ndarray, " time"],
-        controls: Float[np.ndarray, "2 step"],
-    ) -> None:
+    def __init__(self, road: Road, scenario: Scenario, row: int, controls: Float[np.ndarray, "2 step"]) -> None:
         """`controls` are accelerations [m/s^2] and curvatures [1/m] in our frame."""
-        super().__init__(road, name, role, size, states, valid)
+        super().__init__(road, scenario, row)
         self.accel = controls[0]
-        self.steering = np.asarray(wheel_from_curvature(controls[1], size[0]))
+        self.steering = np.asarray(wheel_from_curvature(controls[1], self.LENGTH))
 
     def step(self, dt: float) -> None:
         """One step of highway-env's vehicle, as if nothing had touched it; at first, be on the track."""

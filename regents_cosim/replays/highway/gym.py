@@ -136,11 +136,8 @@ def network_of(scenario: Scenario) -> RoadNetwork:
 
 def make_cast(road: ReplayRoad, scenario: Scenario, mode: Mode) -> list[ScriptedVehicle]:
     """Scripted vehicles for all agents of `scenario`, the ego first."""
-    tracks = scenario.tracks
-    states = np.stack([tracks.x, tracks.y, tracks.yaw, tracks.speed])
-    controls = actions(scenario) if mode == "actions" else None
-    cast = []
-    for i, agent in enumerate(scenario.agents):
-        script = (road, agent.id, agent.role, (agent.length, agent.width), states[:, i], tracks.valid[i])
-        cast.append(ScriptedVehicle(*script) if controls is None else ActionVehicle(*script, controls[:, i]))
-    return cast
+    rows = range(len(scenario.agents))
+    if mode == "track":
+        return [ScriptedVehicle(road, scenario, row) for row in rows]
+    controls = actions(scenario)
+    return [ActionVehicle(road, scenario, row, controls[:, row]) for row in rows]

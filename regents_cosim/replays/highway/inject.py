@@ -108,12 +108,10 @@ class InjectedVehicle(ScriptedVehicle):
     """A scripted vehicle by time instead of by step: the host's steps may be of any length."""
 
     def __init__(self, road: Road, scenario: Scenario, row: int) -> None:
-        tracks, agent = scenario.tracks, scenario.agents[row]
-        states = np.stack([tracks.x, tracks.y, tracks.yaw, tracks.speed])[:, row]
         self.time_s = 0.0
-        self._steps = np.flatnonzero(tracks.valid[row])
+        self._steps = np.flatnonzero(scenario.tracks.valid[row])
         self._dt = scenario.dt
-        super().__init__(road, agent.id, agent.role, (agent.length, agent.width), states, tracks.valid[row])
+        super().__init__(road, scenario, row)
         self.states[2, self._steps] = np.unwrap(self.states[2, self._steps])
         self.check_collisions = True  # what it touches has crashed, whatever that is
 
