@@ -44,11 +44,14 @@ class Avoidability:
     perceived_step: int | None = None  # from which on the danger can be seen: `verdicts.perception`, or way_out
 
 
+Blamed = Literal["ego", "adversary", "both", "nobody"]
+
+
 @dataclass(frozen=True)
 class Fault:
     """Who is to blame for a collision, by a rule with a source."""
 
-    at_fault: Literal["ego", "adversary", "both", "nobody"]
+    at_fault: Blamed
     rule: str  # its name in the table of rules
     reason: str  # in words, with the numbers that decided
 

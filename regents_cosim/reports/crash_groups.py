@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from regents_cosim.evaluation.crashes.verdict import Blamed, CrashVerdict
+from regents_cosim.evaluation.crashes.verdict import CrashVerdict
+from regents_cosim.judgement import Blamed
 
 FAULTS: dict[Blamed, str] = {"ego": "planner", "both": "both", "nobody": "unclear", "adversary": "adversary"}
 

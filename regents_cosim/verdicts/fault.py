@@ -9,23 +9,15 @@ that names none.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import shapely
 
-from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.judgement import Fault, OffenceName
+from regents_cosim.judgement import Blamed, Fault
 from regents_cosim.limits import ALONG_RAD, STANDING_M_S
-from regents_cosim.maps.levels import height_on
-from regents_cosim.maps.roadmap import Lane
-from regents_cosim.scenario import Collision, Scenario
-from regents_cosim.verdicts.drive import OffendingAct, gaps
-from regents_cosim.verdicts.offences import acts
-
-Blamed = Literal["ego", "adversary", "both", "nobody"]
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.crash_history import EGO, CrashHistory
 
 
 @dataclass(frozen=True)
@@ -49,118 +41,10 @@ def safe_distance(follower: float, leader: float, limits: SafeDistance = SafeDis
     return max(way - leader**2 / (2.0 * limits.hardest_brake), 0.0)
 
 
-# --- what a rule may ask ---------------------------------------------------------------------------
-
-_EGO = 0
-_MERGED_S = 2.0  # one that came into the lane no longer ago has cut in
 _STOOD_S = 1.0
 _AGAINST_RAD = np.deg2rad(135.0)
-_LATE_S = 1.0  # an offence that ended longer before the crash did not lead to it
-_TURN_S = 3.0
 _TURNED_RAD = np.deg2rad(25.0)
 _STRAIGHT_RAD = np.deg2rad(12.0)
-
-
-@dataclass(frozen=True, eq=False)
-class CrashHistory:
-    """The collision of a scenario, and what led to it."""
-
-    scenario: Scenario
-    hit: Collision
-
-    @cached_property
-    def other(self) -> int:
-        """Index of the one that the ego met."""
-        return next(i for i, agent in enumerate(self.scenario.agents) if agent.id == self.hit.agent)
-
-    @cached_property
-    def before(self) -> int:
-        """The last step without contact."""
-        return max(self.hit.step - 1, 0)
-
-    def name(self, agent: int) -> str:
-        """In words."""
-        return "the ego" if agent == _EGO else "the adversary"
-
-    def speed(self, agent: int, step: int) -> float:
-        """Speed [m/s]."""
-        return float(self.scenario.tracks.speed[agent, step])
-
-    def turn(self, step: int) -> float:
-        """By how much the two headings differ [rad]."""
-        yaw = self.scenario.tracks.yaw
-        return abs(float(wrap(yaw[self.other, step] - yaw[_EGO, step])))
-
-    def gaps(self, follower: int, leader: int, step: int) -> tuple[float, float]:
-        """Bumper to bumper [m] along the follower's heading, and side to side [m]; negative where they overlap."""
-        return gaps(self.scenario, follower, leader, step)
-
-    def acts(self, name: OffenceName, within_s: float = np.inf) -> dict[int, OffendingAct]:
-        """Who of the two did something against the law in the last seconds, and what."""
-        since = max(self.hit.step - within_s / self.scenario.dt, 0)
-        return acts(self.scenario, name, self.hit.step, (_EGO, self.other), int(since))
-
-    def late_acts(self, name: OffenceName) -> dict[int, OffendingAct]:
-        """The same within the last second, of those that moved then."""
-        late = slice(max(self.before - round(_LATE_S / self.scenario.dt), 0), self.before + 1)
-        speed = self.scenario.tracks.speed[:, late]
-        return {a: act for a, act in self.acts(name, _LATE_S).items() if speed[a].max() > STANDING_M_S}
-
-    def turned(self, agent: int) -> float:
-        """By how much its heading changed over the last seconds [rad], positive to the left."""
-        first = max(self.before - round(_TURN_S / self.scenario.dt), 0)
-        steps = np.arange(first, self.before + 1)[self.scenario.tracks.valid[agent, first : self.before + 1]]
-        yaw = np.unwrap(self.scenario.tracks.yaw[agent, steps])
-        return float(yaw[-1] - yaw[0])
-
-    @cached_property
-    def lately(self) -> int:
-        """The step 2 s before the last one without contact, or the first at which both are there."""
-        there = self.scenario.tracks.valid[[_EGO, self.other]].all(axis=0)
-        return max(self.before - round(_MERGED_S / self.scenario.dt), int(np.argmax(there)))
-
-    def cut_in(self, follower: int, leader: int) -> int | None:
-        """The step, in the last 2 s, at which two that were side by side came into one lane; None if it was earlier."""
-        apart = [k for k in range(self.lately, self.before + 1) if self.gaps(follower, leader, k)[1] > 0.0]
-        return min(apart[-1] + 1, self.before) if apart else None
-
-    def drifted(self, agent: int) -> float:
-        """How far [m] the agent moved across its road lately."""
-        steps = np.arange(self.lately, self.before)
-        road = np.array([self._road_heading(agent, int(step)) for step in steps])
-        dx, dy = (
-            np.diff(v[agent, self.lately : self.before + 1]) for v in (self.scenario.tracks.x, self.scenario.tracks.y)
-        )
-        return abs(float(np.sum(dy * np.cos(road) - dx * np.sin(road))))
-
-    def _road_heading(self, agent: int, step: int) -> float:
-        """Heading [rad] of the nearest lane that runs the agent's way, or its own where there is none."""
-        at, lanes = self._lanes_at(agent, step)
-        yaw = float(self.scenario.tracks.yaw[agent, step])
-        along = [lane for lane in lanes if abs(float(wrap(_heading(lane, at) - yaw))) < ALONG_RAD]
-        return _heading(min(along, key=lambda lane: shapely.LineString(lane.centre).distance(at)), at) if along else yaw
-
-    def _lanes_at(self, agent: int, step: int) -> tuple[shapely.Point, list[Lane]]:
-        """Where the agent is, and the lanes of its level near it."""
-        road, tracks = self.scenario.road, self.scenario.tracks
-        x, y, z = (float(values[agent, step]) for values in (tracks.x, tracks.y, tracks.z))
-        at = shapely.Point(x, y)
-        near = [road.lanes[i] for i in road.centre_lines.query(at, predicate="dwithin", distance=_LANE_REACH_M)]
-        return at, [lane for lane in near if same_level(height_on(lane, np.array([x, y])), z)]
-
-
-_LANE_REACH_M = 5.0
-
-
-def _heading(lane: Lane, at: shapely.Point) -> float:
-    """Heading of a lane where it is nearest [rad]."""
-    line = shapely.LineString(lane.centre)
-    s = min(float(line.project(at)), line.length - 0.5)
-    (x0, y0), (x1, y1) = (line.interpolate(max(s + ahead, 0.0)).coords[0] for ahead in (0.0, 0.5))
-    return float(np.arctan2(y1 - y0, x1 - x0))
-
-
-# --- the rules -------------------------------------------------------------------------------------
 
 
 class RuleFinding(NamedTuple):
@@ -213,9 +97,9 @@ def _leaves_way(crash: CrashHistory) -> RuleFinding | None:
 
 def _turns_across(crash: CrashHistory) -> RuleFinding | None:
     """One of two that came towards each other turned across the way of the other, which went straight on."""
-    turned = {agent: crash.turned(agent) for agent in (_EGO, crash.other)}
+    turned = {agent: crash.turned(agent) for agent in (EGO, crash.other)}
     yaw = crash.scenario.tracks.yaw[:, crash.before]
-    came = abs(float(wrap(yaw[_EGO] - turned[_EGO] - yaw[crash.other] + turned[crash.other])))
+    came = abs(float(wrap(yaw[EGO] - turned[EGO] - yaw[crash.other] + turned[crash.other])))
     across = [agent for agent, turn in turned.items() if abs(turn) > _TURNED_RAD]
     straight = [agent for agent, turn in turned.items() if abs(turn) < _STRAIGHT_RAD]
     if came < _AGAINST_RAD or len(across) != 1 or len(straight) != 1:
@@ -241,7 +125,7 @@ def _by_each(crash: CrashHistory, found: dict[int, str]) -> RuleFinding | None:
     """Blame those of which something was found."""
     if not found:
         return None
-    blamed: Blamed = "both" if len(found) == 2 else "ego" if _EGO in found else "adversary"
+    blamed: Blamed = "both" if len(found) == 2 else "ego" if EGO in found else "adversary"
     return RuleFinding(blamed, " and ".join(f"{crash.name(agent)} {what}" for agent, what in found.items()))
 
 
@@ -261,7 +145,7 @@ def _cut_in(crash: CrashHistory) -> RuleFinding | None:
         return None
     when = since * crash.scenario.dt
     return RuleFinding(
-        "ego" if leader == _EGO else "adversary",
+        "ego" if leader == EGO else "adversary",
         f"{crash.name(leader)} cut in at {when:.1f} s with a gap of {max(gap, 0.0):.1f} m, safe are {needed:.1f} m "
         f"({crash.name(follower)} at {speeds[0]:.1f} m/s, {crash.name(leader)} at {speeds[1]:.1f} m/s)",
     )
@@ -271,14 +155,14 @@ def _side_swipe(crash: CrashHistory) -> RuleFinding | None:
     """Two that lately drove the same way, side by side: the one that moved sideways more."""
     if crash.turn(crash.lately) > ALONG_RAD or crash.hit.kind not in ("side_swipe", "t_bone"):
         return None
-    moved = {agent: crash.drifted(agent) for agent in (_EGO, crash.other)}
+    moved = {agent: crash.drifted(agent) for agent in (EGO, crash.other)}
     seconds = (crash.before - crash.lately) * crash.scenario.dt
-    said = f"in {seconds:.1f} s the ego moved {moved[_EGO]:.1f} m sideways, the adversary {moved[crash.other]:.1f} m"
+    said = f"in {seconds:.1f} s the ego moved {moved[EGO]:.1f} m sideways, the adversary {moved[crash.other]:.1f} m"
     if max(moved.values()) < _SIDEWAYS_M:
         return None
     if min(moved.values()) >= _SIDEWAYS_M:
         return RuleFinding("both", said)
-    return RuleFinding("ego" if moved[_EGO] > moved[crash.other] else "adversary", said)
+    return RuleFinding("ego" if moved[EGO] > moved[crash.other] else "adversary", said)
 
 
 _SIDEWAYS_M = 0.5
@@ -300,14 +184,14 @@ def _rear_end(crash: CrashHistory) -> RuleFinding | None:
         ran += f"which drove {crash.speed(leader, crash.before):.1f} m/s;"
         ran += f" {(crash.before - since) * crash.scenario.dt:.1f} s before the gap was {max(gap, 0.0):.1f} m"
         ran += f", safe were {safe_distance(v, w):.1f} m"
-    return RuleFinding("ego" if follower == _EGO else "adversary", ran)
+    return RuleFinding("ego" if follower == EGO else "adversary", ran)
 
 
 def _followed(crash: CrashHistory) -> tuple[int, int] | None:
     """(follower, leader) just before a collision of two that drove the same way, one behind the other."""
     if crash.turn(crash.before) > ALONG_RAD:
         return None
-    for follower, leader in ((_EGO, crash.other), (crash.other, _EGO)):
+    for follower, leader in ((EGO, crash.other), (crash.other, EGO)):
         along, across = crash.gaps(follower, leader, crash.before)
         if along > across:
             return follower, leader
@@ -317,17 +201,17 @@ def _followed(crash: CrashHistory) -> tuple[int, int] | None:
 def _standing(crash: CrashHistory) -> RuleFinding | None:
     """One of them had stood for a while, wherever the other one came from."""
     first = max(crash.before - round(_STOOD_S / crash.scenario.dt), 0)
-    speeds = crash.scenario.tracks.speed[[_EGO, crash.other], first : crash.before + 1]
+    speeds = crash.scenario.tracks.speed[[EGO, crash.other], first : crash.before + 1]
     stood = [bool(np.all(own < STANDING_M_S)) for own in speeds]
     if all(stood) or not any(stood):
         return None
-    mover, target = (crash.other, _EGO) if stood[0] else (_EGO, crash.other)
+    mover, target = (crash.other, EGO) if stood[0] else (EGO, crash.other)
     ran = f"{crash.name(mover)} ran into {crash.name(target)} at {crash.speed(mover, crash.before):.1f} m/s, "
-    return RuleFinding("ego" if mover == _EGO else "adversary", f"{ran}which had stood for {_STOOD_S:.1f} s")
+    return RuleFinding("ego" if mover == EGO else "adversary", f"{ran}which had stood for {_STOOD_S:.1f} s")
 
 
 def _unclear(crash: CrashHistory) -> RuleFinding:
-    v, w = (crash.speed(agent, crash.before) for agent in (_EGO, crash.other))
+    v, w = (crash.speed(agent, crash.before) for agent in (EGO, crash.other))
     return RuleFinding(
         "nobody",
         f"{crash.hit.kind} at {crash.hit.time_s:.1f} s, the ego at {v:.1f} m/s, the adversary at {w:.1f} m/s: "

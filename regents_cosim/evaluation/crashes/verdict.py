@@ -1,11 +1,9 @@
 """What is known of one crash of one driver, and how urgent that makes it."""
 
 from dataclasses import dataclass
-from typing import Literal
 
-from regents_cosim.judgement import Escape
+from regents_cosim.judgement import Blamed, Escape
 
-Blamed = Literal["ego", "adversary", "both", "nobody"]
 _BLAME: dict[Blamed | None, int] = {"ego": 0, "both": 0, "nobody": 1, None: 1, "adversary": 2}
 
 

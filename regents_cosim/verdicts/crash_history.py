@@ -1,0 +1,119 @@
+"""What led to a collision, as far as a rule of fault may ask: speeds, gaps, who came into whose lane, offences."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.judgement import OffenceName
+from regents_cosim.limits import ALONG_RAD, STANDING_M_S
+from regents_cosim.maps.levels import height_on
+from regents_cosim.maps.roadmap import Lane
+from regents_cosim.scenario import Collision, Scenario
+from regents_cosim.verdicts.drive import OffendingAct, gaps
+from regents_cosim.verdicts.offences import acts
+
+EGO = 0
+_MERGED_S = 2.0  # one that came into the lane no longer ago has cut in
+_LATE_S = 1.0  # an offence that ended longer before the crash did not lead to it
+_TURN_S = 3.0
+_LANE_REACH_M = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class CrashHistory:
+    """The collision of a scenario, and what led to it."""
+
+    scenario: Scenario
+    hit: Collision
+
+    @cached_property
+    def other(self) -> int:
+        """Index of the one that the ego met."""
+        return next(i for i, agent in enumerate(self.scenario.agents) if agent.id == self.hit.agent)
+
+    @cached_property
+    def before(self) -> int:
+        """The last step without contact."""
+        return max(self.hit.step - 1, 0)
+
+    def name(self, agent: int) -> str:
+        """In words."""
+        return "the ego" if agent == EGO else "the adversary"
+
+    def speed(self, agent: int, step: int) -> float:
+        """Speed [m/s]."""
+        return float(self.scenario.tracks.speed[agent, step])
+
+    def turn(self, step: int) -> float:
+        """By how much the two headings differ [rad]."""
+        yaw = self.scenario.tracks.yaw
+        return abs(float(wrap(yaw[self.other, step] - yaw[EGO, step])))
+
+    def gaps(self, follower: int, leader: int, step: int) -> tuple[float, float]:
+        """Bumper to bumper [m] along the follower's heading, and side to side [m]; negative where they overlap."""
+        return gaps(self.scenario, follower, leader, step)
+
+    def acts(self, name: OffenceName, within_s: float = np.inf) -> dict[int, OffendingAct]:
+        """Who of the two did something against the law in the last seconds, and what."""
+        since = max(self.hit.step - within_s / self.scenario.dt, 0)
+        return acts(self.scenario, name, self.hit.step, (EGO, self.other), int(since))
+
+    def late_acts(self, name: OffenceName) -> dict[int, OffendingAct]:
+        """The same within the last second, of those that moved then."""
+        late = slice(max(self.before - round(_LATE_S / self.scenario.dt), 0), self.before + 1)
+        speed = self.scenario.tracks.speed[:, late]
+        return {a: act for a, act in self.acts(name, _LATE_S).items() if speed[a].max() > STANDING_M_S}
+
+    def turned(self, agent: int) -> float:
+        """By how much its heading changed over the last seconds [rad], positive to the left."""
+        first = max(self.before - round(_TURN_S / self.scenario.dt), 0)
+        steps = np.arange(first, self.before + 1)[self.scenario.tracks.valid[agent, first : self.before + 1]]
+        yaw = np.unwrap(self.scenario.tracks.yaw[agent, steps])
+        return float(yaw[-1] - yaw[0])
+
+    @cached_property
+    def lately(self) -> int:
+        """The step 2 s before the last one without contact, or the first at which both are there."""
+        there = self.scenario.tracks.valid[[EGO, self.other]].all(axis=0)
+        return max(self.before - round(_MERGED_S / self.scenario.dt), int(np.argmax(there)))
+
+    def cut_in(self, follower: int, leader: int) -> int | None:
+        """The step, in the last 2 s, at which two that were side by side came into one lane; None if it was earlier."""
+        apart = [k for k in range(self.lately, self.before + 1) if self.gaps(follower, leader, k)[1] > 0.0]
+        return min(apart[-1] + 1, self.before) if apart else None
+
+    def drifted(self, agent: int) -> float:
+        """How far [m] the agent moved across its road lately."""
+        steps = np.arange(self.lately, self.before)
+        road = np.array([self._road_heading(agent, int(step)) for step in steps])
+        dx, dy = (
+            np.diff(v[agent, self.lately : self.before + 1]) for v in (self.scenario.tracks.x, self.scenario.tracks.y)
+        )
+        return abs(float(np.sum(dy * np.cos(road) - dx * np.sin(road))))
+
+    def _road_heading(self, agent: int, step: int) -> float:
+        """Heading [rad] of the nearest lane that runs the agent's way, or its own where there is none."""
+        at, lanes = self._lanes_at(agent, step)
+        yaw = float(self.scenario.tracks.yaw[agent, step])
+        along = [lane for lane in lanes if abs(float(wrap(_heading(lane, at) - yaw))) < ALONG_RAD]
+        return _heading(min(along, key=lambda lane: shapely.LineString(lane.centre).distance(at)), at) if along else yaw
+
+    def _lanes_at(self, agent: int, step: int) -> tuple[shapely.Point, list[Lane]]:
+        """Where the agent is, and the lanes of its level near it."""
+        road, tracks = self.scenario.road, self.scenario.tracks
+        x, y, z = (float(values[agent, step]) for values in (tracks.x, tracks.y, tracks.z))
+        at = shapely.Point(x, y)
+        near = [road.lanes[i] for i in road.centre_lines.query(at, predicate="dwithin", distance=_LANE_REACH_M)]
+        return at, [lane for lane in near if same_level(height_on(lane, np.array([x, y])), z)]
+
+
+def _heading(lane: Lane, at: shapely.Point) -> float:
+    """Heading of a lane where it is nearest [rad]."""
+    line = shapely.LineString(lane.centre)
+    s = min(float(line.project(at)), line.length - 0.5)
+    (x0, y0), (x1, y1) = (line.interpolate(max(s + ahead, 0.0)).coords[0] for ahead in (0.0, 0.5))
+    return float(np.arctan2(y1 - y0, x1 - x0))
