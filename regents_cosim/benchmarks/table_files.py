@@ -3,7 +3,8 @@
 import json
 from pathlib import Path
 
-from regents_cosim.benchmarks.table1 import Table1, as_json, markdown
+from regents_cosim.benchmarks.table1 import Table1, as_json
+from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.evaluation.crashes.scores import USUAL, MethodScores
 from regents_cosim.reports.bars import PercentWithInterval, draw_bars
 from regents_cosim.reports.curve import draw_curve

@@ -13,7 +13,8 @@ from table_runs import AVOIDABLE, AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, misse
 
 from regents_cosim.attacks.presets import KING, RANDOM, REGENTS, REGENTS_FOCUSED
 from regents_cosim.benchmarks.runs import columns
-from regents_cosim.benchmarks.table1 import as_json, compare, markdown, require_places, table1
+from regents_cosim.benchmarks.table1 import as_json, compare, require_places, table1
+from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import Flaw, Law, Offence

@@ -3,15 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
-from regents_cosim.cli.options import (
-    Count,
-    Networks,
-    OutputIfAny,
-    OutputOptions,
-    ProgramOptions,
-    SearchRules,
-    Seed,
-)
+from regents_cosim.cli.options import Count, Networks, OutputIfAny, OutputOptions, ProgramOptions, SearchRules, Seed
 from regents_cosim.cli.shared import open_terminal
 
 Method = Literal["king", "regents", "focused", "random", "cma-es", "starts", "sumo-aggressive"]
@@ -77,8 +69,9 @@ def table1(
         more places takes over those that it has
     """
     from regents_cosim.benchmarks.runs import TryAgain, columns, tables
-    from regents_cosim.benchmarks.table1 import as_json, markdown, require_places, sections
+    from regents_cosim.benchmarks.table1 import as_json, require_places
     from regents_cosim.benchmarks.table1 import table1 as make_table
+    from regents_cosim.benchmarks.table1_sections import markdown, sections
     from regents_cosim.benchmarks.traffic import traffic_of
 
     wanted = columns(methods, searches, backgrounds, equal_protocol, vars(rules))

@@ -1,0 +1,238 @@
+"""The results table as people read it: a column for each method, planner by planner."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import get_args
+
+from regents_cosim.benchmarks.ceiling import Ceiling
+from regents_cosim.benchmarks.table1 import ALL, COUNTS, MethodComparison, Table1
+from regents_cosim.evaluation.crashes.scores import MethodScores
+from regents_cosim.evaluation.statistics import percent
+from regents_cosim.judgement import UNLAWFUL, Flaw, OffenceName
+
+
+@dataclass(frozen=True)
+class Section:
+    """A grid of the table, and what stands above it."""
+
+    title: str
+    head: tuple[str, ...]
+    cells: list[list[str]]
+
+    def rows(self) -> list[dict[str, str]]:
+        """By headings, without the marks that make text bold."""
+        return [dict(zip(self.head, (cell.strip("*") for cell in row), strict=True)) for row in self.cells]
+
+
+def sections(table: Table1) -> list[Section]:
+    """The table as people read it: a column for each method, planner by planner."""
+    found = []
+    for planner in dict.fromkeys(one.planner for one in table.scores):
+        columns = [one for one in table.scores if one.planner == planner]
+        methods = [one.method for one in columns]
+        found += [
+            Section(f"### {planner}", ("", *methods), _rows(columns)),
+            Section("Crashes by what the road users did against the law:", ("", *methods), _offences(columns)),
+            Section(_BY_USUAL, ("at least", *methods), _by_usual(columns)),
+            *_said(table, planner, methods),
+            *_ceilings(table, planner, methods),
+            *_comparisons(table, planner),
+            Section(
+                "By source, windows with a telling crash / a crash / clean / actionable:",
+                ("", "n", *methods),
+                _grouped([one for one in table.by_source if one.planner == planner], methods, _counts),
+            ),
+        ]
+    return found
+
+
+def markdown(table: Table1) -> str:
+    """The sections as Markdown."""
+    parts = ([part.title, "", *_grid(part.head, part.cells), ""] for part in sections(table))
+    return "\n".join(itertools.chain.from_iterable(parts))
+
+
+def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
+
+
+def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
+    rows: dict[str, Callable[[MethodScores], str]] = {
+        "**telling success**": lambda c: f"**{_telling(c)}**",
+        "route completion": lambda c: f"{c.route_completion_percent} %",
+        "infraction score": lambda c: f"{c.infraction_score:.2f}",
+        "driving score": lambda c: f"{c.driving_score_percent} %",
+        "collision rate": lambda c: f"{c.collision_rate_percent} %",
+        "collide before the attack": lambda c: f"{c.colliding_before} of {c.windows}",
+        "success": lambda c: _share(c.successes, c.n, c.success_percent, c.success_interval),
+        "clean success": lambda c: _share(c.clean, c.n, c.clean_percent, c.clean_interval),
+        "actionable success": lambda c: _share(c.actionable, c.n, c.actionable_percent, c.actionable_interval),
+        "crashes found": lambda c: f"{c.crashes}",
+        **{flaw.heading: _flawed(flaw) for flaw in Flaw},
+        "adversary lawful": _lawful,
+        "avoided by a reference driver": _avoided,
+        "avoidable": lambda c: f"{c.avoidable_percent} %",
+        "avoidable in time": lambda c: f"{c.avoidable_in_time_percent} %",
+        "proven unavoidable": lambda c: f"{c.proven_unavoidable_percent} %",
+        "last evasion before contact": lambda c: _unit(c.evade_before_s, "s"),
+        "usual (percentile, median)": _usual,
+        "kinds": lambda c: ", ".join(f"{n} {kind.replace('_', ' ')}" for kind, n in sorted(c.kinds.items())) or "-",
+        "impact": lambda c: _unit(c.impact_m_s, "m/s"),
+        "at fault": lambda c: ", ".join(f"{who} {n}" for who, n in sorted(c.at_fault.items())) or "-",
+        "deviation": lambda c: _unit(c.deviation_m, "m"),
+        "distance to traffic": lambda c: ", ".join(f"{q} {d:g}" for q, d in c.realism_distance.items()) or "-",
+        "in SUMO the same": lambda c: f"{c.verified_in_sumo}",
+        "windows without a telling crash": _reasons,
+        "protocol": lambda c: c.protocol,
+        "roll-outs of a window, mean (at most)": lambda c: f"{_unit(c.mean_rollouts, '')}".strip() + f" ({c.rollouts})",
+        "time": lambda c: f"{c.seconds:.0f} s",
+    }
+    return [[name, *(show(column) for column in columns)] for name, show in rows.items()]
+
+
+def _said(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:
+    """Places that had a say in the methods, beside those that had none."""
+    groups = [one for one in table.by_say if one.planner == planner]
+    title = "Windows with a telling crash, where places had a say in the method (they were tuned on) and where not:"
+    return [Section(title, ("", "n", *methods), _grouped(groups, methods, _telling))] if groups else []
+
+
+def _ceilings(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:
+    """What any method finds, and the shares of it that each does."""
+    found = [one for one in table.ceilings if one.planner == planner]
+    if not found:
+        return []
+    title = (
+        "The ceiling: windows in which any column finds a telling crash, or "
+        f"{' or '.join(found[0].methods)} (of those where none does), and what each column finds of them:"
+    )
+    head = ("", "n", "any column", "tried again", "found then", "ceiling", *methods)
+    cells = [
+        [one.places, str(one.n), str(one.solved), f"{one.tried} of {one.n - one.solved}", str(one.more)]
+        + [_of_ceiling(one, one.share)]
+        + [_of_ceiling(one, one.of_ceiling.get(method)) for method in methods]
+        for one in found
+    ]
+    return [Section(title, head, cells)]
+
+
+def _of_ceiling(one: Ceiling, share: float | None) -> str:
+    """Estimated where not all windows were tried again."""
+    about = "" if one.tried == one.n - one.solved else "about "
+    return "-" if share is None else f"{about}{100.0 * share:.0f} %"
+
+
+def _comparisons(table: Table1, planner: str) -> list[Section]:
+    """Pairs on all windows; where places had a say and where not, only those that can be compared."""
+    found = []
+    for places in dict.fromkeys(one.places for one in table.comparisons):
+        pairs = [one for one in table.comparisons if (one.planner, one.places) == (planner, places)]
+        shown = [one for one in pairs if places == ALL or one.p is not None]
+        where = "" if places == ALL else f" of places that {places}"
+        why = _APART if any(one.p is None for one in shown) else ""
+        title = f"Windows{where} in which just one of two methods succeeds, and McNemar's p{why}:"
+        found += [Section(title, ("", *COUNTS), _compared(shown))] if shown else []
+    return found
+
+
+_APART = " (-: the two searched by different protocols, so that a p-value would not compare the methods)"
+
+
+def _compared(pairs: Sequence[MethodComparison]) -> list[list[str]]:
+    found: dict[str, dict[str, str]] = {}
+    for pair in pairs:
+        cell = "-" if pair.p is None else f"{pair.only_first} : {pair.only_second}, p = {pair.p:.2g}"
+        found.setdefault(f"{pair.first} : {pair.second}", {})[pair.count] = cell
+    return [[name, *(cells[count] for count in COUNTS)] for name, cells in found.items()]
+
+
+def _grouped(
+    groups: Sequence[MethodScores], methods: Sequence[str], show: Callable[[MethodScores], str]
+) -> list[list[str]]:
+    """A row for each group of windows."""
+    rows = []
+    for name in dict.fromkeys(one.source for one in groups):
+        cells = {one.method: one for one in groups if one.source == name}
+        rows.append([name, str(max(one.n for one in cells.values())), *(show(cells[method]) for method in methods)])
+    return rows
+
+
+def _counts(c: MethodScores) -> str:
+    return " / ".join(map(str, (c.telling, c.successes, c.clean, c.actionable))) + _not_known(c.telling_unknown)
+
+
+def _telling(c: MethodScores) -> str:
+    return _share(c.telling, c.n, c.telling_percent, c.telling_interval) + _not_known(c.telling_unknown)
+
+
+def _offences(columns: Sequence[MethodScores]) -> list[list[str]]:
+    """A row for each offence of an adversary, those that break the law first; then those of the ego."""
+    order = sorted(get_args(OffenceName), key=lambda name: name not in UNLAWFUL)
+    rows = [["crashes", *(str(c.crashes) for c in columns)]]
+    for name in order:
+        words = name.replace("_", " ") + ("" if name in UNLAWFUL else " (reported only)")
+        rows.append([words, *(_told(c.offences, name, c) for c in columns)])
+    rows.append(["none that breaks the law", *map(_lawful, columns)])
+    done = [name for name in order if any(c.ego_offences.get(name) for c in columns)]
+    return rows + [
+        [f"the ego: {name.replace('_', ' ')}", *(_told(c.ego_offences, name, c) for c in columns)] for name in done
+    ]
+
+
+_BY_USUAL = "Windows with a telling crash whose adversary is at least so usual (percentile among continuations):"
+_SHOWN_USUAL = (0, 5, 10, 25, 50, 75)  # of `scores.USUAL`; the JSON and the picture have all
+
+
+def _by_usual(columns: Sequence[MethodScores]) -> list[list[str]]:
+    """The curve of success over how usual the adversary is."""
+    return [[f"{least} %", *(f"{c.telling_by_usual[str(least)]} %" for c in columns)] for least in _SHOWN_USUAL]
+
+
+def _usual(c: MethodScores) -> str:
+    return _unit(c.usual_percent, "%") + _not_known(c.usual_unknown)
+
+
+def _told(offences: dict[str, int], name: str, c: MethodScores) -> str:
+    """The share of the crashes in which an offence can be told; of the others how many there are."""
+    told = c.offences_told.get(name, 0)
+    return (_part(offences.get(name, 0), told) if told else "-") + _not_known(c.crashes - told)
+
+
+def _lawful(c: MethodScores) -> str:
+    known = c.crashes - c.lawful_unknown
+    return (_part(c.lawful, known) if known else "-") + _not_known(c.lawful_unknown)
+
+
+def _flawed(flaw: Flaw) -> Callable[[MethodScores], str]:
+    return lambda column: _part(column.flaws.get(flaw, 0), column.crashes)
+
+
+def _avoided(c: MethodScores) -> str:
+    """By which of them, of the crashes that it drove in."""
+    return ", ".join(f"{name} {c.avoided_by.get(name, 0)} of {n}" for name, n in c.driven_by.items()) or "not known"
+
+
+def _reasons(found: MethodScores) -> str:
+    def words(reason: str, n: int) -> str:
+        offences = ", ".join(f"{m} {name.replace('_', ' ')}" for name, m in found.failing_offences.items())
+        how = f" ({offences})" if reason == "unlawful_only" and offences else ""
+        return f"{n} {reason.replace('_', ' ')}{how}"
+
+    return ", ".join(words(reason, n) for reason, n in found.failures.items() if n) or "-"
+
+
+def _part(some: int, n: int) -> str:
+    return f"{percent(some, n)} %"
+
+
+def _not_known(n: int) -> str:
+    return f"; not known {n}" if n else ""
+
+
+def _share(part: int, n: int, percent: float, bounds: tuple[float, float]) -> str:
+    return f"{part} of {n}: {percent:.0f} % ({bounds[0]:.0f} to {bounds[1]:.0f})"
+
+
+def _unit(value: float | None, unit: str) -> str:
+    return "-" if value is None else f"{value} {unit}"
