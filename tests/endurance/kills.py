@@ -248,7 +248,7 @@ JOBS = (
     Job("pytest --regents-update",
         lambda at: [*_PYTEST, "--regents-suite", at / "suite", "--regents-planner", "idm", "--regents-update",
                     at / "empty"],
-        "suite", _baseline_whole, ours="regents_cosim/pytest_plugin.py"),
+        "suite", _baseline_whole, ours="regents_cosim/pytest_plugin/"),
 )  # fmt: skip
 
 _SLOW = """

@@ -1,0 +1,68 @@
+"""The pytest plugin: every case of a suite is a test of a planner.
+
+    pytest --regents-suite scenarios/standard --regents-planner my_package.planner:Mine
+
+Loading it imports neither NumPy nor JAX; without `--regents-suite` it does nothing. What a regression
+is says `evaluation.regression.comparison`; here are only the hooks. Needs pytest 8.3 or newer.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from regents_cosim.pytest_plugin.fixture import Regents
+from regents_cosim.pytest_plugin.session import SuiteSession
+from regents_cosim.pytest_plugin.settings import WHERE, suites
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_RUN = "regents-run"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """One group of options; those that are no matter of a single run have an ini key of the same name."""
+    group = parser.getgroup("regents", "regression tests of driving planners (regents_cosim)")
+
+    def add(name: str, text: str, **how: Any) -> None:
+        group.addoption(f"--regents-{name}", dest=f"regents_{name}", help=text, **how)
+
+    add("suite", "folder of cases to run as tests; may be given more than once", action="append", metavar="PATH")
+    add("planner", "system under test, as in `regents evaluate --planner`", metavar="NAME")
+    add("in", "where it drives: mirror (default), sumo or highway", choices=WHERE)
+    add("baseline", "file of accepted outcomes (default: baseline.json in each suite)", metavar="PATH")
+    add("update", "accept what the planner does now, and print what changed", action="store_true")
+    add("fail", 'also fail on metrics that get worse, e.g. "min_ttc_s:-5%% collision:+0"', metavar="EXPR")
+    add("strict", "fail on improvements that are not accepted yet", action="store_true")
+    add("margin", "measure how little of an attack makes the planner fail (up to six more drives per case)",
+        action="store_true")  # fmt: skip
+    add("act-timeout", "a planner that takes longer over one decision has failed (default: 10)", type=float,
+        metavar="SECONDS")  # fmt: skip
+    parser.addini("regents_suite", "folders of cases to run as tests", type="paths")
+    parser.addini("regents_planner", "system under test")
+    parser.addini("regents_in", "where it drives: mirror, sumo or highway", default="mirror")
+    parser.addini("regents_act_timeout", "a planner that takes longer over one decision has failed [s]", default="10")
+    parser.addini("regents_baseline", "file of accepted outcomes", type="paths")
+    parser.addini("regents_fail", "which metrics may get how much worse")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Register the marker, and where a suite is named everything else."""
+    config.addinivalue_line(
+        "markers",
+        "regents(suite, kind, network, planner): a case of a suite; choose with -m \"regents(kind='t_bone')\", "
+        "or with -k by the same words",
+    )
+    if suites(config) and not config.option.help:
+        config.pluginmanager.register(SuiteSession(config), _RUN)
+
+
+@pytest.fixture(scope="session")
+def regents(pytestconfig: pytest.Config) -> Iterator[Regents]:
+    """Drives a planner through cases: `regents.drive(case)`, `regents.suite`."""
+    run = pytestconfig.pluginmanager.get_plugin(_RUN)
+    found = Regents(pytestconfig, run)
+    yield found
+    found.close()

@@ -1,0 +1,96 @@
+"""A suite as pytest sees it: a file, and an item for each case."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from regents_cosim.evaluation.regression.comparison import RegressionVerdict
+    from regents_cosim.pytest_plugin.session import SuiteSession
+
+
+class SuiteFile(pytest.File):
+    """suite.json: its items are the cases."""
+
+    def __init__(self, *, run: SuiteSession, **rest: Any) -> None:
+        super().__init__(**rest)
+        self.run = run
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """The cases in the order of the manifest."""
+        suite = self.path.resolve().parent
+        for case in self.run.cases[suite]:
+            yield CaseItem.from_parent(self, name=case, run=self.run, suite=suite)
+
+
+class CaseItem(pytest.Item):
+    """One case: passes unless the planner got worse in it."""
+
+    def __init__(self, *, run: SuiteSession, suite: Path, **rest: Any) -> None:
+        super().__init__(**rest)
+        self.run, self.suite, self.folder = run, suite, suite / self.name
+        self.verdict: RegressionVerdict | None = None
+        self.adversary, self.advice = "", ""
+        self.properties: list[tuple[str, str]] = []
+        self._mark()
+
+    def _mark(self) -> None:
+        from regents_cosim.errors import CaseError
+        from regents_cosim.evaluation.suites.cards import card_of
+
+        try:
+            card = card_of(self.folder)
+        except CaseError:
+            return  # said when it runs
+        self.adversary, self.properties = card.adversary_in_words, card.properties
+        self.add_marker(
+            pytest.mark.regents(suite=self.suite.name, kind=card.kind, network=card.network, planner=card.planner)
+        )
+        self.extra_keyword_matches |= {card.kind, card.network}
+
+    def runtest(self) -> None:
+        """Drive and judge."""
+        self.verdict = self.run.judge(self.suite, self.name)
+        now = self.verdict.now
+        self.user_properties += [("verdict", self.verdict.status), ("outcome", now.outcome), *now.metrics.items()]
+        self.user_properties += self.properties
+        if not self.run.accepts(self.verdict):
+            if now.outcome == "collision":
+                self.advice = self.run.drives.advice(self.folder)
+                self.user_properties += [("advice", self.advice)] if self.advice else []
+            raise _RegressionError(self.verdict)
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        """Case, adversary, what happened, baseline and now, and how to see it; no traceback of ours."""
+        from regents_cosim.errors import RegentsError
+        from regents_cosim.evaluation.regression.comparison import explain
+
+        if isinstance(excinfo.value, _RegressionError):
+            folder = _relative(self.folder, self.config.invocation_params.dir)
+            of, (planner, where) = excinfo.value.verdict, (self.run.planner, self.run.where)
+            return explain(of, folder, planner, where, self.adversary, self.advice)
+        if isinstance(excinfo.value, RegentsError):
+            return f"{self.name}: {excinfo.value}"
+        return super().repr_failure(excinfo, style)
+
+    def reportinfo(self) -> tuple[Path, int | None, str]:
+        """The heading of a failure."""
+        return self.path, None, f"{self.suite.name}::{self.name}"
+
+
+class _RegressionError(Exception):
+    """A verdict that is no pass."""
+
+    def __init__(self, verdict: RegressionVerdict) -> None:
+        super().__init__("; ".join(verdict.reasons))
+        self.verdict = verdict
+
+
+def _relative(folder: Path, start: Path) -> Path:
+    """As short as it can be pasted where pytest was started."""
+    return folder.relative_to(start) if folder.is_relative_to(start) else folder

@@ -1,0 +1,217 @@
+"""One session with suites: their cases are collected, judged, reported, and what is accepted is saved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import pytest
+
+from regents_cosim.pytest_plugin.items import CaseItem, SuiteFile
+from regents_cosim.pytest_plugin.settings import drives_ahead, from_here, is_worker, option, suites, where
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterable
+
+    from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome
+    from regents_cosim.evaluation.regression.comparison import RegressionVerdict
+    from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
+
+_VERDICT = "regents_verdict"  # on a report
+
+
+def _refuse_code(suite: Path) -> None:
+    """A suite is data: pytest is not to run what it holds, or to take its configuration from there."""
+    from regents_cosim.cases.suite_code import code_for_pytest
+    from regents_cosim.errors import RegentsError
+
+    if found := code_for_pytest(suite):
+        raise RegentsError(
+            f"{suite} holds {', '.join(found)}, which pytest would run or obey: remove it, or start pytest in the "
+            "suite's own folder if it is yours"
+        )
+
+
+class SuiteSession:
+    """One session with suites: collects their cases, judges what the planner does, reports."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self.config = config
+        self.planner = option(config, "planner")
+        self.update, self.strict = config.option.regents_update, config.option.regents_strict
+        self.margin = config.option.regents_margin
+        self._drives: DrivesAhead | None = None
+        self.verdicts: dict[tuple[Path, str], RegressionVerdict] = {}
+        if pytest.version_tuple < (9,):  # older ones leave out the other tests of the folder that a suite lies in
+            raise pytest.UsageError(f"--regents-suite needs pytest 9 or newer, this is {pytest.__version__}")
+        if not self.planner:
+            raise pytest.UsageError("--regents-suite needs the planner that is tested: --regents-planner NAME")
+        self.where = where(config)
+        with _usage_errors():
+            self._read()
+        here = config.invocation_params.dir
+        named = {Path(here, argument.partition("::")[0]).resolve() for argument in config.args}
+        config.args += [str(suite / "suite.json") for suite in self.cases if suite / "suite.json" not in named]
+
+    def _read(self) -> None:
+        from regents_cosim.cases.shipped import require_own
+        from regents_cosim.cases.suite import suite_cases
+        from regents_cosim.evaluation.regression.baseline import load_baseline, require_one_home
+        from regents_cosim.evaluation.regression.comparison import thresholds_measurable
+        from regents_cosim.evaluation.regression.thresholds import parse_thresholds
+
+        self.cases = {suite.resolve(): suite_cases(suite) for suite in suites(self.config)}
+        for suite in self.cases:
+            _refuse_code(suite)
+        self.baseline_files = self._baseline_files()
+        if self.update:
+            for file in self.baseline_files.values():
+                require_own(file, "--regents-baseline")
+        require_one_home(self.cases, self.baseline_files)
+        self.baselines: dict[Path, Baseline] = {f: load_baseline(f) for f in set(self.baseline_files.values())}
+        self.thresholds = parse_thresholds(option(self.config, "fail"))
+        thresholds_measurable(self.thresholds, self.margin)
+
+    def _baseline_files(self) -> dict[Path, Path]:
+        from regents_cosim.evaluation.regression.baseline import FILE
+
+        given, from_ini = self.config.option.regents_baseline, self.config.getini("regents_baseline")
+        one = from_here(self.config, given) if given else Path(from_ini[0]) if from_ini else None
+        return {suite: one or suite / FILE for suite in self.cases}
+
+    @property
+    def drives(self) -> DrivesAhead:
+        """Where the drives come from; made, and JAX imported, when it is first asked for."""
+        if self._drives is None:
+            self._drives = drives_ahead(self.config, self.planner, self.margin)
+        return self._drives
+
+    # --- collection and order ------------------------------------------------------------------
+
+    def pytest_collect_file(self, file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+        """The manifests of the suites, and no other file."""
+        if file_path.name == "suite.json" and file_path.resolve().parent in self.cases:
+            return SuiteFile.from_parent(parent, path=file_path, run=self)
+        return None
+
+    def pytest_runtestloop(self, session: pytest.Session) -> None:
+        """A planner that does not exist is wrong usage, said once and not by every case."""
+        if not is_worker(self.config) and not self.config.option.collectonly and self._mine(session.items):
+            with _usage_errors():
+                self.drives.begin(self._mine(session.items))
+
+    def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> None:
+        """A worker of xdist knows one item ahead."""
+        if is_worker(self.config) and isinstance(item, CaseItem):
+            self.drives.begin(self._mine(filter(None, (item, nextitem))))
+
+    def _mine(self, items: Iterable[pytest.Item]) -> list[Path]:
+        return [item.folder for item in items if isinstance(item, CaseItem)]
+
+    # --- verdicts ------------------------------------------------------------------------------
+
+    def judge(self, suite: Path, case: str) -> RegressionVerdict:
+        """What the planner does in a case now, held against what was accepted."""
+        from regents_cosim.evaluation.regression.comparison import judge_drive
+
+        baseline = self.baselines[self.baseline_files[suite]].of(self.planner, self.where)
+        return judge_drive(case, self.drives.of(suite / case), baseline.get(case), self.thresholds)
+
+    def accepts(self, verdict: RegressionVerdict) -> bool:
+        """Whether its item passes; what an update accepts is anything but a planner that fails."""
+        if self.update:
+            return verdict.now.outcome != "planner_error"
+        return not verdict.fails(self.strict)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(
+        self, item: pytest.Item, call: pytest.CallInfo[None]
+    ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        """The verdict travels with the report, from a worker of xdist to the controller as well."""
+        report = yield
+        if isinstance(item, CaseItem) and call.when == "call" and item.verdict is not None:
+            import msgspec
+
+            vars(report)[_VERDICT] = [str(item.suite), msgspec.to_builtins(item.verdict)]
+        return report
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Gather the verdicts, here or on the controller."""
+        if not is_worker(self.config) and _VERDICT in vars(report):
+            import msgspec
+
+            from regents_cosim.evaluation.regression.comparison import RegressionVerdict
+
+            suite, values = vars(report)[_VERDICT]
+            verdict = msgspec.convert(values, RegressionVerdict)
+            self.verdicts[Path(suite), verdict.case] = verdict
+
+    def pytest_sessionfinish(self) -> None:
+        """End what is still running; accept, on the controller alone."""
+        if self._drives is not None:
+            self._drives.close()
+        if self.update and not is_worker(self.config):
+            from regents_cosim.errors import RegentsError
+
+            try:
+                self._save()
+            except RegentsError as error:
+                pytest.exit(f"nothing accepted: {error}", returncode=4)
+            except KeyboardInterrupt:  # each file is written as a whole or not at all
+                pytest.exit("interrupted while outcomes were being accepted", returncode=pytest.ExitCode.INTERRUPTED)
+
+    def _save(self) -> None:
+        from regents_cosim.cases.suite import suite_cases
+        from regents_cosim.evaluation.regression.baseline import update_baseline
+
+        for file in self.baselines:
+            suites = [suite for suite, its in self.baseline_files.items() if its == file]
+            new = {case: v.now for (suite, case), v in self.verdicts.items() if suite in suites and self.accepts(v)}
+
+            def accept(now: Baseline, suites: list[Path] = suites, new: dict[str, DriveOutcome] = new) -> Baseline:
+                listed = [case for suite in suites for case in suite_cases(suite)]
+                return now.accepting(self.planner, self.where, new, listed)
+
+            update_baseline(file, accept)
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """What is worth knowing besides the failures."""
+        from regents_cosim.evaluation.regression.comparison import changes, tally, unused
+
+        if not self.verdicts:
+            return
+        say = terminalreporter.write_line
+        terminalreporter.section(f"regents: {self.planner} in {self.where}")
+        say(tally(list(self.verdicts.values())))
+        told = [("improved", "improved (accept with --regents-update)"), ("known_failure", "known to fail")]
+        for status, title in () if self.update else told:
+            for case in sorted(case for (_, case), v in self.verdicts.items() if v.status == status):
+                say(f"{title}: {case}")
+        for file, baseline in self.baselines.items():
+            listed = [case for suite, its in self.baseline_files.items() if its == file for case in self.cases[suite]]
+            if renamed := baseline.stranger(self.planner, self.where):
+                say(renamed)
+            for case in unused(baseline.of(self.planner, self.where), listed):
+                say(f"{'removed' if self.update else 'unused'} baseline entry: {case} in {file}")
+        if self.update:
+            lines = list(filter(None, (changes(v) for v in self.verdicts.values() if self.accepts(v))))
+            say(f"accepted {len(lines)} changes")
+            for line in lines:
+                say(f"  {line}")
+
+
+class _usage_errors:  # noqa: N801  a context manager reads as a verb
+    """Our errors as pytest's wrong usage: one line, exit code 4."""
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        from regents_cosim.errors import RegentsError
+
+        if isinstance(error, RegentsError):
+            _complain(error)
+
+
+def _complain(error: BaseException) -> NoReturn:
+    raise pytest.UsageError(" ".join(str(error).split())) from error
