@@ -14,7 +14,7 @@ from regents_cosim.attacks.attempts import Candidate
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
 from regents_cosim.attacks.job import SearchJob
-from regents_cosim.attacks.lawful import under_the_law
+from regents_cosim.attacks.lawful import lawful_road, under_the_law
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops
 from regents_cosim.attacks.replanned import BackgroundTraffic
@@ -81,7 +81,7 @@ def _candidate(
 ) -> Candidate:
     """What may be searched for one agent: from each of the starts `found`, and from the log."""
     if setup.config.law == "strict":
-        world = under_the_law(world, scenario, agent)
+        world = under_the_law(world, scenario, agent, lawful_road(scenario, agent))
     job = SearchJob(world, memory, SearchedAgents.only(agent, len(world.valid)))
     if not setup.config.starts:
         return Candidate(scenario, job)

@@ -5,15 +5,16 @@ begin at the candidate's approach and at the lanes that run its way, the same co
 gradient.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
+from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.limits import OVER_LIMIT
-from regents_cosim.mirror.road_field import MARGIN_M, blur_areas
+from regents_cosim.mirror.road_field import MARGIN_M, RoadField, blur_areas
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
@@ -21,21 +22,35 @@ from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 _AROUND_EGO_M = 40.0  # of its track: a candidate that is further away is no danger yet
 
 
-def under_the_law(world: World, scenario: Scenario, agent: int, room: int = 0) -> World:
-    """The same world with a road and a top speed for `agent` alone.
+@dataclass(frozen=True, eq=False)
+class LawfulRoad:
+    """Where one agent may drive."""
 
-    Without a road of its own where the map does not tell, and where roads lie above each other. The road has `room`
-    for so many cells at least.
+    area: BaseGeometry  # [m, map frame]
+    field: RoadField  # the same, blurred, in coordinates that begin at `origin`
+    origin: Float[np.ndarray, " 2"]  # [m, map frame]
+
+
+def lawful_road(scenario: Scenario, agent: int, room: int = 0) -> LawfulRoad | None:
+    """Where `agent` may drive, with `room` for so many cells at least.
+
+    None where the map does not tell, and where roads lie above each other: there the road of all holds.
     """
-    area = lawful_area(scenario, agent)
+    area = None if scenario.heights.stacked else lawful_area(scenario, agent)
+    if area is None or area.is_empty:
+        return None
+    origin = scene_origin(scenario)
+    return LawfulRoad(area, blur_areas([area], *_bounds(scenario, area), origin, room=room), origin)
+
+
+def under_the_law(world: World, scenario: Scenario, agent: int, road: LawfulRoad | None) -> World:
+    """The same world with a top speed for `agent` alone, and with a `road` of its own if it has one."""
     limited = world.top_speed.at[agent].set(_top_speed(scenario, agent))
     world = replace(world, top_speed=limited)
-    if area is None or area.is_empty or world.heights is not None:
+    if road is None:
         return world
-    low, high = _bounds(scenario, area)
-    road = blur_areas([area], low, high, scene_origin(scenario), room=room)
-    on_road = world.on_road.at[:, agent].set(_began_on(scenario, agent, area))
-    return replace(world, own_road=road, on_road=on_road)
+    on_road = world.on_road.at[:, agent].set(_began_on(scenario, agent, road.area))
+    return replace(world, own_road=road.field.seen_from(scene_origin(scenario) - road.origin), on_road=on_road)
 
 
 def _top_speed(scenario: Scenario, agent: int) -> float:

@@ -8,7 +8,7 @@ of many speed profiles (`speed_profiles`) that enter a marked place are starts. 
 the ego's place would see coming for some seconds: gentle, from the side.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -26,7 +26,7 @@ from regents_cosim.attacks.speed_profiles import drive, profiles
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ACCEL_WINDOW_S, ALONG_RAD
-from regents_cosim.mirror.actions import fit_controls
+from regents_cosim.mirror.actions import FIT_PASSES, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import World, scene_origin
@@ -40,6 +40,7 @@ _TURN_OVER_S = 0.3  # by which a turn is told
 _LEADS = 0.9  # of the ego's length ahead of its centre: the ego runs into its rear
 _SEEN_S = 2.0  # before the crash: what a careful driver needs to see, to decide and to brake
 _SIDEWAYS_S = 0.5  # over which turning is taken: lines have kinks
+_ROUNDING_M = 1e-3
 _ALIKE = np.array([0.6, 2.0, np.deg2rad(30.0)])  # contacts that differ by less are alike: s, m, rad
 
 
@@ -56,8 +57,13 @@ class Start:
     promise: float  # the greater the earlier it is tried
 
 
-def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int) -> list[Controls]:
-    """The actions [1, step] with which a job's candidate follows drives, of which there are at most `most`."""
+def followed(
+    scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int, passes: int = FIT_PASSES
+) -> list[Controls]:
+    """The actions [1, step] with which a job's candidate follows drives, of which there are at most `most`.
+
+    They are fitted in so many `passes`.
+    """
     if not found:
         return []
     padded = [*found, *[found[-1]] * (most - len(found))]  # one compiled program for any number
@@ -67,18 +73,18 @@ def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: i
     yaw = yaw + 2.0 * np.pi * np.round((begun - yaw[:, :1]) / (2.0 * np.pi))
     wanted = Motion(*(jnp.asarray(v, jnp.float32) for v in (x - origin[0], y - origin[1], yaw, speed)))
     world = replace(job.world.without_road(), bounds=job.world.bounds)
-    actions = to_actions(_allowed(world, job.searched, _fitted(job, wanted)))
+    actions = to_actions(_allowed(world, job.searched, _fitted(job, wanted, passes)))
     return [jax.tree.map(lambda values, k=k: values[k], actions) for k in range(len(found))]
 
 
-def _fitted(job: SearchJob, wanted: Motion) -> Controls:
+def _fitted(job: SearchJob, wanted: Motion, passes: int) -> Controls:
     """The controls [drive, step] with which the job's candidate follows drives [drive, time]."""
     start, moving, half_length = jax.tree.map(
         lambda values: jnp.repeat(values, len(wanted.x), axis=0),
         job.searched.rows((job.world.start, job.world.moving, job.world.half_length)),
     )
     there = jnp.ones(wanted.x.shape, bool)
-    return fit_controls(wanted, there, start, moving, job.world.dt, half_length, job.world.dynamics)
+    return fit_controls(wanted, there, start, moving, job.world.dt, half_length, job.world.dynamics, passes)
 
 
 @compiled
@@ -92,20 +98,31 @@ def starts(scenario: Scenario, agent: int, ego: Tracks, most: int, limits: Drivi
 
     They keep to the `limits`.
     """
-    ordered = sorted(_meetings(scenario, agent, ego, limits), key=lambda start: -start.promise)
-    return _different(ordered, most, _Others(scenario, agent).leave_alone)
-
-
-def _different(ordered: Sequence[Start], most: int, free: Callable[[Start], bool]) -> list[Start]:
-    """The first free ones that do not meet the ego like one before."""
-    chosen: list[Start] = []
-    for start in ordered:
+    pair = _Pair.of(scenario, agent, ego)
+    drives = _drives(scenario, agent, pair, limits)
+    if drives is None:
+        return []
+    contact = np.column_stack([(pair.first + drives.meets) * scenario.dt, _contact(drives, pair.own)])
+    promise = _promise(drives, pair.own, scenario)
+    others, chosen, left = _Others(scenario, agent), list[Start](), np.ones(len(promise), bool)
+    for row in np.argsort(-promise, kind="stable").tolist():
         if len(chosen) == most:
             break
-        apart = (np.abs(np.subtract(start.contact, one.contact)) / _ALIKE for one in chosen)
-        if all((scaled > 1.0).any() for scaled in apart) and free(start):
+        start = _start(drives, row, pair.first, contact[row], float(promise[row])) if left[row] else None
+        if start is not None and others.left_alone_by(start):
             chosen.append(start)
+            left &= (np.abs(contact - contact[row]) > _ALIKE).any(axis=1)
     return chosen
+
+
+def _start(drives: "_Drives", row: int, first: int, contact: Float[np.ndarray, " 3"], promise: float) -> Start:
+    """One of some drives over the whole horizon; the candidate enters at step `first`."""
+    x, y, yaw, speed = (
+        np.concatenate([np.full(first, values[row, 0]), values[row]])
+        for values in (drives.x, drives.y, drives.yaw, drives.speed)
+    )
+    when, ahead, turn = contact.tolist()
+    return Start(x, y, yaw, speed, first + int(drives.meets[row]), (when, ahead, turn), promise)
 
 
 class _Others:
@@ -120,7 +137,7 @@ class _Others:
         self._there = scenario.tracks.valid[counts] & scenario.tracks.valid[agent]
         self._size = scenario.agents[agent].length, scenario.agents[agent].width
 
-    def leave_alone(self, start: Start) -> bool:
+    def left_alone_by(self, start: Start) -> bool:
         """Whether the drive touches none of them up to where it meets the ego."""
         upto = np.s_[: start.meets + 1]
         near = np.hypot(self._x[:, upto] - start.x[upto], self._y[:, upto] - start.y[upto])
@@ -144,24 +161,6 @@ class _Drives:
     speed: Float[np.ndarray, "drive time"]
 
 
-def _meetings(scenario: Scenario, agent: int, ego: Tracks, limits: DrivingLimits) -> Iterator[Start]:
-    """All drives that meet the ego, late enough that a driver could react."""
-    pair = _Pair.of(scenario, agent, ego)
-    drives = _drives(scenario, agent, pair, limits)
-    if drives is None:
-        return
-    contact = _contact(drives, pair.own)
-    promise = _promise(drives, pair.own, scenario)
-    for row in range(len(drives.meets)):
-        x, y, yaw, speed = (
-            np.concatenate([np.full(pair.first, values[row, 0]), values[row]])
-            for values in (drives.x, drives.y, drives.yaw, drives.speed)
-        )
-        meets = pair.first + int(drives.meets[row])
-        met = (meets * scenario.dt, float(contact[row, 0]), float(contact[row, 1]))
-        yield Start(x, y, yaw, speed, meets, met, float(promise[row]))
-
-
 @dataclass(frozen=True, eq=False)
 class _Pair:
     """The candidate and the ego, from the step on at which the candidate is first seen."""
@@ -182,13 +181,22 @@ class _Pair:
 
     def touch(self, x: np.ndarray, y: np.ndarray, yaw: np.ndarray) -> Bool[np.ndarray, "row time"]:
         """Whether the candidate touches the ego at places [row time]; asked only of those that are near."""
-        reach = 0.5 * (np.hypot(*self.mine) + np.hypot(*self.its))
-        hits = (np.hypot(x - self.own[0], y - self.own[1]) < reach) & self.there
+        reach = 0.5 * (np.hypot(*self.mine) + np.hypot(*self.its)) + _ROUNDING_M
+        hits = np.zeros(np.broadcast_shapes(x.shape, self.there.shape), bool)
+        some = np.flatnonzero(_within(x, self.own[0], reach) & _within(y, self.own[1], reach))
+        hits[some] = ((x[some] - self.own[0]) ** 2 + (y[some] - self.own[1]) ** 2 < reach**2) & self.there
         row, step = np.nonzero(hits)
         mx, my, heading = (np.broadcast_to(values, hits.shape)[row, step] for values in (x, y, yaw))
         ex, ey, towards = (values[step] for values in self.own)
         hits[row, step] = overlap(Boxes(mx, my, heading, *self.mine), Boxes(ex, ey, towards, *self.its))
         return hits
+
+
+def _within(
+    values: Float[np.ndarray, "row *time"], own: Float[np.ndarray, " time"], reach: float
+) -> Bool[np.ndarray, " row"]:
+    """Rows with a value that is within reach of the ego's range."""
+    return ((values > own.min() - reach) & (values < own.max() + reach)).any(axis=1)
 
 
 def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits) -> _Drives | None:

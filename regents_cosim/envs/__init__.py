@@ -12,6 +12,7 @@ env = gymnasium.make("regents/SumoReplay-v0", config={"suite": "suite"})
 
 import gymnasium
 
+from regents_cosim.envs.live_adversary import LiveAdversary as LiveAdversary
 from regents_cosim.envs.sumo_replay import SumoReplayEnv as SumoReplayEnv
 from regents_cosim.replays.highway.gym import HighwayReplayEnv as HighwayReplayEnv
 from regents_cosim.replays.highway.inject import InjectScenario as InjectScenario

@@ -1,7 +1,7 @@
-"""What happened live as an ordinary case: everybody's tracks up to the contact and a little beyond.
+"""What happened live as an ordinary case: all tracks up to the contact and a little beyond.
 
-Beyond it nothing has happened yet, so what is predicted from there is appended: whoever asks whether a crash could have
-been avoided has to see where that would have led. `original` is what was predicted of the ego and of the adversary when
+Beyond it nothing has happened yet, so what is predicted from there is appended: a crash could have been avoided if
+there was a way that leads on. `original` is what was predicted of the ego and of the adversary when
 the attack began, and of all others what they did.
 """
 
@@ -15,8 +15,7 @@ import numpy as np
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.geometry.frames import SumoPose, from_sumo
-from regents_cosim.live.reading import Frame
+from regents_cosim.live.frame import Frame
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import AttackRecord, Outcome, Scenario, Signal, Tracks
 from regents_cosim.sources.recording import Recording, changes
@@ -27,7 +26,7 @@ _FIELDS = ("x", "y", "yaw", "z")
 
 
 @dataclass(frozen=True, eq=False)
-class Foretold:
+class Forecast:
     """What was predicted at some time, by id."""
 
     time_s: float
@@ -36,7 +35,7 @@ class Foretold:
     tracks: Tracks
 
     def at(self, name: str, times_s: np.ndarray) -> dict[str, np.ndarray]:
-        """X, y, yaw, z and speed of somebody at times; straight on beyond the prediction's end."""
+        """X, y, yaw, z and speed of a vehicle at times; straight on beyond the prediction's end."""
         row = self.ids.index(name)
         own = np.arange(self.tracks.steps) * self.dt
         since = np.asarray(times_s) - self.time_s
@@ -47,12 +46,12 @@ class Foretold:
         return found
 
     def there(self, name: str) -> bool:
-        """Whether somebody is there throughout."""
+        """Whether a vehicle is there throughout."""
         return name in self.ids and bool(self.tracks.valid[self.ids.index(name)].all())
 
 
 @dataclass(frozen=True)
-class Attacked:
+class AttackSummary:
     """How an attack went, for its record."""
 
     adversary: str
@@ -70,9 +69,9 @@ def case_of(
     frames: Sequence[Frame],
     dt: float,
     road: RoadMap,
-    attacked: Attacked,
-    before: Foretold,
-    after: Foretold,
+    attacked: AttackSummary,
+    before: Forecast,
+    after: Forecast,
     tail_s: float,
 ) -> Scenario:
     """The case of some frames. Of a near miss, `attacked.outcome` says that there was no collision."""
@@ -107,8 +106,8 @@ def case_of(
     return dataclasses.replace(base, id=name, agents=agents, attack=record, original=original)
 
 
-def _recording(frames: Sequence[Frame], dt: float, after: Foretold, further: int) -> Recording:
-    """Everybody's motion in the frames, and what is foretold for some steps after them."""
+def _recording(frames: Sequence[Frame], dt: float, after: Forecast, further: int) -> Recording:
+    """All motion in the frames, and the forecast for some steps after them."""
     ids = sorted({name for frame in frames for name in frame.ids})
     row = {name: index for index, name in enumerate(ids)}
     types = {name: kind for frame in frames for name, kind in zip(frame.ids, frame.types, strict=True)}
@@ -116,10 +115,8 @@ def _recording(frames: Sequence[Frame], dt: float, after: Foretold, further: int
     valid = np.zeros((len(ids), len(frames) + further), bool)
     for step, frame in enumerate(frames):
         at = [row[name] for name in frame.ids]
-        length = np.array([kind.length for kind in frame.types])
-        pose = from_sumo(SumoPose(frame.x, frame.y, frame.angle), length)
-        for key, one in zip(_FIELDS, (*pose, frame.z), strict=True):
-            values[key][at, step] = one
+        for key in _FIELDS:
+            values[key][at, step] = getattr(frame, key)
         valid[at, step] = True
     times = frames[-1].time_s + np.arange(1, further + 1) * dt
     for name in frames[-1].ids:
@@ -155,7 +152,7 @@ def _letters(name: str, frames: Sequence[Frame], further: int) -> list[str]:
     return found + [now] * further
 
 
-def _original(base: Scenario, begin_s: float, dt: float, names: Sequence[str], before: Foretold) -> Tracks:
+def _original(base: Scenario, begin_s: float, dt: float, names: Sequence[str], before: Forecast) -> Tracks:
     """The tracks, with what was foretold of some from then on."""
     tracks = base.tracks
     values = {key: getattr(tracks, key).copy() for key in (*_FIELDS, "speed")}

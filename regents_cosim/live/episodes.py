@@ -11,7 +11,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.errors import DriveError
 from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.history import touched
-from regents_cosim.live.wheel import Wheel
+from regents_cosim.live.planner_driver import PlannerDriver
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
@@ -50,7 +50,7 @@ class Episodes:
 
 
 @dataclass(frozen=True)
-class Ended:
+class EpisodeResult:
     """How one of them ended."""
 
     seed: int
@@ -64,14 +64,14 @@ class Ended:
     told: tuple[str, ...] = ()
 
 
-def run_episodes(episodes: Episodes, seeds: list[int]) -> Iterator[Ended]:
+def run_episodes(episodes: Episodes, seeds: list[int]) -> Iterator[EpisodeResult]:
     """All of them, one after the other in one process; one that dies costs its episode only."""
     with local_processes(1) as executor:
         for seed in seeds:
             yield result_of(submit(executor, run_episode, episodes, seed))
 
 
-def run_episode(episodes: Episodes, seed: int) -> Ended:
+def run_episode(episodes: Episodes, seed: int) -> EpisodeResult:
     """One of them. Call it in a worker process."""
     keep_compiled_programs()
     with scratch_folder() as folder:
@@ -94,11 +94,11 @@ class _Episode:
         self._of, self._seed, self._sumo, self._driver = episodes, seed, sumo, driver
         self._told: list[str] = []
 
-    def run(self) -> Ended:
+    def run(self) -> EpisodeResult:
         """To its end."""
         ego = self._departed()
         if ego is None:
-            return Ended(self._seed, "never departed", self._of.ego)
+            return EpisodeResult(self._seed, "never departed", self._of.ego)
         begun_s = self._now
         adversary = Adversary(
             self._sumo, ego, self._of.expected or self._of.planner, self._of.method,
@@ -117,12 +117,12 @@ class _Episode:
         tally = adversary.tally
         last = tally.adversaries[-1] if tally.adversaries else ""
         lasted_s = round(self._now - begun_s, 3)
-        return Ended(
+        return EpisodeResult(
             self._seed, how, ego, begun_s, lasted_s, last, tally.attacks, tuple(tally.cases), tuple(self._told),
         )  # fmt: skip
 
     def _drive(self, ego: str, adversary: Adversary, until_s: float) -> How:
-        wheel = Wheel(self._sumo, self._driver, self._of.radius_m)
+        wheel = PlannerDriver(self._sumo, self._driver, self._of.radius_m)
         while self._now < until_s:
             frame = wheel.go(ego)
             if frame is None:

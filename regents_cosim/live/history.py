@@ -5,9 +5,9 @@ from collections import deque
 import numpy as np
 
 from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.live.reading import Frame
+from regents_cosim.live.frame import Frame
 
-_GAP = 1.5  # of a step: then somebody went on without telling us
+_GAP = 1.5  # of a step: then the simulation went on without us
 
 
 class History:

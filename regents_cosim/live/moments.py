@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.live.predict import Predictor
-from regents_cosim.live.traffic import Traffic
+from regents_cosim.live.traffic import TrafficState
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
@@ -27,6 +27,7 @@ from regents_cosim.scenario import Provenance, Scenario, Signal, Tracks
 DT_S = 0.1  # of predictions and plans, whatever the simulation's step
 MOST_AGENTS = 32
 CELLS = 2**20  # room of every road field
+FIT_PASSES = 3  # of predictions and drives, which are smooth
 _LANE_POINTS = 2**12
 _TILE_M = 80.0  # the road is known so far around the middle of a tile ...
 _LEAVES_TILE_M = 25.0  # ... which the ego leaves here
@@ -39,7 +40,7 @@ Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s], every `
 class Moment:
     """Traffic at one instant, and the scenario that is predicted from there on."""
 
-    traffic: Traffic
+    traffic: TrafficState
     scenario: Scenario
     world: World
 
@@ -50,7 +51,7 @@ class Moment:
 
     @cached_property
     def background(self) -> Motion:
-        """Everybody's motion [agent time] as predicted, by the mirror's model."""
+        """All motion [agent time] as predicted, by the mirror's model."""
         return jax.block_until_ready(_as_predicted(self.world))
 
     def memory(self, planner: JaxPlanner, name: str) -> Any:
@@ -71,7 +72,7 @@ class Moments:
         self.steps = round(horizon_s / DT_S) + 1
         self._tile: tuple[RoadMap, np.ndarray, RoadField] | None = None
 
-    def of(self, traffic: Traffic, known: Mapping[str, Drive] | None = None) -> Moment:
+    def of(self, traffic: TrafficState, known: Mapping[str, Drive] | None = None) -> Moment:
         """The moment of some traffic, of which some will drive as is `known`, by id."""
         tracks = with_drives(self.predictor.predict(traffic, DT_S, self.steps), traffic, known or {})
         scenario = Scenario(
@@ -85,7 +86,7 @@ class Moments:
             signals=tuple(Signal(name, ((0, letters),)) for name, letters in sorted(traffic.lights.items())),
         )
         road = None if scenario.heights.stacked else self._road(scenario)
-        return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road))
+        return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, passes=FIT_PASSES))
 
     def _road(self, scenario: Scenario) -> RoadField:
         """The field around the ego, blurred again only where that has left the last tile."""
@@ -98,7 +99,7 @@ class Moments:
         return known[2].seen_from(scene_origin(scenario) - known[1])
 
 
-def with_drives(tracks: Tracks, traffic: Traffic, known: Mapping[str, Drive]) -> Tracks:
+def with_drives(tracks: Tracks, traffic: TrafficState, known: Mapping[str, Drive]) -> Tracks:
     """Tracks of the traffic's users in which those that are known drive as they will."""
     rows = {index: drive for name, drive in known.items() if (index := traffic.index(name)) is not None}
     if not rows:

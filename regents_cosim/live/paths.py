@@ -1,4 +1,4 @@
-"""The line that somebody will drive along: the middle of the lanes ahead, joined smoothly from where it is.
+"""The line that a vehicle will drive along: the middle of the lanes ahead, joined smoothly from where it is.
 
 As in SUMO the front bumper follows the line, and so does the rear.
 """
@@ -24,7 +24,7 @@ _SEARCHED = 8  # lanes of a way through a junction
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A line before which somebody has to wait as things stand: a red light, or others that have priority."""
+    """A line before which a vehicle has to wait as things stand: a red light, or others that have priority."""
 
     at_m: float  # from the front bumper
 
@@ -49,7 +49,7 @@ def path_along(
     arrives: bool = False,
     stops: Sequence[Stop] = (),
 ) -> Path:
-    """The path of somebody whose front bumper is beside the first of `lanes`, `along_m` from its begin.
+    """The path of a vehicle whose front bumper is beside the first of `lanes`, `along_m` from its begin.
 
     It comes to the middle within some seconds, and goes straight on where the lanes end.
     """

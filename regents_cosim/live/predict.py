@@ -1,7 +1,7 @@
-"""What everybody will do within the next seconds: the log that a live attack departs from.
+"""What all vehicles will do within the next seconds: the log that a live attack departs from.
 
-A predictor is anything with `predict(traffic, dt, steps) -> Tracks`. `Mirror` lets everybody go on along their own
-route by car-following with their own parameters, the lights as they stand.
+A predictor is anything with `predict(traffic, dt, steps) -> Tracks`. `Mirror` lets each go on along its own
+route by car-following with its own parameters, the lights as they stand.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.live.paths import BEHIND_M, SPACING_M
-from regents_cosim.live.traffic import Traffic
+from regents_cosim.live.traffic import TrafficState
 from regents_cosim.scenario import Tracks
 
 _CELL_M = 2.0  # of the grid that knows which point of a path is near
@@ -24,21 +24,21 @@ _FAR_M = 1e4
 
 
 class Predictor(Protocol):
-    """Says where everybody will be."""
+    """Says where each vehicle will be."""
 
-    def predict(self, traffic: Traffic, dt: float, steps: int) -> Tracks:
+    def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
         """The tracks [user, time] of the traffic's users from now on, `steps` instants `dt` [s] apart."""
         ...
 
 
 class Mirror:
-    """Everybody on their own route, by the Intelligent Driver Model with SUMO's parameters of each.
+    """Each vehicle on its own route, by the Intelligent Driver Model with its parameters in SUMO.
 
-    Source: Treiber, Hennecke and Helbing 2000. Whoever's body is on one's path is a leader; closed lights, and
+    Source: Treiber, Hennecke and Helbing 2000. A body on the path is a leader; closed lights, and
     junctions that others have to be let through first, are standing leaders.
     """
 
-    def predict(self, traffic: Traffic, dt: float, steps: int) -> Tracks:
+    def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
         """The tracks [user, time] from now on."""
         drivers = _Drivers.of(traffic)
         coarse = _STEPS_AT_ONCE * dt
@@ -56,7 +56,8 @@ class Mirror:
 class _Drivers:
     """All users as arrays."""
 
-    points: Float[np.ndarray, "user point 2"]  # of the paths
+    points: Float[np.ndarray, "user point 2"]  # [m] of the paths
+    ways: Float[np.ndarray, "user point 2"]  # unit vectors from each point to the next
     wanted: Float[np.ndarray, "user point"]  # [m/s] there, slow enough for what comes
     near: Int[np.ndarray, "user cell"]  # which point of a path is near a cell, -1 for none
     corner: Float[np.ndarray, " 2"]
@@ -72,7 +73,7 @@ class _Drivers:
     ends: Float[np.ndarray, " user"]  # [m] likewise, where the route ends
 
     @classmethod
-    def of(cls, traffic: Traffic) -> "_Drivers":
+    def of(cls, traffic: TrafficState) -> "_Drivers":
         """Those of the traffic."""
         users = traffic.users
         most = max(len(user.path.points) for user in users)
@@ -86,6 +87,7 @@ class _Drivers:
         waits = [_first_stop(u.path.stops, v, b) for u, v, b in zip(users, speed, decel, strict=True)]
         return cls(
             points=points,
+            ways=_ways(points),
             wanted=wanted,
             near=near,
             corner=corner,
@@ -102,7 +104,7 @@ class _Drivers:
         )
 
     def begin(self) -> tuple[np.ndarray, np.ndarray]:
-        """How far everybody is [m], and how fast [m/s]."""
+        """How far each is [m], and how fast [m/s]."""
         return np.zeros_like(self.speed), self.speed
 
     def advance(self, along: np.ndarray, speed: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -120,7 +122,7 @@ class _Drivers:
         after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
         return along + 0.5 * (speed + after) * dt, after
 
-    def tracks(self, along: np.ndarray, speed: np.ndarray, traffic: Traffic) -> Tracks:
+    def tracks(self, along: np.ndarray, speed: np.ndarray, traffic: TrafficState) -> Tracks:
         """The tracks of users that are so far along [user time], with those speeds."""
         front, rear = self._at(along), self._at(along - self.length[:, None])
         ahead = front - rear
@@ -139,7 +141,7 @@ class _Drivers:
         return Tracks(x, y, yaw, speed, valid, z=z)
 
     def _leaders(self, along: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The gap to the nearest body on everybody's path [m], and how fast that goes along it [m/s]."""
+        """The gap to the nearest body on each path [m], and how fast that goes along it [m/s]."""
         back = np.stack([np.zeros_like(along), 0.5 * self.length, self.length], axis=1)
         body = self._at(along[:, None] - back)  # [other part 2]
         cell = np.rint((body - self.corner) / _CELL_M).astype(int)
@@ -147,26 +149,23 @@ class _Drivers:
         inside = ((cell >= 0) & (cell < (self.columns, rows))).all(axis=-1)
         flat = np.where(inside, cell[..., 1] * self.columns + cell[..., 0], 0)
         index = np.where(inside, self.near[:, flat], -1)  # [user other part]
-        user = np.arange(len(along))[:, None, None]
-        known = np.maximum(index, 0)
-        here = self.points[user, known]
-        way = self.points[user, np.minimum(known + 1, self.points.shape[1] - 1)] - here
-        way /= np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-6)[..., None]
-        away = body - here
-        place = known * SPACING_M - BEHIND_M + (away * way).sum(axis=-1)
-        across = away[..., 1] * way[..., 0] - away[..., 0] * way[..., 1]
-        beside = 0.5 * (self.width[:, None] + self.width)[..., None] + _BESIDE_M
-        gap = place - along[:, None, None]
-        ahead = (index >= 0) & (np.abs(across) < beside) & (gap > -0.5 * self.length[:, None, None])
-        ahead[np.arange(len(along)), np.arange(len(along))] = False
-        gap = np.where(ahead, gap, _FAR_M)
-        nearest = gap.reshape(len(along), -1).argmin(axis=1)
-        other, part = np.divmod(nearest, gap.shape[2])
+        near = user, other, part = np.nonzero(index >= 0)
+        known = index[near]
+        away, way = body[other, part] - self.points[user, known], self.ways[user, known]
+        gap = known * SPACING_M - BEHIND_M + (away * way).sum(axis=-1) - along[user]
+        across = away[:, 1] * way[:, 0] - away[:, 0] * way[:, 1]
+        beside = 0.5 * (self.width[user] + self.width[other]) + _BESIDE_M
+        ahead = (np.abs(across) < beside) & (gap > -0.5 * self.length[user]) & (user != other)
+        gaps = np.full(index.shape, _FAR_M)
+        gaps[near] = np.where(ahead, gap, _FAR_M)
+        mine = np.arange(len(along))
+        other, part = np.divmod(gaps.reshape(len(along), -1).argmin(axis=1), index.shape[2])
+        nearest = gaps[mine, other, part]
         heading = body[:, 0] - body[:, 2]
         heading /= np.maximum(np.hypot(*heading.T), 1e-6)[:, None]
-        mine = np.arange(len(along))
-        lead = speed[other] * (heading[other] * way[mine, other, part]).sum(axis=-1)
-        return gap[mine, other, part], np.where(gap[mine, other, part] < _FAR_M, np.maximum(lead, 0.0), speed)
+        way = self.ways[mine, np.maximum(index[mine, other, part], 0)]
+        lead = speed[other] * (heading[other] * way).sum(axis=-1)
+        return nearest, np.where(nearest < _FAR_M, np.maximum(lead, 0.0), speed)
 
     def _index(self, along: np.ndarray) -> Int[np.ndarray, " user"]:
         return np.clip((along / SPACING_M + BEHIND_M).astype(int), 0, self.points.shape[1] - 1)
@@ -185,6 +184,11 @@ def _prolonged(points: Float[np.ndarray, "point 2"], most: int) -> Float[np.ndar
     return np.concatenate([points, points[-1] + np.arange(1, most - len(points) + 1)[:, None] * ahead])
 
 
+def _ways(points: Float[np.ndarray, "user point 2"]) -> Float[np.ndarray, "user point 2"]:
+    ahead = np.diff(points, axis=1, append=points[:, -1:])
+    return ahead / np.maximum(np.hypot(ahead[..., 0], ahead[..., 1]), 1e-6)[..., None]
+
+
 def _in_time(allowed: Float[np.ndarray, "user point"], decel: Float[np.ndarray, " user"]) -> np.ndarray:
     """Slow enough everywhere for what is allowed further on."""
     gained = 2.0 * decel[:, None] * SPACING_M * np.arange(allowed.shape[1])
@@ -193,7 +197,7 @@ def _in_time(allowed: Float[np.ndarray, "user point"], decel: Float[np.ndarray, 
 
 
 def _first_stop(stops: tuple, speed: float, decel: float) -> float:
-    """Where somebody has to wait first, of the places before which it can still stop [m]."""
+    """Where a vehicle has to wait first, of the places before which it can still stop [m]."""
     need_m = speed**2 / (2.0 * decel)
     return min((stop.at_m for stop in stops if stop.at_m >= need_m - 1.0), default=_FAR_M)
 

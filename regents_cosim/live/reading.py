@@ -1,24 +1,22 @@
 """What a running SUMO simulation says, read through TraCI or libsumo, never changing it.
 
 Every step: who is where around the ego (`Frame`). Before a plan: where their routes lead and how they follow as well
-(`Traffic`). With libsumo calls are cheap. Through TraCI each is a message, so the ego's surroundings are subscribed
-to, unless the user's own code has subscribed to them already.
+(`TrafficState`). With libsumo calls are cheap. Through TraCI each is a message, so the ego's surroundings are
+subscribed to, unless the user's own code has subscribed to them already.
 """
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path as File
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from traci import constants as tc
 
 from regents_cosim.errors import SumoError
-from regents_cosim.geometry.boxes import Boxes
-from regents_cosim.geometry.frames import SumoPose, from_sumo
+from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
+from regents_cosim.live.frame import Frame
 from regents_cosim.live.paths import LaneChains, Path, Stop, path_along
-from regents_cosim.live.traffic import Following, RoadUser, Traffic
+from regents_cosim.live.traffic import Following, RoadUser, TrafficState
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.scenario import Agent
@@ -32,34 +30,6 @@ _LEAST_NEAR_M = 8.0
 _CHANGES_WITHIN_M = 120.0  # of the end of its lane, the ego changes it if its route needs that
 _NOWHERE_M = 1e8
 _REACH_S = 3.0  # of paths, beyond the horizon
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """Who is where around the ego after one step: front bumpers in SUMO's terms, the ego first."""
-
-    time_s: float
-    ids: tuple[str, ...]
-    x: Float[np.ndarray, " vehicle"]  # [m] front bumper
-    y: Float[np.ndarray, " vehicle"]  # [m]
-    angle: Float[np.ndarray, " vehicle"]  # degrees clockwise from north
-    speed: Float[np.ndarray, " vehicle"]  # [m/s]
-    z: Float[np.ndarray, " vehicle"]  # [m] of the road
-    types: tuple[VehicleType, ...]
-    lights: dict[str, str]  # letters by the id of the signal
-
-    @cached_property
-    def boxes(self) -> Boxes:
-        """Everybody's box."""
-        length = np.array([kind.length for kind in self.types])
-        width = np.array([kind.width for kind in self.types])
-        pose = from_sumo(SumoPose(self.x, self.y, self.angle), length)
-        return Boxes(pose.x, pose.y, pose.yaw, length, width, self.z)
-
-    @cached_property
-    def number(self) -> dict[str, int]:
-        """Where each vehicle stands."""
-        return {name: index for index, name in enumerate(self.ids)}
 
 
 @lru_cache(maxsize=4)
@@ -104,14 +74,16 @@ class Reader:
     # --- every step ------------------------------------------------------------------------------
 
     def frame(self, ego: str, time_s: float) -> Frame | None:
-        """Everybody around the ego; None where that is not on the road."""
+        """All vehicles around the ego; None where that is not on the road."""
         rows = self._rows(ego)
         if not rows or rows[0][0] != ego:
             return None
         ids = tuple(row[0] for row in rows)
         x, y, angle, speed, z = np.array([row[1:] for row in rows], float).T
         types = tuple(self._type(name) for name in ids)
-        return Frame(time_s, ids, x, y, angle, speed, z, types, self._shown(x[0], y[0]))
+        pose = from_sumo(SumoPose(x, y, angle), np.array([kind.length for kind in types]))
+        centre_x, centre_y, yaw = (np.asarray(values) for values in pose)
+        return Frame(time_s, ids, centre_x, centre_y, yaw, speed, z, types, self._shown(x[0], y[0]))
 
     def forget(self) -> None:
         """Stop being told of the ego's surroundings."""
@@ -121,7 +93,7 @@ class Reader:
                 self._sumo.vehicle.unsubscribeContext(name, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
 
     def _rows(self, ego: str) -> list[tuple[Any, ...]]:
-        """Name, x, y, angle, speed, z of everybody around, the ego first; empty where it is not there."""
+        """Name, x, y, angle, speed and z of all around, the ego first; empty where it is not there."""
         vehicle = self._sumo.vehicle
         if not self._in_process:
             told = self._told(ego)
@@ -179,7 +151,7 @@ class Reader:
             self._types[name] = VehicleType(kind_of(kind), vehicle.getLength(name), vehicle.getWidth(name), articulated)
         return self._types[name]
 
-    def keep_only(self, names: set[str]) -> None:
+    def _keep_only(self, names: set[str]) -> None:
         """Forget what is known of all others."""
         for known in (self._types, self._following):
             for gone in [name for name in known if name not in names]:
@@ -187,23 +159,19 @@ class Reader:
 
     # --- before a plan ---------------------------------------------------------------------------
 
-    def traffic(self, frame: Frame, most: int, horizon_s: float, recent_m_s: float) -> Traffic:
+    def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
         """The ego and the nearest others, `most` in all, with what they are about to do."""
-        boxes = frame.boxes
-        x, y = np.asarray(boxes.x), np.asarray(boxes.y)
-        order = np.argsort(np.hypot(x - x[0], y - y[0]), kind="stable")
-        chosen = [int(k) for k in order if k != 0][: most - 1]
-        others = sorted(chosen, key=lambda index: frame.ids[index])
-        users = [self._user(frame, index, horizon_s) for index in (0, *others)]
-        users[0] = RoadUser(**{**vars(users[0]), "recent_m_s": recent_m_s})
-        return Traffic(frame.time_s, tuple(users), self.road, frame.lights)
+        self._keep_only(set(frame.ids))
+        users = tuple(self._user(frame, row, horizon_s) for row in frame.nearest(most))
+        return TrafficState(frame.time_s, users, self.road, frame.lights)
 
     def _user(self, frame: Frame, index: int, horizon_s: float) -> RoadUser:
-        name, kind, boxes = frame.ids[index], frame.types[index], frame.boxes
-        x, y, yaw = (float(np.asarray(values)[index]) for values in (boxes.x, boxes.y, boxes.yaw))
+        name, kind = frame.ids[index], frame.types[index]
+        x, y, yaw = (float(values[index]) for values in (frame.x, frame.y, frame.yaw))
         agent = Agent(name, kind.kind, kind.length, kind.width, "ego" if index == 0 else "background")
         speed = max(float(frame.speed[index]), 0.0)
-        front = float(frame.x[index]), float(frame.y[index])
+        nose = to_sumo(Pose(x, y, yaw), kind.length)
+        front = float(nose.x), float(nose.y)
         path = self.path(name, front, yaw, speed, horizon_s, is_ego=index == 0)
         return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), float(frame.z[index]))
 

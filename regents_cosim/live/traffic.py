@@ -1,4 +1,4 @@
-"""Traffic at one instant, as a plan needs it: who is where, where routes lead, how everybody follows. No SUMO here."""
+"""Traffic at one instant, as a plan needs it: who is where, where routes lead, how each follows. No SUMO here."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from regents_cosim.scenario import Agent
 
 @dataclass(frozen=True)
 class Following:
-    """How somebody follows a leader and the limit, in SUMO's own parameters."""
+    """How a vehicle follows its leader and the limit, in SUMO's own parameters."""
 
     accel: float = 2.6  # [m/s^2]
     decel: float = 4.5  # [m/s^2]
@@ -34,12 +34,11 @@ class RoadUser:
     path: Path  # from its front bumper on
     following: Following = Following()
     z: float = 0.0  # [m] of the road
-    recent_m_s: float = 0.0  # the fastest it went within the last seconds
 
 
 @dataclass(frozen=True, eq=False)
-class Traffic:
-    """Everybody near the ego, who comes first, and what the lights show."""
+class TrafficState:
+    """The ego, who comes first, and those near it, and what the lights show."""
 
     time_s: float
     users: tuple[RoadUser, ...]  # the ego first, then by increasing id

@@ -34,7 +34,7 @@ _YAW_RAD = 0.2
 _SPEED_M_S = 1.0
 _ACCEL_CHANGE = 2.0  # [m/s^2]
 _CURVATURE_CHANGE = 0.02  # [1/m]
-_PASSES = 8
+FIT_PASSES = 8  # for recordings, noise and all; on smooth tracks three of them end within 0.1 mm of eight
 
 
 def fill_gaps(tracks: Tracks) -> Tracks:
@@ -58,6 +58,7 @@ def fit_controls(
     dt: Float[Array, ""],
     half_length: Float[Array, " agent"],
     dynamics: Dynamics,
+    passes: int = FIT_PASSES,
 ) -> Controls:
     """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time].
 
@@ -66,8 +67,10 @@ def fit_controls(
     """
     first = clip(controls_between(dynamics, log, dt))
     if dynamics == "bicycle":
-        return jax.vmap(partial(_fit_one, _advance), (0, 0, 0, 0, 0, None))(log, valid, start, moving, first, dt)
-    return jax.vmap(_fit_highway, (0, 0, 0, 0, 0, 0, None))(half_length, log, valid, start, moving, first, dt)
+        fit = partial(_fit_one, _advance, passes)
+        return jax.vmap(fit, (0, 0, 0, 0, 0, None))(log, valid, start, moving, first, dt)
+    fit = partial(_fit_highway, passes)
+    return jax.vmap(fit, (0, 0, 0, 0, 0, 0, None))(half_length, log, valid, start, moving, first, dt)
 
 
 class _Trajectory(eqx.Module):
@@ -97,7 +100,7 @@ _Advance = Callable[[Array, Array, Array, Array], Float[Array, " 6"]]
 
 
 def _fit_one(
-    advance: _Advance, log: Motion, valid: Array, start: Motion, moving: Array, first: Controls, dt: Array
+    advance: _Advance, passes: int, log: Motion, valid: Array, start: Motion, moving: Array, first: Controls, dt: Array
 ) -> Controls:
     controls = jnp.stack([first.accel, first.curvature], axis=-1)
     goal = jnp.stack([log.x, log.y, log.yaw, log.speed], axis=-1)
@@ -113,7 +116,7 @@ def _fit_one(
         return best, None
 
     nominal = _Trajectory(goal, controls, jnp.asarray(jnp.inf, goal.dtype))
-    best, _ = jax.lax.scan(improve, nominal, length=_PASSES)
+    best, _ = jax.lax.scan(improve, nominal, length=passes)
     return Controls(best.controls[:, 0], best.controls[:, 1])
 
 
@@ -136,7 +139,14 @@ def _advance_highway(half_length: Array, state: Array, control: Array, moves: Ar
 
 
 def _fit_highway(
-    half_length: Array, log: Motion, valid: Array, start: Motion, moving: Array, first: Controls, dt: Array
+    passes: int,
+    half_length: Array,
+    log: Motion,
+    valid: Array,
+    start: Motion,
+    moving: Array,
+    first: Controls,
+    dt: Array,
 ) -> Controls:
     """The fit by highway-env's model, or `first` where that follows the log more closely."""
     advance = partial(_advance_highway, half_length)
@@ -151,7 +161,7 @@ def _fit_highway(
         x, y = jnp.concatenate([places, last[None, :2]]).T
         return jnp.max(jnp.where(valid, jnp.hypot(x - log.x, y - log.y), 0.0))
 
-    fit = _fit_one(advance, log, valid, start, moving, first, dt)
+    fit = _fit_one(advance, passes, log, valid, start, moving, first, dt)
     keep = miss(first) < miss(fit)
     return jax.tree.map(lambda a, b: jnp.where(keep, a, b), first, fit)
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.geometry import boxes
 from regents_cosim.maps.levels import contains, has_levels
-from regents_cosim.mirror.actions import fill_gaps, fit_controls
+from regents_cosim.mirror.actions import FIT_PASSES, fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.levels import HeightMap, to_height_map
@@ -92,12 +92,17 @@ def padded_agents(agents: int) -> int:
 
 
 def to_world(
-    scenario: Scenario, dynamics: Dynamics | None = None, room: int = 0, road: RoadField | None = None
+    scenario: Scenario,
+    dynamics: Dynamics | None = None,
+    room: int = 0,
+    road: RoadField | None = None,
+    passes: int = FIT_PASSES,
 ) -> World:
     """Move a Scenario to the device; controls are the smooth fit of its tracks (`actions`).
 
     Vehicles move by `dynamics`, by default by the model that the scenario's controls belong to. There is `room` for so
-    many agents at least. `road` is the field of its map where that is known already, in the map's frame.
+    many agents at least. `road` is the field of its map where that is known already, in the map's frame. The controls
+    are fitted in so many `passes`.
     """
     dynamics = dynamics or scenario.dynamics
     tracks, origin = scenario.tracks, scene_origin(scenario)
@@ -124,7 +129,9 @@ def to_world(
     return World(
         log=motion,
         valid=jnp.asarray(valid),
-        controls=fit_controls(motion, jnp.asarray(valid), start, jnp.asarray(moving), dt, half_length, dynamics),
+        controls=fit_controls(
+            motion, jnp.asarray(valid), start, jnp.asarray(moving), dt, half_length, dynamics, passes
+        ),
         start=start,
         moving=jnp.asarray(moving),
         half_length=half_length,

@@ -31,13 +31,14 @@ def to_road_map(network: RoadNetwork) -> RoadMap:
     )
 
 
-def _name(index: LaneIndex) -> str:
+def lane_name(index: LaneIndex) -> str:
+    """What the map calls a lane of highway-env."""
     return f"{index[0]}-{index[1]}_{index[2]}"
 
 
 def _lane(index: LaneIndex, lane: Any, lanes: dict[LaneIndex, Any]) -> Lane:
     return Lane(
-        id=_name(index),
+        id=lane_name(index),
         centre=points_from_highway(_centre(lane)),
         width=float(lane.width_at(0.0)),
         speed_limit=float(lane.speed_limit or _SPEED_LIMIT),
@@ -48,7 +49,7 @@ def _lane(index: LaneIndex, lane: Any, lanes: dict[LaneIndex, Any]) -> Lane:
 
 def _neighbour(index: LaneIndex, offset: int, lanes: dict[LaneIndex, Any]) -> str | None:
     beside = (index[0], index[1], index[2] + offset)
-    return _name(beside) if beside in lanes and not lanes[beside].forbidden else None
+    return lane_name(beside) if beside in lanes and not lanes[beside].forbidden else None
 
 
 def _centre(lane: AbstractLane) -> Float[np.ndarray, "point 2"]:
@@ -65,7 +66,7 @@ def _connections(lanes: dict[LaneIndex, AbstractLane]) -> Iterator[Connection]:
         end = lane.position(lane.length, 0.0)
         for onward, start in starts.items():
             if onward[0] == index[1] and np.hypot(*(start - end)) < _MEET_M:
-                yield Connection(_name(index), _name(onward))
+                yield Connection(lane_name(index), lane_name(onward))
 
 
 def _drivable(lanes: list[AbstractLane]) -> BaseGeometry:

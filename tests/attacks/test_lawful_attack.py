@@ -19,7 +19,7 @@ from scenes import platoon
 from regents_cosim.attacks.actions import not_too_fast, to_actions, to_controls
 from regents_cosim.attacks.attack import attack, attack_each
 from regents_cosim.attacks.costs import road_deviation
-from regents_cosim.attacks.lawful import under_the_law
+from regents_cosim.attacks.lawful import lawful_road, under_the_law
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.cli import run as regents
@@ -38,7 +38,7 @@ TURN = straight("a", 60.0, 1.7, np.pi, 12.0)  # on the inner of two lanes to the
 
 
 def lawful_world(made, agent=1):
-    return under_the_law(to_world(made), made, agent)
+    return under_the_law(to_world(made), made, agent, lawful_road(made, agent))
 
 
 @functools.cache

@@ -7,6 +7,7 @@ import sys
 import pytest
 from params import slow
 
+from tests.endurance import live
 from tests.endurance.attacks import run
 from tests.endurance.gauge import Gauge, Sample
 from tests.endurance.replays import play
@@ -52,8 +53,14 @@ def test_attacks_leave_nothing():
 
 
 @pytest.mark.slow
+def test_live_episodes_leave_nothing():
+    found = live.run(6, every=2, check_memory=False)
+    assert (found["count"], found["failures"], found["grown"]) == (6, 0, [])
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("words", ["replays --count 1000 --where sumo", "replays --count 1000 --where highway",
-                                   "attacks --count 600"])  # fmt: skip
+                                   "attacks --count 600", "live --count 200"])  # fmt: skip
 def test_long_runs_keep_no_memory(words):
     """In a process of its own, whose threads share one heap from the beginning."""
     name, *options = words.split()

@@ -5,6 +5,14 @@ import os
 import sys
 
 
+def disturb(sumo, ego, change):
+    """Do what a user may do to their own ego during an attack."""
+    if change == "park":
+        sumo.vehicle.setSpeed(ego, 0.0)
+    else:
+        sumo.vehicle.moveTo(ego, sumo.vehicle.getRoute(ego)[-1] + "_0", 50.0)
+
+
 def run(how):
     """Run the crossing as told; what there is to say afterwards."""
     if how["by"] == "libsumo":
@@ -26,7 +34,9 @@ def run(how):
     told, adversary = [], None
     if "adversary" in how:
         from regents_cosim.live import Adversary
+        from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
+        keep_compiled_programs()
         given = dict(how["adversary"])
         if given.pop("never", False):
             given["attack_when"] = lambda _: False
@@ -37,10 +47,10 @@ def run(how):
             adversary.pause()
     states, removed, raised, wheel = [], None, None, None
     if how.get("driven"):  # by a planner, as a user would
-        from regents_cosim.live.wheel import Wheel
+        from regents_cosim.live.planner_driver import PlannerDriver
         from regents_cosim.planners.driver import Drivers
 
-        wheel = Wheel(sumo, Drivers(how["driven"]).lend().__enter__())
+        wheel = PlannerDriver(sumo, Drivers(how["driven"]).lend().__enter__())
     try:
         while sumo.simulation.getTime() < how["until_s"]:
             sumo.simulationStep()
@@ -50,6 +60,8 @@ def run(how):
                 states.append(adversary.state)
             if how.get("until_crash") and adversary.tally.given_back:
                 break
+            if adversary is not None and adversary.adversary and how.get("change"):
+                disturb(sumo, adversary.ego, how.pop("change"))
             if how.get("remove") and adversary.adversary and removed is None:
                 removed = adversary.adversary
                 sumo.vehicle.remove(removed)
@@ -58,12 +70,22 @@ def run(how):
     there = sumo.vehicle.getIDList()
     modes = {name: (sumo.vehicle.getSpeedMode(name), sumo.vehicle.getLaneChangeMode(name)) for name in there}
     sumo.close()
+    if how.get("after_close"):  # the listener was kept
+        adversary.step()
+        adversary.step()
+        sumo.start(command)
+        for _ in range(30):
+            sumo.simulationStep()
+            adversary.step()
+        sumo.close()
     found = {"told": told, "states": states, "removed": removed, "raised": raised, "modes": modes}
     if adversary is not None:
         found |= {
             "attacks": adversary.tally.attacks,
             "crashes": adversary.tally.crashes,
+            "given_back": adversary.tally.given_back,
             "cases": adversary.tally.cases,
+            "state": adversary.state,
         }
     return found
 

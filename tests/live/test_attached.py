@@ -1,26 +1,10 @@
 """An adversary in somebody's own run of SUMO: real libsumo and traci, in processes of their own."""
 
-import json
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
+from live_runs import run
 
-from regents_cosim.cases.shipped import network
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.replays.replay import replay_each
-
-SCRIPT = Path(__file__).with_name("attached_run.py")
-
-
-def run(by="libsumo", until_s=30.0, adversary=None, **how):
-    how |= {"by": by, "until_s": until_s, "config": str(network("crossing"))}
-    if adversary is not None:
-        how["adversary"] = {"ego": "west_in.east_out.0", **adversary}
-    done = subprocess.run([sys.executable, str(SCRIPT), json.dumps(how)], capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.strip().splitlines()[-1])
 
 
 def fcd(tmp_path, name, by="libsumo", until_s=30.0, **how):
@@ -60,9 +44,11 @@ def test_what_happens_live_becomes_a_case_that_replays_to_the_same_step(tmp_path
 
 
 @pytest.mark.slow
-def test_an_ego_that_never_departs_is_said_once():
-    found = run(until_s=5.0, adversary={"ego": "nobody"})
+def test_an_ego_that_does_not_depart_is_said_once():
+    found = run(until_s=70.0, adversary={"ego": "no_such_vehicle"})
     assert found["states"] == ["waiting"]
+    assert len(found["told"]) == 1
+    assert "no_such_vehicle" in found["told"][0]
 
 
 @pytest.mark.slow

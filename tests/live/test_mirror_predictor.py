@@ -8,7 +8,7 @@ from shapely import box
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.live.paths import Stop, path_along
 from regents_cosim.live.predict import Mirror
-from regents_cosim.live.traffic import RoadUser, Traffic
+from regents_cosim.live.traffic import RoadUser, TrafficState
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Agent
 
@@ -31,7 +31,7 @@ def user(name, front_m, speed, aside=0.0, stops=(), arrives=False):
 
 
 def predicted(*users, steps=51):
-    return Mirror().predict(Traffic(0.0, users, ROAD, {}), 0.1, steps)
+    return Mirror().predict(TrafficState(0.0, users, ROAD, {}), 0.1, steps)
 
 
 @given(gap=st.floats(3.0, 60.0), speed=st.floats(0.0, LIMIT), lead=st.floats(0.0, LIMIT))

@@ -24,7 +24,7 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from regents_cosim.live.episodes import Ended
+    from regents_cosim.live.episodes import EpisodeResult
     from regents_cosim.replays.verify import Replay
     from regents_cosim.scenario import Scenario
 
@@ -115,7 +115,7 @@ def live(
     return max(exit_code(replays.values(), terminal), PLANNER_FAILED if failed else 0)
 
 
-def _row(ended: "Ended", cases: "Mapping[str, Scenario]", replays: "Mapping[str, Replay]") -> dict[str, Any]:
+def _row(ended: "EpisodeResult", cases: "Mapping[str, Scenario]", replays: "Mapping[str, Replay]") -> dict[str, Any]:
     """One episode, by its last case."""
     case = cases[ended.cases[-1]] if ended.cases else None
     replay = replays.get(case.id) if case else None
@@ -134,7 +134,7 @@ def _row(ended: "Ended", cases: "Mapping[str, Scenario]", replays: "Mapping[str,
     }
 
 
-def _summary(ended: "Sequence[Ended]", cases: "Sequence[Scenario]") -> str:
+def _summary(ended: "Sequence[EpisodeResult]", cases: "Sequence[Scenario]") -> str:
     """How many ended how, and how many of the crashes tell something."""
     hows = ", ".join(f"{number} {how}" for how, number in Counter(one.how for one in ended).most_common())
     telling = sum(bool(case.judgement and case.judgement.telling) for case in cases)

@@ -34,7 +34,7 @@ class _Found:
     route: tuple[str, ...]
 
 
-class Hand:
+class SumoVehicleControl:
     """Holds one vehicle until it is given back."""
 
     def __init__(
@@ -60,7 +60,7 @@ class Hand:
         vehicle.setColor(name, colour)
         self._told_m_s: float | None = None
 
-    def take_way_of(self, plan: Plan) -> None:
+    def follow_route_of(self, plan: Plan) -> None:
         """Let the vehicle's route be the way of the plan, so that others at a junction see it come."""
         if self._only_speed:
             return
@@ -89,11 +89,11 @@ class Hand:
         vehicle.setSpeed(self.name, speed)
         self._told_m_s = speed
 
-    def give_back(self) -> None:
-        """As it was found: modes, colour and route; a vehicle that has gone needs nothing."""
+    def give_back(self) -> bool:
+        """As it was found: modes, colour and route; False where it has gone, and needs nothing."""
         vehicle = self._sumo.vehicle
         if self.name not in vehicle.getIDList():
-            return
+            return False
         if not self._only_speed and self._told_m_s is not None:
             x, y = vehicle.getPosition(self.name)
             self._try(lambda: vehicle.moveToXY(self.name, "", -1, x, y, vehicle.getAngle(self.name), _ONTO_LANE))
@@ -102,6 +102,7 @@ class Hand:
         vehicle.setLaneChangeMode(self.name, self._found.lane_change_mode)
         vehicle.setColor(self.name, self._found.colour)
         self._route_as_found()
+        return True
 
     def off_lane_m(self) -> float:
         """How far its front is from the middle of the lane that SUMO has it on [m]."""

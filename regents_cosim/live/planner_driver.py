@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.errors import SumoError
+from regents_cosim.live.frame import Frame
 from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moment, Moments
 from regents_cosim.live.predict import Mirror
-from regents_cosim.live.reading import Frame, Reader
-from regents_cosim.live.steer import Hand
+from regents_cosim.live.reading import Reader
+from regents_cosim.live.vehicle_control import SumoVehicleControl
 from regents_cosim.planners.driver import HostDriver, LoopDriver
 from regents_cosim.planners.interface import Snapshot
 
@@ -22,7 +23,7 @@ _ANOTHER_S = 0.5  # scene
 _ARRIVED_M = 15.0  # before the end of the last edge
 
 
-class Wheel:
+class PlannerDriver:
     """Drives the ego; call `go` after every step of the simulation, whose steps are 0.1 s."""
 
     def __init__(self, connection: Any, driver: LoopDriver | HostDriver, radius_m: float = 100.0) -> None:
@@ -33,7 +34,7 @@ class Wheel:
             raise SumoError(f"steps of {self._reader.step_s:g} s, expected {DT_S} s: a planner drives at that")
         self._moments = Moments(Mirror(), _HORIZON_S)
         self._moment: Moment | None = None
-        self._hand: Hand | None = None
+        self._control: SumoVehicleControl | None = None
         self._step = 0
 
     def go(self, ego: str) -> Frame | None:
@@ -42,22 +43,24 @@ class Wheel:
         if frame is None or self._has_arrived(ego):
             self.give_back()
             return None
-        if self._hand is None:
-            self._hand = Hand(self._sumo, ego, frame.types[0].length, self._reader.road, colour=_EGO_COLOUR)
-        self._hand.confirm()
+        if self._control is None:
+            self._control = SumoVehicleControl(
+                self._sumo, ego, frame.types[0].length, self._reader.road, colour=_EGO_COLOUR
+            )
+        self._control.confirm()
         if self._moment is None or self._step * DT_S >= _ANOTHER_S - 1e-9:
-            traffic = self._reader.traffic(frame, MOST_AGENTS, _HORIZON_S, float(frame.speed[0]))
+            traffic = self._reader.traffic(frame, MOST_AGENTS, _HORIZON_S)
             self._moment, self._step = self._moments.of(traffic), 0
             self._driver.start(self._moment.scenario, self._moment.world)
-        self._hand.place(*self._driver.advance(self._step, _seen(frame, self._moment)))
+        self._control.place(*self._driver.advance(self._step, _seen(frame, self._moment)))
         self._step += 1
         return frame
 
     def give_back(self) -> None:
         """Let SUMO drive it."""
-        if self._hand is not None:
-            self._hand.give_back()
-            self._hand, self._moment = None, None
+        if self._control is not None:
+            self._control.give_back()
+            self._control, self._moment = None, None
 
     def _has_arrived(self, ego: str) -> bool:
         vehicle = self._sumo.vehicle

@@ -1,0 +1,169 @@
+"""highway-env as the simulation that a live attack is in."""
+
+import pickle
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from highway_env.road.lane import AbstractLane
+from highway_env.road.road import LaneIndex, RoadNetwork
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.kinematics import Vehicle
+
+from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
+from regents_cosim.live.frame import Frame
+from regents_cosim.live.paths import path_along
+from regents_cosim.live.plan import Plan
+from regents_cosim.live.traffic import Following, RoadUser, TrafficState
+from regents_cosim.live.vehicle_control import ADVERSARY_COLOUR
+from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.routes.ego_route import lanes_ahead
+from regents_cosim.scenario import Agent
+from regents_cosim.sources.highway_net import lane_name, to_road_map
+from regents_cosim.sources.sumo_types import VehicleType
+
+_REACH_S = 3.0  # of paths, beyond the horizon
+_MOST_REACH_M = 400.0
+_EGO = "ego"
+
+
+class HighwayHost:
+    """The road of an environment of highway-env since its last reset; its first controlled vehicle is the ego."""
+
+    speed_only = False
+
+    def __init__(self, env: Any, radius_m: float) -> None:
+        self._env, self._radius_m = env, radius_m
+        self.step_s = 1.0 / env.config["simulation_frequency"]
+        self._named: dict[str, Vehicle] = {}
+        self.road = _road_map(pickle.dumps(env.road.network))
+
+    def frame(self, time_s: float) -> Frame:
+        """All vehicles around the ego."""
+        ego = self._env.vehicle
+        x, y = ego.position
+        near = [
+            v for v in self._env.road.vehicles if v is not ego and np.hypot(*(v.position - (x, y))) < self._radius_m
+        ]
+        rows = {_EGO: ego} | {self._name(vehicle): vehicle for vehicle in near}
+        places = np.array([(*v.position, v.heading) for v in rows.values()], float)
+        x, y, yaw = (
+            np.asarray(values) for values in from_highway(HighwayPose(places[:, 0], places[:, 1], places[:, 2]))
+        )
+        speed = np.array([max(float(v.speed), 0.0) for v in rows.values()])
+        types = tuple(VehicleType("car", float(v.LENGTH), float(v.WIDTH)) for v in rows.values())
+        return Frame(time_s, tuple(rows), x, y, yaw, speed, np.zeros(len(x)), types, {})
+
+    def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
+        """The ego and the nearest others, `most` in all, with what they are about to do."""
+        users = tuple(self._user(frame, row, horizon_s) for row in frame.nearest(most))
+        return TrafficState(frame.time_s, users, self.road, {})
+
+    def is_at_stop(self, name: str) -> bool:
+        """None of highway-env's vehicles does."""
+        return False
+
+    def take(self, name: str, length_m: float) -> "HighwayControl":
+        """Take a vehicle into our hands."""
+        return HighwayControl(name, self._named[name])
+
+    def _name(self, vehicle: Vehicle) -> str:
+        """The name of a vehicle, which it keeps."""
+        known = next((name for name, one in self._named.items() if one is vehicle), None)
+        if known is None:
+            known = f"vehicle{len(self._named):03d}"
+            self._named[known] = vehicle
+        return known
+
+    def _user(self, frame: Frame, row: int, horizon_s: float) -> RoadUser:
+        name, kind = frame.ids[row], frame.types[row]
+        vehicle = self._env.vehicle if row == 0 else self._named[name]
+        x, y, yaw, speed = (float(values[row]) for values in (frame.x, frame.y, frame.yaw, frame.speed))
+        ahead = 0.5 * kind.length
+        front = x + ahead * np.cos(yaw), y + ahead * np.sin(yaw)
+        lanes, along_m = self._lanes(vehicle)
+        reach_m = 20.0 + 1.2 * max(speed, 5.0) * (horizon_s + _REACH_S)
+        path = path_along(lanes, along_m + ahead, front, yaw, speed, min(reach_m, _MOST_REACH_M))
+        agent = Agent(name, "car", kind.length, kind.width, "ego" if row == 0 else "background")
+        return RoadUser(agent, x, y, yaw, speed, path, _following(vehicle))
+
+    def _lanes(self, vehicle: Any) -> tuple[list[Lane], float]:
+        """The lanes ahead, from the one that it wants on, and how far along that its centre is [m]."""
+        network: RoadNetwork = self._env.road.network
+        index: LaneIndex = getattr(vehicle, "target_lane_index", None) or vehicle.lane_index
+        along, _ = network.get_lane(index).local_coordinates(vehicle.position)
+        names = [lane_name(index)]
+        for begin, end, number in getattr(vehicle, "route", None) or ():
+            if begin == index[1]:
+                index = (begin, end, min(index[2] if number is None else number, len(network.graph[begin][end]) - 1))
+                names.append(lane_name(index))
+        lanes = [self.road.lane[name] for name in names]
+        return [*lanes, *lanes_ahead(self.road, lanes[-1], _MOST_REACH_M)[1:]], max(float(along), 0.0)
+
+
+class HighwayControl:
+    """One vehicle of highway-env in our hands: it goes where it is put, and decides nothing."""
+
+    def __init__(self, name: str, vehicle: Any) -> None:
+        self.name, self._vehicle = name, vehicle
+        self._colour = {name: value for name, value in vehicle.__dict__.items() if name == "color"}
+        vehicle.color = ADVERSARY_COLOUR[:3]
+        vehicle.act, vehicle.step = self._decide_nothing, self._go
+        self._next: tuple[float, float, float, float] | None = None
+
+    def follow_route_of(self, plan: Plan) -> None:
+        """Others there look at where it is, not at its route."""
+
+    def confirm(self) -> None:
+        """It is where it was put."""
+
+    def place(self, x: float, y: float, yaw: float, speed: float) -> None:
+        """Where its centre [m] is to be after the next step, how it is turned [rad], and how fast it goes [m/s]."""
+        self._next = x, y, yaw, max(speed, 0.0)
+
+    def off_lane_m(self) -> float:
+        """How far it is from the middle of its lane [m]."""
+        lane: AbstractLane = self._vehicle.lane
+        return abs(float(lane.local_coordinates(self._vehicle.position)[1]))
+
+    def give_back(self) -> bool:
+        """It decides again, and keeps to the lane that it is on; False where it has gone."""
+        vehicle = self._vehicle
+        del vehicle.act, vehicle.step
+        vehicle.__dict__.pop("color", None)  # junctions of highway-env's take colours away themselves
+        vehicle.__dict__.update(self._colour)
+        vehicle.target_lane_index = vehicle.lane_index
+        return vehicle in vehicle.road.vehicles
+
+    def _decide_nothing(self, action: Any = None) -> None:
+        return None
+
+    def _go(self, dt: float) -> None:
+        """One step of the road."""
+        vehicle = self._vehicle
+        if self._next is not None:
+            x, y, yaw, speed = self._next
+            pose = to_highway(Pose(x, y, yaw))
+            vehicle.position = np.array([pose.x, pose.y], float)
+            vehicle.heading, vehicle.speed = float(pose.heading), speed
+        vehicle.impact = None
+        vehicle.on_state_update()
+
+
+def _following(vehicle: Any) -> Following:
+    """How it follows, of a driver of highway-env's in its own parameters."""
+    wanted = max(float(getattr(vehicle, "target_speed", vehicle.speed)), 1.0)
+    kind = type(vehicle) if isinstance(vehicle, IDMVehicle) else IDMVehicle
+    return Following(
+        accel=kind.COMFORT_ACC_MAX,
+        decel=-kind.COMFORT_ACC_MIN,
+        tau_s=kind.TIME_WANTED,
+        min_gap_m=kind.DISTANCE_WANTED - kind.LENGTH,
+        max_speed_m_s=wanted,
+    )
+
+
+@lru_cache(maxsize=8)
+def _road_map(network: bytes) -> RoadMap:
+    """The map of a network; roads that are made alike at every reset share it."""
+    return to_road_map(pickle.loads(network))

@@ -1,0 +1,119 @@
+"""An adversary in the live traffic of any environment of highway-env: the policy that drives is attacked as it is."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import RecordConstructorArgs
+from highway_env.envs.common.abstract import AbstractEnv
+
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.envs.highway_host import HighwayHost
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.live.attacker import Attacker, Tally
+from regents_cosim.live.history import History
+from regents_cosim.live.moments import Moments
+from regents_cosim.live.predict import Mirror
+from regents_cosim.live.replanner import Replanner
+from regents_cosim.live.search import Search
+from regents_cosim.live.settings import LiveSettings, live_config
+from regents_cosim.planners.under_test import AnyPlanner
+
+
+class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
+    """Attacks the ego of `env` in one of `every` episodes: one of the others drives so that a crash threatens.
+
+    The adversary is one of the environment's own vehicles, which drives again by itself afterwards. How the ego
+    reacts is predicted by `planner`: all that `regents attack` takes, or `observed`, an ego that keeps to its lane at
+    its recent speed and brakes for leaders. A plan is made every `replan_s`.
+
+    `info` has `attacked`, whether this is an episode with attacks, `adversary`, the name of the vehicle that attacks
+    now or empty, and `attacks`, how many have begun. Vehicles are named in the order in which they come near the ego.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        method: str | AttackConfig = "focused",
+        every: int = 1,
+        planner: AnyPlanner = "observed",
+        replan_s: float = 0.5,
+        horizon_s: float = 5.0,
+        radius_m: float = 100.0,
+    ) -> None:
+        """Raises RegentsError where `env` is none of highway-env's, and for values that cannot be meant."""
+        given = {"method": method, "every": every, "planner": planner}
+        given |= {"replan_s": replan_s, "horizon_s": horizon_s, "radius_m": radius_m}
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
+        gymnasium.Wrapper.__init__(self, env)
+        host = env.unwrapped
+        require(isinstance(host, AbstractEnv), f"{host} is no environment of highway-env", RegentsError)
+        require(every >= 1, f"every {every}, expected 1 (all episodes are attacked) or more", RegentsError)
+        assert isinstance(host, AbstractEnv)
+        self._settings = LiveSettings(replan_s, horizon_s, radius_m)
+        self._env, self._every, self._episode = host, every, -1
+        self._search = Search(planner, live_config(method))
+        self._moments = Moments(Mirror(), horizon_s)
+        self._tally = Tally()
+        self._pilot: _Pilot | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset `env`; with a seed, which of the following episodes are attacked is drawn by it."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        if seed is not None:
+            self._episode = int(np.random.default_rng(seed).integers(self._every))
+        else:
+            self._episode += 1
+        self._tally, self._pilot = Tally(), None
+        if self._episode % self._every == 0:
+            self._search.forget()
+            self._pilot = _Pilot(HighwayHost(self._env, self._settings.radius_m), self._new_attacker)
+            road: Any = self._env.road
+            road.step = partial(self._pilot.step, road.step)
+        return observation, info | self._said()
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """One step of `env`."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, terminated, truncated, info | self._said()
+
+    def close(self) -> None:
+        """Close `env`, and end the planner's process, if any."""
+        self._search.close()
+        self.env.close()
+
+    def _new_attacker(self, host: HighwayHost, history: History) -> Attacker:
+        replanner = Replanner(host, self._search, self._moments, history)
+        return Attacker(host, replanner, self._settings.replan_s, self._tally, _nothing)
+
+    def _said(self) -> dict[str, Any]:
+        attack = self._pilot.attacker.attack if self._pilot is not None else None
+        name = attack.plan.adversary if attack is not None else ""
+        return {"attacked": self._pilot is not None, "adversary": name, "attacks": self._tally.attacks}
+
+
+class _Pilot:
+    """Lets the attacker see every step of a road, and drive before it."""
+
+    def __init__(self, host: HighwayHost, make: Callable[[HighwayHost, History], Attacker]) -> None:
+        self._host, self._time_s = host, 0.0
+        self._history = History(5.0, host.step_s)
+        self.attacker = make(host, self._history)
+
+    def step(self, step: Callable[[float], None], dt: float) -> None:
+        """One step of the road, as highway-env makes it by `step`."""
+        frame = self._host.frame(self._time_s)
+        self._history.add(frame)
+        self.attacker.step(frame, _always)
+        step(dt)
+        self._time_s += dt
+
+
+def _always() -> bool:
+    return True
+
+
+def _nothing(*_: Any) -> None:
+    """What happens there is told by `info`."""

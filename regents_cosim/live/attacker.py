@@ -1,0 +1,207 @@
+"""Attacks on one ego, one vehicle at a time: look for a plan, carry it out, drive back to the lane, give back.
+
+No SUMO here: it sees frames, and moves vehicles through a `Host`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from regents_cosim.live.case import Forecast
+from regents_cosim.live.frame import Frame
+from regents_cosim.live.history import touched
+from regents_cosim.live.host import Host, VehicleControl
+from regents_cosim.live.plan import Plan
+from regents_cosim.live.replanner import Replanner
+from regents_cosim.live.safety import braking, would_touch_others
+from regents_cosim.scenario import Outcome
+
+_MISSES = 3  # renewals that fail one after the other, after which a plan is given up
+_LATE_S = 1.0  # after it should have met the ego
+_NO_PLAN_S = 0.4  # to the contact: what is planned by then stays
+_LONGEST_S = 12.0  # that one attack may take
+_RESTS_S = 10.0  # that a vehicle is left alone after an attack
+_LEAST_EGO_M_S = 0.5  # an ego that stands is not attacked
+_STANDS_M_S = 0.1
+_OFF_LANE_M = 0.3  # so near to the middle of a lane a vehicle is given back
+_LONGEST_RETURN_S = 12.0
+_EARLY_S = 1e-6
+
+
+@dataclass(eq=False)
+class Attack:
+    """One that is being carried out, or whose vehicle is on its way back."""
+
+    plan: Plan
+    control: VehicleControl
+    begun_s: float
+    before: Forecast  # what was predicted when it began
+    closest_m: float = np.inf
+    misses: int = 0
+    met: bool = False  # it has touched the ego
+    iterations: int = 0
+    rollouts: int = 0
+
+
+@dataclass
+class Tally:
+    """What has happened so far."""
+
+    attacks: int = 0
+    crashes: int = 0
+    others_hit: int = 0  # the ego met another vehicle while it was attacked
+    given_back: int = 0
+    adversaries: list[str] = field(default_factory=list)
+    cases: list[str] = field(default_factory=list)
+
+
+Over = Callable[[Frame, Attack, Outcome], None]
+
+
+class Attacker:
+    """Call `step` with every frame. `over` is told of every attack that ends in sight of the ego."""
+
+    def __init__(self, host: Host, replanner: Replanner, replan_s: float, tally: Tally, over: Over) -> None:
+        self._host, self._replanner, self._replan_s = host, replanner, replan_s
+        self._tally, self._over = tally, over
+        self.attack: Attack | None = None
+        self._home: Attack | None = None  # whose vehicle drives back to its lane
+        self._home_since_s = 0.0
+        self._barred: dict[str, float] = {}
+        self._next_s = -np.inf
+
+    @property
+    def state(self) -> Literal["watching", "attacking", "returning"]:
+        """What it does now."""
+        if self.attack is not None:
+            return "attacking"
+        return "watching" if self._home is None else "returning"
+
+    def step(self, frame: Frame, wanted: Callable[[], bool]) -> None:
+        """After a step of the simulation; `wanted`: whether an attack may begin."""
+        if self.attack is not None:
+            self._watch(frame, self.attack)
+        elif self._home is not None:
+            self._come_home(frame, self._home)
+        elif self._is_time(frame) and wanted():
+            self._begin(frame)
+        self._carry_out(frame)
+
+    def abandon(self) -> None:
+        """Give back what is held at once, and bar it for a while."""
+        if self.attack is not None:
+            self._barred[self.attack.plan.adversary] = self.attack.begun_s + _RESTS_S
+        self.let_go()
+
+    def let_go(self) -> None:
+        """Give back what is held at once."""
+        held, self.attack, self._home = self.attack or self._home, None, None
+        if held is not None:
+            self._tally.given_back += held.control.give_back()
+
+    def _is_time(self, frame: Frame) -> bool:
+        """Whether another plan is due; if so, the next is not before `replan_s`."""
+        if frame.time_s < self._next_s - _EARLY_S:
+            return False
+        self._next_s = frame.time_s + self._replan_s
+        return True
+
+    # --- beginning -------------------------------------------------------------------------------
+
+    def _begin(self, frame: Frame) -> None:
+        """Look for a plan, and take its vehicle."""
+        if len(frame.ids) < 2 or frame.speed[0] < _LEAST_EGO_M_S:
+            return
+        self._barred = {name: until for name, until in self._barred.items() if until > frame.time_s}
+        standing = (name for name in frame.ids[1:] if frame.speed[frame.number[name]] < _STANDS_M_S)
+        at_stops = {name for name in standing if self._host.is_at_stop(name)}
+        found = self._replanner.fresh(frame, self._barred.keys() | at_stops)
+        if found is None:
+            return
+        plan, before = found
+        control = self._host.take(plan.adversary, frame.types[frame.number[plan.adversary]].length)
+        control.follow_route_of(plan)
+        self.attack = Attack(
+            plan, control, frame.time_s, before, iterations=plan.iterations, rollouts=plan.rollouts
+        )  # fmt: skip
+        self._tally.attacks += 1
+        self._tally.adversaries.append(plan.adversary)
+
+    # --- attacking -------------------------------------------------------------------------------
+
+    def _watch(self, frame: Frame, attack: Attack) -> None:
+        """Did it hit, is it still there, does it lead anywhere."""
+        name = attack.plan.adversary
+        if name not in frame.number:
+            self.abandon()  # arrived, out of sight, or removed by the user's own code
+            return
+        attack.control.confirm()
+        met = touched(frame)
+        if met:
+            attack.met = name in met
+            self._tally.crashes += attack.met
+            self._tally.others_hit += not attack.met
+            self._end(frame, attack, "collision")
+            return
+        attack.closest_m = min(attack.closest_m, frame.gap_m(name))
+        late = frame.time_s > attack.plan.meets_s + _LATE_S or frame.time_s > attack.begun_s + _LONGEST_S
+        if late or attack.misses >= _MISSES:
+            self._end(frame, attack, "no_collision")
+        elif self._is_time(frame) and attack.plan.meets_s - frame.time_s > _NO_PLAN_S:
+            self._renew(frame, attack)
+
+    def _renew(self, frame: Frame, attack: Attack) -> None:
+        plan = self._replanner.renewed(frame, attack.plan)
+        if plan is None:
+            attack.misses += 1
+            return
+        attack.misses = 0
+        attack.plan = plan
+        attack.iterations += plan.iterations
+        attack.rollouts += plan.rollouts
+        attack.control.follow_route_of(plan)
+
+    def _end(self, frame: Frame, attack: Attack, outcome: Outcome, stopping: bool = False) -> None:
+        """Tell of it, and send the adversary home."""
+        self._barred[attack.plan.adversary] = frame.time_s + _RESTS_S
+        self._over(frame, attack, outcome)
+        self._next_s = frame.time_s + self._replan_s
+        self._home_since_s = frame.time_s
+        plan = attack.plan
+        home = braking(plan, frame.time_s) if stopping else self._replanner.homeward(frame, plan.adversary)
+        if home is None:
+            self.let_go()
+            return
+        attack.plan = home
+        self.attack, self._home = None, attack
+
+    # --- carrying out, and back ------------------------------------------------------------------
+
+    def _carry_out(self, frame: Frame) -> None:
+        """Where the vehicle in our hands is to be after the next step."""
+        if self.attack is not None and would_touch_others(frame, self.attack.plan, self._host.step_s):
+            self._end(frame, self.attack, "no_collision", stopping=True)
+        held = self.attack or self._home
+        if held is not None:
+            held.control.place(*held.plan.at(frame.time_s + self._host.step_s))
+
+    def _come_home(self, frame: Frame, home: Attack) -> None:
+        name = home.plan.adversary
+        if name not in frame.number:
+            self.let_go()
+            return
+        home.control.confirm()
+        if name in touched(frame) and not home.met:
+            home.met = True
+            self._tally.crashes += 1
+            self._over(frame, home, "collision")
+        if home.control.off_lane_m() < _OFF_LANE_M or frame.time_s - self._home_since_s > _LONGEST_RETURN_S:
+            self.let_go()
+        elif self._is_time(frame):
+            onward = self._replanner.homeward(frame, name)
+            if onward is None:
+                self.let_go()
+            else:
+                home.plan = onward

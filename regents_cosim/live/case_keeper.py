@@ -1,0 +1,55 @@
+"""Keeps what happened live: each attack that is worth it becomes an ordinary case, judged, in a folder or in memory."""
+
+from pathlib import Path
+
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.live.attacker import Attack
+from regents_cosim.live.case import AttackSummary, Forecast, case_of
+from regents_cosim.live.frame import Frame
+from regents_cosim.live.settings import LiveSettings
+from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.scenario import Outcome, Scenario
+from regents_cosim.sources.windows import RecordingOrigin
+from regents_cosim.verdicts.judge import judge
+
+TAIL_S = 2.0  # that a case goes on beyond the contact
+_NEAR_MISS_M = 2.0
+
+
+class CaseKeeper:
+    """Writes cases to `output`, or holds them as `cases` where there is none."""
+
+    def __init__(self, settings: LiveSettings, planner: str, config: AttackConfig, output: Path | None) -> None:
+        self._settings, self._planner, self._config = settings, planner, config
+        self._writer = SuiteWriter(output, settings.seed) if output is not None else None
+        self.cases: list[Scenario] = []
+
+    def wants(self, attack: Attack, outcome: Outcome) -> bool:
+        """Whether an attack that ended so is kept."""
+        near = self._settings.keep == "near-misses" and attack.closest_m < _NEAR_MISS_M
+        return outcome == "collision" or near
+
+    def keep(
+        self,
+        frames: list[Frame],
+        step_s: float,
+        road: RoadMap,
+        source: RecordingOrigin,
+        attack: Attack,
+        outcome: Outcome,
+        after: Forecast,
+    ) -> str:
+        """Keep the case of some frames, to which `after` is appended; its id."""
+        summary = AttackSummary(
+            attack.plan.adversary, self._planner, self._config, outcome, attack.iterations, attack.rollouts,
+            self._settings.replan_s, source, self._settings.seed,
+        )  # fmt: skip
+        case = case_of(frames, step_s, road, summary, attack.before, after, TAIL_S)
+        if self._settings.judged:
+            case = judge(case)
+        if self._writer is None:
+            self.cases.append(case)
+        else:
+            self._writer.add(case)
+        return case.id

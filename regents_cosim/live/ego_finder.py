@@ -1,0 +1,43 @@
+"""Which vehicle of a running simulation is the ego."""
+
+from collections.abc import Callable
+from typing import Any
+
+from regents_cosim.errors import SumoError
+from regents_cosim.sources.recording import is_called
+
+Picks = str | Callable[[Any], str | None]
+
+_NOT_ON_ROADS = ("rail", "tram", "subway", "ship", "cable_car")  # how these vehicle classes begin
+
+
+class EgoFinder:
+    """Waits for the ego: an id, a vehicle type or a flow, of which the first that turns up, or a function."""
+
+    def __init__(self, connection: Any, picks: Picks) -> None:
+        self._sumo, self._picks = connection, picks
+        self.start()
+
+    def start(self) -> None:
+        """Look at all vehicles that are there; afterwards only at those that depart."""
+        self._looked = False
+
+    def find(self) -> str | None:
+        """The ego; None where it is not there yet. Raises SumoError for one on rails or water."""
+        picked = self._picks(self._sumo) if callable(self._picks) else self._by_name(self._picks)
+        if picked is None or picked not in self._sumo.vehicle.getIDList():
+            return None
+        kind = self._sumo.vehicle.getVehicleClass(picked)
+        if kind.startswith(_NOT_ON_ROADS):
+            raise SumoError(f"the ego {picked!r} is of the class {kind}: not supported on rails or water")
+        return picked
+
+    def _by_name(self, name: str) -> str | None:
+        """The vehicle of that id, else the first of that type or flow."""
+        vehicle = self._sumo.vehicle
+        there = vehicle.getIDList()
+        if name in there:
+            return name
+        new = self._sumo.simulation.getDepartedIDList() if self._looked else there
+        self._looked = True
+        return next((one for one in new if is_called(name, one, vehicle.getTypeID(one))), None)

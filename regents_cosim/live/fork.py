@@ -1,0 +1,114 @@
+"""A predictor that runs the state of the simulation ahead in a second SUMO, in a process of its own.
+
+It is exact as far as SUMO's saved states restore. They leave out its dice, unless it runs with `--save-state.rng`, and
+what some drivers had in mind: single vehicles may go another way. The vehicle that attacks is SUMO's there. Each
+prediction costs a start of SUMO, and the saving and loading of a state: some 50 ms, more with the network of a city.
+"""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.geometry.frames import SumoPose, from_sumo
+from regents_cosim.live.traffic import TrafficState
+from regents_cosim.scenario import Tracks
+from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
+from regents_cosim.sources.sumo_config import SumoInput, read_input, write_config
+from regents_cosim.system.workers import LocalProcesses, local_processes, result_of, submit
+
+_SAME_OPTIONS = ("lateral-resolution", "lanechange.duration", "step-method.ballistic", "default.action-step-length")
+_MOST_DIGITS = "16"
+
+
+class Fork:
+    """A predictor for one running simulation; `close` ends its process."""
+
+    def __init__(self, connection: Any) -> None:
+        """`connection` is libsumo, traci, or one of traci's connections, with a simulation that runs."""
+        self._sumo = connection
+        self._folder = tempfile.TemporaryDirectory()
+        self._process: LocalProcesses | None = None
+
+    def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
+        """The tracks [user, time] from now on, as another SUMO has them. Raises SumoError where that refuses."""
+        folder = Path(self._folder.name)
+        if self._process is None:
+            self._process = local_processes(1)
+            self._config = self._write_config(folder)
+        state = folder / "state.xml"
+        self._sumo.simulation.saveState(str(state))
+        ids = tuple(user.agent.id for user in traffic.users)
+        step_s = float(self._sumo.simulation.getDeltaT())
+        seen = result_of(submit(self._process, _run_ahead, self._config, state, ids, round((steps - 1) * dt / step_s)))
+        return _tracks(traffic, seen, step_s, np.arange(steps) * dt)
+
+    def close(self) -> None:
+        """End the process, and forget its files."""
+        if self._process is not None:
+            self._process.shutdown()
+            self._process = None
+        self._folder.cleanup()
+
+    def _write_config(self, folder: Path) -> Path:
+        """What the second SUMO is to load: the same network and traffic, and no outputs."""
+        option = self._option
+        routes, additional = ([Path(one) for one in option(name).split(",") if one] for name in
+                              ("route-files", "additional-files"))  # fmt: skip
+        given = read_input(SumoInput(net=Path(option("net-file")), routes=(*routes,), additional=(*additional,)))
+        same = {name: value for name in _SAME_OPTIONS if (value := option(name))}
+        same |= {"step-length": option("step-length"), "seed": option("seed"), "save-state.precision": _MOST_DIGITS}
+        return write_config(given, folder, same | CRASHES_STAY, {})
+
+    def _option(self, name: str) -> str:
+        try:
+            return str(self._sumo.simulation.getOption(name))
+        except Exception:  # an older SUMO has not all of them: TraCI's errors have no common class
+            return ""
+
+
+def _run_ahead(config: Path, state: Path, ids: tuple[str, ...], steps: int) -> Float[np.ndarray, "time user 4"]:
+    """X, y of front bumpers, angle and speed as SUMO has them, now and after each step; NaN for those that are gone.
+
+    SUMO is started for each prediction: loading a state leaves its dice where they were.
+    """
+    seen = np.full((steps + 1, len(ids), 4), np.nan)
+    with running_sumo(["-c", str(config)]) as sumo:
+        vehicle = sumo.vehicle
+        sumo.simulation.loadState(str(state))
+        for step in range(steps + 1):
+            if step:
+                sumo.simulationStep()
+            there = set(vehicle.getIDList())
+            for row, name in enumerate(ids):
+                if name in there:
+                    seen[step, row] = *vehicle.getPosition(name), vehicle.getAngle(name), vehicle.getSpeed(name)
+    return seen
+
+
+def _tracks(
+    traffic: TrafficState,
+    seen: Float[np.ndarray, "step user 4"],
+    step_s: float,
+    times_s: Float[np.ndarray, " time"],
+) -> Tracks:
+    """What was seen, in the map's frame at other times; a vehicle that is gone once does not come back."""
+    length = [user.agent.length for user in traffic.users]
+    there = np.logical_and.accumulate(np.isfinite(seen[..., 0]), axis=0)
+    at = np.arange(len(seen)) * step_s
+    columns = {name: np.zeros((len(length), len(times_s))) for name in ("x", "y", "yaw", "speed")}
+    valid = np.zeros((len(length), len(times_s)), bool)
+    for row, user in enumerate(traffic.users):
+        known = int(there[:, row].sum())
+        now = np.array([[user.x], [user.y], [user.yaw], [user.speed]])
+        x, y, angle, speed = seen[:known, row].T
+        pose = from_sumo(SumoPose(x, y, angle), length[row])
+        path = np.concatenate([now, np.stack([*map(np.asarray, pose), np.maximum(speed, 0.0)])[:, 1:]], axis=1)
+        path[2] = np.unwrap(path[2])
+        valid[row] = (times_s <= at[max(known - 1, 0)] + 1e-9) | (row == 0)
+        for values, own in zip(columns.values(), path, strict=True):
+            values[row] = np.where(valid[row], np.interp(times_s, at[: path.shape[1]], own), 0.0)
+    z = np.where(valid, traffic.values("z")[:, None], 0.0)
+    return Tracks(**columns, valid=valid, z=z)

@@ -1,0 +1,75 @@
+"""The planner at one moment: where it drives unattacked, and searches against it."""
+
+from contextlib import ExitStack
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from regents_cosim.attacks.driving_limits import limits_by_kind
+from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops, in_compiled_loop, in_process, pursue
+from regents_cosim.attacks.replanned import BackgroundTraffic
+from regents_cosim.attacks.search import descend
+from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.errors import DriveError
+from regents_cosim.live.moments import Moment
+from regents_cosim.mirror.rollout import with_ego
+from regents_cosim.mirror.world import to_tracks
+from regents_cosim.planners.host_pool import HostPool
+from regents_cosim.planners.jax_planner import JaxPlanner
+from regents_cosim.scenario import Tracks
+from regents_cosim.verdicts.ordinary import DrivingLimits
+
+
+class PlannerInLoop:
+    """A context manager: a planner outside JAX is lent for as long."""
+
+    def __init__(
+        self, moment: Moment, config: AttackConfig, name: str, loop: JaxPlanner | None, hosts: HostPool
+    ) -> None:
+        self.moment, self._config = moment, config
+        self._name, self._loop, self._hosts = name, loop, hosts
+        self.memory: Any = None
+        self._lent = ExitStack()
+
+    def __enter__(self) -> "PlannerInLoop":
+        if self._loop is not None:
+            self.memory = self.moment.memory(self._loop, self._name)
+            self._drives: RunClosedLoops = in_compiled_loop(self._loop, self._name)
+        else:
+            self._drives = in_process(self._lent.enter_context(self._hosts.lend()))
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._lent.close()
+
+    @cached_property
+    def limits(self) -> dict[str, DrivingLimits]:
+        """For each kind of vehicle how hard the adversary may drive."""
+        return limits_by_kind(self.moment.scenario, self._config)
+
+    def unattacked(self) -> Tracks:
+        """Where the ego goes [1, time] unattacked. Raises DriveError."""
+        moment, world = self.moment, self.moment.world
+        job = SearchJob(world, self.memory, SearchedAgents.only(0, len(world.valid)))
+        others = BackgroundTraffic(moment.background, world.vehicle if self._config.background == "reactive" else None)
+        (driven,) = self._drives([DriveRequest(moment.scenario, job, others)])
+        if isinstance(driven, DriveError):
+            raise driven
+        return to_tracks(with_ego(moment.background, driven.ego.motion), world.controls, moment.scenario)
+
+    def search(self, job: SearchJob, iterations: int, config: AttackConfig) -> SearchEnd:
+        """A search of so many iterations at most. Raises DriveError."""
+        loop = self._loop
+        if loop is not None:
+            found = descend(
+                job.world, loop, job.memory, config.compiled(), job.searched, jnp.int32(iterations), job.start
+            )
+            return SearchEnd(jax.block_until_ready(found))
+        (ended,) = pursue([(self.moment.scenario, job)], config, max(iterations, 1), self._drives, iterations)
+        if isinstance(ended.found, DriveError):
+            raise ended.found
+        return ended

@@ -1,0 +1,70 @@
+"""Plans from what a frame shows: the one that an attack begins with, its renewals, and the way back to the lane."""
+
+import dataclasses
+from collections.abc import Collection
+
+import numpy as np
+
+from regents_cosim.live.case import Forecast
+from regents_cosim.live.frame import Frame
+from regents_cosim.live.history import History
+from regents_cosim.live.host import Host
+from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moments, with_drives
+from regents_cosim.live.observed import OBSERVED
+from regents_cosim.live.plan import Plan
+from regents_cosim.live.search import Search
+from regents_cosim.live.traffic import TrafficState
+
+_LEAST_RECENT_M_S = 2.0  # an observed ego that stands is about to go on
+
+
+class Replanner:
+    """Finds plans for one ego in one simulation."""
+
+    def __init__(self, host: Host, search: Search, moments: Moments, history: History) -> None:
+        self._host, self._search, self._moments, self._history = host, search, moments, history
+
+    def fresh(self, frame: Frame, barred: Collection[str]) -> tuple[Plan, Forecast] | None:
+        """A plan for a vehicle that is not barred, and what was predicted for it; None where none is found."""
+        moment = self._moments.of(self._traffic(frame))
+        plan = self._search.fresh(moment, barred, self._host.speed_only)
+        if plan is None:
+            return None
+        ids = tuple(agent.id for agent in moment.scenario.agents)
+        return plan, Forecast(frame.time_s, DT_S, ids, moment.scenario.tracks)
+
+    def renewed(self, frame: Frame, plan: Plan) -> Plan | None:
+        """A plan, changed where it would miss; None where it cannot be."""
+        known = {plan.adversary: plan.rest(frame.time_s, self._moments.steps)}
+        return self._search.renewed(self._moments.of(self._traffic(frame), known), plan.adversary)
+
+    def homeward(self, frame: Frame, name: str) -> Plan | None:
+        """A drive from where a vehicle is back to the middle of its lane, behind its leader."""
+        traffic = self._traffic(frame)
+        index = traffic.index(name)
+        if index is None:
+            return None
+        tracks = self._moments.predictor.predict(traffic, DT_S, self._moments.steps)
+        there = int(tracks.valid[index].sum())
+        if there < 2:
+            return None
+        x, y, yaw, speed = (v[index, :there] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed))
+        return Plan(name, frame.time_s, x, y, np.unwrap(yaw), speed, meets_s=np.inf)
+
+    def forecast(self, frame: Frame, plan: Plan, seconds: float) -> Forecast:
+        """What all do from now on, if the adversary follows its plan."""
+        traffic, steps = self._traffic(frame), round(seconds / DT_S) + 1
+        known = {plan.adversary: plan.rest(frame.time_s, steps)}
+        tracks = with_drives(self._moments.predictor.predict(traffic, DT_S, steps), traffic, known)
+        return Forecast(frame.time_s, DT_S, tuple(user.agent.id for user in traffic.users), tracks)
+
+    def _traffic(self, frame: Frame) -> TrafficState:
+        """The traffic around; an ego that is only observed wants to go no faster than it went lately."""
+        traffic = self._host.traffic(frame, MOST_AGENTS, self._moments.horizon_s)
+        if self._search.planner_name != OBSERVED:
+            return traffic
+        ego = traffic.ego
+        recent = max(self._history.recent_m_s(), _LEAST_RECENT_M_S)
+        most = min(recent / max(ego.following.speed_factor, 0.01), ego.following.max_speed_m_s)
+        slow = dataclasses.replace(ego.following, max_speed_m_s=most)
+        return dataclasses.replace(traffic, users=(dataclasses.replace(ego, following=slow), *traffic.users[1:]))

@@ -1,0 +1,55 @@
+"""What a live attack is told: how often it plans, how far it looks, what it keeps."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Literal
+
+from regents_cosim.attacks.presets import METHODS, AttackConfig
+from regents_cosim.checks.ranges import Range
+from regents_cosim.errors import RegentsError, require
+
+Keep = Literal["crashes", "near-misses"]
+
+_STARTS, _ITERATIONS = 4, 15  # live: there is half a second, and another moment after it
+_LEARNING_RATE = 5e-3  # as far in so few iterations as offline in its median of 75
+_RANGES = {
+    "replan_s": Range(0.05, 60.0, "seconds from one plan to the next"),
+    "horizon_s": Range(2.0, 60.0, "seconds that are planned ahead, and kept of a crash"),
+    "radius_m": Range(10.0, 1e4, "metres around the ego"),
+}
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """Raises RegentsError for values that cannot be meant."""
+
+    replan_s: float = 0.5
+    horizon_s: float = 5.0
+    radius_m: float = 100.0
+    keep: Keep = "crashes"
+    judged: bool = True  # cases are judged when they are kept
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, allowed in _RANGES.items():
+            allowed.check(name, getattr(self, name))
+        require(self.keep in ("crashes", "near-misses"), f"keep {self.keep!r}, expected `crashes` or `near-misses`",
+                RegentsError)  # fmt: skip
+
+
+def live_config(method: str | AttackConfig) -> AttackConfig:
+    """The preset as it is searched live: one candidate at a time, few starts, few iterations."""
+    if isinstance(method, AttackConfig):
+        return method
+    preset = METHODS.get(method)
+    if preset is None or preset.optimiser != "adam":
+        raise RegentsError(f"method {method!r}, expected one of focused, regents, king (or an AttackConfig)")
+    return dataclasses.replace(
+        preset,
+        search="per-candidate",
+        starts=min(preset.starts, _STARTS),
+        iterations=_ITERATIONS,
+        learning_rate=_LEARNING_RATE,
+        attempts=1,
+        patience=0,
+    )

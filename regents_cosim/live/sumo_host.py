@@ -1,0 +1,30 @@
+"""SUMO as the simulation that an attack is in."""
+
+from typing import Any
+
+from regents_cosim.live.frame import Frame
+from regents_cosim.live.reading import Reader
+from regents_cosim.live.traffic import TrafficState
+from regents_cosim.live.vehicle_control import SumoVehicleControl
+
+_STOPPED = 1  # bit of a vehicle's stop state
+
+
+class SumoHost:
+    """One simulation that is read through TraCI or libsumo, and whose vehicles can be taken over."""
+
+    def __init__(self, connection: Any, reader: Reader) -> None:
+        self._sumo, self._reader = connection, reader
+        self.road, self.step_s, self.speed_only = reader.road, reader.step_s, reader.sideways
+
+    def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
+        """The ego and the nearest others, `most` in all, with what they are about to do."""
+        return self._reader.traffic(frame, most, horizon_s)
+
+    def is_at_stop(self, name: str) -> bool:
+        """Whether a vehicle waits at a stop of its own, or is parked."""
+        return bool(self._sumo.vehicle.getStopState(name) & _STOPPED)
+
+    def take(self, name: str, length_m: float) -> SumoVehicleControl:
+        """Take a vehicle into our hands."""
+        return SumoVehicleControl(self._sumo, name, length_m, self.road, self.speed_only)
