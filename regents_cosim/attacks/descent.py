@@ -25,13 +25,7 @@ from regents_cosim.attacks.search_state import Rollout, SearchResult, SearchStat
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.dynamics import controls_between, pull_back, roll_out
-from regents_cosim.mirror.rollout import (
-    LoopPlanner,
-    drive,
-    drive_among_reacting,
-    roll_out_background,
-    with_ego,
-)
+from regents_cosim.mirror.rollout import LoopPlanner, drive, drive_among_reacting, roll_out_background, with_ego
 from regents_cosim.mirror.separation import Box, pose_gradient
 from regents_cosim.mirror.world import World
 

@@ -13,7 +13,8 @@ from pathlib import Path
 import msgspec
 
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.cases.files import content_hash, load_case, save_case
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.checks.names import file_name, word
 from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun

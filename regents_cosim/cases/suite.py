@@ -4,7 +4,8 @@ import logging
 from collections.abc import Iterable
 from pathlib import Path
 
-from regents_cosim.cases.files import MANIFEST, Suite, add_case, find_cases, load_case, load_manifest
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, find_cases, load_manifest
 from regents_cosim.cases.provenance import command, versions
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.errors import CaseError

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.cases.files import find_cases, load_case
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.boxes import Boxes, overlap

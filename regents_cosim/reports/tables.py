@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.cases.files import find_cases
+from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NETWORKS, SUITES, suite_folder
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario

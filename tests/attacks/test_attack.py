@@ -7,7 +7,7 @@ from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack, attack_each
 from regents_cosim.attacks.presets import FOCUSED_COST, KING, METHODS, REGENTS, REGENTS_FOCUSED
-from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT

@@ -15,7 +15,7 @@ from regents_cosim.attacks.presets import KING, REGENTS
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.universal import AttackedPlanners, UniversalDescent
 from regents_cosim.benchmarks.cross import among_adversaries, cross_rows
-from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.rollout import EgoTrack, FixedEgo

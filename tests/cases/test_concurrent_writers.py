@@ -13,7 +13,7 @@ import pytest
 from disk_writers import add, assert_cleaned_up, assert_survived, assert_well, case, names, started
 from params import slow
 
-from regents_cosim.cases.files import find_cases, load_manifest
+from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import load_baseline
 from regents_cosim.evaluation.suites.folders import write_suite

@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
-from regents_cosim.cases.files import content_hash, find_cases, load_case, load_manifest, save_case
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.judgement import Avoidability, Fault, Judgement, Manoeuvre
@@ -128,7 +130,7 @@ def test_saving_again_replaces_the_case_and_leaves_nothing_else(tmp_path):
 
 def test_a_write_that_fails_leaves_the_old_case(tmp_path, monkeypatch):
     save_case(platoon(), tmp_path)
-    monkeypatch.setattr("regents_cosim.cases.files._pack_tracks", lambda tracks: 1 / 0)
+    monkeypatch.setattr("regents_cosim.cases.files.pack_tracks", lambda tracks: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         save_case(replace(platoon(), target=(1.0, 2.0)), tmp_path)
     assert load_case(tmp_path / "platoon0").target == platoon().target

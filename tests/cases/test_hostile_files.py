@@ -21,7 +21,8 @@ from scenes import platoon
 from test_files import attacked, judged
 
 from regents_cosim.cases.array_files import load_arrays
-from regents_cosim.cases.files import load_case, load_manifest, save_case
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.polygon_file import load_polygons
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.errors import CaseError, InputError, ScenarioError

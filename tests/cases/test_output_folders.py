@@ -4,7 +4,8 @@ import shutil
 
 import pytest
 
-from regents_cosim.cases.files import find_cases, load_case
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.cases.files import find_cases
+from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NETWORKS, SUITES, located, network, network_config, shipped
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError

@@ -12,7 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
-from regents_cosim.cases.files import Header, SuiteEntry, content_hash, find_cases, load_case, load_manifest, save_case
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.header import Header
+from regents_cosim.cases.manifest import SuiteEntry, find_cases, load_manifest
 from regents_cosim.cases.map_files import MapFiles
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.checks.names import MOST_BYTES, distinct_word, file_name, require_file_name, require_id, word

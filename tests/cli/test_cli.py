@@ -17,7 +17,8 @@ from PIL import Image
 from scenes import DT, scene
 from scenes import crash as crashed
 
-from regents_cosim.cases.files import load_case, load_manifest, save_case
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.collisions import first_contact
 

@@ -6,7 +6,8 @@ import pytest
 from PIL import Image
 from test_cli import regents
 
-from regents_cosim.cases.files import load_case, load_manifest
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.collisions import first_contact
 

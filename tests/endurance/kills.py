@@ -23,7 +23,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from regents_cosim.cases.files import content_hash, load_case, load_manifest
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import network_config, shipped
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline

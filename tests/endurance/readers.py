@@ -26,7 +26,8 @@ sys.path.append(str(Path(__file__).parents[1] / "support"))  # as a program, pyt
 import log_files
 import scenes
 
-from regents_cosim.cases.files import Suite, SuiteEntry, load_case, load_manifest, save_case, save_suite
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.manifest import Suite, SuiteEntry, load_manifest, save_suite
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
 from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 from regents_cosim.planners.aim_bev.weights_file import load_weights

@@ -15,7 +15,9 @@ import tempfile
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from regents_cosim.cases.files import content_hash, load_case, load_manifest
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import RegentsError

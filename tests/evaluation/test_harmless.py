@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from regression_cases import cuts_in, follows, pushes
 
-from regents_cosim.cases.files import content_hash, load_case, save_case
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.cases.shipped import suite_folder
 from regents_cosim.cases.suite import load_suite, suite_cases
 from regents_cosim.evaluation.drives.driving import drive_each, driving_row, score

@@ -10,7 +10,8 @@ import pytest
 import regression_cases
 from places import SUPPORT
 
-from regents_cosim.cases.files import load_case, load_manifest, save_suite
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import load_manifest, save_suite
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.evaluation.regression import comparison as regression

@@ -8,7 +8,8 @@ import pytest
 from params import slow
 
 from regents_cosim.benchmarks.transfer import PLACES, transfer
-from regents_cosim.cases.files import find_cases, load_case
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run

@@ -11,7 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
-from regents_cosim.cases.files import content_hash, load_case, load_manifest
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError

@@ -15,7 +15,8 @@ from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS
-from regents_cosim.cases.files import content_hash, load_case, save_case
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import drive_each

@@ -13,7 +13,7 @@ import pytest
 from places import ROOT
 
 import regents_cosim
-from regents_cosim.cases.files import load_manifest
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cli.application import app
 

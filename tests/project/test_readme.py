@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from regents_cosim.cases.files import load_manifest
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import NETWORKS, shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.replays.replay import replay_each

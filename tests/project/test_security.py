@@ -14,7 +14,9 @@ import pytest
 from places import ROOT, SUPPORT
 from scenes import platoon, scene
 
-from regents_cosim.cases.files import content_hash, find_cases, load_case, save_case
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import network_config, shipped
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.checks.bounded import gunzip_bounded

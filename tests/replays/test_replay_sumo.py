@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from params import slow
 from places import ROOT
 
-from regents_cosim.cases.files import find_cases, load_case
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NETWORKS, network_config
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, SumoError

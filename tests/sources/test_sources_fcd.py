@@ -8,7 +8,7 @@ import pytest
 from params import slow
 from places import ROOT
 
-from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, RegentsError
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.sources.fcd import LogError, record_fcd

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import points_from_highway
 from regents_cosim.sources.highway import HighwayRecordingJob, environments, record_episodes

@@ -9,7 +9,8 @@ import pytest
 from params import slow
 from places import ROOT
 
-from regents_cosim.cases.files import content_hash, load_case, save_case
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.sources.sumo import record_sumo

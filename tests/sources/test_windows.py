@@ -4,7 +4,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, RegentsError
 from regents_cosim.geometry.boxes import overlap
 from regents_cosim.maps.roadmap import Lane, RoadMap

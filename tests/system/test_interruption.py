@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.cases.files import load_case, load_manifest
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import network_config, shipped
 
 REGENTS = Path(sys.executable).parent / "regents"

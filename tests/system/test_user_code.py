@@ -138,7 +138,7 @@ def test_a_module_that_leaves_python_is_an_error(tmp_path):
 @pytest.mark.parametrize("where", ["mirror", "sumo"])
 @pytest.mark.parametrize("name", NAMES)
 def test_the_command_line_drives_a_planner_of_several_files(tmp_path, name, where):
-    from regents_cosim.cases.files import find_cases
+    from regents_cosim.cases.manifest import find_cases
     from regents_cosim.cases.shipped import shipped
 
     project(tmp_path)

@@ -79,7 +79,7 @@ def build(
     seed
         of the traffic and of the choice
     """
-    from regents_cosim.cases.files import content_hash
+    from regents_cosim.cases.content_hash import content_hash
     from regents_cosim.cases.shipped import NETWORKS
     from regents_cosim.evaluation.suites.building import Recipe, build_suite
     from regents_cosim.evaluation.suites.cards import card

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from regents_cosim.cases.files import load_manifest
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.reduction.shrink import Shrunk, shrink

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import located, require_own
 from regents_cosim.cases.suite import cases_of, suite_cases
 from regents_cosim.errors import RegentsError

@@ -16,7 +16,7 @@ import numpy as np
 
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import METHODS
-from regents_cosim.cases.files import content_hash
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import network
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError

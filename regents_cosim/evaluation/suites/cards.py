@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from regents_cosim.cases.files import Header, load_header
+from regents_cosim.cases.files import load_header
+from regents_cosim.cases.header import Header
 from regents_cosim.scenario import AttackRecord, Scenario
 
 

@@ -5,7 +5,10 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from regents_cosim.cases.files import HEADER, MANIFEST, Suite, add_case, content_hash, is_ours, load_case, load_manifest
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.header import HEADER
+from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, is_ours, load_manifest
 from regents_cosim.cases.provenance import command, revision, versions
 from regents_cosim.cases.suite_code import code_for_pytest
 from regents_cosim.errors import CaseError, RegentsError

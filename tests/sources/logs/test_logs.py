@@ -14,7 +14,8 @@ from log_files import CARS, LENGTH, SPEED, WALKER, WIDTH, WRITERS
 from params import slow
 from places import ROOT
 
-from regents_cosim.cases.files import content_hash, load_case, save_case
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.errors import LogError, NoWindowError, RegentsError
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, format_of, formats, read_log

@@ -1,0 +1,59 @@
+"""The hash of a case: of everything that a replay depends on."""
+
+import hashlib
+from typing import Any
+
+import msgspec
+
+from regents_cosim.cases.header import header_of
+from regents_cosim.cases.map_files import map_files
+from regents_cosim.cases.track_files import arrays
+from regents_cosim.judgement import Judgement
+from regents_cosim.scenario import AttackRecord, Scenario
+
+
+def content_hash(scenario: Scenario) -> str:
+    """SHA-256 of everything that a replay depends on: all but the provenance, and what the search took."""
+    digest = hashlib.sha256()
+    content = header_of(scenario, map_files(scenario.road), "")
+    for name in ("id", "dt", "target", "agents", "map", "signals", "overlaps"):
+        digest.update(msgspec.json.encode(getattr(content, name), order="deterministic"))
+    digest.update(_attack_content(scenario.attack))
+    if scenario.judgement is not None:
+        digest.update(_judgement_content(scenario.judgement))
+    for tracks in filter(None, (scenario.tracks, scenario.original, scenario.evasion)):
+        for name, value in arrays(tracks).items():
+            digest.update(name.encode() + (b"-" if value is None else value.tobytes()))
+    return digest.hexdigest()
+
+
+def _attack_content(attack: AttackRecord | None) -> bytes:
+    """What is hashed of an attack: not what it took; what older cases do not say, only where it holds."""
+    values = msgspec.json.decode(msgspec.json.encode(attack, order="deterministic"))
+    if values is not None:
+        values.pop("act_time", None)  # a record that was read lacks what its file does not say
+        values.pop("rollouts", None)
+        for name in ("planner_error", "spoilt"):
+            if not values.get(name):
+                values.pop(name, None)
+    return msgspec.json.encode(values)
+
+
+def _judgement_content(judgement: Judgement) -> bytes:
+    """What is hashed of a judgement: what older cases do not say, only where it is known."""
+    values = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
+    _drop_unknown(values, ("law", "drivers", "unavoidable", "usual"))
+    for drive in values.get("drivers", ()):
+        _drop_unknown(drive, ("rear_ended_by",))
+    if (avoidability := values.get("avoidability")) is not None:
+        _drop_unknown(avoidability, ("in_time", "perceived_step"))
+        if (gentlest := avoidability.get("gentlest")) is not None:
+            _drop_unknown(gentlest, ("side", "runs_red", "driver"))
+    return msgspec.json.encode(values)
+
+
+def _drop_unknown(values: dict[str, Any], names: tuple[str, ...]) -> None:
+    """Drop those of `names` that say nothing: older cases lack them."""
+    for name in names:
+        if values.get(name) is None or values[name] == []:
+            values.pop(name, None)

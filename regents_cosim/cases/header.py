@@ -1,0 +1,56 @@
+"""scenario.json: all of a case but its tracks and its map."""
+
+from dataclasses import dataclass
+
+from regents_cosim.cases.json_files import FLAT_SCHEMA, SCHEMA
+from regents_cosim.cases.map_files import MapFiles
+from regents_cosim.checks.names import require_file_name
+from regents_cosim.judgement import Judgement
+from regents_cosim.scenario import Agent, AttackRecord, Overlap, Provenance, Scenario, Signal
+
+HEADER = "scenario.json"
+
+
+@dataclass(frozen=True)
+class Header:
+    """scenario.json, except for `schema`: all of a case but its tracks and its map."""
+
+    id: str
+    hash: str
+    dt: float
+    ego: str
+    target: tuple[float, float]
+    agents: tuple[Agent, ...]
+    map: MapFiles
+    signals: tuple[Signal, ...]
+    overlaps: tuple[Overlap, ...]
+    provenance: Provenance
+    attack: AttackRecord | None
+    judgement: Judgement | None = None
+
+    def __post_init__(self) -> None:
+        require_file_name(self.id, "case id")
+
+
+def schema_of(scenario: Scenario) -> int:
+    """The oldest schema that can hold it: the newest where anything has a height."""
+    tracks = filter(None, (scenario.tracks, scenario.original, scenario.evasion))
+    return SCHEMA if scenario.road.raised or not all(track.flat for track in tracks) else FLAT_SCHEMA
+
+
+def header_of(scenario: Scenario, files: MapFiles, digest: str) -> Header:
+    """What the file of a case says, its map being in `files` and its hash `digest`."""
+    return Header(
+        id=scenario.id,
+        hash=digest,
+        dt=scenario.dt,
+        ego=scenario.ego.id,
+        target=scenario.target,
+        agents=scenario.agents,
+        map=files,
+        signals=scenario.signals,
+        overlaps=scenario.overlaps,
+        provenance=scenario.provenance,
+        attack=scenario.attack,
+        judgement=scenario.judgement,
+    )

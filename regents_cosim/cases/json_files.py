@@ -1,0 +1,61 @@
+"""JSON of our schema, read safely: of no newer schema, and whatever may be damaged said in one line."""
+
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import shapely
+
+from regents_cosim.checks.bounded import MIB
+from regents_cosim.errors import CaseError, InputError, ScenarioError
+
+SCHEMA = 2  # the newest that is read: cases with heights
+FLAT_SCHEMA = 1  # of everything else; their bytes and hashes are those of the versions that knew no heights
+JSON_BYTES = 64 * MIB  # of a case 100 KB, the costs of every iteration included; of a suite 100 bytes a case
+_Kind = TypeVar("_Kind")
+
+
+def decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:
+    """Decode JSON of our schema or an older one into `kind`."""
+    schema = msgspec.json.decode(text, type=_Schema).schema
+    if schema > SCHEMA:
+        raise CaseError(
+            f"{path}: schema {schema}, this version reads up to {SCHEMA} (upgrade regents_cosim to read it)"
+        )
+    return msgspec.json.decode(text, type=kind)
+
+
+@dataclass(frozen=True)
+class _Schema:
+    schema: int
+
+
+@contextmanager
+def explain_read(folder: Path) -> Iterator[None]:
+    """Say what cannot be read in the block as a CaseError that names `folder`."""
+    try:
+        yield
+    except CaseError:
+        raise
+    except (ScenarioError, InputError) as error:
+        named = str(folder) in str(error)
+        raise CaseError(str(error) if named else f"{folder}: {error}") from error
+    except _UNREADABLE as error:
+        raise CaseError(
+            f"{folder}: a file of the case is missing, damaged or truncated ({_first_line(error)})"
+        ) from error
+
+
+_UNREADABLE: tuple[type[Exception], ...] = (
+    OSError, EOFError, ValueError, TypeError, KeyError, MemoryError, zipfile.BadZipFile, zlib.error,
+    msgspec.MsgspecError, shapely.errors.ShapelyError, RecursionError,
+)  # fmt: skip
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

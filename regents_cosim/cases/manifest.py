@@ -1,0 +1,124 @@
+"""suite.json: what a folder of cases lists. The layout is that of `docs/file-formats.md`, which is a contract.
+
+That a case is renamed into its place (`files`) also decides what the manifest lists: before, it names the case that is
+`pending`, with its hash, and a reader counts that one if the folder holds it.
+"""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import msgspec
+
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import is_of_case, load_header, write_case
+from regents_cosim.cases.header import HEADER
+from regents_cosim.cases.json_files import FLAT_SCHEMA, JSON_BYTES, decode, explain_read
+from regents_cosim.cases.map_files import is_map_file
+from regents_cosim.cases.shipped import SUITES, located, names
+from regents_cosim.checks.bounded import read_bounded
+from regents_cosim.checks.names import require_file_name, require_inside
+from regents_cosim.errors import CaseError
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.atomic import explain_write, write_atomic
+from regents_cosim.system.locks import writing
+from regents_cosim.system.swap import restore
+
+MANIFEST = "suite.json"
+
+
+@dataclass(frozen=True)
+class SuiteEntry:
+    """One case of a suite."""
+
+    case: str
+    hash: str
+
+    def __post_init__(self) -> None:
+        require_file_name(self.case, "case of a suite")
+
+
+@dataclass(frozen=True)
+class Suite:
+    """suite.json: what a folder of cases holds and how it was made."""
+
+    cases: tuple[SuiteEntry, ...]
+    command: str = ""
+    seed: int = 0
+    versions: dict[str, str] = field(default_factory=dict)
+    schema: int = FLAT_SCHEMA
+    pending: SuiteEntry | None = None  # about to be written: of the suite if its folder holds it
+
+    def having(self, entry: SuiteEntry) -> "Suite":
+        """With `entry` in the place of one of its name, and nothing pending."""
+        entries = {one.case: one for one in (*self.cases, entry)}
+        return replace(self, cases=tuple(entries[name] for name in sorted(entries)), pending=None)
+
+
+def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
+    """Write `scenario` to `suite/<id>` and list it in the manifest beside what that lists by then; return its folder.
+
+    The manifest then says of itself what `notes` says. Raises RegentsError where the folder cannot be written.
+    """
+    entry = SuiteEntry(scenario.id, content_hash(scenario))
+    with explain_write(suite):
+        suite.mkdir(parents=True, exist_ok=True)
+        with writing(suite):
+            known = load_manifest(suite).cases if (suite / MANIFEST).exists() else ()
+            manifest = replace(notes, cases=known, pending=entry)
+            saved = write_case(scenario, suite, entry.hash, lambda: save_suite(suite, manifest))
+            save_suite(suite, manifest.having(entry))
+    return saved
+
+
+def is_ours(suite: Path, path: Path) -> bool:
+    """Whether a file at `path` in a suite is of the suite itself; all others are the user's."""
+    if len(path.parts) != 2:
+        return path == Path(MANIFEST)
+    folder, name = path.parent, path.name
+    return folder.name == "maps" if is_map_file(name) else is_of_case(suite / folder, Path(name))
+
+
+def save_suite(folder: Path, suite: Suite) -> None:
+    """Write the manifest of a suite."""
+    values = msgspec.to_builtins(suite)
+    if suite.pending is None:
+        del values["pending"]
+    with explain_write(folder):
+        write_atomic(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(values), indent=1) + b"\n")
+
+
+def load_manifest(folder: Path) -> Suite:
+    """Read the manifest of a suite. Raises CaseError where there is none that can be read."""
+    restore(folder)
+    path = folder / MANIFEST
+    if not path.exists():
+        raise CaseError(f"no suite.json in {folder} (expected a folder of cases; make one with `regents record`)")
+    require_inside(path, folder)
+    with explain_read(folder):
+        suite = decode(read_bounded(path, JSON_BYTES), Suite, path)
+    return _settled(suite, folder)
+
+
+def _settled(suite: Suite, folder: Path) -> Suite:
+    """The suite with nothing pending: a writer may have been killed before or after it put the case in its place."""
+    if suite.pending is None:
+        return suite
+    try:
+        there = load_header(folder / suite.pending.case).hash == suite.pending.hash
+    except CaseError:
+        there = False
+    return suite.having(suite.pending) if there else replace(suite, pending=None)
+
+
+def find_cases(path: Path) -> list[Path]:
+    """The case folders that `path` stands for: itself, or those its manifest lists, in that order."""
+    path = located(path)
+    restore(path)
+    if not path.is_dir():
+        raise CaseError(
+            f"{path} is not a folder (expected a case, a folder of cases, or one that comes with regents_cosim: "
+            f"{', '.join(names(SUITES))})"
+        )
+    if (path / HEADER).is_file():
+        return [path]
+    return [path / entry.case for entry in load_manifest(path).cases]
