@@ -9,13 +9,15 @@ from jaxtyping import Array, Float
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import Controls, accumulate, stopping_speed
+from regents_cosim.mirror.bicycle import Controls, stopping_speed
 from regents_cosim.mirror.world import DriveBounds, World
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
-from regents_cosim.verdicts.ordinary import DrivingLimits, ordinary
+from regents_cosim.verdicts.handling import MEAN_S
+from regents_cosim.verdicts.ordinary import AT_ONCE_M_S3, DrivingLimits, ordinary
 
 _LIMITED = tuple(field.name for field in fields(DriveBounds))
 _NO_BOUND = 1e3  # m/s^2 and m/s^3: no control of the mirror comes near
+_ROUNDING = 1e-3  # of the seconds that so many steps take
 _SLOWEST_M_S = 1.0  # below, curvature is bounded as if it were as fast: who crawls may turn on the spot
 
 
@@ -59,21 +61,32 @@ def _eased(
     bounds: DriveBounds,
     dt: Float[Array, ""],
 ) -> Float[Array, "searched step"]:
-    """Clipped, and changing by no more than the jerk allows from step to step, the first from what the log begins with.
+    """Clipped, and changing over any second by no more than the jerk allows, the first from what the log begins with.
 
-    The mean of the least function above and the greatest below that keep to the jerk (McShane 1934): of all that do,
-    none has a smaller greatest difference.
+    How far apart the accelerations of two steps may be is a metric on the steps. The mean of the least function above
+    and the greatest below that keep to it (McShane 1934): of all that do, none has a smaller greatest difference.
     """
-    change = jnp.maximum((bounds.jerk * dt)[:, None], jnp.abs(jnp.diff(logged, axis=1)))
-    place = accumulate(jnp.zeros(len(accel)), change)  # along the steps, in what the acceleration may change by
+    steps = np.arange(accel.shape[1], dtype=np.float32)
     first = jnp.argmax(moving, axis=1)[:, None]
-    since = jnp.maximum(place - jnp.take_along_axis(place, first, axis=1), 0.0)
     begun = jnp.take_along_axis(logged, first, axis=1)
+    since = jnp.maximum(_may_change(jnp.abs(steps - first) * dt, bounds.jerk[:, None]), jnp.abs(logged - begun))
     most = jnp.maximum(jnp.minimum(bounds.accel[:, None], begun + since), logged)
     least = jnp.minimum(jnp.maximum(-bounds.braking[:, None], begun - since), logged)
     clipped = jnp.clip(accel, least, most)[:, None]
-    apart = jnp.abs(place[:, :, None] - place[:, None, :])
+    by_jerk = _may_change(np.abs(np.subtract.outer(steps, steps)) * dt, bounds.jerk[:, None, None])
+    apart = jnp.maximum(by_jerk, jnp.abs(logged[:, :, None] - logged[:, None, :]))
     return 0.5 * ((clipped + apart).min(axis=2) + (clipped - apart).max(axis=2))
+
+
+def _may_change(within_s: Float[Array, "..."], jerk: Float[Array, "..."]) -> Float[Array, "..."]:
+    """By how much [m/s^2] the acceleration may change within so many seconds.
+
+    By the jerk times a second for each second begun, and at no time faster than in an emergency. So the mean of one
+    second differs from that of the second before by no more, which is how `handling` measures the jerk of traffic.
+    """
+    whole = jnp.maximum(jnp.ceil(within_s / MEAN_S - _ROUNDING) - 1.0, 0.0)
+    at_once = jnp.maximum(jerk, AT_ONCE_M_S3)
+    return whole * jerk * MEAN_S + jnp.minimum(at_once * (within_s - whole * MEAN_S), jerk * MEAN_S)
 
 
 def _lateral(

@@ -1,20 +1,22 @@
 """How fast a candidate may drive along a line: it goes on as it does, then brakes or speeds up to another speed.
 
-Bends slow it down, and accelerations build up as the jerk of ordinary drivers allows. All profiles are driven
-together.
+Bends slow it down, red lights stop it, and accelerations build up as the jerk of ordinary drivers allows. All profiles
+are driven together.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.drive_lines import PULLING_OUT_M_S, SPACING_M, DriveLine
 from regents_cosim.limits import OVER_LIMIT
+from regents_cosim.verdicts.handling import MEAN_S
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
 _BEND_BRAKE = 2.0  # [m/s^2] with which it slows down for a bend
+_BEFORE_LIGHT_M = 1.0  # it stops
 _BRAKES = (1.0, 0.6, 0.4, 0.2)  # shares of the hardest braking
 _SLOWER = (0.0, 0.25, 0.5, 0.75)  # shares of the speed at first that braking ends at
 _GAINS = (0.3, 0.6, 1.0)  # shares of the greatest acceleration
@@ -30,6 +32,37 @@ class Profiles:
     accel: Float[np.ndarray, " profile"]  # [m/s^2]
     wanted: Float[np.ndarray, " profile"]  # [m/s] at which it ends
     begins_s: Float[np.ndarray, " profile"]
+
+    def take(self, chosen: np.ndarray) -> "Profiles":
+        """Some of them, by mask or index."""
+        return Profiles(*(values[chosen] for values in (self.line, self.accel, self.wanted, self.begins_s)))
+
+
+@dataclass(frozen=True, eq=False)
+class Lights:
+    """Stop lines on some lines, and when they show red, for one whose front is `front_m` ahead of its centre."""
+
+    at_m: Float[np.ndarray, "stop line"]  # infinite where a line has fewer
+    red: Bool[np.ndarray, "time stop line"]
+    front_m: float
+
+    @classmethod
+    def of(cls, lines: Sequence[DriveLine], first: int, steps: int, front_m: float) -> "Lights":
+        """The lights of the lines at `steps` steps from `first` on."""
+        most = max(len(line.stop_lines) for line in lines)
+        at_m, red = np.full((most, len(lines)), np.inf), np.zeros((steps, most, len(lines)), bool)
+        for index, line in enumerate(lines):
+            for place, stop in enumerate(line.stop_lines):
+                at_m[place, index], red[:, place, index] = stop.at_m, stop.red[first : first + steps]
+        return cls(at_m, red, front_m)
+
+    def allow(self, line: np.ndarray, at: np.ndarray, step: int) -> Float[np.ndarray, " profile"]:
+        """The speeds [m/s] from which one at those places on the lines stops before the next red light."""
+        left_m = self.at_m[:, line] - at - self.front_m
+        closed = self.red[step][:, line] & (left_m > 0.0)
+        return np.sqrt(
+            2.0 * _BEND_BRAKE * np.maximum(np.where(closed, left_m, np.inf).min(axis=0) - _BEFORE_LIGHT_M, 0.0)
+        )
 
 
 def profiles(lines: Sequence[DriveLine], speed: float, fastest_logged: float, limits: DrivingLimits) -> Profiles:
@@ -64,29 +97,38 @@ def drive(
     steps: int,
     dt: float,
     limits: DrivingLimits,
+    lights: Lights | None = None,
 ) -> tuple[Float[np.ndarray, "profile time"], Float[np.ndarray, "profile time"]]:
     """Speeds [m/s] and distances [m] of the profiles along their lines, slower than wanted where those bend.
 
-    All begin with one speed [m/s] and acceleration [m/s^2], which changes by no more than the jerk of the `limits`
-    allows.
+    All begin with one speed [m/s] and acceleration [m/s^2], which over any second changes by no more than the jerk of
+    the `limits` allows. With `lights` they stop at red ones, and go on when those change.
     """
     allowed = np.concatenate([_allowed_in_bends(line, limits.lateral_accel) for line in lines])
     ends = np.cumsum([len(line.points) for line in lines])
     begins, last = (ends - [len(line.points) for line in lines])[wanted.line] + 1, ends[wanted.line] - 1
-    ease = limits.jerk * dt
+    at_once, over_a_second = limits.jerk_at_once * dt, limits.jerk * MEAN_S
     driven = np.empty((steps, len(wanted.accel)))
     travelled = np.zeros_like(driven)
     driven[0], accel = begun[0], np.full(len(wanted.accel), begun[1])
+    recent = np.full((max(round(MEAN_S / dt), 1), len(accel)), begun[1])  # accelerations of the last second
     for step in range(1, steps):
         now, at = driven[step - 1], travelled[step - 1]
         there, ahead = (
             allowed[np.minimum(begins + ((at + further) / SPACING_M).astype(int), last)]
-            for further in (0.0, now * _BEND_BRAKE / limits.jerk)  # by when it brakes as gently as for a bend
+            for further in (0.0, now * _builds_up_s(_BEND_BRAKE, limits))  # by when it brakes as for a bend
         )
-        aim = _aim(now, begun[0], wanted, (step - 1) * dt, np.minimum(there, ahead), limits)
-        accel = np.clip(_landing(*aim, ease, dt), accel - ease, accel + ease)
+        slowest = np.minimum(there, ahead)
+        if lights is not None:
+            slowest = np.minimum(slowest, lights.allow(wanted.line, at, step))
+        aim = _aim(now, begun[0], wanted, (step - 1) * dt, slowest, limits)
+        least = np.maximum(accel - at_once, recent.max(axis=0) - over_a_second)
+        accel = np.clip(
+            _landing(*aim, limits, dt), least, np.minimum(accel + at_once, recent.min(axis=0) + over_a_second)
+        )
         driven[step] = np.maximum(now + accel * dt, 0.0)
         accel = np.where(driven[step] > 0.0, accel, 0.0)
+        recent[step % len(recent)] = accel
         travelled[step] = at + 0.5 * (now + driven[step]) * dt
     return driven.T, travelled.T
 
@@ -104,9 +146,16 @@ def _aim(
     return target - now, np.where(changing & ~in_bend, np.minimum(np.abs(wanted.accel), hardest), hardest)
 
 
-def _landing(change: np.ndarray, most: np.ndarray, ease: float, dt: float) -> np.ndarray:
+def _builds_up_s(accel: float, limits: DrivingLimits) -> float:
+    """How long it takes [s] until one accelerates by so much [m/s^2]."""
+    return accel / (limits.jerk_at_once if accel <= limits.jerk * MEAN_S else limits.jerk)
+
+
+def _landing(change: np.ndarray, most: np.ndarray, limits: DrivingLimits, dt: float) -> np.ndarray:
     """The greatest accelerations [m/s^2] from which one still gets to the new speed while easing off."""
-    eased = np.sqrt(2.0 * ease / dt * np.abs(change) + 0.25 * ease**2) - 0.5 * ease
+    slow, fast = (np.sqrt(2.0 * jerk * np.abs(change) + 0.25 * (jerk * dt) ** 2) - 0.5 * jerk * dt
+                  for jerk in (limits.jerk, limits.jerk_at_once))  # fmt: skip
+    eased = np.minimum(fast, np.maximum(limits.jerk * MEAN_S, slow))
     return np.sign(change) * np.minimum(np.minimum(most, eased), np.abs(change) / dt)
 
 

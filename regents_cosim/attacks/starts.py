@@ -22,7 +22,7 @@ from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, lines_ahead
 from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.attacks.speed_profiles import drive, profiles
+from regents_cosim.attacks.speed_profiles import Lights, Profiles, drive, profiles
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ACCEL_WINDOW_S, ALONG_RAD
@@ -208,7 +208,7 @@ def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits) 
     logged, lines = scenario.tracks.speed[agent], [line for line, _ in marked]
     begun = float(logged[pair.first]), _begun_accel(logged[pair.first :], scenario.dt)
     wanted = profiles(lines, begun[0], float(logged.max()), limits)
-    driven = drive(lines, begun, wanted, len(pair.there), scenario.dt, limits)
+    wanted, driven = _driven(lines, begun, wanted, pair, scenario.dt, limits)
     found = []
     for index, (line, touched) in enumerate(marked):
         rows = np.flatnonzero(wanted.line == index)
@@ -217,6 +217,24 @@ def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits) 
         some = _along(line, speed, travelled, np.abs(wanted.accel[rows]), pair, scenario.dt)
         found.append(_kept(some, _hardest_turn(some, scenario.dt) <= limits.lateral_accel))
     return _Drives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Drives)))
+
+
+def _driven(
+    lines: list[DriveLine], begun: tuple[float, float], wanted: Profiles, pair: _Pair, dt: float, limits: DrivingLimits
+) -> tuple[Profiles, tuple[np.ndarray, np.ndarray]]:
+    """The profiles with their speeds and distances; those that would run a red light stop there besides."""
+    steps, front_m = len(pair.there), 0.5 * pair.mine[0]
+    speed, travelled = drive(lines, begun, wanted, steps, dt, limits)
+    runs = np.zeros(len(wanted.line), bool)
+    for index, line in enumerate(lines):
+        rows = np.flatnonzero(wanted.line == index) if line.stop_lines else []
+        runs[rows] = _runs_red(line, travelled[rows] + front_m, np.full(len(rows), steps), pair.first)
+    if not runs.any():
+        return wanted, (speed, travelled)
+    lights = Lights.of(lines, pair.first, steps, front_m)
+    stopping = drive(lines, begun, wanted.take(runs), steps, dt, limits, lights)
+    both = np.concatenate([np.arange(len(runs)), np.flatnonzero(runs)])
+    return wanted.take(both), (np.concatenate([speed, stopping[0]]), np.concatenate([travelled, stopping[1]]))
 
 
 def _touched(line: DriveLine, pair: _Pair) -> Bool[np.ndarray, "point time"]:

@@ -8,6 +8,9 @@ from regents_cosim.limits import MOST_ACCEL_M_S2, STANDING_M_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.handling import Handling, handling
 
+# Within a second accelerations change no faster than in the emergency braking of UN R157 (0.774 g within 0.6 s).
+AT_ONCE_M_S3 = 12.65
+
 
 @dataclass(frozen=True)
 class DrivingLimits:
@@ -16,8 +19,13 @@ class DrivingLimits:
     accel: float  # [m/s^2]
     braking: float  # [m/s^2]
     lateral_accel: float  # [m/s^2] to either side
-    jerk: float  # [m/s^3] along
+    jerk: float  # [m/s^3] along: by so much accelerations differ that are a second or less apart
     from_traffic: bool = False  # the scene has enough of the kind to tell; else these are values of the kind alone
+
+    @property
+    def jerk_at_once(self) -> float:
+        """How fast accelerations change within the second [m/s^3]."""
+        return max(self.jerk, AT_ONCE_M_S3)
 
 
 # 99th percentiles over the steps of moving vehicles in crossing, signals and grid (seed 100) and eight scenes of the
@@ -28,9 +36,8 @@ CAR = DrivingLimits(accel=2.5, braking=3.5, lateral_accel=3.0, jerk=3.0)
 # SUMO's trucks and buses accelerate by 1.2 to 1.3 (its vehicle type defaults); UN R79 lets them take 2.5 sideways.
 HEAVY = replace(CAR, accel=1.3, lateral_accel=2.5)
 
-# No percentile of noisy tracks goes beyond: what the mirror's controls and tyres on dry asphalt can do, and the
-# emergency braking of UN R157 (0.774 g within 0.6 s).
-_CEILING = DrivingLimits(accel=6.0, braking=6.0, lateral_accel=MOST_ACCEL_M_S2, jerk=12.65)
+# No percentile of noisy tracks goes beyond: what the mirror's controls and tyres on dry asphalt can do.
+_CEILING = DrivingLimits(accel=6.0, braking=6.0, lateral_accel=MOST_ACCEL_M_S2, jerk=AT_ONCE_M_S3)
 _PERCENTILE = 99.0
 _ENOUGH_S = 60.0  # vehicle-seconds in motion: 0.6 of them are above the percentile
 

@@ -105,8 +105,10 @@ def test_controls_keep_to_the_bounds_unless_the_log_does_more(seed, scale):
     log_accel = np.asarray(logged.accel)[rows]
     assert (accel <= np.maximum(np.asarray(bounds.accel)[rows, None], log_accel) + 1e-4).all()
     assert (accel >= np.minimum(-np.asarray(bounds.braking)[rows, None], log_accel) - 1e-4).all()
-    change = np.maximum(np.asarray(bounds.jerk)[rows, None] * made.dt, np.abs(np.diff(log_accel)))
-    assert (np.abs(np.diff(accel)) <= change + 1e-4).all()
+    jerk = np.asarray(bounds.jerk)[rows, None]
+    for steps in range(1, 11):
+        change, of_log = (np.abs(values[:, steps:] - values[:, :-steps]) for values in (accel, log_accel))
+        assert (change <= np.maximum(np.minimum(12.65 * steps * made.dt, jerk), of_log) + 1e-4).all()
     speed = np.asarray(_driven(world, kept).speed)[rows]
     aside = np.abs(curvature) * (0.5 * (speed[:, 1:] + speed[:, :-1])) ** 2
     own = np.abs(np.asarray(logged.curvature)[rows]) * made.tracks.speed.max(axis=1, keepdims=True) ** 2
