@@ -66,14 +66,14 @@ def _eased(
     How far apart the accelerations of two steps may be is a metric on the steps. The mean of the least function above
     and the greatest below that keep to it (McShane 1934): of all that do, none has a smaller greatest difference.
     """
-    steps = np.arange(accel.shape[1], dtype=np.float32)
+    steps = jnp.arange(accel.shape[1], dtype=jnp.float32)
     first = jnp.argmax(moving, axis=1)[:, None]
     begun = jnp.take_along_axis(logged, first, axis=1)
     since = jnp.maximum(_may_change(jnp.abs(steps - first) * dt, bounds.jerk[:, None]), jnp.abs(logged - begun))
     most = jnp.maximum(jnp.minimum(bounds.accel[:, None], begun + since), logged)
     least = jnp.minimum(jnp.maximum(-bounds.braking[:, None], begun - since), logged)
     clipped = jnp.clip(accel, least, most)[:, None]
-    by_jerk = _may_change(np.abs(np.subtract.outer(steps, steps)) * dt, bounds.jerk[:, None, None])
+    by_jerk = _may_change(jnp.abs(steps[:, None] - steps) * dt, bounds.jerk[:, None, None])
     apart = jnp.maximum(by_jerk, jnp.abs(logged[:, :, None] - logged[:, None, :]))
     return 0.5 * ((clipped + apart).min(axis=2) + (clipped - apart).max(axis=2))
 

@@ -31,6 +31,7 @@ def record_traffic(
     traffic: TrafficOptions, sumo: tuple[str, ...], executor: str, terminal: "Terminal"
 ) -> "list[Scenario]":
     """The windows that `traffic` asks for, of whatever source."""
+    from regents_cosim.sources.conflicts import has_conflict
     from regents_cosim.sources.record import record as run_record
     from regents_cosim.system.workers import executor_for
 
@@ -51,6 +52,11 @@ def record_traffic(
     _log.info("recorded %d windows", len(found))
     if len(found) < traffic.count and traffic.log is None:
         terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
+    with_conflict = sum(map(has_conflict, found))
+    terminal.say(
+        f"{with_conflict or 'none'} of the {len(found)} window{'s' * (len(found) != 1)} "
+        "has another vehicle that can lawfully cross or join the ego's path"
+    )
     return found
 
 

@@ -21,8 +21,9 @@ from jaxtyping import Bool, Float
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import RED
+from regents_cosim.scenario import RED, Scenario
 from regents_cosim.sources.recording import Recording
+from regents_cosim.sources.sumo_types import VehicleType
 
 _REACH_M = 2.0  # from the middle of a lane
 _AROUND_M = 80.0  # of the ego's path, where others may begin
@@ -61,6 +62,16 @@ class _LanesAhead:
     points: Float[np.ndarray, "point 2"]  # [m] every metre
     lights: tuple[tuple[float, Connection], ...]  # the distance of the stop line [m]
     limit: float  # [m/s] the highest
+
+
+def has_conflict(scenario: Scenario) -> bool:
+    """Whether another vehicle of a window could cross or join the path of its ego."""
+    tracks, kinds = scenario.tracks, (VehicleType(one.kind, one.length, one.width) for one in scenario.agents)
+    ids = tuple(one.id for one in scenario.agents)
+    recording = Recording(
+        0.0, scenario.dt, ids, tuple(kinds), tracks.x, tracks.y, tracks.yaw, tracks.valid, scenario.signals
+    )
+    return Conflicts(recording, tracks.valid, tracks.speed, scenario.road).possible_for(0)
 
 
 class Conflicts:

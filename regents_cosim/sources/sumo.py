@@ -1,17 +1,21 @@
 """Scenarios from SUMO: run it in a process of its own at 10 Hz and cut windows out of its traffic."""
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError, SumoError
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import running_sumo
-from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording, left_out
+from regents_cosim.sources.conflicts import has_conflict
+from regents_cosim.sources.recording import ANY_EGO, DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input, write_config
 from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
@@ -50,12 +54,35 @@ def record_sumo(
     _require_microscopic(options)
     require_bounded((*options.routes, *options.additional), options.others.values())
     road = read_road_map(options.net)
+    origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
     job = SumoRecordingJob(options, windows)
+    try:
+        found = _windows(job, road, origin, executor, tell)
+    except NoWindowError:
+        if not _may_look_longer(windows):
+            raise
+        found = []
+    if not _may_look_longer(windows) or sum(map(has_conflict, found)) >= count:
+        return found
+    return _windows(replace(job, longer=True), road, origin, executor, tell)
+
+
+def _may_look_longer(windows: Windows) -> bool:
+    return windows.prefer == "conflicts" and windows.ego == ANY_EGO
+
+
+def _windows(
+    job: "SumoRecordingJob",
+    road: RoadMap,
+    origin: RecordingOrigin,
+    executor: Executor | None,
+    tell: Callable[[str], None],
+) -> list[Scenario]:
+    """The windows of one run of SUMO."""
     recordings = run_isolated(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))
     for line in left_out(recordings):
         tell(line)
-    origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
-    return choose_windows(recordings, road, origin, windows)
+    return choose_windows(recordings, road, origin, job.windows)
 
 
 def _require_microscopic(options: SumoOptions) -> None:
@@ -76,6 +103,7 @@ class SumoRecordingJob:
 
     options: SumoOptions
     windows: Windows
+    longer: bool = False  # most of the time, in slots that overlap
 
 
 def record_slots(job: SumoRecordingJob) -> list[Recording]:
@@ -106,17 +134,39 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
         )
     types: dict[str, VehicleType] = {}
     names = DistinctIds()
-    done = 0
-    for index in draw_slots(total, job.windows):
-        if sumo.simulation.getMinExpectedNumber() == 0:
-            return  # SUMO expects no more traffic
-        first = index * steps
-        if first > done:
-            sumo.simulationStep(begin_s + first * STEP_S)
-        done = first + steps
-        slot = GrowingRecording(round(begin_s + first * STEP_S, 6), STEP_S, steps, names=names, ego=job.windows.ego)
-        _fill(slot, sumo, types)
-        yield slot.finish(types)
+    waiting, reading, done = deque(_begins(round((end_s - begin_s) / STEP_S), steps, job)), deque[_InReading](), 0
+    while waiting or reading:
+        if waiting and sumo.simulation.getMinExpectedNumber() == 0:
+            waiting.clear()  # SUMO expects no more traffic
+            continue
+        if not reading and waiting[0] > done:
+            done = waiting[0]
+            sumo.simulationStep(begin_s + done * STEP_S)
+        if waiting and waiting[0] == done:
+            slot = GrowingRecording(
+                round(begin_s + waiting.popleft() * STEP_S, 6), STEP_S, steps, names=names, ego=job.windows.ego
+            )
+            reading.append(_InReading(done, slot))
+        sumo.simulationStep()
+        _read(sumo, [(one.slot, done - one.first) for one in reading], types)
+        done += 1
+        if done - reading[0].first == steps:
+            yield reading.popleft().slot.finish(types)
+
+
+class _InReading(NamedTuple):
+    """A slot that is being read."""
+
+    first: int  # its first step
+    slot: GrowingRecording
+
+
+def _begins(run: int, steps: int, job: SumoRecordingJob) -> list[int]:
+    """The first steps of the slots that are read of a run of so many steps."""
+    if not job.longer:
+        return [index * steps for index in draw_slots(run // steps, job.windows)]
+    apart = max(steps // 2, 1)
+    return [index * apart for index in draw_slots((run - steps) // apart + 1, job.windows, longer=True)]
 
 
 def _span(sumo: ModuleType) -> tuple[float, float]:
@@ -127,23 +177,23 @@ def _span(sumo: ModuleType) -> tuple[float, float]:
     return begin_s, end_s if end_s >= 0 else begin_s + _SPAN_S
 
 
-def _fill(slot: GrowingRecording, sumo: ModuleType, types: dict[str, VehicleType]) -> None:
-    vehicle, light = sumo.vehicle, sumo.trafficlight
+def _read(sumo: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types: dict[str, VehicleType]) -> None:
+    """Add what is on the road now to some slots, as the step of each that is given."""
+    vehicle, light, persons = sumo.vehicle, sumo.trafficlight, sumo.person.getIDList()
     position, angle, type_of = vehicle.getPosition3D, vehicle.getAngle, vehicle.getTypeID
-    add = slot.rows.append
-    slot.letters.update((name, []) for name in light.getIDList())
-    for step in range(slot.steps):
-        sumo.simulationStep()
-        slot.persons.update(sumo.person.getIDList())
-        for name in vehicle.getIDList():
-            x, y, z = position(name)
-            kind = type_of(name)
+    for name in vehicle.getIDList():
+        (x, y, z), yaw, kind = position(name), angle(name), type_of(name)
+        for slot, step in slots:
             one = slot.named(name, kind)
-            add((one, step, x, y, angle(name), z))
+            slot.rows.append((one, step, x, y, yaw, z))
             if one not in types:
                 types[one] = _type_of(vehicle, name)
-        for name, letters in slot.letters.items():
-            letters.append(light.getRedYellowGreenState(name))
+    for name in light.getIDList():
+        letters = light.getRedYellowGreenState(name)
+        for slot, _ in slots:
+            slot.letters.setdefault(name, []).append(letters)
+    for slot, _ in slots:
+        slot.persons.update(persons)
 
 
 def _type_of(vehicle: ModuleType, name: str) -> VehicleType:

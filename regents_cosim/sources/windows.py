@@ -33,6 +33,7 @@ MAX_AGENTS = 64  # the ego included
 _NEAR_M = 50.0  # within which the ego needs company
 _MOVING_MPS = 1.0
 _LEAST_WAY_M = 5.0  # that the ego covers
+_LONGER = 4  # times as many slots
 _MOST_ASKED = 24  # vehicles of a slot that are asked for conflicts
 _RANGES = {
     "count": Range(1, 1_000_000, "windows wanted", whole=True),
@@ -82,17 +83,19 @@ class RecordingOrigin:
         return word(re.sub(r"(\.(gz|xml|csv|sumocfg|rou|net|fcd))+$", "", self.file)) or self.source
 
 
-def draw_slots(total: int, windows: Windows) -> list[int]:
+def draw_slots(total: int, windows: Windows, longer: bool = False) -> list[int]:
     """Which of `total` consecutive slots to record, spread evenly over them and drawn by seed.
 
     Reading every vehicle at every step costs as much as simulating it, so a third of the time
     is read at most, unless there are only a few slots. Where egos with a conflict are preferred,
-    there is more to choose from. For an ego that is named all are read: it may be there in one of them only.
+    there is more to choose from, and where too few are found so, four times as much is read. For an ego that is named
+    all are read: it may be there in one of them only.
     """
     if windows.ego != ANY_EGO:
         return list(range(total))
     spare = 3.0 if windows.prefer == "conflicts" else 1.5
-    wanted = min(total, max(4, min(math.ceil(spare * windows.count), total // 3)))
+    wanted = math.ceil(spare * windows.count)
+    wanted = min(total, _LONGER * max(4, wanted) if longer else max(4, min(wanted, total // 3)))
     bounds = np.linspace(0, total, wanted + 1).astype(int)
     rng = np.random.default_rng(windows.seed)
     return [int(rng.integers(low, high)) for low, high in pairwise(bounds)]

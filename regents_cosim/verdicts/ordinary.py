@@ -30,7 +30,8 @@ class DrivingLimits:
 
 # 99th percentiles over the steps of moving vehicles in crossing, signals and grid (seed 100) and eight scenes of the
 # Waymo Open Motion Dataset: acceleration 1.6 to 2.5, braking 2.4 to 3.7, sideways 2.5 to 3.1 m/s^2, jerk 1.3 to 3.3.
-# Cruise controls may do as much: 2 to 4, 3.5 to 5 m/s^2 and 2.5 to 5 m/s^3, the less the faster (ISO 15622:2018, 6.4);
+# Cruise controls may do as much: 2 to 4 and 3.5 to 5 m/s^2 over 2 s, 2.5 to 5 m/s^3 over 1 s, the less the faster
+# (ISO 15622:2018, 6.4);
 # drivers take 2 to 3 m/s^2 sideways in cities (Treiber and Kesting 2013), lane keeping may 3 (UN R79).
 CAR = DrivingLimits(accel=2.5, braking=3.5, lateral_accel=3.0, jerk=3.0)
 # SUMO's trucks and buses accelerate by 1.2 to 1.3 (its vehicle type defaults); UN R79 lets them take 2.5 sideways.
