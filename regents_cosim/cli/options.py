@@ -1,6 +1,6 @@
 """Options that several commands share, each with the words that tell of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cyclopts import Token
 
     from regents_cosim.attacks.presets import AttackConfig
+    from regents_cosim.planners.aim_bev.train_config import TrainConfig
 
 # On where it is not turned off: the only kind of option whose negation says something.
 Switch = Annotated[bool, Parameter(negative_bool="no-")]
@@ -200,6 +201,40 @@ class FineTune:
     (of the rest another fifth, to choose the weights by)"""
     ordinary: Path | None = None
     """recorded cases for the scores; default every fifth of those to train on, which is not taught"""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class TrainOptions:
+    """How long, from what and how fast the network learns; what is not given is what the way to learn has."""
+
+    epochs: Count | None = None
+    """passes; the learning rate falls to a hundredth over them; 40, or 8 with --finetune"""
+    lessons: Count | None = None
+    """new ones per epoch; each is repeated in four epochs; 4096, or 2048 that are repeated to the end with
+    --finetune"""
+    drives: CountOrZero | None = None
+    """drives of the network by itself per epoch, from whose states it learns as well; 40, or 24 with --finetune"""
+    frozen: CountOrZero | None = None
+    """first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with
+    8; 0, or 4 with --finetune"""
+    learning_rate: Annotated[float | None, Parameter(validator=Number(gt=0.0, lte=10.0))] = None
+    """of Adam, at the first epoch; 1e-3, or 5e-4 with --finetune"""
+    teacher: Literal["log", "idm"] | None = None
+    """log: every vehicle near an ego shows how to drive; idm: an IDM in the ego's place that sees no further than the
+    view, which can tell what to do wherever the network has got to by itself; idm with --finetune, else log"""
+    threads: Count = 2
+    """of torch"""
+    seed: Seed = 0
+    """of everything that is drawn"""
+
+    def config(self, fine_tune: FineTune) -> "TrainConfig":
+        """The settings of training or of fine-tuning, with what was given in their place."""
+        from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig
+
+        given = vars(self) | {"evading": fine_tune.evading}
+        known = {name: value for name, value in given.items() if value is not None}
+        return replace(FINE_TUNING if fine_tune.finetune else TrainConfig(), **known)
 
 
 @Parameter(name="*")

@@ -13,7 +13,7 @@ from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import LAND, gif_palette
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground
 
-Progress = Callable[[int, int], None]
+OnFrame = Callable[[int, int], None]
 
 _FRAME_S = 0.1
 _HOLD_MS = 1500  # the last frame

@@ -14,7 +14,7 @@ from regents_cosim.reports.camera import View, fit, fit_latest
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.caption import FOOTER_PX, HEADER_PX, STRIP_PX, draw_footer, draw_header, draw_strip
 from regents_cosim.reports.close_up import draw_close_up
-from regents_cosim.reports.film import Backdrop, Progress, frame_steps, gif_bytes, shoot
+from regents_cosim.reports.film import Backdrop, OnFrame, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.palette import ADVERSARY, HAIRLINE, INK, PANEL
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario
@@ -46,7 +46,7 @@ def draw_still(scenario: Scenario, path: Path) -> None:
     _write(path, buffer.getvalue())
 
 
-def animate(scenario: Scenario, path: Path, progress: Progress | None = None) -> None:
+def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None) -> None:
     """Write a GIF in real time that stops about 1 s after the collision, or at the end.
 
     `progress` is told how many of how many frames are drawn. Raises RegentsError where `path`
@@ -68,7 +68,7 @@ def animate_pair(
     left: Scenario,
     right: Scenario,
     path: Path,
-    progress: Progress | None = None,
+    progress: OnFrame | None = None,
     titles: tuple[str, str] | None = None,
 ) -> None:
     """Write one GIF of two Scenarios on the same map, mostly before and after an attack: so their titles.
@@ -151,7 +151,7 @@ def _draw_strip(title: str, scene: PicturedCase, width: int) -> Canvas:
 
 
 def _write_frames(
-    path: Path, frame: Callable[[int], Image.Image], steps: list[int], dt: float, progress: Progress | None
+    path: Path, frame: Callable[[int], Image.Image], steps: list[int], dt: float, progress: OnFrame | None
 ) -> None:
     def drawn() -> Iterator[Image.Image]:
         for done, step in enumerate(steps, 1):

@@ -44,12 +44,16 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def attacked(recorded, tmp_path_factory):
-    """The first case, attacked."""
-    folder, (row, *_) = recorded
-    suite = tmp_path_factory.mktemp("attacked") / "suite"
-    done = regents("attack", folder / row["case"], "-o", suite, "--json")
-    assert done.returncode == 0, done.stderr
-    return suite, json.loads(done.stdout)
+    """The first case that the attack makes crash: which one that is depends on the version of SUMO."""
+    folder, rows = recorded
+    for row in rows:
+        suite = tmp_path_factory.mktemp("attacked") / "suite"
+        done = regents("attack", folder / row["case"], "-o", suite, "--json")
+        assert done.returncode == 0, done.stderr
+        found = json.loads(done.stdout)
+        if any(one["outcome"] == "collision" for one in found):
+            return suite, found
+    pytest.fail("the attack finds no crash in any of the windows")
 
 
 def crash(attacked):

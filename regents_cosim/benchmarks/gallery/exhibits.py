@@ -88,74 +88,85 @@ def run(exhibit: Exhibit) -> ExhibitRun:
 
 def exhibits() -> tuple[Exhibit, ...]:
     """All of them, in the order of the gallery."""
-    return (
-        Exhibit(
-            "front_divergence",
-            "Diverging in front",
-            "An agent ahead of the ego that is offset and turned to the same side is pulled back by the gradient. "
-            "The only steering that brings it nearer is to turn further away, until it stands across the road "
-            "or has left it.",
-            scenes.front_divergence(),
-            (KING, REGENTS),
-            "ahead",
-            "the car ahead",
-            {
-                "log": "the car ahead changes lanes",
-                "king": "steered away, further and further",
-                "regents": "steering cancelled (rule 1): it brakes",
-            },
-            _front_divergence,
-        ),
-        Exhibit(
-            "rear_end",
-            "Converging behind",
-            "Behind the ego every gradient leads into its back. Such crashes come easily, are no fault of the ego, "
-            "and tell nothing about its planner.",
-            scenes.rear_end(),
-            (KING, REGENTS),
-            "follower",
-            "the follower",
-            {
-                "log": "a follower, and a car ahead in the next lane",
-                "king": "the follower is nearest, and accelerates",
-                "regents": "no follower may attack (rule 2): the car ahead pulls in and brakes",
-            },
-            _rear_end,
-        ),
-        Exhibit(
-            "minimum_trap",
-            "Minimum trap",
-            "The cost is the minimum over all candidates, so only the nearest one gets a gradient. Where that one "
-            "can never reach the ego, no other is tried.",
-            scenes.minimum_trap(),
-            (KING, REGENTS, FOCUSED_COST),
-            "ahead",
-            "the car ahead",
-            {
-                "log": "the neighbour behind the hedge is nearest",
-                "king": "only the neighbour is pulled, and cannot come over",
-                "regents": "the same: its rules do not help here",
-                "focused": "the cost of our preset, each candidate searched alone: the car ahead pulls in and brakes",
-            },
-            _minimum_trap,
-        ),
-        Exhibit(
-            "averaged_distance",
-            "Time-averaged distance",
-            "The cost is a mean over the whole horizon, so staying close for long counts for more than hitting once.",
-            scenes.averaged_distance(),
-            (KING, REGENTS, FOCUSED_COST),
-            "cross",
-            "the crossing car",
-            {
-                "log": "crosses just behind the ego",
-                "king": "brakes: nearer on average, further away at best",
-                "regents": "the same: its rules do not help here",
-                "focused": "the cost of our preset, a soft minimum over time: accelerates",
-            },
-            _averaged_distance,
-            seconds=(1.5, 5.0),
-        ),
+    return _diverging_in_front(), _converging_behind(), _minimum_over_all(), _mean_over_time()
+
+
+def _diverging_in_front() -> Exhibit:
+    return Exhibit(
+        "front_divergence",
+        "Diverging in front",
+        "An agent ahead of the ego that is offset and turned to the same side is pulled back by the gradient. "
+        "The only steering that brings it nearer is to turn further away, until it stands across the road "
+        "or has left it.",
+        scenes.front_divergence(),
+        (KING, REGENTS),
+        "ahead",
+        "the car ahead",
+        {
+            "log": "the car ahead changes lanes",
+            "king": "steered away, further and further",
+            "regents": "steering cancelled (rule 1): it brakes",
+        },
+        _front_divergence,
+    )
+
+
+def _converging_behind() -> Exhibit:
+    return Exhibit(
+        "rear_end",
+        "Converging behind",
+        "Behind the ego every gradient leads into its back. Such crashes come easily, are no fault of the ego, "
+        "and tell nothing about its planner.",
+        scenes.rear_end(),
+        (KING, REGENTS),
+        "follower",
+        "the follower",
+        {
+            "log": "a follower, and a car ahead in the next lane",
+            "king": "the follower is nearest, and accelerates",
+            "regents": "no follower may attack (rule 2): the car ahead pulls in and brakes",
+        },
+        _rear_end,
+    )
+
+
+def _minimum_over_all() -> Exhibit:
+    return Exhibit(
+        "minimum_trap",
+        "Minimum trap",
+        "The cost is the minimum over all candidates, so only the nearest one gets a gradient. Where that one "
+        "can never reach the ego, no other is tried.",
+        scenes.minimum_trap(),
+        (KING, REGENTS, FOCUSED_COST),
+        "ahead",
+        "the car ahead",
+        {
+            "log": "the neighbour behind the hedge is nearest",
+            "king": "only the neighbour is pulled, and cannot come over",
+            "regents": "the same: its rules do not help here",
+            "focused": "the cost of our preset, each candidate searched alone: the car ahead pulls in and brakes",
+        },
+        _minimum_trap,
+    )
+
+
+def _mean_over_time() -> Exhibit:
+    return Exhibit(
+        "averaged_distance",
+        "Time-averaged distance",
+        "The cost is a mean over the whole horizon, so staying close for long counts for more than hitting once.",
+        scenes.averaged_distance(),
+        (KING, REGENTS, FOCUSED_COST),
+        "cross",
+        "the crossing car",
+        {
+            "log": "crosses just behind the ego",
+            "king": "brakes: nearer on average, further away at best",
+            "regents": "the same: its rules do not help here",
+            "focused": "the cost of our preset, a soft minimum over time: accelerates",
+        },
+        _averaged_distance,
+        seconds=(1.5, 5.0),
     )
 
 

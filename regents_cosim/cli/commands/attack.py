@@ -1,5 +1,6 @@
 """`regents attack`: cases or traffic in, attacked cases out."""
 
+from pathlib import Path
 from typing import Literal
 
 from regents_cosim.cli.options import (
@@ -78,17 +79,9 @@ def attack(
     from regents_cosim.verdicts.judge import judge_each
 
     terminal = open_terminal(talk)
-    if (cases is None) == (not names_traffic(traffic)):
-        raise RegentsError(
-            "expected either a folder of cases or traffic "
-            "(-c NAME.sumocfg, --from highway:ENVIRONMENT, --log PATH), not both"
-        )
-    if cases and sumo:
-        raise RegentsError("what follows -- goes to SUMO, which records nothing here: leave it out, or name traffic")
+    _require_one_input(cases, traffic, sumo, output)
     programs.keep()
     config = search.config(rules)
-    if cases is not None:
-        require_other_folder(output, cases)
     suite = SuiteWriter(output, traffic.seed)
     scenarios = load_suite(cases) if cases else record_traffic(traffic, sumo, executor, terminal)
     attacked = []
@@ -103,7 +96,20 @@ def attack(
     if pictures:
         draw_stills(attacked, output, terminal)
     rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
-    planners = " and ".join((planner, *against))
-    title = f"{config.label} against {planners}: {len(rows)} cases in {output}"
+    title = f"{config.label} against {' and '.join((planner, *against))}: {len(rows)} cases in {output}"
     terminal.show(title, rows, summary(attacked, replays), ATTACKED)
     return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))
+
+
+def _require_one_input(cases: Path | None, traffic: TrafficOptions, sumo: tuple[str, ...], output: Path) -> None:
+    """Raise RegentsError unless either cases or traffic are named, with what belongs to them."""
+    if (cases is None) == (not names_traffic(traffic)):
+        raise RegentsError(
+            "expected either a folder of cases or traffic "
+            "(-c NAME.sumocfg, --from highway:ENVIRONMENT, --log PATH), not both"
+        )
+    if cases is None:
+        return
+    if sumo:
+        raise RegentsError("what follows -- goes to SUMO, which records nothing here: leave it out, or name traffic")
+    require_other_folder(output, cases)

@@ -24,6 +24,7 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from regents_cosim.cli.terminal import Terminal
     from regents_cosim.live.episodes import EpisodeResult
     from regents_cosim.replays.verify import Replay
     from regents_cosim.scenario import Scenario
@@ -99,20 +100,24 @@ def live(
         act_timeout_s=act_timeout, gui=gui,
     )  # fmt: skip
     ended = list(terminal.each(run_episodes(made, list(range(seed, seed + episodes))), "driving", episodes))
+    _say_how_they_went(ended, ego, config, terminal)
+    cases = [load_case(output / name) for one in ended for name in one.cases]
+    replays = verify_in_sumo(cases, progress=terminal) if verify else {}
+    if pictures:
+        draw_stills(cases, output, terminal)
+    rows = [_row(one, {case.id: case for case in cases}, replays) for one in ended]
+    terminal.show(f"{method} against {planner}, live: {len(rows)} episodes", rows, _summary(ended, cases), LIVED)
+    failed = any(one.how == "planner failed" for one in ended)
+    return max(exit_code(replays.values(), terminal), PLANNER_FAILED if failed else 0)
+
+
+def _say_how_they_went(ended: "Sequence[EpisodeResult]", ego: str, config: Path, terminal: "Terminal") -> None:
+    """What each has to say. Raises RegentsError where the ego was in none of them."""
     if all(one.how == "never departed" for one in ended):
         raise RegentsError(f"the ego {ego!r} never departed (expected a vehicle, a vehicle type or a flow of {config})")
     for one in ended:
         for line in one.told:
             terminal.say(f"seed {one.seed}: {line}")
-    cases = [load_case(output / name) for one in ended for name in one.cases]
-    replays = verify_in_sumo(cases, progress=terminal) if verify else {}
-    if pictures:
-        draw_stills(cases, output, terminal)
-    known = {case.id: case for case in cases}
-    rows = [_row(one, known, replays) for one in ended]
-    terminal.show(f"{method} against {planner}, live: {len(rows)} episodes", rows, _summary(ended, cases), LIVED)
-    failed = any(one.how == "planner failed" for one in ended)
-    return max(exit_code(replays.values(), terminal), PLANNER_FAILED if failed else 0)
 
 
 def _row(ended: "EpisodeResult", cases: "Mapping[str, Scenario]", replays: "Mapping[str, Replay]") -> dict[str, Any]:

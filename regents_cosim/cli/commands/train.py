@@ -3,12 +3,11 @@
 import dataclasses
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from cyclopts import App, Parameter
-from cyclopts.validators import Number
+from cyclopts import App
 
-from regents_cosim.cli.options import Cases, Count, CountOrZero, FineTune, Output, OutputOptions, Seed
+from regents_cosim.cli.options import Cases, FineTune, Output, OutputOptions, TrainOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
@@ -24,14 +23,7 @@ def train_aim_bev(
     cases: Cases,
     *,
     output: Output,
-    epochs: Count | None = None,
-    lessons: Count | None = None,
-    drives: CountOrZero | None = None,
-    frozen: CountOrZero | None = None,
-    learning_rate: Annotated[float | None, Parameter(validator=Number(gt=0.0, lte=10.0))] = None,
-    teacher: Literal["log", "idm"] | None = None,
-    threads: Count = 2,
-    seed: Seed = 0,
+    options: TrainOptions = TrainOptions(),
     resume: Path | None = None,
     fine_tune: FineTune = FineTune(),
     talk: OutputOptions = OutputOptions(),
@@ -47,42 +39,14 @@ def train_aim_bev(
         a folder of cases, as `regents record` makes them
     output
         file for the weights (.safetensors)
-    epochs
-        passes; the learning rate falls to a hundredth over them; 40, or 8 with --finetune
-    lessons
-        new ones per epoch; each is repeated in four epochs; 4096, or 2048 that are repeated to the end with --finetune
-    drives
-        drives of the network by itself per epoch, from whose states it learns as well; 40, or 24 with --finetune
-    frozen
-        first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with 8;
-        0, or 4 with --finetune
-    learning_rate
-        of Adam, at the first epoch; 1e-3, or 5e-4 with --finetune
-    teacher
-        "log": every vehicle near an ego shows how to drive; "idm": an IDM in the ego's place that sees no further than
-        the view, which can tell what to do wherever the network has got to by itself; "idm" with --finetune, else "log"
-    threads
-        of torch
-    seed
-        of everything that is drawn
     resume
         a checkpoint to go on from, or weights for a warm start
     """
     from regents_cosim.evaluation.training.fine_tuning import finetune, train
-    from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig
     from regents_cosim.planners.aim_bev.weights_file import SHIPPED
 
     terminal = open_terminal(talk)
-    given = {
-        "epochs": epochs, "lessons": lessons, "drives": drives, "frozen": frozen, "learning_rate": learning_rate,
-        "teacher": teacher, "evading": fine_tune.evading,
-    }  # fmt: skip
-    config = dataclasses.replace(
-        FINE_TUNING if fine_tune.finetune else TrainConfig(),
-        **{name: value for name, value in given.items() if value is not None},
-        seed=seed,
-        threads=threads,
-    )
+    config = options.config(fine_tune)
     show_epoch = partial(_show_epoch, output, config.epochs, fine_tune.finetune is None, terminal)
     if fine_tune.finetune is None:
         if fine_tune.held_out or fine_tune.ordinary:

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean, median
-from typing import NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.evaluation.crashes.deviation import deviation
@@ -110,12 +110,7 @@ def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = 
     in_sumo = [one for one in run.in_sumo if one.case in kept]
     judged = [results for results in windows if not collided_before(results)]
     crashes = [case for results in judged for case in results if case.judgement]
-    n, drives = len(judged), [score(results[0], results[0].tracks) for results in windows]
-    driven = driving_row(source, drives)
-    telling, successes, clean, actionable = (
-        count_windows(judged, which) for which in (is_telling, is_crash, is_clean, is_actionable)
-    )
-    natural = realism(crashes)
+    driven = driving_row(source, [score(results[0], results[0].tracks) for results in windows])
     return MethodScores(
         method=run.method,
         planner=run.planner,
@@ -124,56 +119,82 @@ def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = 
         rollouts=run.rollouts,
         mean_rollouts=_mean_rollouts(judged),
         windows=len(windows),
-        colliding_before=len(windows) - n,
-        n=n,
-        telling=telling,
-        telling_percent=percent(telling, n),
-        telling_interval=percent_interval(telling, n),
-        telling_unknown=sum(_unknown(results) for results in judged),
-        successes=successes,
-        success_percent=percent(successes, n),
-        success_interval=percent_interval(successes, n),
-        clean=clean,
-        clean_percent=percent(clean, n),
-        clean_interval=percent_interval(clean, n),
-        actionable=actionable,
-        actionable_percent=percent(actionable, n),
-        actionable_interval=percent_interval(actionable, n),
+        colliding_before=len(windows) - len(judged),
         route_completion_percent=driven.route_completion_percent,
         infraction_score=driven.infraction_score,
         driving_score_percent=driven.driving_score_percent,
         collision_rate_percent=driven.collision_rate_percent,
-        crashes=len(crashes),
-        kinds=dict(Counter(case.attack.collision.kind for case in crashes if case.attack and case.attack.collision)),
-        impact_m_s=_mean([c.attack.collision.relative_speed for c in crashes if c.attack and c.attack.collision]),
-        flaws=_count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),
-        avoidable_percent=percent(sum(_avoidable(case) for case in crashes), len(crashes)),
-        avoidable_in_time_percent=percent(
-            sum(bool(case.judgement and case.judgement.escape == "in time") for case in crashes), len(crashes)
-        ),
-        proven_unavoidable_percent=percent(sum(_proven_unavoidable(case) for case in crashes), len(crashes)),
-        avoided_by=_count(crashes, lambda case: case.judgement.preventable_by if case.judgement else ()),
-        driven_by=_count(crashes, lambda case: (d.driver for d in case.judgement.drivers) if case.judgement else ()),
-        lawful=sum(_lawful(case) is True for case in crashes),
-        lawful_unknown=sum(_lawful(case) is None for case in crashes),
-        offences=_count(crashes, adversary_offences),
-        ego_offences=_count(crashes, ego_offences),
-        offences_told=_count(crashes, told_offences),
-        usual_percent=_median([rank for case in crashes if (rank := _usual(case)) is not None]),
-        usual_unknown=sum(_usual(case) is None for case in crashes),
-        telling_by_usual={str(least): percent(count_windows(judged, telling_from(least)), n) for least in USUAL},
-        evade_before_s=_median([s for case in crashes if (s := _evade_before_s(case)) is not None]),
-        at_fault=dict(Counter(c.judgement.fault.at_fault for c in crashes if c.judgement and c.judgement.fault)),
         min_ttc_p5_s=driven.min_ttc_p5_s,
         max_drac_p95_m_s2=driven.max_drac_p95_m_s2,
-        deviation_m=_mean([one.mean_m for one in map(deviation, crashes) if one]),
-        realism_distance={q.name: round(q.distance_traffic, 3) for q in natural.quantities} if natural else {},
         verified_in_sumo=sum(one.verified for one in in_sumo),
         in_sumos_list=sum(one.listed for one in in_sumo),
-        failures={str(reason): number for reason, number in count_reasons(judged).items()},
-        failing_offences=dict(Counter(name for results in judged for name in failing_offences(results))),
         seconds=round(run.seconds, 1),
+        **_of_windows(judged),
+        **_of_crashes(crashes),
+        **_of_law(crashes),
     )
+
+
+def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
+    """What is counted by windows: those without a collision before the attack."""
+    n = len(judged)
+    telling, successes, clean, actionable = (
+        count_windows(judged, which) for which in (is_telling, is_crash, is_clean, is_actionable)
+    )
+    return {
+        "n": n,
+        "telling": telling,
+        "telling_percent": percent(telling, n),
+        "telling_interval": percent_interval(telling, n),
+        "telling_unknown": sum(_unknown(results) for results in judged),
+        "successes": successes,
+        "success_percent": percent(successes, n),
+        "success_interval": percent_interval(successes, n),
+        "clean": clean,
+        "clean_percent": percent(clean, n),
+        "clean_interval": percent_interval(clean, n),
+        "actionable": actionable,
+        "actionable_percent": percent(actionable, n),
+        "actionable_interval": percent_interval(actionable, n),
+        "telling_by_usual": {str(least): percent(count_windows(judged, telling_from(least)), n) for least in USUAL},
+        "failures": {str(reason): number for reason, number in count_reasons(judged).items()},
+        "failing_offences": dict(Counter(name for results in judged for name in failing_offences(results))),
+    }
+
+
+def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
+    """What the crashes are like, and what would have avoided them."""
+    hits = [case.attack.collision for case in crashes if case.attack and case.attack.collision]
+    in_time = sum(bool(case.judgement and case.judgement.escape == "in time") for case in crashes)
+    natural = realism(crashes)
+    return {
+        "crashes": len(crashes),
+        "kinds": dict(Counter(hit.kind for hit in hits)),
+        "impact_m_s": _mean([hit.relative_speed for hit in hits]),
+        "flaws": _count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),
+        "avoidable_percent": percent(sum(_avoidable(case) for case in crashes), len(crashes)),
+        "avoidable_in_time_percent": percent(in_time, len(crashes)),
+        "proven_unavoidable_percent": percent(sum(_proven_unavoidable(case) for case in crashes), len(crashes)),
+        "avoided_by": _count(crashes, lambda case: case.judgement.preventable_by if case.judgement else ()),
+        "driven_by": _count(crashes, lambda c: (d.driver for d in c.judgement.drivers) if c.judgement else ()),
+        "usual_percent": _median([rank for case in crashes if (rank := _usual(case)) is not None]),
+        "usual_unknown": sum(_usual(case) is None for case in crashes),
+        "evade_before_s": _median([s for case in crashes if (s := _evade_before_s(case)) is not None]),
+        "deviation_m": _mean([one.mean_m for one in map(deviation, crashes) if one]),
+        "realism_distance": {q.name: round(q.distance_traffic, 3) for q in natural.quantities} if natural else {},
+    }
+
+
+def _of_law(crashes: Sequence[Scenario]) -> dict[str, Any]:
+    """Who broke which law, and who is to blame."""
+    return {
+        "lawful": sum(_lawful(case) is True for case in crashes),
+        "lawful_unknown": sum(_lawful(case) is None for case in crashes),
+        "offences": _count(crashes, adversary_offences),
+        "ego_offences": _count(crashes, ego_offences),
+        "offences_told": _count(crashes, told_offences),
+        "at_fault": dict(Counter(c.judgement.fault.at_fault for c in crashes if c.judgement and c.judgement.fault)),
+    }
 
 
 def collided_before(results: Results) -> bool:
