@@ -90,14 +90,14 @@ class FrontPath:
 
 
 @dataclass(frozen=True, eq=False)
-class Following:
+class FollowingPair:
     """One behind the other; NaN at steps where the follower does not follow."""
 
     gap: Steps  # [m] from the follower's front to the leader's rear, along the way
     closing: Steps  # [m/s] how fast it shrinks
 
 
-def followings(ego: FrontPath, other: FrontPath) -> Iterator[Following]:
+def followings(ego: FrontPath, other: FrontPath) -> Iterator[FollowingPair]:
     """Both by the ego's way and by the other's, the ego behind or ahead: one may have swerved, seldom both."""
     beside = 0.5 * (ego.agent.width + other.agent.width)
     for owner, guest in ((ego, other), (other, ego)):
@@ -110,7 +110,7 @@ def followings(ego: FrontPath, other: FrontPath) -> Iterator[Following]:
         behind = -ahead - owner.agent.length
         for gap, closing in ((ahead, approach), (behind, -approach)):
             free = gap - 0.5 * guest.agent.length
-            yield Following(np.where(free > 0.0, free, np.nan), np.where(free > 0.0, closing, np.nan))
+            yield FollowingPair(np.where(free > 0.0, free, np.nan), np.where(free > 0.0, closing, np.nan))
 
 
 @dataclass(frozen=True, eq=False)
