@@ -64,13 +64,29 @@ def test_every_public_name_is_documented():
         assert re.search(rf"^::: regents_cosim\.\S+\.{name}$|`{name}`", text, re.MULTILINE), (name, home)
 
 
-@pytest.mark.parametrize("page", ["CONTRIBUTING.md", *(str(page.relative_to(ROOT)) for page in PAGES)])
-def test_files_that_it_names_exist(page):
+NAMED = ["CONTRIBUTING.md", *(str(page.relative_to(ROOT)) for page in PAGES)]
+
+
+def named_file(name: str) -> Path:
     """`regents_cosim/...` and `tests/...` by their path; `attacks/rules.py` and the like within the package."""
     places = [ROOT, ROOT / "regents_cosim", ROOT / "regents_cosim/sources/logs", ROOT / "tests"]
+    return next((place / name for place in places if (place / name).is_file()), ROOT / name)
+
+
+@pytest.mark.parametrize("page", NAMED)
+def test_files_that_it_names_exist(page):
     for name in re.findall(r"`((?:\w+/)+\w+\.(?:py|yml|toml))`", (ROOT / page).read_text()):
-        if "yours" not in name:
-            assert any((place / name).is_file() for place in places), f"{page}: {name}"
+        assert "yours" in name or named_file(name).is_file(), f"{page}: {name}"
+
+
+@pytest.mark.parametrize("page", NAMED)
+def test_what_it_finds_in_a_file_is_there(page):
+    """`OURS` of `planners/names.py` and the like."""
+    found = re.findall(r"((?:`\w+`(?:, | or ))*`\w+`)\s+(?:of|in)\s+`([\w/]+\.py)`", (ROOT / page).read_text())
+    assert found or page != "CONTRIBUTING.md"
+    for names, file in found:
+        text = named_file(file).read_text()
+        assert all(re.search(rf"\b{name}\b", text) for name in re.findall(r"\w+", names)), f"{page}: {names} of {file}"
 
 
 # --- examples -------------------------------------------------------------------------------------
