@@ -11,7 +11,7 @@ from params import slow
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import Drive
-from regents_cosim.judgement import Avoidability, Fault, Judgement, Manoeuvre
+from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Manoeuvre
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import Tracks
@@ -125,7 +125,7 @@ def hostile(case):
         cost_history={EVERYWHERE: (1.0, 2.0)},
     )
     source = replace(case.provenance, file=EVERYWHERE, command=f"curl {EVERYWHERE}", versions={EVERYWHERE: EVERYWHERE})
-    verdict = Judgement((EVERYWHERE,), Avoidability(False, 40, 0, None, None), Fault("ego", EVERYWHERE, EVERYWHERE))
+    verdict = Judgement((Flaw.OFF_ROAD,), Avoidability(False, 40, 0, None, None), Fault("ego", EVERYWHERE, EVERYWHERE))
     return replace(case, agents=agents, attack=attack, provenance=source, judgement=verdict, id=HARMFUL + TURNED)
 
 

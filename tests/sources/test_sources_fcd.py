@@ -52,8 +52,9 @@ def record(log: Path, **asked):
 
 
 def test_a_log_gives_what_the_run_itself_gives(logs):
-    run = record_sumo(SumoInput(FOLDER / "merge.sumocfg", end_s=END_S), count=3)
-    read = record(logs["a.xml"])
+    """By chance: where egos with a conflict come first, a run that goes on gives windows that a log no longer holds."""
+    run = record_sumo(SumoInput(FOLDER / "merge.sumocfg", end_s=END_S), count=3, prefer="none")
+    read = record(logs["a.xml"], prefer="none")
     assert [s.id.removeprefix("a-") for s in read] == [s.id.removeprefix("merge-") for s in run]
     for ours, theirs in zip(read, run, strict=True):
         assert ours.agents == theirs.agents
