@@ -68,4 +68,4 @@ if __name__ == "__main__":
             hits, begun, reward = crashes(policy, env, asked.episodes)
             low, high = (100.0 * share for share in wilson(hits, asked.episodes))
             said = f"{hits:3} = {100 * hits / asked.episodes:3.0f} % ({low:3.0f} to {high:3.0f})"
-            print(f"{trained:9}  {driven:9}  {said}  {begun:7}  {reward:11.1f}")
+            print(f"{trained:9}  {driven:9}  {said}  {begun:7}  {reward:11.1f}", flush=True)

@@ -5,11 +5,11 @@ from functools import partial
 from typing import Any
 
 import gymnasium
-import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 from highway_env.envs.common.abstract import AbstractEnv
 
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.envs.highway_host import HighwayHost
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.attacker import Attacker, Tally
@@ -50,10 +50,9 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         gymnasium.Wrapper.__init__(self, env)
         host = env.unwrapped
         require(isinstance(host, AbstractEnv), f"{host} is no environment of highway-env", RegentsError)
-        require(every >= 1, f"every {every}, expected 1 (all episodes are attacked) or more", RegentsError)
         assert isinstance(host, AbstractEnv)
         self._settings = LiveSettings(replan_s, horizon_s, radius_m)
-        self._env, self._every, self._episode = host, every, -1
+        self._env, self._episodes = host, AttackedEpisodes(every)
         self._search = Search(planner, live_config(method))
         self._moments = Moments(Mirror(), horizon_s)
         self._tally = Tally()
@@ -62,12 +61,8 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset `env`; with a seed, which of the following episodes are attacked is drawn by it."""
         observation, info = self.env.reset(seed=seed, options=options)
-        if seed is not None:
-            self._episode = int(np.random.default_rng(seed).integers(self._every))
-        else:
-            self._episode += 1
         self._tally, self._pilot = Tally(), None
-        if self._episode % self._every == 0:
+        if self._episodes.begin(seed):
             self._search.forget()
             self._pilot = _Pilot(HighwayHost(self._env, self._settings.radius_m), self._new_attacker)
             road: Any = self._env.road

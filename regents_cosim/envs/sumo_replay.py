@@ -9,6 +9,8 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, MultiBinary
 from jaxtyping import Float
 
+from regents_cosim.envs.attach_adversary import AttachAdversary
+from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.world import scene_origin
@@ -23,7 +25,7 @@ from regents_cosim.reports.film import Backdrop
 from regents_cosim.reports.pictured_case import PicturedCase, draw_moving
 from regents_cosim.scenario import Scenario, Tracks
 
-BACKGROUNDS = ("log", "reactive")
+BACKGROUNDS = ("log", "reactive", "live")
 _PX_PER_M = 6.0
 _ZOOM = 2  # drawn that much larger, then reduced
 
@@ -36,7 +38,9 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
     Configuration and options of `reset`: `case` (a folder) or `suite` (a folder of cases, of which
     the seed draws one); without either, the cases that come with the package. `background` log:
     all others are where the case has them; reactive: only the adversary is, SUMO drives the
-    rest. The episode ends with the ego's first contact, or with the case.
+    rest; live: SUMO drives all, and in one of `every` episodes an adversary attacks the agent as
+    it drives (`method`, `replan_s`, see `LiveAdversary`, whose `info` it has too). The episode
+    ends with the ego's first contact, or with the case.
 
     Action, in [-1, 1]: acceleration and curvature (positive turns left) as shares of 6 m/s^2 and
     0.3 /m, for one step of the case; the ego moves as it does for planners.
@@ -62,6 +66,9 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
             "case": "",
             "suite": "",
             "background": "log",
+            "method": "focused",  # of the live adversary
+            "every": 1,  # of so many episodes one has it
+            "replan_s": 0.5,  # from one of its plans to the next
             "neighbours": 8,
             "collision_reward": -1.0,
             "progress_reward": 1.0,
@@ -98,6 +105,8 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
                 "time": Box(0.0, 1.0, (1,), np.float32),
             }
         )
+        self._adversary = AttachAdversary(self.config["method"], self.config["replan_s"])
+        self._episodes = AttackedEpisodes(self.config["every"])
         self._session = SumoSession()
         self._over = True
 
@@ -110,11 +119,12 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         """
         require_known(options or {}, ("case", "suite"), "option")
         super().reset(seed=seed)
+        self._attacked = self._episodes.begin(seed)
         pool = options if options and any(options.values()) else self.config
         self.scenario = choose_case(pool.get("case"), pool.get("suite"), self.np_random)
         self._over = True  # until SUMO has begun
-        released = background_drivers(self.scenario) if self.config["background"] == "reactive" else {}
-        self._frames = [self._session.begin(CaseToPlay(self.scenario, released, int(self.np_random.integers(2**31))))]
+        answer = self._session.begin(self._case_to_play())
+        self._frames, self._said = [answer.seen], answer.said
         self._origin = np.array([*scene_origin(self.scenario), 0.0, 0.0])
         self._half_length, self._dt = jnp.array([0.5 * self.scenario.ego.length]), jnp.float32(self.scenario.dt)
         self._path, self._progress = RecordedPath(self.scenario), 0.0
@@ -133,7 +143,9 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
             RegentsError,
         )
         self._over = True  # stays so if SUMO dies
-        self._frames.append(self._session.go(self._moved(np.clip(push, -1.0, 1.0))))
+        answer = self._session.go(self._moved(np.clip(push, -1.0, 1.0)))
+        self._frames.append(answer.seen)
+        self._said = answer.said
         now = self.seen
         self._progress = self._path.advance(np.array([now.x[0], now.y[0]]))
         touching = np.flatnonzero(self._contacts.at(now))
@@ -172,6 +184,22 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         """All agents now, in the order of the case's agents, as SUMO reports them (map frame, float64)."""
         return self._frames[-1]
 
+    def _case_to_play(self) -> CaseToPlay:
+        """The case, and those that SUMO drives in it. With a live adversary the recorded crash is left out."""
+        background, seed = self.config["background"], int(self.np_random.integers(2**31))
+        attach = None
+        if background == "live":
+            self.scenario = self.scenario.before_attack()
+            attach = self._adversary if self._attacked else None
+        released = {} if background == "log" else background_drivers(self.scenario)
+        return CaseToPlay(self.scenario, released, seed, attach)
+
+    def _said_live(self) -> dict[str, Any]:
+        """What `info` has of a live adversary."""
+        if self.config["background"] != "live":
+            return {}
+        return {"attacked": self._attacked, "adversary": "", "attacks": 0} | self._said
+
     def _moved(self, share: Float[np.ndarray, " 2"]) -> EgoState:
         ego = np.array([values[0] for values in self.seen[:4]]) - self._origin
         control = float(share[0]) * ACCEL_LIMIT, float(share[1]) * CURVATURE_LIMIT
@@ -189,6 +217,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
             "case": self.scenario.id,
             "step": len(self._frames) - 1,
             "contact": self._hit,
+            **self._said_live(),
         }
 
     def _observation(self) -> Observation:

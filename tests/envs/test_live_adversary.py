@@ -112,6 +112,27 @@ def test_as_many_as_one_likes_side_by_side():
 
 
 @pytest.mark.slow
+def test_in_sumo_an_adversary_attacks_as_the_agent_drives():
+    env = gymnasium.make("regents/SumoReplay-v0", config={"background": "live"}, disable_env_checker=True)
+    begun = 0
+    for seed in range(4):
+        _, info = env.reset(seed=seed)
+        assert info["attacked"]
+        over = False
+        while not over:
+            *_, terminated, truncated, info = env.step(np.zeros(2, np.float32))
+            over = terminated or truncated
+        begun += info["attacks"]
+    assert begun
+    env.close()
+
+
+def test_sumo_s_wrong_settings_are_refused():
+    with pytest.raises(RegentsError, match="method 'gentle'"):
+        gymnasium.make("regents/SumoReplay-v0", config={"background": "live", "method": "gentle"})
+
+
+@pytest.mark.slow
 def test_a_copy_goes_on_alone():
     """Planners that look ahead copy the environment that they are in."""
     env = LiveAdversary(plain(), replan_s=1.0)

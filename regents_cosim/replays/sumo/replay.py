@@ -5,8 +5,9 @@ with `--lanechange.duration` or `--lateral-resolution` it crashes SUMO 1.28.0 (4
 drives on a grid). Runs in a worker process (`workers`).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from types import ModuleType
 
 from regents_cosim.errors import ScenarioError
 from regents_cosim.replays.ego_driver import Driver, ask, decision
@@ -18,6 +19,8 @@ from regents_cosim.replays.sumo.stage import Stage, SumoReplay
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
 
+Attach = Callable[[ModuleType, str], Callable[[], object]]  # given SUMO, and its name of the ego
+
 
 def replay_in_sumo(
     scenario: Scenario,
@@ -25,13 +28,15 @@ def replay_in_sumo(
     gui: bool = False,
     released: Mapping[int, DriverParameters] | None = None,
     seed: int = 0,
+    attach: Attach | None = None,
 ) -> SumoReplay:
     """Replay `scenario`, the ego by its track or by `driver`. Call it in a worker process.
 
     What is placed before step k is what SUMO reports after it, and that is step k of the
     scenario; at step 0 the ego is always at its track. Agents that are `released` (by index) are
     placed once, where and as fast as they first are, and then driven by SUMO until their route
-    ends; those without a route stay on their tracks. `seed` is for SUMO's dice.
+    ends; those without a route stay on their tracks. `seed` is for SUMO's dice. What `attach` returns is called after
+    every step.
 
     A map that does not come from SUMO is a network of bare lanes there, without lights (`bare_network`).
     Raises ScenarioError where SUMO is to drive in such a one, SumoError with SUMO's own words where it
@@ -48,13 +53,21 @@ def replay_in_sumo(
     drivers = {index: (released or {})[index] for index in routes}
     with _files(scenario, drivers) as files, running_sumo(_options(scenario, files, gui, seed), gui) as sumo:
         stage = Stage(sumo, scenario, routes, drivers)
+        watch: Callable[[], object] = _watch_nothing
         for step in range(scenario.tracks.steps):
             stage.play(step)
+            if attach is not None and step == 0:
+                watch = attach(sumo, stage.ego)
+            watch()
             if gui:
                 stage.show(step)
             if driver is not None and step + 1 < scenario.tracks.steps:
                 stage.move_ego(step + 1, decision(driver, step, stage.seen))
         return stage.finish()
+
+
+def _watch_nothing() -> None:
+    """Where nothing is attached."""
 
 
 @contextmanager

@@ -4,10 +4,10 @@ SUMO may crash, and holds one simulation per process; here a crash is an error a
 """
 
 import multiprocessing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, NamedTuple
 
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.planners.interface import Snapshot
@@ -19,6 +19,7 @@ from regents_cosim.system.processes import begin_child, starting
 
 _START_S = 120.0  # the imports of a process, and the network of a city
 _STEP_S = 30.0
+_ATTACHED_STEP_S = 300.0  # programs are compiled in the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,14 @@ class CaseToPlay:
     scenario: Scenario
     released: Mapping[int, DriverParameters]  # who SUMO drives, by index
     seed: int
+    attach: Callable[[Any, str], Callable[[], dict[str, Any]]] | None = None  # says something after each step
+
+
+class SumoAnswer(NamedTuple):
+    """What is seen after a step, and what the attached code says of it."""
+
+    seen: Snapshot
+    said: dict[str, Any]
 
 
 class SumoSession:
@@ -35,18 +44,20 @@ class SumoSession:
 
     def __init__(self) -> None:
         self._pipe: Any = None  # a connection while the process runs
+        self._step_s = _STEP_S
 
-    def begin(self, play: CaseToPlay) -> Snapshot:
+    def begin(self, play: CaseToPlay) -> SumoAnswer:
         """Begin a case, in the middle of another one too. All agents at step 0. Raises SumoError."""
         if self._pipe is None:
             self._start()
-        return self._ask(play, _START_S, "when it began a case")
+        self._step_s = _STEP_S if play.attach is None else _ATTACHED_STEP_S
+        return self._ask(play, _START_S + self._step_s, "when it began a case")
 
-    def go(self, ego: EgoState) -> Snapshot:
+    def go(self, ego: EgoState) -> SumoAnswer:
         """All agents one step later, the ego as told. Raises SumoError."""
         if self._pipe is None:
             raise SumoError("SUMO is not running, expected a case to be begun first")
-        return self._ask(ego, _STEP_S, "in a step")
+        return self._ask(ego, self._step_s, "in a step")
 
     def close(self) -> None:
         """End the process; twice does no harm."""
@@ -64,7 +75,7 @@ class SumoSession:
             self._process.start()
         theirs.close()
 
-    def _ask(self, question: CaseToPlay | EgoState, timeout_s: float, when: str) -> Snapshot:
+    def _ask(self, question: CaseToPlay | EgoState, timeout_s: float, when: str) -> SumoAnswer:
         try:
             self._pipe.send(question)
             if not self._pipe.poll(timeout_s):
@@ -91,18 +102,34 @@ class _NextCaseSignal(BaseException):
         self.play = play
 
 
+class _Attached:
+    """The code that is attached, if any, and what it said last."""
+
+    def __init__(self, play: CaseToPlay) -> None:
+        self._attach, self.said = play.attach, dict[str, Any]()
+
+    def begin(self, sumo: Any, ego: str) -> Callable[[], None]:
+        """Let it begin; what is to be called after each step."""
+        watch = self._attach(sumo, ego) if self._attach is not None else dict[str, Any]
+
+        def step() -> None:
+            self.said = watch()
+
+        return step
+
+
 class _DriverBeyondPipe:
     """A driver at the other end of the pipe."""
 
-    def __init__(self, pipe: Connection) -> None:
-        self._pipe = pipe
+    def __init__(self, pipe: Connection, attached: "_Attached") -> None:
+        self._pipe, self._attached = pipe, attached
 
     def start(self, scenario: Scenario) -> None:
         """Nothing to prepare."""
 
     def advance(self, step: int, seen: Snapshot) -> EgoState:
         """Tell what is seen, and be told where the ego goes."""
-        self._pipe.send(seen)
+        self._pipe.send(SumoAnswer(seen, self._attached.said))
         told = self._pipe.recv()
         if isinstance(told, CaseToPlay):
             raise _NextCaseSignal(told)
@@ -132,7 +159,10 @@ def _next_play(pipe: Connection) -> CaseToPlay:
     return asked
 
 
-def _last_seen(play: CaseToPlay, pipe: Connection) -> Snapshot:
+def _last_seen(play: CaseToPlay, pipe: Connection) -> SumoAnswer:
     """Play to the end; all steps but the last are told on the way."""
-    tracks = replay_in_sumo(play.scenario, _DriverBeyondPipe(pipe), released=play.released, seed=play.seed).tracks
-    return Snapshot(**{name: getattr(tracks, name)[:, -1] for name in Snapshot._fields})
+    attached = _Attached(play)
+    tracks = replay_in_sumo(
+        play.scenario, _DriverBeyondPipe(pipe, attached), released=play.released, seed=play.seed, attach=attached.begin
+    ).tracks
+    return SumoAnswer(Snapshot(**{name: getattr(tracks, name)[:, -1] for name in Snapshot._fields}), attached.said)

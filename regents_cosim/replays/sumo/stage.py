@@ -74,6 +74,11 @@ class Stage:
         """The agents after the last step."""
         return self._seen[-1]
 
+    @property
+    def ego(self) -> str:
+        """SUMO's name of the ego, once it is there."""
+        return self._names[0]
+
     def play(self, step: int) -> None:
         """Place everything, let SUMO make one step, read everything."""
         self._show_signals(step)

@@ -1,0 +1,20 @@
+"""Which episodes of an environment are attacked."""
+
+import numpy as np
+
+from regents_cosim.errors import RegentsError, require
+
+
+class AttackedEpisodes:
+    """One of `every`, the first drawn by the seed of the last reset that had one."""
+
+    def __init__(self, every: int) -> None:
+        """Raises RegentsError for less than one."""
+        known = isinstance(every, int) and every >= 1
+        require(known, f"every {every!r}, expected 1 (all episodes are attacked) or more", RegentsError)
+        self._every, self._episode = every, -1
+
+    def begin(self, seed: int | None) -> bool:
+        """Another episode begins: whether it is attacked."""
+        self._episode = self._episode + 1 if seed is None else int(np.random.default_rng(seed).integers(self._every))
+        return self._episode % self._every == 0
