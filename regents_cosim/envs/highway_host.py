@@ -1,5 +1,6 @@
 """highway-env as the simulation that a live attack is in."""
 
+import copy
 import pickle
 from functools import lru_cache
 from typing import Any
@@ -37,6 +38,12 @@ class HighwayHost:
         self.step_s = 1.0 / env.config["simulation_frequency"]
         self._named: dict[str, Vehicle] = {}
         self.road = _road_map(pickle.dumps(env.road.network))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "HighwayHost":
+        """Of a copy of the environment; the map stays one."""
+        other = memo[id(self)] = copy.copy(self)
+        other._env, other._named = copy.deepcopy((self._env, self._named), memo)
+        return other
 
     def frame(self, time_s: float) -> Frame:
         """All vehicles around the ego."""

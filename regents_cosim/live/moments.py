@@ -3,6 +3,7 @@
 All moments of a run have the same shapes on the device, so each of its programs is compiled once.
 """
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -71,6 +72,10 @@ class Moments:
         self.predictor, self.horizon_s = predictor, horizon_s
         self.steps = round(horizon_s / DT_S) + 1
         self._tile: tuple[RoadMap, np.ndarray, RoadField] | None = None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Moments":
+        """One that goes on by itself; what is known of the road is never changed."""
+        return copy.copy(self)
 
     def of(self, traffic: TrafficState, known: Mapping[str, Drive] | None = None) -> Moment:
         """The moment of some traffic, of which some will drive as is `known`, by id."""

@@ -6,8 +6,10 @@ closed loop is taken, the best of the others is descended from. A plan that is b
 from where all vehicles are by now, and descended from where it would miss.
 """
 
-from collections.abc import Collection, Sequence
+import copy
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -52,12 +54,20 @@ class Search:
 
     def __init__(self, planner: AnyPlanner, config: AttackConfig, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises PlannerError where there is no such planner."""
-        self.config, self._renewing = config, replace(config, accept="clean")
+        self.config = config
+        # Whether a careful driver would see it coming was asked when it began; by now there may be no time left to.
+        self._renewing = replace(config, accept="clean") if config.accept == "telling" else config
         given = PlannerUnderTest(OBSERVED, Observed()) if planner == OBSERVED else PlannerUnderTest.of(planner)
         self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
         self._warm = False  # all programs are compiled
         self._asked: dict[str, float] = {}  # when a candidate was looked at last
         self._road: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # of which adversary, and since when
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Search":
+        """One that goes on by itself, against the same planner."""
+        other = copy.copy(self)
+        other._asked = dict(self._asked)
+        return other
 
     def __enter__(self) -> "Search":
         return self
@@ -73,26 +83,23 @@ class Search:
         """Another run begins: nothing is known of its vehicles."""
         self._asked, self._road = {}, ("", -np.inf, None)
 
-    def fresh(self, moment: Moment, barred: Collection[str] = (), alone: bool = False) -> Plan | None:
+    def fresh(self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
-        `barred` are no candidates. `alone` is for simulations that drive the adversary along its own lane. One
+        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. One
         candidate is searched at a look; the others have their turn at the next.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
             self._warm_up(loop)
             for agent in self._candidates(moment, ego, barred):
-                found = self._starts(loop, agent, ego, alone)
+                found = self._starts(loop, agent, ego, speed_only)
                 if found is not None:
                     return self._plan_from(loop, agent, found)
         return None
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
-        """The plan that a moment knows its adversary to follow, changed where it would miss; None where it cannot be.
-
-        Whether a careful driver would see it coming was asked when it began; by now there may be no time left to.
-        """
+        """The plan that a moment knows its adversary to follow, changed where it would miss; None if it cannot be."""
         agent = moment.traffic.index(adversary)
         if agent is None:
             return None
@@ -111,14 +118,14 @@ class Search:
         onward = Start(tracks.x[1], tracks.y[1], tracks.yaw[1], tracks.speed[1], 0, (0.0, 0.0, 0.0), 0.0)
         if self.config.starts:
             followed(loop.moment.scenario, job, [onward], self.config.starts, FIT_PASSES)
-        for config in (self.config, self._renewing):
+        for config in dict.fromkeys((self.config, self._renewing)):
             loop.search(job, 0, config)
         self._warm = True
 
     # --- who attacks -----------------------------------------------------------------------------
 
-    def _candidates(self, moment: Moment, ego: Tracks, barred: Collection[str]) -> list[int]:
-        """Those that could be where the ego is soon; first those that were not looked at lately."""
+    def _candidates(self, moment: Moment, ego: Tracks, barred: Collection[str]) -> Iterator[int]:
+        """Those that could be where the ego is soon, one by one; first those that were not looked at lately."""
         allowed = np.asarray(_allowed(moment.world, self.config))
         tracks, now = moment.scenario.tracks, moment.traffic.time_s
         ahead_s = np.arange(tracks.steps) * DT_S
@@ -129,25 +136,25 @@ class Search:
         names = [agent.id for agent in moment.scenario.agents]
         able = [k for k in range(1, len(names)) if allowed[k] and names[k] not in barred and least[k] < _NEAR_M]
         self._asked = {name: asked for name, asked in self._asked.items() if name in names}
-        chosen: list[int] = []
+        asked = 0
         for k in sorted(able, key=lambda k: (self._asked.get(names[k], -np.inf), least[k]))[:_LOOKED_AT]:
             self._asked[names[k]] = now
             if not self.config.starts or _ways_meet(moment.scenario, k, ego):
-                chosen.append(k)
-            if len(chosen) == _ASKED:
-                break
-        return chosen
+                yield k
+                asked += 1
+            if asked == _ASKED:
+                return
 
     # --- plans -----------------------------------------------------------------------------------
 
-    def _starts(self, loop: PlannerInLoop, agent: int, ego: Tracks, alone: bool) -> list[Start] | None:
+    def _starts(self, loop: PlannerInLoop, agent: int, ego: Tracks, speed_only: bool) -> list[Start] | None:
         """Drives with which a search may begin: no drive where it begins with the prediction, None for no search."""
         if not self.config.starts:
-            return None if alone else []
+            return None if speed_only else []
         scenario = loop.moment.scenario
         limits = loop.limits[scenario.agents[agent].kind]
         found = starts(scenario, agent, ego, self.config.starts, limits)
-        if alone:
+        if speed_only:
             found = [start for start in found if _on_own_way(start, scenario, agent)]
         return found or None
 
