@@ -11,11 +11,13 @@ from places import ROOT
 EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(path.name for path in EXAMPLES.glob("*.py") if path.name != "my_planner.py")
 
+APART = ("find_fix_prove.py", "train_under_attack.py")
 
-def run(script, folder):
+
+def run(script, folder, *words):
     for file in EXAMPLES.glob("*.py"):
         shutil.copy(file, folder)
-    done = subprocess.run([sys.executable, script], cwd=folder, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, script, *words], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -26,9 +28,16 @@ def test_each_is_listed():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("script", [name for name in SCRIPTS if name != "find_fix_prove.py"])
+@pytest.mark.parametrize("script", [name for name in SCRIPTS if name not in APART])
 def test_a_script_runs(script, tmp_path):
     assert run(script, tmp_path)
+
+
+@pytest.mark.slow
+def test_a_policy_is_trained_under_attack(tmp_path):
+    pytest.importorskip("stable_baselines3", reason="stable-baselines3 is an extra")
+    lines = run("train_under_attack.py", tmp_path, "--steps", "60", "--episodes", "2").splitlines()
+    assert len(lines) == 5
 
 
 @pytest.mark.slow
