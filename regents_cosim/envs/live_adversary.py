@@ -63,8 +63,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         observation, info = self.env.reset(seed=seed, options=options)
         self._tally, self._pilot = Tally(), None
         if self._episodes.begin(seed):
-            self._search.forget()
-            self._pilot = _Pilot(HighwayHost(self._env, self._settings.radius_m), self._new_attacker)
+            self._pilot = self._new_pilot()
             road: Any = self._env.road
             road.step = partial(self._pilot.step, road.step)
         return observation, info | self._said()
@@ -79,9 +78,13 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         self._search.close()
         self.env.close()
 
-    def _new_attacker(self, host: HighwayHost, history: History) -> Attacker:
+    def _new_pilot(self) -> "_Pilot":
+        """One that knows nothing of the episodes before."""
+        self._search.forget()
+        host = HighwayHost(self._env, self._settings.radius_m)
+        history = History(self._settings.horizon_s, host.step_s)
         replanner = Replanner(host, self._search, self._moments, history)
-        return Attacker(host, replanner, self._settings.replan_s, self._tally, _nothing)
+        return _Pilot(host, history, Attacker(host, replanner, self._settings.replan_s, self._tally, _nothing))
 
     def _said(self) -> dict[str, Any]:
         attack = self._pilot.attacker.attack if self._pilot is not None else None
@@ -92,10 +95,9 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
 class _Pilot:
     """Lets the attacker see every step of a road, and drive before it."""
 
-    def __init__(self, host: HighwayHost, make: Callable[[HighwayHost, History], Attacker]) -> None:
-        self._host, self._time_s = host, 0.0
-        self._history = History(5.0, host.step_s)
-        self.attacker = make(host, self._history)
+    def __init__(self, host: HighwayHost, history: History, attacker: Attacker) -> None:
+        self._host, self._history, self.attacker = host, history, attacker
+        self._time_s = 0.0
 
     def step(self, step: Callable[[float], None], dt: float) -> None:
         """One step of the road, as highway-env makes it by `step`."""
