@@ -97,7 +97,8 @@ class HighwayHost:
     def _lanes(self, vehicle: Any) -> tuple[list[Lane], float]:
         """The lanes ahead, from the one that it wants on, and how far along that its centre is [m]."""
         network: RoadNetwork = self._env.road.network
-        index: LaneIndex = getattr(vehicle, "target_lane_index", None) or vehicle.lane_index
+        begin, end, number = getattr(vehicle, "target_lane_index", None) or vehicle.lane_index
+        index: LaneIndex = (begin, end, int(number))  # highway-env clips them with NumPy
         along, _ = network.get_lane(index).local_coordinates(vehicle.position)
         names = [lane_name(index)]
         for begin, end, number in getattr(vehicle, "route", None) or ():

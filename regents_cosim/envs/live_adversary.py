@@ -81,6 +81,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
     def _new_pilot(self) -> "_Pilot":
         """One that knows nothing of the episodes before."""
         self._search.forget()
+        self._moments.forget()
         host = HighwayHost(self._env, self._settings.radius_m)
         history = History(self._settings.horizon_s, host.step_s)
         replanner = Replanner(host, self._search, self._moments, history)

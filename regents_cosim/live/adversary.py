@@ -276,6 +276,7 @@ class Adversary(StepListener):
         self._attacker: Attacker | None = None
         self._finder.start()
         self._search.forget()
+        self._moments.forget()
         self._now, self._begun_s = -np.inf, np.inf
 
     def _say_once(self, line: str) -> None:

@@ -77,6 +77,10 @@ class Moments:
         """One that goes on by itself; what is known of the road is never changed."""
         return copy.copy(self)
 
+    def forget(self) -> None:
+        """Another run begins: it is to be the same whatever was before."""
+        self._tile = None
+
     def of(self, traffic: TrafficState, known: Mapping[str, Drive] | None = None) -> Moment:
         """The moment of some traffic, of which some will drive as is `known`, by id."""
         tracks = with_drives(self.predictor.predict(traffic, DT_S, self.steps), traffic, known or {})
