@@ -103,7 +103,8 @@ class HighwayHost:
         names = [lane_name(index)]
         for begin, end, number in getattr(vehicle, "route", None) or ():
             if begin == index[1]:
-                index = (begin, end, min(index[2] if number is None else number, len(network.graph[begin][end]) - 1))
+                number = index[2] if number is None else int(number)
+                index = (begin, end, min(number, len(network.graph[begin][end]) - 1))
                 names.append(lane_name(index))
         lanes = [self.road.lane[name] for name in names]
         return [*lanes, *lanes_ahead(self.road, lanes[-1], _MOST_REACH_M)[1:]], max(float(along), 0.0)
