@@ -40,12 +40,12 @@ class CaseKeeper:
         outcome: Outcome,
         after: Forecast,
     ) -> str:
-        """Keep the case of some frames, to which `after` is appended; its id."""
+        """Keep the case of some frames; its id. To those of a crash, what comes `after` is appended."""
         summary = AttackSummary(
             attack.plan.adversary, self._planner, self._config, outcome, attack.iterations, attack.rollouts,
             self._settings.replan_s, source, self._settings.seed,
         )  # fmt: skip
-        case = case_of(frames, step_s, road, summary, attack.before, after, TAIL_S)
+        case = case_of(frames, step_s, road, summary, attack.before, after, TAIL_S if outcome == "collision" else 0.0)
         if self._settings.judged:
             case = judge(case)
         if self._writer is None:
