@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bridged_drives import shipped_window
 from hypothesis import given
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 from scenes import platoon, scene
+from shipped_cases import shipped_window
 from usual_scenes import driven, traffic
 
 from regents_cosim.attacks.attack import attack
@@ -170,7 +170,7 @@ def felt(tracks, agent, dt, end):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["crossing-00218"])
+@pytest.mark.parametrize("name", ["crossing"])
 def test_the_adversary_of_a_crash_drives_as_hard_as_the_traffic(name):
     made = shipped_window(name)
     few = replace(REGENTS_FOCUSED, iterations=100)

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bridged_drives import shipped_window
 from crossing_scenes import EGO, scenario, straight
 from hypothesis import given
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 from params import slow
 from scenes import platoon
+from shipped_cases import shipped_window
 
 from regents_cosim.attacks.actions import not_too_fast, to_actions, to_controls
 from regents_cosim.attacks.attack import attack, attack_each
@@ -148,13 +148,13 @@ def check_telling(cases):
 
 @pytest.mark.slow
 def test_what_a_search_under_the_law_accepts_tells_something():
-    windows = [shipped_window(name) for name in ("crossing-00218", "signals-00064")]
+    windows = [shipped_window(name) for name in ("crossing-1", "signals")]
     assert check_telling(attack(windows, replace(FEW, iterations=100, nearest=8, starts=12), "idm")) > 0
 
 
 @pytest.mark.slow
 def test_the_same_search_finds_the_same():
-    windows = [shipped_window(name) for name in ("crossing-00064", "signals-00218")]
+    windows = [shipped_window(name) for name in ("crossing", "signals-1")]
     for one, other in zip(*(list(attack(windows, FEW, "idm")) for _ in range(2)), strict=True):
         assert one.attack == other.attack
         for name in ("x", "y", "yaw", "speed"):
@@ -163,7 +163,7 @@ def test_the_same_search_finds_the_same():
 
 @pytest.mark.slow
 def test_threads_and_lanes_search_under_the_law_alike():
-    windows = [shipped_window(name) for name in ("crossing-00064", "signals-00218")]
+    windows = [shipped_window(name) for name in ("crossing", "signals-1")]
     threads, lanes = (
         [case for some in attack_each(windows, FEW, "idm", batch=4, engine=engine) for case in some]
         for engine in ("threads", "batched")
@@ -177,7 +177,7 @@ def test_threads_and_lanes_search_under_the_law_alike():
 
 @pytest.mark.slow
 def test_without_the_law_adversaries_break_it():
-    windows = [shipped_window(name) for name in ("crossing-00064", "crossing-00218", "signals-00218")]
+    windows = [shipped_window(name) for name in ("crossing", "crossing-1", "signals-1")]
     free = replace(FEW, law="any", accept="clean", starts=0, attempts=1, iterations=150, nearest=5)
     laws = [judge(case).judgement.law for case in attack(windows, free, "idm") if case.attack.collision]
     assert any(law.lawful is False for law in laws)
@@ -187,7 +187,7 @@ def test_without_the_law_adversaries_break_it():
 @pytest.mark.parametrize("search", ["per-candidate", slow("joint")])
 def test_several_planners_under_the_law(search):
     config = replace(FEW, search=search, law="strict" if search == "per-candidate" else "any")
-    found = list(attack([shipped_window("crossing-00064")], config, "idm", against=["constant_velocity"]))
+    found = list(attack([shipped_window("crossing")], config, "idm", against=["constant_velocity"]))
     assert all(case.attack.outcome != "planner_error" for case in found)
     check_telling(found) if search == "per-candidate" else None
     assert all("crashed" in case.attack.settings for case in found if case.attack.collision)

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from places import SUPPORT
 from scenes import platoon, scene
+from shipped_cases import shipped_window
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.blind import AtRandom, ByEvolution
 from regents_cosim.attacks.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
 from regents_cosim.benchmarks.aggressive import drive_aggressively
-from regents_cosim.cases.files import load_case
-from regents_cosim.cases.shipped import shipped
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import rollouts_at_most
@@ -75,8 +74,7 @@ def test_a_blind_search_is_for_planners_in_jax():
 
 @pytest.mark.slow
 def test_aggressive_drivers_drive_around_the_planner():
-    (folder, *_) = sorted((shipped("scenarios") / "quickstart").glob("crossing-*"))
-    window = load_case(folder).before_attack()
+    window = shipped_window("crossing")
     (driven,) = next(iter(drive_aggressively([window], [[]], "constant_velocity")))
     assert driven.attack.method == "sumo-aggressive"
     contact = first_contact(driven.agents, driven.tracks)
@@ -88,8 +86,7 @@ def test_aggressive_drivers_drive_around_the_planner():
 
 
 def test_where_the_planner_collides_anyway_nobody_is_blamed():
-    (folder, *_) = sorted((shipped("scenarios") / "quickstart").glob("crossing-*"))
-    window = load_case(folder).before_attack()
+    window = shipped_window("crossing")
     record = AttackRecord(window.id, "king", "constant_velocity", "already_colliding", 0)
     known = replace(window, attack=record, original=window.tracks)
     assert list(drive_aggressively([window], [[known]], "constant_velocity")) == [[known]]

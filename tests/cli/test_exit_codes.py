@@ -6,17 +6,17 @@ import shutil
 
 import pytest
 from params import slow
+from shipped_cases import QUICKSTART, crash_on
 from test_cli import regents
 
 from regents_cosim.cases.shipped import shipped
 
-QUICKSTART = shipped("scenarios") / "quickstart"
 CODES = ("0", "1", "2", "3", "4", "130", "143")
 
 
 @pytest.fixture(scope="module")
 def case():
-    return next(QUICKSTART.glob("merge-00064*"))
+    return crash_on("merge")
 
 
 @pytest.fixture(scope="module")

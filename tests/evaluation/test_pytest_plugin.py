@@ -9,10 +9,10 @@ from importlib.metadata import entry_points
 import pytest
 import regression_cases
 from places import SUPPORT
+from shipped_cases import crash_on
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest, save_suite
-from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.evaluation.regression import comparison as regression
 from regents_cosim.evaluation.regression import drives_ahead
@@ -258,11 +258,12 @@ def test_ini_keys_do_as_the_options(project):
 @pytest.mark.slow
 def test_in_sumo(project):
     """A case of the shipped suite, whose network SUMO has; the planner runs in a process of its own."""
-    name = "merge-00218.7s-main.exit.126-regents-idm"
-    SuiteWriter(project.path / "suite", 0).add(load_case(shipped("scenarios") / "quickstart" / name))
+    case = load_case(crash_on("merge"))
+    SuiteWriter(project.path / "suite", 0).add(case)
     done = session(project, "--regents-in", "sumo", "--regents-update", "-k", "merge", planner="idm")
     done.assert_outcomes(passed=1, deselected=3)
-    assert "side_swipe collision with ramp.exit.37 at 4.8 s" in done.stdout.str()
+    hit = case.attack.collision
+    assert f"{hit.kind} collision with {hit.agent} at {hit.time_s:.1f} s" in done.stdout.str()
 
 
 @pytest.mark.slow

@@ -1,7 +1,11 @@
 """`regents suite`: what is chosen, built, listed, checked and merged."""
 
 import json
+import os
+import shlex
 import shutil
+import subprocess
+import sys
 from collections import Counter
 from dataclasses import replace
 
@@ -9,11 +13,14 @@ import pytest
 import regression_cases
 from hypothesis import given
 from hypothesis import strategies as st
+from places import ROOT
 from scenes import platoon, scene
+from shipped_cases import QUICKSTART, crash_on
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
+from regents_cosim.cases.provenance import versions
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
@@ -119,6 +126,28 @@ def test_the_same_recipe_gives_the_same_suite(tmp_path):
         write_suite(tmp_path / name, scenarios, 0)
     files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
     assert all((tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes() for file in files)
+
+
+@pytest.mark.slow
+def test_a_part_of_quickstart_is_made_again_bit_for_bit(tmp_path):
+    """By its own command and the code of the commit that it names, on one network."""
+    crash, revision = load_case(crash_on("crossing")), load_manifest(QUICKSTART).versions["revision"]
+    if crash.provenance.versions != versions():
+        pytest.skip(f"made with other packages: {crash.provenance.versions}")
+    archive = subprocess.run(
+        ["git", "-C", ROOT, "archive", revision, "regents_cosim", "sumo_nets"], capture_output=True, check=False
+    )
+    if archive.returncode:
+        pytest.skip(f"commit {revision} is not here: {archive.stderr.decode()}")
+    subprocess.run(["tar", "-x", "-C", tmp_path], input=archive.stdout, check=True)
+    words = shlex.split(crash.provenance.command)[1:]
+    words[words.index("-o") + 1] = "again"
+    program = "from regents_cosim.cli import main; main()"
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", program, *words], cwd=tmp_path, env=environment, check=True)
+    for case in (crash.id, f"{crash.id}-harmless"):
+        for file in ("tracks.npz", "original.npz"):
+            assert (tmp_path / "again" / case / file).read_bytes() == (QUICKSTART / case / file).read_bytes()
 
 
 def test_a_suite_takes_the_place_of_the_one_before(tmp_path):

@@ -18,9 +18,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import platoon, scene
+from shipped_cases import QUICKSTART, crash_on, shipped_window
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.cases.shipped import shipped
 from regents_cosim.errors import RegentsError
 from regents_cosim.exports import openscenario
 from regents_cosim.exports.commonroad import bounds
@@ -34,19 +34,18 @@ from regents_cosim.sources.highway import record_highway
 from regents_cosim.sources.logs.record import scenes_of
 
 NEAR_M = 1e-3
-QUICKSTART = shipped("scenarios") / "quickstart"
 
 
 @pytest.fixture(scope="module")
 def attacked():
     """In SUMO; of its vehicles three leave early."""
-    return load_case(next(QUICKSTART.glob("roundabout-00064*")))
+    return load_case(crash_on("roundabout"))
 
 
 @pytest.fixture(scope="module")
 def recorded():
     """In SUMO, with lights."""
-    return load_case(next(QUICKSTART.glob("signals-00064*"))).before_attack()
+    return shipped_window("signals")
 
 
 @pytest.fixture(scope="module")
@@ -385,7 +384,7 @@ def test_commonroad_io_reads_it(attacked, tmp_path):
 @pytest.mark.slow
 def test_the_command_writes_once_and_complains_on_one_line(tmp_path):
     program = Path(sys.executable).parent / "regents"
-    case = next(QUICKSTART.glob("merge-00064*"))
+    case = crash_on("merge")
 
     def run(*words):
         return subprocess.run([str(program), "export", *map(str, words)], capture_output=True, text=True)

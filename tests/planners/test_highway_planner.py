@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bridged_drives import bridged_drive, shipped_window
+from bridged_drives import bridged_drive
 from scenes import platoon
+from shipped_cases import shipped_window
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
@@ -40,7 +41,7 @@ def process(request):
 
 @pytest.mark.parametrize("process", ["highway:idm"], indirect=True)
 def test_it_drives_as_in_highway_env(process):
-    for name in ("multilane-00218", "roundabout-00218"):
+    for name in ("multilane", "roundabout"):
         case = shipped_window(name)
         native = drive_in_highway(case, "idm").tracks
         x, y, _, speed = bridged_drive(process, case)

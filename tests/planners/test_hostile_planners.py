@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bridged_drives import shipped_window
 from params import slow
 from places import SUPPORT
 from scenes import scene
+from shipped_cases import shipped_window
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS

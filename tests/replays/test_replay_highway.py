@@ -18,9 +18,9 @@ from highway_env.road.lane import StraightLane
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import platoon, scene
+from shipped_cases import crash_on, shipped_window
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.cases.shipped import shipped
 from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.geometry.frames import Pose, points_to_highway
 from regents_cosim.mirror.bicycle import Controls, Motion
@@ -36,13 +36,6 @@ from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.simulators.highway_agents import find_agent
 from regents_cosim.sources.highway import environments
 from regents_cosim.sources.highway_net import to_road_map
-
-QUICKSTART = shipped("scenarios") / "quickstart"
-
-
-def shipped_case(start: str):
-    return load_case(next(QUICKSTART.glob(f"{start}*")))
-
 
 # --- roads ------------------------------------------------------------------------------------
 
@@ -91,10 +84,10 @@ def test_a_network_of_highway_env_survives_the_way_there_and_back():
         assert max(twin.distance(spot) for spot in spots) < 0.1
 
 
-@pytest.mark.parametrize("name", ["roundabout-00218", "crossing-00218", "multilane-00064", "grid-00064"])
+@pytest.mark.parametrize("name", ["roundabout", "crossing", "multilane", "grid"])
 def test_everybody_is_on_a_lane_that_the_case_has_there(name):
     """Cropped, mirrored and regrouped, the network still has the nearest lane of the map under each vehicle."""
-    case = shipped_case(name).before_attack()
+    case = shipped_window(name)
     network = network_of(case)
     assert len(network.lanes_list()) <= len(case.road.lanes)
     spots = np.stack([case.tracks.x, case.tracks.y], axis=-1)[case.tracks.valid][::20]
@@ -106,7 +99,7 @@ def test_everybody_is_on_a_lane_that_the_case_has_there(name):
 
 
 def test_routes_are_connected():
-    case = shipped_case("crossing-00218")
+    case = shipped_window("crossing")
     network = network_of(case)
     start = Pose(*(float(values[0, 0]) for values in (case.tracks.x, case.tracks.y, case.tracks.yaw)))
     route = route_along(network, way_to_target(case.road, start, 0.0, case.target))
@@ -118,9 +111,9 @@ def test_routes_are_connected():
 # --- replays ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["multilane-00218", "merge-00218", "roundabout-00064"])
+@pytest.mark.parametrize("name", ["multilane", "merge", "roundabout"])
 def test_on_tracks_the_same_crash_happens_and_nobody_is_off(name):
-    result = replay(shipped_case(name), "highway")
+    result = replay(load_case(crash_on(name)), "highway")
     assert result.verified, result.reason
     assert result.position_error_m.max() == 0.0
     assert result.yaw_error_deg.max() < 1e-9
@@ -169,7 +162,7 @@ def test_by_its_actions_highway_env_reproduces_the_twin():
 
 
 def test_tracks_of_another_model_are_followed_closely_by_actions():
-    result = replay(shipped_case("multilane-00218"), "highway", mode="actions")
+    result = replay(load_case(crash_on("multilane")), "highway", mode="actions")
     assert result.found == result.expected
     assert 1e-4 < result.position_error_m.max() < 0.05
 
@@ -279,7 +272,7 @@ def test_wrong_agents_are_explained(tmp_path):
 @pytest.mark.slow
 def test_the_command(tmp_path):
     regents = str(Path(sys.executable).parent / "regents")
-    case = next(QUICKSTART.glob("multilane-00218*"))
+    case = crash_on("multilane")
     done = subprocess.run(
         [regents, "replay", str(case), "--in", "highway", "--json", "--record", str(tmp_path / "still.png")],
         capture_output=True,

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crossing_scenes import DT, EGO, LANE_Y, STEPS, TIME, Car, scenario, straight
+from shipped_cases import crash_on
 
 from regents_cosim.benchmarks.transfer import PLACES, transfer
 from regents_cosim.cases.files import load_case
-from regents_cosim.cases.shipped import NETWORKS, network_config, shipped
+from regents_cosim.cases.shipped import NETWORKS, network_config
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.frames import wrap
@@ -25,7 +26,6 @@ from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.system.workers import local_processes, result_of, submit
 
-QUICKSTART = shipped("scenarios") / "quickstart"
 REGENTS = Path(sys.executable).parent / "regents"
 
 
@@ -61,9 +61,9 @@ def test_a_follower_brakes_behind_a_braking_ego_where_its_track_rams_it(drive):
     assert (found.tracks.x[1, 0], found.tracks.speed[1, 0]) == pytest.approx((-92.0, 12.0), abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["merge-00218*", "signals-00218*"])
+@pytest.mark.parametrize("name", ["merge", "signals"])
 def test_the_adversary_stays_exact_and_the_same_crash_happens(name):
-    made = load_case(next(QUICKSTART.glob(name)))
+    made = load_case(crash_on(name))
     adversary = [agent.role for agent in made.agents].index("adversary")
     result = replay(made, background="reactive")
     assert result.verified, result.reason
@@ -115,7 +115,7 @@ def test_recorded_traffic_stays_free_of_collisions_when_sumo_drives_all_of_it(ne
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_traffic():
-    made = load_case(next(QUICKSTART.glob("grid-00064*")))
+    made = load_case(crash_on("grid"))
     drives = [SumoDrive(made, released=background_drivers(made), seed=seed) for seed in (1, 1, 2)]
     first, again, other = (found.tracks for found in drive_in_sumo_each(drives))
     for name in ("x", "y", "yaw", "speed", "valid"):
@@ -188,7 +188,7 @@ def test_parameters_reach_sumo(drive):
 
 @pytest.mark.slow
 def test_a_planner_drives_the_ego_among_live_traffic():
-    made = load_case(next(QUICKSTART.glob("grid-00064*")))
+    made = load_case(crash_on("grid"))
     known = PlannerUnderTest.of("constant_velocity").ticket
     unknown = PlannerTicket("no_such_planner", "no_such_planner", in_loop=False)
     drives = [SumoDrive(made, known, background_drivers(made)), SumoDrive(made, unknown)]
@@ -220,13 +220,13 @@ def test_a_crash_may_come_earlier_or_later_among_live_traffic():
 
 def under_constant_velocity(name):
     """A shipped case, as if a planner had been attacked that compiles at once."""
-    case = load_case(next(QUICKSTART.glob(name)))
+    case = load_case(crash_on(name))
     return dataclasses.replace(case, attack=dataclasses.replace(case.attack, planner="constant_velocity"))
 
 
 @pytest.mark.slow
 def test_the_transfer_report_names_every_case_in_every_place():
-    cases = [under_constant_velocity(name) for name in ("grid-00064*", "merge-00218*")]
+    cases = [under_constant_velocity(name) for name in ("grid", "merge")]
     places = [place for place in PLACES if place.name in ("SUMO, reactive, planner drives", "highway-env, track")]
     report = {row.place: (row, each) for row, each in transfer(cases, places)}
     assert list(report) == [place.name for place in places]
@@ -263,7 +263,7 @@ def regents(*words):
 
 @pytest.mark.slow
 def test_the_command_replays_among_live_traffic():
-    case = next(QUICKSTART.glob("grid-00064*"))
+    case = crash_on("grid")
     done = regents("replay", case, "--in", "sumo", "--background", "reactive", "--json")
     (row,) = json.loads(done.stdout)
     assert done.returncode == 0, done.stderr

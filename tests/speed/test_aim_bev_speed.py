@@ -119,7 +119,7 @@ def test_drives(benchmark, driven):
 
 
 def attacked(preset, every, iterations=500):
-    """The twelve windows of `scenarios/quickstart` attacked on all cores: cases and seconds."""
+    """The windows of `scenarios/quickstart` attacked on all cores: cases and seconds."""
     windows = [case.before_attack() for case in load_suite(shipped("scenarios") / "quickstart")]
     config = replace(preset, replan_every=every, iterations=iterations)
     begin = time.perf_counter()

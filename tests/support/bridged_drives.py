@@ -2,16 +2,9 @@
 
 import numpy as np
 
-from regents_cosim.cases.files import load_case
-from regents_cosim.cases.shipped import shipped
 from regents_cosim.planners.host_process import HostProcess, Snapshot
 from regents_cosim.planners.interface import Placement, Scene
 from regents_cosim.scenario import Scenario
-
-
-def shipped_window(start: str) -> Scenario:
-    """A case that comes with the package, as it was before its attack."""
-    return load_case(next((shipped("scenarios") / "quickstart").glob(f"{start}*"))).before_attack()
 
 
 def bridged_drive(process: HostProcess, case: Scenario) -> np.ndarray:
