@@ -38,7 +38,7 @@ NEAR_M = 1e-3
 
 @pytest.fixture(scope="module")
 def attacked():
-    """In SUMO; of its vehicles three leave early."""
+    """In SUMO; a vehicle leaves early."""
     return load_case(crash_on("roundabout"))
 
 
