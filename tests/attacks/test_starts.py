@@ -26,7 +26,7 @@ from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.ordinary import CAR
 from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
-WINDOWS = ("crossing", "signals", slow("grid"), slow("signals-1"), slow("merge"))
+WINDOWS = ("crossing-2", "signals", slow("roundabout"), slow("signals-1"), slow("merge"))
 
 
 def ego_of(made):
