@@ -35,16 +35,6 @@ def test_where_lanes_are_left_slowly_the_speed_alone_is_ours(option):
     assert found["given_back"]
 
 
-def test_near_misses_are_kept_where_they_are_asked_for(tmp_path):
-    given = {"ego": "passenger", "planner": "observed", "output": str(tmp_path / "suite"), "keep": "near-misses"}
-    found = run(until_s=100.0, adversary=given, options=WARN)
-    assert found["raised"] is None
-    assert not found["told"]
-    assert len(found["cases"]) > found["crashes"]
-    cases = load_suite(tmp_path / "suite")
-    assert "no_collision" in {case.attack.outcome for case in cases}
-
-
 def test_a_planner_that_hangs_ends_the_attack_and_not_the_run(tmp_path):
     file = tmp_path / "hangs.py"
     file.write_text(
