@@ -27,6 +27,7 @@ class Header:
     provenance: Provenance
     attack: AttackRecord | None
     judgement: Judgement | None = None
+    tags: tuple[str, ...] | None = None  # what kind of scenario it is; None: of a version that knew none
 
     def __post_init__(self) -> None:
         require_file_name(self.id, "case id")

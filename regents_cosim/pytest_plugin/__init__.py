@@ -52,8 +52,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Register the marker, and where a suite is named everything else."""
     config.addinivalue_line(
         "markers",
-        "regents(suite, kind, network, planner): a case of a suite; choose with -m \"regents(kind='t_bone')\", "
-        "or with -k by the same words",
+        "regents(suite, kind, network, planner, TAG): a case of a suite; choose with -m \"regents(kind='t_bone')\" or "
+        '-m "regents(cut_in=True)", or with -k by the same words',
     )
     if suites(config) and not config.option.help:
         config.pluginmanager.register(SuiteSession(config), _RUN)

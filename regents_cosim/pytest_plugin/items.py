@@ -48,10 +48,10 @@ class CaseItem(pytest.Item):
         except CaseError:
             return  # said when it runs
         self.adversary, self.properties = card.adversary_in_words, card.properties
-        self.add_marker(
-            pytest.mark.regents(suite=self.suite.name, kind=card.kind, network=card.network, planner=card.planner)
-        )
-        self.extra_keyword_matches |= {card.kind, card.network}
+        tags = card.tags.split(", ") if card.tags else []
+        said = {"suite": self.suite.name, "kind": card.kind, "network": card.network, "planner": card.planner}
+        self.add_marker(pytest.mark.regents(**said, **dict.fromkeys(tags, True)))
+        self.extra_keyword_matches |= {card.kind, card.network, *tags}
 
     def runtest(self) -> None:
         """Drive and judge."""

@@ -20,6 +20,7 @@ from regents_cosim.reports.packing import Spans, gaps, motion
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.pictured_case import contact_point
 from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.words import behind_words, drive_words, offences_words, telling_words
 
 Change = Literal["broken", "fixed", "unchanged"]
@@ -116,6 +117,7 @@ class PageCase:
         return {
             "id": case.id,
             "network": network(case),
+            "tags": tags_of(case),
             "attacked": attack.planner if attack else "",
             "otherwise": self._otherwise(),
             "endings": [_plain(hit) for hit in self.endings],

@@ -361,7 +361,7 @@ def test_a_project_without_suites_does_not_notice(pytester):
     (pytester.path / "suite.json").write_text("{}")
     pytester.runpytest_subprocess(*PLUGIN, "-p", "no:jaxtyping").assert_outcomes(passed=1)
     shown = pytester.runpytest_inprocess(*PLUGIN, "--markers").stdout.str()
-    assert "@pytest.mark.regents(suite, kind, network, planner)" in shown
+    assert "@pytest.mark.regents(suite, kind, network, planner, TAG)" in shown
 
 
 def test_listing_the_cases_loads_no_jax(project):

@@ -1,9 +1,10 @@
 """What a case of a suite says of itself, read without its tracks and without JAX."""
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from regents_cosim.cases.files import load_header
+from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Header
 from regents_cosim.scenario import AttackRecord, Scenario
 
@@ -26,6 +27,11 @@ class CaseCard:
     telling: bool | None = None  # clean, the adversary lawful, and a careful driver avoids it; None: not known
     offences: str | None = None  # of the adversary, with commas between them; None: not judged
     preventable_by: str | None = None  # reference drivers that avoid it, likewise
+    tags: str | None = None  # what kind of scenario it is, likewise; None: of a version that knew none
+
+    def is_tagged(self, wanted: Collection[str]) -> bool:
+        """Whether it has all of these tags."""
+        return set(wanted).issubset((self.tags or "").split(", "))
 
     @property
     def properties(self) -> list[tuple[str, str]]:
@@ -54,6 +60,16 @@ def card_of(folder: Path) -> CaseCard:
     return card(header, header.hash)
 
 
+def tagged_card_of(folder: Path) -> CaseCard:
+    """The same with the tags of a case that was saved without them; those read its tracks. Raises CaseError."""
+    found = card_of(folder)
+    if found.tags is not None:
+        return found
+    from regents_cosim.tags.table import tags_of
+
+    return replace(found, tags=", ".join(tags_of(load_case(folder))))
+
+
 def card(case: Header | Scenario, digest: str) -> CaseCard:
     """The card of a case with that content hash."""
     attack, judgement = case.attack, case.judgement
@@ -74,6 +90,7 @@ def card(case: Header | Scenario, digest: str) -> CaseCard:
         hash=digest,
         offences=", ".join(offence.name for offence in law.adversary) if law else None,
         preventable_by=", ".join(judgement.preventable_by) if judgement and judgement.drivers else None,
+        tags=", ".join(case.tags) if isinstance(case, Header) and case.tags is not None else None,
     )
 
 

@@ -144,6 +144,7 @@ const FILTERS = {
   change: { of: (row) => (row.change ? [row.change] : []) },
   group: { of: (row) => (row.group === null ? [] : [String(row.group)]) },
   network: { title: "Any network", of: (row) => [row.network] },
+  tag: { title: "Any scenario", of: (row) => row.tags },
   kind: { title: "Any collision", of: (row, drivers) => [...new Set(drivers.map((_, k) => endingOf(row, k)))] },
   fault: { title: "Any fault", of: (row) => [row.fault ? FAULT_WORDS[row.fault] : "not judged"] },
   telling: { title: "Telling or not", of: (row) => [tellingOf(row) === null ? "no crash" : row.telling === null ? "not known whether telling" : row.telling ? "telling" : "not telling"] },

@@ -1,0 +1,83 @@
+"""Whose way crosses the ego's, or turns into it: by where the two come from and how far the other has turned.
+
+The names follow the pre-crash scenarios of the NHTSA (Najm, Smith and Yanagisawa 2007, "Pre-Crash Scenario Typology
+for Crash Avoidance Research", DOT HS 810 767): straight crossing paths (SCP), left turn across path from the opposite
+or the lateral direction (LTAP/OD, LTAP/LD), turn into path (LTIP, RTIP).
+"""
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.roadmap import Lane
+from regents_cosim.tags.meeting import EGO, Meeting
+
+From = Literal["behind or beside", "the side", "ahead"]
+_TURNED_RAD = np.deg2rad(25.0)  # as the rules of fault have it
+_ALONG_RAD, _AGAINST_RAD = np.deg2rad(45.0), np.deg2rad(135.0)
+_CROSS_RAD = np.deg2rad(30.0)
+
+
+def crossing_path(meeting: Meeting) -> bool:
+    """The other goes straight on, and the two ways cross at 30 degrees or more."""
+    return not _turned(meeting) and _CROSS_RAD <= abs(_between(meeting, -1)) <= np.pi - _CROSS_RAD
+
+
+def turn_across_path(meeting: Meeting) -> bool:
+    """The other turns across the ego's way: from ahead, from the side, or from a lane beside."""
+    if not _turned(meeting):
+        return False
+    comes = _comes_from(meeting)
+    if comes == "the side":
+        return not _turns_along(meeting)
+    return comes == "ahead" or (meeting.entry is not None and abs(_between(meeting, -1)) >= _TURNED_RAD)
+
+
+def turn_into_path(meeting: Meeting) -> bool:
+    """The other comes from the side and turns the ego's way."""
+    return _turned(meeting) and _comes_from(meeting) == "the side" and _turns_along(meeting)
+
+
+def _between(meeting: Meeting, at: int) -> float:
+    """The other's heading against the ego's [rad]."""
+    return float(wrap(meeting.yaw(meeting.other)[at] - meeting.yaw(EGO)[at]))
+
+
+def _comes_from(meeting: Meeting) -> From:
+    before = abs(_between(meeting, 0))
+    return "behind or beside" if before < _ALONG_RAD else "the side" if before < _AGAINST_RAD else "ahead"
+
+
+def _turned(meeting: Meeting) -> bool:
+    """Whether the other has turned at a junction, or is on a way that turns there; where a map names none, anywhere."""
+    yaw = meeting.yaw(meeting.other)
+    turned = abs(yaw[-1] - yaw[0]) >= _TURNED_RAD
+    if not any(lane.junction for lane in meeting.scenario.road.lanes):
+        return turned
+    drive = meeting.drive(meeting.other)
+    lately = zip(drive.front_lanes, drive.steps, strict=True)
+    inside = any(lane is not None and lane.junction for lane, step in lately if step >= meeting.steps[0])
+    return (turned and inside) or _turning_lane(meeting) is not None
+
+
+def _turning_lane(meeting: Meeting) -> Lane | None:
+    """The way through a junction that the other is on at the end, where it turns by 45 degrees or more."""
+    lane = meeting.drive(meeting.other).front_lanes[-1]
+    if lane is None or not lane.junction:
+        return None
+    begin, end = (_heading(*ends) for ends in (lane.centre[:2], lane.centre[-2:]))
+    return lane if abs(float(wrap(end - begin))) >= _ALONG_RAD else None
+
+
+def _turns_along(meeting: Meeting) -> bool:
+    """Whether its turn brings its heading nearer to the ego's."""
+    lane = _turning_lane(meeting)
+    leads = meeting.yaw(meeting.other)[-1] if lane is None else _heading(*lane.centre[-2:])
+    return abs(float(wrap(leads - meeting.yaw(EGO)[-1]))) < abs(_between(meeting, 0))
+
+
+def _heading(one: Float[np.ndarray, " 2"], other: Float[np.ndarray, " 2"]) -> float:
+    """From one place to another [rad]."""
+    return float(np.arctan2(*(other - one)[::-1]))

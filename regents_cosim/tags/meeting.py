@@ -1,0 +1,119 @@
+"""The ego and one other up to the moment at which they touch, in the frame of the ego's own way."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.limits import ALONG_RAD
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.crash_history import CrashHistory
+from regents_cosim.verdicts.drive import AgentDrive, driven
+from regents_cosim.verdicts.ego_path import EgoPath, ego_path
+
+EGO = 0
+LATELY_S = 5.0  # before they touch: what was longer ago did not lead to it
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """Two road users that touch at `step`, or are nearest to each other then."""
+
+    scenario: Scenario
+    other: int
+    step: int
+
+    @cached_property
+    def steps(self) -> Int[np.ndarray, " time"]:
+        """The last seconds up to that step, as far as both are there."""
+        first = max(self.step - round(LATELY_S / self.scenario.dt), 0)
+        there = self.scenario.tracks.valid[[EGO, self.other], first : self.step + 1].all(axis=0)
+        return first + np.flatnonzero(there)
+
+    @cached_property
+    def path(self) -> EgoPath:
+        """The way that the ego drives."""
+        return ego_path(self.scenario)
+
+    @cached_property
+    def _place(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        tracks = self.scenario.tracks
+        along, aside, yaw = self.path.project(tracks.x[self.other, self.steps], tracks.y[self.other, self.steps])
+        return along - self.path.driven[self.steps], aside, np.asarray(wrap(tracks.yaw[self.other, self.steps] - yaw))
+
+    @property
+    def ahead_m(self) -> Float[np.ndarray, " time"]:
+        """How far the other's centre is ahead of the ego's, along the ego's way."""
+        return self._place[0]
+
+    @property
+    def heading(self) -> Float[np.ndarray, " time"]:
+        """The other's heading against that of the ego's way beside it [rad]."""
+        return self._place[2]
+
+    @cached_property
+    def in_way(self) -> Bool[np.ndarray, " time"]:
+        """Whether the other's body reaches into the strip that the ego's sweeps."""
+        agents = self.scenario.agents
+        ego, other = agents[EGO], agents[self.other]
+        wide = other.length * np.abs(np.sin(self.heading)) + other.width * np.abs(np.cos(self.heading))
+        return np.abs(self._place[1]) <= 0.5 * (ego.width + wide)
+
+    @cached_property
+    def same_way(self) -> Bool[np.ndarray, " time"]:
+        """Whether the two drive the same way."""
+        return np.abs(self.heading) < ALONG_RAD
+
+    @cached_property
+    def in_front(self) -> Bool[np.ndarray, " time"]:
+        """Whether the other's centre is ahead of the ego's front."""
+        return self.ahead_m > 0.5 * self.scenario.agents[EGO].length
+
+    @cached_property
+    def entry(self) -> int | None:
+        """The index into `steps` at which the other came into the ego's way, to stay; None where it was in it before.
+
+        Who is touched from the side comes into it at that moment.
+        """
+        if len(self.steps) < 2:
+            return None
+        outside = np.flatnonzero(~self.in_way[:-1])
+        return int(outside[-1]) + 1 if len(outside) else None
+
+    @cached_property
+    def crash(self) -> CrashHistory:
+        """The same for the rules of fault, which know how far the two moved sideways."""
+        tracks, agents = self.scenario.tracks, self.scenario.agents
+        return CrashHistory(
+            self.scenario, collision_at(agents, tracks, (self.other, self.step), self.scenario.dt, attributed=True)
+        )
+
+    @property
+    def other_came_over(self) -> bool:
+        """Whether it was the other that moved sideways, rather than the ego."""
+        return self.crash.drifted(self.other) > self.crash.drifted(EGO)
+
+    def drive(self, agent: int) -> AgentDrive:
+        """What one of them did up to then."""
+        return driven(self.scenario, agent, self.step)
+
+    def yaw(self, agent: int) -> Float[np.ndarray, " time"]:
+        """Its heading at `steps`, continuous [rad]."""
+        return np.unwrap(self.scenario.tracks.yaw[agent, self.steps])
+
+
+def meeting_of(scenario: Scenario) -> Meeting | None:
+    """The ego's first contact, else the nearest approach of the adversary; None where there is neither."""
+    contact = first_contact(scenario.agents, scenario.tracks)
+    if contact is not None:
+        return Meeting(scenario, *contact)
+    other = next((i for i, agent in enumerate(scenario.agents) if agent.role == "adversary"), None)
+    if other is None:
+        return None
+    tracks = scenario.tracks
+    apart = np.hypot(tracks.x[other] - tracks.x[EGO], tracks.y[other] - tracks.y[EGO])
+    both = tracks.valid[[EGO, other]].all(axis=0)
+    return Meeting(scenario, other, int(np.argmin(np.where(both, apart, np.inf)))) if both.any() else None

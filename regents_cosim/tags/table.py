@@ -1,0 +1,95 @@
+"""All tags, and those of a case.
+
+Names come from the literature where it has them: ASAM OpenLABEL 1.0.0 (scenario tags: MotionCutIn, MotionCutOut,
+MotionTurnLeft, JunctionRoundabout, ...), UN R157 (its traffic scenarios are cut-in, cut-out and deceleration), the
+pre-crash typology of the NHTSA (DOT HS 810 767), and the tags of de Gelder and Op den Camp 2020 ("Tagging Real-World
+Scenarios for the Assessment of Autonomous Vehicles", arXiv 2012.01081), which tell the activity of each road user,
+where it comes from, and the road apart, as is done here. How a tag is measured is ours, and stands at its function. A
+case may have several.
+"""
+
+import difflib
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Literal
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.scenario import Scenario
+from regents_cosim.tags import braking, crossing, ego, lawless, place, sideways, traffic
+from regents_cosim.tags.meeting import Meeting
+from regents_cosim.tags.seen import Seen
+
+About = Literal["adversary", "ego", "place", "lights", "density"]
+
+
+@dataclass(frozen=True)
+class Tag:
+    """A kind of scenario."""
+
+    name: str
+    about: About
+    source: str
+    holds: Callable[[Seen], bool]
+    says: str  # its definition
+
+
+def _of_adversary(rule: Callable[[Meeting], bool], source: str) -> Tag:
+    def holds(seen: Seen) -> bool:
+        return seen.meeting is not None and len(seen.meeting.steps) > 1 and rule(seen.meeting)
+
+    return Tag(rule.__name__, "adversary", source, holds, rule.__doc__ or "")
+
+
+def _of(about: About, rule: Callable[[Seen], bool], source: str) -> Tag:
+    return Tag(rule.__name__, about, source, rule, rule.__doc__ or "")
+
+
+_R157 = "UN R157, Annex 3"
+_NHTSA = "DOT HS 810 767"
+
+TAGS: dict[str, Tag] = {
+    tag.name: tag
+    for tag in (
+        _of_adversary(sideways.cut_in, f"OpenLABEL MotionCutIn; {_R157}: cut-in"),
+        _of_adversary(sideways.cut_out, f"OpenLABEL MotionCutOut; {_R157}: cut-out"),
+        _of_adversary(braking.hard_brake, f"OpenLABEL MotionDecelerate; {_R157}: deceleration"),
+        _of_adversary(sideways.lane_drift, f"{_NHTSA}: drifting, same direction"),
+        _of_adversary(sideways.merge_squeeze, "arXiv 2012.01081: merging into the ego's lane"),
+        _of_adversary(crossing.crossing_path, f"OpenLABEL MotionCross; {_NHTSA}: straight crossing paths"),
+        _of_adversary(crossing.turn_across_path, f"{_NHTSA}: turn across path"),
+        _of_adversary(crossing.turn_into_path, f"{_NHTSA}: turn into path"),
+        _of_adversary(lawless.run_red_light, f"{_NHTSA}: running red light"),
+        _of_adversary(lawless.wrong_way, "Vienna Convention on Road Traffic, art. 10"),
+        _of("ego", ego.ego_goes_straight, "OpenLABEL MotionDrive"),
+        _of("ego", ego.ego_turns_left, "OpenLABEL MotionTurnLeft"),
+        _of("ego", ego.ego_turns_right, "OpenLABEL MotionTurnRight"),
+        _of("ego", ego.ego_changes_lane, "OpenLABEL MotionLaneChangeLeft, MotionLaneChangeRight"),
+        _of("ego", ego.ego_stops, "OpenLABEL MotionStop"),
+        _of("place", place.junction, "OpenLABEL JunctionIntersection"),
+        _of("place", place.roundabout, "OpenLABEL JunctionRoundabout"),
+        _of("place", place.merge, "arXiv 2012.01081: entrance"),
+        _of("place", place.straight, "OpenLABEL HorizontalStraights"),
+        _of("place", place.curve, "OpenLABEL HorizontalCurves"),
+        _of("lights", traffic.traffic_light, "OpenLABEL SignsRegulatory; arXiv 2012.01081: traffic light"),
+        _of("density", traffic.sparse, "Highway Capacity Manual: level of service A"),
+        _of("density", traffic.moderate, "Highway Capacity Manual: levels B to D"),
+        _of("density", traffic.dense, "Highway Capacity Manual: levels E and F"),
+    )
+}
+
+TYPES = tuple(name for name, tag in TAGS.items() if tag.about == "adversary")
+
+
+def tags_of(scenario: Scenario) -> tuple[str, ...]:
+    """The tags of a case, in the order of the table."""
+    seen = Seen(scenario)
+    return tuple(name for name, tag in TAGS.items() if tag.holds(seen))
+
+
+def require_tags(names: Collection[str], among: Collection[str] = TAGS) -> None:
+    """Raise RegentsError for one that is none of `among`, with the nearest names."""
+    for name in names:
+        if name not in among:
+            near = difflib.get_close_matches(name, among, n=3, cutoff=0.4)
+            hint = f"did you mean {', '.join(near)}?" if near else f"expected one of {', '.join(among)}"
+            raise RegentsError(f"unknown tag {name!r}: {hint}")

@@ -1,0 +1,50 @@
+"""What is around: lights, and how dense the traffic is."""
+
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.tags.seen import Seen
+
+_AROUND_M = 50.0
+# Highway Capacity Manual, basic freeway segments: level of service A to 11 passenger cars per mile and lane, E from 35.
+_SPARSE_PER_KM = 7.0
+_DENSE_PER_KM = 22.0
+
+
+def traffic_light(seen: Seen) -> bool:
+    """The ego, or who it meets, passes or approaches a connection that has a light."""
+    signals = {signal.id for signal in seen.scenario.signals}
+    drives = [seen.ego, *([seen.meeting.drive(seen.meeting.other)] if seen.meeting else [])]
+    lanes = {lane.id for drive in drives for lane in drive.front_lanes if lane is not None}
+    return any(link.signal in signals for name in lanes for link in seen.scenario.road.exits[name])
+
+
+def sparse(seen: Seen) -> bool:
+    """Up to 7 vehicles per kilometre of lane within 50 m of the ego: level of service A."""
+    return _density(seen) == "sparse"
+
+
+def moderate(seen: Seen) -> bool:
+    """Between the two."""
+    return _density(seen) == "moderate"
+
+
+def dense(seen: Seen) -> bool:
+    """22 or more: level of service E or F, where the flow breaks down."""
+    return _density(seen) == "dense"
+
+
+def _density(seen: Seen) -> Literal["sparse", "moderate", "dense"] | None:
+    tracks, road = seen.scenario.tracks, seen.scenario.road
+    around = shapely.Point(*seen.place).buffer(_AROUND_M)
+    lines = [shapely.LineString(lane.centre) for lane in road.lanes if not lane.junction]
+    km = sum(line.intersection(around).length for line in lines) / 1e3
+    if km <= 0.0:
+        return None
+    apart = np.hypot(*(v[:, seen.moment] - at for v, at in zip((tracks.x, tracks.y), seen.place, strict=True)))
+    motor = np.array([agent.kind in VEHICLE_KINDS for agent in seen.scenario.agents])
+    per_km = float((motor & tracks.valid[:, seen.moment] & (apart <= _AROUND_M)).sum()) / km
+    return "sparse" if per_km <= _SPARSE_PER_KM else "dense" if per_km >= _DENSE_PER_KM else "moderate"
