@@ -7,7 +7,7 @@ from typing import Literal
 import jax
 
 from regents_cosim.attacks.descent import ExtraCost
-from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts
+from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts, side_by_side
 from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import AttackedPlanners
@@ -101,11 +101,27 @@ def attack_each(
             yield from on_hosts(scenarios, AttackSetup(_replanning(config, 10), None, name, extra_cost), batch, hosts)
         return
     under_attack = AttackSetup(_replanning(config, 1), loop, name, extra_cost)
-    if engine == "auto":
-        engine = "threads" if jax.default_backend() == "cpu" else "batched"
-    only_threads = under_attack.config.replan_every > 1 or config.optimiser != "adam"
-    run = in_threads if engine == "threads" or only_threads else in_batches
+    run = in_batches if _in_batches(under_attack.config, engine) else in_threads
     yield from run(scenarios, under_attack, batch)
+
+
+def engine_of(engine: Engine) -> Engine:
+    """What "auto" stands for on this machine."""
+    return engine if engine != "auto" else "threads" if jax.default_backend() == "cpu" else "batched"
+
+
+def searched_together(
+    planner: PlannerUnderTest, config: AttackConfig, engine: Engine, batch: int, act_timeout_s: float = ACT_TIMEOUT_S
+) -> int:
+    """How many scenarios, next to each other, share one computation, whose last bits depend on who is in it."""
+    if planner.loop is not None:
+        return batch if _in_batches(_replanning(config, 1), engine) else 1
+    with HostPool(planner, act_timeout_s) as hosts:
+        return batch if side_by_side(hosts) else 1
+
+
+def _in_batches(config: AttackConfig, engine: Engine) -> bool:
+    return engine_of(engine) == "batched" and config.replan_every == 1 and config.optimiser == "adam"
 
 
 def _several(planners: Sequence[PlannerUnderTest], config: AttackConfig) -> AttackedPlanners:

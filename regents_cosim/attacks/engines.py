@@ -11,7 +11,6 @@ from regents_cosim.attacks.searches import batched_searches, pursuits, search_on
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.host_pool import HostPool
-from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.scenario import Scenario
 
 
@@ -19,24 +18,26 @@ def in_threads(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) ->
     """One scenario per core, at most `batch` of them begun before the first is handed on."""
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         waiting: deque[Future[list[Scenario]]] = deque()
-        for scenario in scenarios:
-            waiting.append(pool.submit(search_one, setup, scenario))
-            if len(waiting) >= batch:
+        try:
+            for scenario in scenarios:
+                waiting.append(pool.submit(search_one, setup, scenario))
+                if len(waiting) >= batch:
+                    yield waiting.popleft().result()
+            while waiting:
                 yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)  # where no more is wanted
 
 
 def on_hosts(
     scenarios: Iterable[Scenario], setup: AttackSetup, batch: int, hosts: HostPool
 ) -> Iterator[list[Scenario]]:
     """Planners outside the mirror: batches side by side in one process, or a process for each core."""
-    with hosts.lend() as host:
-        side_by_side = _takes_batches(host)
+    together = side_by_side(hosts)
     rest = iter(scenarios)
-    with ThreadPoolExecutor(1 if side_by_side else os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(1 if together else os.cpu_count() or 1) as pool:
         waiting: deque[Future[list[list[Scenario]]]] = deque()
-        while some := list(itertools.islice(rest, batch if side_by_side else 1)):
+        while some := list(itertools.islice(rest, batch if together else 1)):
             waiting.append(pool.submit(_driven_on_host, setup, some, hosts))
             if len(waiting) >= batch:
                 yield from waiting.popleft().result()
@@ -44,11 +45,13 @@ def on_hosts(
             yield from waiting.popleft().result()
 
 
-def _takes_batches(process: HostProcess) -> bool:
-    try:
-        return process.batches()
-    except DriveError:
-        return False  # each case will say so
+def side_by_side(hosts: HostPool) -> bool:
+    """Whether a planner decides for several scenarios at once."""
+    with hosts.lend() as host:
+        try:
+            return host.batches()
+        except DriveError:
+            return False  # each case will say so
 
 
 def _driven_on_host(setup: AttackSetup, some: list[Scenario], hosts: HostPool) -> list[list[Scenario]]:

@@ -4,13 +4,15 @@ That a case is renamed into its place (`files`) also decides what the manifest l
 `pending`, with its hash, and a reader counts that one if the folder holds it.
 """
 
+from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import msgspec
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import is_of_case, load_header, write_case
+from regents_cosim.cases.files import CASE_FILES, is_of_case, load_header, write_case
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.json_files import FLAT_SCHEMA, JSON_BYTES, decode, explain_read
 from regents_cosim.cases.map_files import is_map_file
@@ -68,6 +70,20 @@ def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
             saved = write_case(scenario, suite, entry.hash, lambda: save_suite(suite, manifest))
             save_suite(suite, manifest.having(entry))
     return saved
+
+
+def drop_cases(names: Collection[str], suite: Path) -> None:
+    """Let a suite list these cases no longer, and remove what is ours of them. A case that is not there is none."""
+    with explain_write(suite), writing(suite):
+        manifest = load_manifest(suite)
+        left = tuple(entry for entry in manifest.cases if entry.case not in names)
+        if left != manifest.cases:
+            save_suite(suite, replace(manifest, cases=left))
+        for folder in (suite / name for name in sorted(names)):
+            for path in (folder / name for name in sorted(CASE_FILES)):
+                path.unlink(missing_ok=True)
+            with suppress(OSError):  # the user's own files are in it, or it is gone
+                folder.rmdir()
 
 
 def is_ours(suite: Path, path: Path) -> bool:

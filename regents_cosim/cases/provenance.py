@@ -39,9 +39,28 @@ def _git(root: Path, *words: str) -> str:
     return done.stdout
 
 
+# Options that change no result: a shard is noted as the whole run is, and one folder's cases as another's.
+_ELSEWHERE = ("--output", "-o", "--shard", "--executor", "--log-file")  # with a value
+_ASIDE = ("--retry", "--quiet", "--json", "--wide", "--verbose", "-v")
+
+
 def command() -> str:
     """The command line of this process, as typed."""
     return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def made_by() -> str:
+    """The same for what is made: without where to, which share of it on which machines, and how it is told."""
+    kept, skip = [Path(sys.argv[0]).name], False
+    for at, word in enumerate(sys.argv[1:]):
+        if word == "--":
+            kept += sys.argv[1 + at :]
+            break
+        name, equals, _ = word.partition("=")
+        if not skip and name not in (*_ELSEWHERE, *_ASIDE):
+            kept.append(word)
+        skip = not skip and name in _ELSEWHERE and not equals
+    return shlex.join(kept)
 
 
 def sha256_of(path: Path) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, find_cases, load_manifest
-from regents_cosim.cases.provenance import command, versions
+from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
@@ -34,7 +34,7 @@ class SuiteWriter:
     def add(self, scenario: Scenario) -> Path:
         """Save a case and list it, beside what others have added meanwhile; return the case's folder."""
         with made_whole():
-            saved = add_case(scenario, self.folder, Suite((), command(), self.seed, versions()))
+            saved = add_case(scenario, self.folder, Suite((), made_by(), self.seed, versions()))
             self._added += 1
         keep(f"finished cases saved in {self.folder}: {self._added}; for the others run the same command again")
         _log.info("saved %s", saved)

@@ -18,6 +18,7 @@ from regents_cosim.cli.commands.record import record
 from regents_cosim.cli.commands.replay import replay
 from regents_cosim.cli.commands.report import report
 from regents_cosim.cli.commands.shrink import shrink
+from regents_cosim.cli.commands.status import status
 from regents_cosim.cli.commands.suite import suites
 from regents_cosim.cli.commands.train import training
 from regents_cosim.cli.run_log import end_run_log
@@ -45,7 +46,7 @@ app = App(
     version=lambda: version("regents_cosim"),
     default_parameter=Parameter(negative_bool=(), negative_iterable=(), show_default=_shown_default),
 )
-for _command in (record, inspect, attack, replay, export, report, gallery, shrink, evaluate, live):
+for _command in (record, inspect, attack, replay, export, report, gallery, shrink, evaluate, live, status):
     app.command(_command)
 for _family in (training, suites, bench):
     app.command(_family)

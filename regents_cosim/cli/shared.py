@@ -9,6 +9,7 @@ from regents_cosim.cli.options import OutputOptions, TrafficOptions
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 
 if TYPE_CHECKING:
+    from regents_cosim.cases.header import Header
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.replays.verify import Replay
     from regents_cosim.scenario import Scenario
@@ -35,7 +36,7 @@ def record_traffic(
     from regents_cosim.sources.record import record as run_record
     from regents_cosim.system.workers import executor_for
 
-    source = _source(traffic, sumo)
+    source = traffic_source(traffic, sumo)
     with executor_for(executor) as pool, terminal.waiting("reading the log" if traffic.log else "recording traffic"):
         found = run_record(
             source,
@@ -60,7 +61,7 @@ def record_traffic(
     return found
 
 
-def _source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
+def traffic_source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
     """What the options name. Raises RegentsError."""
     from regents_cosim.sources.record import LogInput
     from regents_cosim.sources.sumo_config import SumoInput
@@ -144,7 +145,7 @@ def draw(scenario: "Scenario", path: Path, beside_original: bool, terminal: "Ter
             (animate if path.suffix == ".gif" else draw_still)(scenario, path)
 
 
-def planner_errors(attacked: "list[Scenario]", terminal: "Terminal") -> int:
+def planner_errors(attacked: "Iterable[Header | Scenario]", terminal: "Terminal") -> int:
     """4 where the planner failed; says how."""
     records = [scenario.attack for scenario in attacked if scenario.attack and scenario.attack.planner_error]
     for record in records:

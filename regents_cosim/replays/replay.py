@@ -1,10 +1,11 @@
 """`replay`: a case in a simulator, and whether the same crash happens there."""
 
 import secrets
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from itertools import tee
 from typing import Literal
 
 from regents_cosim.errors import DriveError, RegentsError
@@ -59,7 +60,7 @@ def _ended(found: Replay) -> str:
 
 @logged(_ended)
 def replay_each(
-    scenarios: Sequence[Scenario],
+    scenarios: Iterable[Scenario],
     where: Simulator = "sumo",
     planner: AnyPlanner | None = None,
     gui: bool = False,
@@ -71,8 +72,8 @@ def replay_each(
 ) -> Iterator[Replay]:
     """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`.
 
-    A planner that takes longer than `act_timeout_s` over a decision has failed in that case.
-    `drivers` are those of the planner for highway-env, where the caller keeps them.
+    Cases are taken as their turn comes. A planner that takes longer than `act_timeout_s` over a decision has failed in
+    that case. `drivers` are those of the planner for highway-env, where the caller keeps them.
     """
     check(where, gui, background, act_timeout_s)
     given = None if planner is None else PlannerUnderTest.of(planner)
@@ -84,6 +85,7 @@ def replay_each(
         with MirrorDriver(given, act_timeout_s) if given else nullcontext() as driver:
             yield from (_or_failed(s, lambda s: _in_mirror(s, driver)) for s in scenarios)
         return
+    scenarios, taken = tee(scenarios)
     with at_hand(given, act_timeout_s) as driven_by:
         jobs = (
             SumoDrive(
@@ -93,7 +95,7 @@ def replay_each(
                 gui=gui,
                 act_timeout_s=act_timeout_s,
             )
-            for scenario in scenarios
+            for scenario in taken
         )
         found_there = run_each(_in_sumo, jobs, executor if not isinstance(driven_by, Relay) else None)
         for scenario, found in zip(scenarios, found_there, strict=True):

@@ -1,10 +1,13 @@
 """What the tables on the terminal say of a case: one row each, plain values that JSON takes."""
 
 from collections.abc import Mapping, Sequence
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
 
+from regents_cosim.campaign.status import Status
+from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NETWORKS, SUITES, suite_folder
 from regents_cosim.replays.verify import Replay
@@ -23,8 +26,9 @@ DRIVEN = (
 )  # fmt: skip
 COMPARED = ("case", "verdict", "now")
 RANKED = ("planner", "n", "crashes", "crash_percent", "held_up", "only_this", "only_before", "p_value")
-LISTED = ("case", "kind", "telling", "clean", "avoidable")
+LISTED = ("case", "kind", "tags", "telling", "clean", "avoidable")
 CHECKED = ("case", "problem")
+STATUS = ("state", "done", "failed", "left", "time_left")
 JUDGED = ("case", "telling", "before", "clean", "offences", "preventable_by")
 TRANSFERRED = ("place", "cases", "crashes", "same_crash", "same_crash_percent", "interval_percent")
 IN_HIGHWAY = ("environment", "method", "ego", "n", "successes", "success_percent", "track_same", "actions_same")
@@ -79,7 +83,7 @@ def inspection_notes(found: Sequence[Inspection]) -> str:
     return "\n".join(f"{s[0] if len(s) == 1 else f'{len(s)} scenarios'}: {note}" for note, s in about.items())
 
 
-def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
+def attack_row(scenario: Header | Scenario, replay: Replay | None) -> dict[str, Any]:
     """An attacked case, with its replay in SUMO where there was one."""
     record = scenario.attack
     hit = record.collision if record else None
@@ -105,6 +109,21 @@ def attack_row(scenario: Scenario, replay: Replay | None) -> dict[str, Any]:
     }
 
 
+def status_row(status: Status) -> dict[str, Any]:
+    """How far a run is; the time that is left in hours, minutes and seconds."""
+    return {
+        "state": status.state,
+        "command": status.command,
+        "shard": status.shard,
+        "units": status.units,
+        "done": status.done,
+        "failed": status.failed,
+        "left": status.left,
+        "per_hour": status.per_hour,
+        "time_left": None if status.left_s is None else str(timedelta(seconds=round(status.left_s))),
+    }
+
+
 def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
     """A crash that was judged again; `before`: whether it was telling by its older judgement."""
     row = attack_row(after, None)
@@ -113,7 +132,7 @@ def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
     return {**{name: row[name] for name in shown}, "before": was}
 
 
-def summary(attacked: Sequence[Scenario], replays: Mapping[str, Replay]) -> str:
+def summary(attacked: Sequence[Header | Scenario], replays: Mapping[str, Replay]) -> str:
     """How many crash, how many of these tell something about the planner, and how many SUMO confirms.
 
     Of how many it is not known whether they tell is said as well.

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.cases.provenance import command, versions
+from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.checks.names import file_name, word
 from regents_cosim.checks.ranges import SEED, Range
 from regents_cosim.collisions import find_overlaps
@@ -304,7 +304,7 @@ def make_scenario(
         target=(float(tracks.x[0, -1]), float(tracks.y[0, -1])),
         road=road,
         provenance=Provenance(
-            origin.source, origin.file, origin.sha256, recording.begin_s, windows.seed, versions(), command()
+            origin.source, origin.file, origin.sha256, recording.begin_s, windows.seed, versions(), made_by()
         ),
         signals=tuple(signal for signal in recording.signals if signal.id in lights),
         overlaps=find_overlaps(agents, tracks),

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
+from regents_cosim.cli.campaign import CampaignOptions, Given, attack_into
 from regents_cosim.cli.options import (
     ActTimeout,
     Cases,
@@ -21,12 +22,10 @@ from regents_cosim.cli.options import (
     Verify,
 )
 from regents_cosim.cli.shared import (
-    draw_stills,
     exit_code,
     names_traffic,
     open_terminal,
     planner_errors,
-    record_traffic,
     require_other_folder,
 )
 from regents_cosim.errors import RegentsError
@@ -49,11 +48,14 @@ def attack(
     judge: Switch = True,
     verify: Verify = True,
     pictures: Pictures = True,
+    campaign: CampaignOptions = CampaignOptions(),
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
 ) -> int:
     """Find how another road user could make the planner crash; verify every crash in SUMO.
+
+    A run that was stopped goes on where it was when the same command is given again.
 
     Parameters
     ----------
@@ -71,31 +73,19 @@ def attack(
     judge
         say of every crash what spoils it as a test, and whether the ego could have avoided it
     """
-    from regents_cosim.attacks.attack import attack_each as run_attack_each
-    from regents_cosim.cases.suite import SuiteWriter, load_suite
-    from regents_cosim.replays.replay import verify_in_sumo
+    from regents_cosim.campaign.attack_run import AttackRun, attacked_headers
+    from regents_cosim.campaign.requests import parse_types
     from regents_cosim.reports.tables import ATTACKED, attack_row, summary
-    from regents_cosim.system.workers import executor_for
-    from regents_cosim.verdicts.judge import judge_each
 
     terminal = open_terminal(talk)
     _require_one_input(cases, traffic, sumo, output)
     programs.keep()
     config = search.config(rules)
-    suite = SuiteWriter(output, traffic.seed)
-    scenarios = load_suite(cases) if cases else record_traffic(traffic, sumo, executor, terminal)
-    attacked = []
-    runs = run_attack_each(scenarios, config, planner, batch, engine=engine, act_timeout_s=act_timeout, against=against)
-    for results in terminal.each(runs, "attacking", len(scenarios)):
-        judged = list(judge_each(results)) if judge else results
-        for scenario in judged:
-            suite.add(scenario)
-        attacked += judged
-    with executor_for(executor) as pool:
-        replays = verify_in_sumo(attacked, pool, terminal) if verify else {}
-    if pictures:
-        draw_stills(attacked, output, terminal)
-    rows = [attack_row(scenario, replays.get(scenario.id)) for scenario in attacked]
+    wanted = parse_types(campaign.types, traffic.count)
+    run = AttackRun(config, planner, against, batch, engine, act_timeout, judge, verify, pictures, wanted)
+    record = attack_into(output, run, Given(cases, traffic, sumo, executor), campaign, terminal)
+    attacked, replays = attacked_headers(record, output)
+    rows = [attack_row(one, replays.get(one.id)) for one in attacked]
     title = f"{config.label} against {' and '.join((planner, *against))}: {len(rows)} cases in {output}"
     terminal.show(title, rows, summary(attacked, replays), ATTACKED)
     return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from regents_cosim.cli.options import ActTimeout, Against, Cases, Executor, OutputOptions, PlannerName, ProgramOptions
+from regents_cosim.cli.options import (
+    ActTimeout,
+    Against,
+    Cases,
+    Executor,
+    OutputIfAny,
+    OutputOptions,
+    PlannerName,
+    ProgramOptions,
+)
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
@@ -27,6 +36,8 @@ def evaluate(
     baseline: Against = Against(),
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
     executor: Executor = "local",
+    output: OutputIfAny = None,
+    retry: bool = False,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
@@ -38,6 +49,10 @@ def evaluate(
         a case or a folder of cases; attacked ones are driven among their adversaries
     where
         in the mirror, in SUMO, or in highway-env
+    output
+        folder that keeps every drive as it is made: after a stop the same command goes on from there
+    retry
+        make drives again that failed before
     """
     from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
     from regents_cosim.reports.tables import DRIVEN
@@ -59,6 +74,8 @@ def evaluate(
             act_timeout_s=act_timeout,
             executor=pool,
             progress=terminal,
+            keep=output,
+            retry=retry,
         )
     if found.against is not None:
         return _show_verdicts(found, found.against, cases, baseline, terminal)

@@ -1,7 +1,8 @@
 """`regents record`: ordinary traffic in, cases out."""
 
+from regents_cosim.cli.campaign import Given, record_into
 from regents_cosim.cli.options import Executor, Output, OutputOptions, SumoOptions, TrafficOptions
-from regents_cosim.cli.shared import open_terminal, record_traffic
+from regents_cosim.cli.shared import open_terminal
 
 
 def record(
@@ -14,22 +15,18 @@ def record(
 ) -> int:
     """Cut windows of ordinary traffic into cases.
 
+    The same command into the same folder records nothing twice.
+
     Parameters
     ----------
     output
         folder for the cases
     """
-    from regents_cosim.cases.suite import SuiteWriter
+    from regents_cosim.cases.files import load_case
     from regents_cosim.reports.tables import RECORDED, case_row
 
     terminal = open_terminal(talk)
-    suite = SuiteWriter(output, traffic.seed)
-    scenarios = record_traffic(traffic, sumo, executor, terminal)
-    for scenario in scenarios:
-        suite.add(scenario)
-    terminal.show(
-        f"{len(scenarios)} cases in {output}",
-        [case_row(scenario) for scenario in scenarios],
-        essential=RECORDED,
-    )
+    names = record_into(output, Given(None, traffic, sumo, executor), terminal)
+    rows = [case_row(load_case(output / name)) for name in names]
+    terminal.show(f"{len(rows)} cases in {output}", rows, essential=RECORDED)
     return 0

@@ -1,7 +1,8 @@
 """`regents suite`: make, look at, check and merge suites."""
 
 import dataclasses
-from typing import Literal
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Literal
 
 from cyclopts import App
 
@@ -20,6 +21,9 @@ from regents_cosim.cli.options import (
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
+
+if TYPE_CHECKING:
+    from regents_cosim.evaluation.suites.cards import CaseCard
 
 suites = App(name="suite", help="Make, look at, check and merge suites: folders of cases that planners are tested on.")
 
@@ -79,10 +83,9 @@ def build(
     seed
         of the traffic and of the choice
     """
-    from regents_cosim.cases.content_hash import content_hash
     from regents_cosim.cases.shipped import NETWORKS
     from regents_cosim.evaluation.suites.building import Recipe, build_suite
-    from regents_cosim.evaluation.suites.cards import card
+    from regents_cosim.evaluation.suites.cards import card_of
     from regents_cosim.reports.tables import LISTED
 
     terminal = open_terminal(talk)
@@ -102,25 +105,35 @@ def build(
         seed=seed,
     )
     scenarios = build_suite(output, recipe, tell=terminal.say)
-    rows = [dataclasses.asdict(card(scenario, content_hash(scenario)[:12])) for scenario in scenarios]
-    terminal.show(f"{len(rows)} cases in {output}", rows, essential=LISTED)
+    terminal.show(
+        f"{len(scenarios)} cases in {output}", _rows(card_of(output / s.id) for s in scenarios), essential=LISTED
+    )
     return 0
 
 
 @suites.command(name="list")
-def list_cases(suite: Cases | None = None, *, shipped: bool = False, talk: OutputOptions = OutputOptions()) -> int:
+def list_cases(
+    suite: Cases | None = None,
+    *,
+    tag: tuple[str, ...] = (),
+    shipped: bool = False,
+    talk: OutputOptions = OutputOptions(),
+) -> int:
     """What a suite holds.
 
     Parameters
     ----------
     suite
         a folder of cases
+    tag
+        cases of this kind only, e.g. cut_in or junction (docs/tags.md); given more than once: of all these kinds
     shipped
         list the suites and SUMO networks that come with the package instead
     """
     from regents_cosim.cases.suite import suite_cases
-    from regents_cosim.evaluation.suites.cards import card_of
+    from regents_cosim.evaluation.suites.cards import tagged_card_of
     from regents_cosim.reports.tables import LISTED, shipped_rows
+    from regents_cosim.tags.table import require_tags
 
     if shipped == (suite is not None):
         raise RegentsError("expected a folder of cases, or --shipped for those that come with the package")
@@ -128,11 +141,17 @@ def list_cases(suite: Cases | None = None, *, shipped: bool = False, talk: Outpu
     if suite is None:
         terminal.show("they come with regents_cosim", shipped_rows())
         return 0
-    rows = [dataclasses.asdict(card_of(suite / case)) for case in suite_cases(suite)]
-    if not talk.json:
-        rows = [{**row, "hash": row["hash"][:12]} for row in rows]
-    terminal.show(f"{len(rows)} cases in {suite}", rows, essential=LISTED)
+    require_tags(tag)
+    cards = [tagged_card_of(suite / case) for case in suite_cases(suite)]
+    rows = _rows((card for card in cards if card.is_tagged(tag)), short=not talk.json)
+    of = f" of {len(cards)}" if tag else ""
+    terminal.show(f"{len(rows)}{of} cases in {suite}", rows, essential=LISTED)
     return 0
+
+
+def _rows(cards: "Iterable[CaseCard]", short: bool = True) -> list[dict[str, Any]]:
+    """A row for each, with a short hash for people."""
+    return [dataclasses.asdict(card) | ({"hash": card.hash[:12]} if short else {}) for card in cards]
 
 
 @suites.command
@@ -253,6 +272,8 @@ def merge(
 ) -> int:
     """Make one suite of several, with their baselines; refuses different cases of one name.
 
+    Of the shards of one run it makes, byte for byte, the suite that the run makes when it is not divided.
+
     Parameters
     ----------
     folders
@@ -262,12 +283,14 @@ def merge(
     seed
         that the manifest notes
     """
+    from regents_cosim.campaign.merging import merge_shards, shards_in
     from regents_cosim.evaluation.suites.folders import merge_into
 
     if len(folders) < 2:
         raise RegentsError(f"{len(folders)} suites named, expected two or more to merge")
-    count = merge_into(output, folders, seed)
-    open_terminal(talk).say(f"{count} cases of {len(folders)} suites in {output}")
+    shards = shards_in(folders)
+    count = merge_into(output, folders, seed) if shards is None else merge_shards(output, folders, shards)
+    open_terminal(talk).say(f"{count} cases of {len(folders)} {'suites' if shards is None else 'shards'} in {output}")
     return 0
 
 

@@ -59,7 +59,7 @@ def scenes_of(
 
 def origin_of(file: Path, format: str, scene: LoggedScene) -> RecordingOrigin:
     """Where the Scenarios of `scene` come from."""
-    return RecordingOrigin(format, file.name, _digest(file), scene.name)
+    return RecordingOrigin(format, file.name, digest_of(file), scene.name)
 
 
 def _each(
@@ -72,7 +72,7 @@ def _each(
 ) -> Iterator[Scenario]:
     names: Counter[str] = Counter()
     for file, one in logs:
-        digest = _digest(file)
+        digest = digest_of(file)
         for scene in read_log(file, one, beside):
             names[scene.name] += 1
             name = scene.name if names[scene.name] == 1 else f"{scene.name}-{names[scene.name]}"
@@ -83,7 +83,7 @@ def _each(
             yield from cut(scene, asked, RecordingOrigin(one.name, file.name, digest, name), refused)
 
 
-def _digest(path: Path) -> str:
+def digest_of(path: Path) -> str:
     """SHA-256 of a file; of a folder, of the names and contents of the files in it."""
     if path.is_file():
         return sha256_of(path)

@@ -1,0 +1,274 @@
+"""A folder's ledger of the work that is done in it, so that the same command goes on where it was stopped.
+
+`FOLDER/.run/ledger.jsonl` has a line that says what run this is, one that lists all its units of work once they are
+known, and one for every unit that is done, added in one piece when all that belongs to the unit is on disk. A killed
+run leaves a torn last line at worst, which the next one cuts off. Nothing in it depends on when, or how often, a run
+was stopped: of a finished run the lines lie in the order of the units.
+"""
+
+import os
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace as replace_struct
+
+from regents_cosim.campaign.identity import Identity, changed_makers, require_same
+from regents_cosim.campaign.shards import WHOLE, Shard
+from regents_cosim.cases.header import HEADER
+from regents_cosim.cases.manifest import MANIFEST, load_manifest
+from regents_cosim.checks.bounded import MIB, read_bounded
+from regents_cosim.checks.names import require_file_name
+from regents_cosim.errors import CaseError
+from regents_cosim.system.atomic import clear_leftovers, explain_write, remove, write_atomic
+from regents_cosim.system.interruption import made_whole
+from regents_cosim.system.locks import writing
+
+FOLDER = ".run"
+STEPS = "steps"  # in it: folders of what is done on the way to something larger
+_FILE = "ledger.jsonl"
+_CLOCK = "clock.json"  # of an unfinished run alone: times are never twice the same
+_BYTES = 1024 * MIB  # 300 bytes a unit
+SCHEMA = 1
+
+
+class Unit(msgspec.Struct, frozen=True, array_like=True):
+    """A piece of work: its name, and the key of all that decides what comes of it."""
+
+    name: str
+    key: str
+
+    def __post_init__(self) -> None:
+        require_file_name(self.name, "unit of a ledger")
+
+
+class Done(msgspec.Struct, frozen=True, tag="done", omit_defaults=True):
+    """A unit that is done."""
+
+    unit: Unit
+    cases: tuple[tuple[str, str], ...] = ()  # that it left in the folder: name and content hash
+    said: dict[str, Any] = {}
+    error: str = ""  # why it failed
+
+    def __post_init__(self) -> None:
+        for name, _ in self.cases:
+            require_file_name(name, "case of a ledger")
+
+
+class Plan(msgspec.Struct, frozen=True, tag="plan", omit_defaults=True):
+    """All units of a run, those of its other shards included; `key` of what they follow from."""
+
+    key: str
+    units: tuple[Unit, ...]
+    ended: bool = False  # what was asked for is found, or cannot be: no more units come
+
+
+class Begun(msgspec.Struct, frozen=True, tag="run"):
+    """What run a folder holds."""
+
+    schema: int
+    identity: Identity
+    shard: tuple[int, int] = (1, 1)
+    together: int = 1  # neighbouring units that are worked on in one computation
+
+
+class Clock(msgspec.Struct, frozen=True):
+    """When the latest session began, and how many units were done by then."""
+
+    begin_s: float  # since 1970
+    done: int
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a ledger holds."""
+
+    begun: Begun
+    plan: Plan | None = None
+    done: dict[str, Done] = field(default_factory=dict)  # by the name of the unit
+
+    @property
+    def shard(self) -> Shard:
+        """Which share of the units is this folder's."""
+        return Shard(*self.begun.shard)
+
+    @property
+    def own(self) -> Sequence[Unit]:
+        """The units of this folder, in order; none while they are not known."""
+        return self.shard.of(self.plan.units, self.begun.together) if self.plan else ()
+
+    def is_done(self, unit: Unit) -> bool:
+        """Whether this very unit is done, or has failed."""
+        found = self.done.get(unit.name)
+        return found is not None and found.unit == unit
+
+    def lines(self) -> bytes:
+        """The whole file, units in their order and no others."""
+        done = [self.done[unit.name] for unit in self.own if self.is_done(unit)]
+        said = [self.begun, *([self.plan] if self.plan else []), *done]
+        return b"".join(map(_line, said))
+
+
+def read_record(folder: Path) -> Record | None:
+    """The ledger of `folder`; None where no run that keeps one has begun there. Raises CaseError for a damaged one."""
+    return _read(folder / FOLDER / _FILE)[0]
+
+
+def read_clock(folder: Path) -> tuple[Clock, float] | None:
+    """When the latest session began, and when it last did a unit [s since 1970]; None of a run that is over."""
+    try:
+        text, last = (folder / FOLDER / _CLOCK).read_bytes(), (folder / FOLDER / _FILE).stat().st_mtime
+        return msgspec.json.decode(text, type=Clock), last
+    except (OSError, msgspec.MsgspecError):
+        return None
+
+
+class Ledger:
+    """The ledger of one folder, held by the one process that works there: see `open_ledger`."""
+
+    def __init__(self, folder: Path, record: Record, changed: Sequence[str] = ()) -> None:
+        self.folder, self.record = folder, record
+        self.changed = changed  # whose code is another than that of the sessions before
+        self.place = folder / FOLDER
+        self._begin_s = time.time()
+        self._file: int | None = None
+
+    def gone(self, units: Sequence[Unit]) -> list[str]:
+        """The cases in the folder that are of none of these units."""
+        names = {unit.name for unit in units}
+        return [case for name, done in self.record.done.items() if name not in names for case, _ in done.cases]
+
+    def plan(self, key: str, units: Sequence[Unit]) -> None:
+        """Note which units there are; of others nothing is known any more."""
+        names = {unit.name for unit in units}
+        kept = {name: done for name, done in self.record.done.items() if name in names}
+        self.record = replace(self.record, plan=Plan(key, tuple(units)), done=kept)
+        self._rewrite(_all_lines(self.record))
+
+    def note(self, done: Done) -> None:
+        """A unit is done, and on disk."""
+        with explain_write(self.folder), made_whole():
+            if self._file is None:
+                write_atomic(self.place / _CLOCK, msgspec.json.encode(Clock(self._begin_s, len(self.record.done))))
+                self._file = os.open(self.place / _FILE, os.O_WRONLY | os.O_APPEND | getattr(os, "O_CLOEXEC", 0))
+            os.write(self._file, _line(done))
+        self.record.done[done.unit.name] = done
+
+    def forget(self, name: str) -> None:
+        """A unit is to be done again: what it left in the folder is gone."""
+        del self.record.done[name]
+
+    def left(self, retry: bool = False) -> list[Unit]:
+        """The units of this folder that are not done; with `retry` those that failed as well."""
+        return [u for u in self.record.own if not self.record.is_done(u) or (retry and self.record.done[u.name].error)]
+
+    def end(self) -> None:
+        """What is not done is not wanted any more."""
+        assert self.record.plan is not None
+        done = tuple(unit for unit in self.record.plan.units if self.record.is_done(unit))
+        self.record = replace(self.record, plan=replace_struct(self.record.plan, units=done, ended=True))
+
+    def finish(self) -> None:
+        """All units are done: keep nothing that depends on how the run went."""
+        self._rewrite(self.record.lines())
+        for path in self.place.iterdir():
+            if path.name not in (_FILE, ".lock"):
+                remove(path)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _rewrite(self, lines: bytes) -> None:
+        self.close()
+        with explain_write(self.folder):
+            write_atomic(self.place / _FILE, lines)
+
+
+@contextmanager
+def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together: int = 1) -> Iterator[Ledger]:
+    """The ledger of `folder` for a run of that identity, to which no other process writes meanwhile.
+
+    Raises CaseError where the folder was begun with other settings or as another shard, RegentsError where another
+    run is at work there.
+    """
+    place = folder / FOLDER
+    with explain_write(folder):
+        place.mkdir(parents=True, exist_ok=True)
+        with writing(place, wait_s=0.0):
+            for where in (folder, folder / "maps", place):
+                clear_leftovers(where)
+            record, whole = _read(place / _FILE)
+            begun = Begun(SCHEMA, identity, (shard.number, shard.count), together)
+            if record is not None:
+                require_same(folder, record.begun.identity, identity, record.shard, shard)
+            new = replace(record, begun=begun) if record else Record(begun)
+            ledger = Ledger(folder, new, changed_makers(record.begun.identity, identity) if record else ())
+            if record is None or record.begun != begun or not whole:
+                write_atomic(place / _FILE, _all_lines(new))
+            try:
+                yield ledger
+            finally:
+                ledger.close()
+                if ledger.record.plan is None:  # it failed before it knew what there is to do
+                    remove(place)
+                    with suppress(OSError):
+                        folder.rmdir()
+
+
+def forget_lost(ledger: Ledger) -> None:
+    """Let units be done again of which the user has removed a case from the folder."""
+    folder = ledger.folder
+    listed = {entry.case for entry in load_manifest(folder).cases} if (folder / MANIFEST).exists() else set()
+    there = {name for name in listed if (folder / name / HEADER).is_file()}
+    for name, done in list(ledger.record.done.items()):
+        if not there.issuperset(case for case, _ in done.cases):
+            ledger.forget(name)
+
+
+def require_free(folder: Path, identity: Identity, shard: Shard = WHOLE) -> None:
+    """What `open_ledger` refuses, before anything is made. Raises CaseError."""
+    record = read_record(folder)
+    if record is not None:
+        require_same(folder, record.begun.identity, identity, record.shard, shard)
+
+
+def write_record(folder: Path, record: Record) -> None:
+    """Write a finished ledger into a folder that is about to take its place."""
+    (folder / FOLDER).mkdir(exist_ok=True)
+    write_atomic(folder / FOLDER / _FILE, record.lines())
+
+
+def _line(value: msgspec.Struct) -> bytes:
+    return msgspec.json.encode(value, order="deterministic") + b"\n"
+
+
+def _all_lines(record: Record) -> bytes:
+    """The file with what is noted of units that are to be done again, or are no more."""
+    said = [record.begun, *([record.plan] if record.plan else []), *record.done.values()]
+    return b"".join(map(_line, said))
+
+
+def _read(path: Path) -> tuple[Record | None, bool]:
+    """What a ledger holds, and whether its last line is whole. Raises CaseError."""
+    if not path.exists():
+        return None, True
+    text = read_bounded(path, _BYTES)
+    lines = text[: text.rfind(b"\n") + 1].splitlines()
+    try:
+        said = [msgspec.json.decode(line, type=Begun | Plan | Done) for line in lines]
+    except msgspec.MsgspecError as error:
+        raise CaseError(f"{path}: {error} (remove {path.parent} to begin again)") from error
+    if not said or not isinstance(said[0], Begun):
+        return None, False
+    if said[0].schema > SCHEMA:
+        raise CaseError(f"{path}: schema {said[0].schema}, this version reads up to {SCHEMA} (upgrade regents_cosim)")
+    plans = [one for one in said if isinstance(one, Plan)]
+    done = {one.unit.name: one for one in said if isinstance(one, Done)}
+    return Record(said[0], plans[-1] if plans else None, done), text.endswith(b"\n")

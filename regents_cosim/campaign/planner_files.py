@@ -1,0 +1,143 @@
+"""The files that a planner is made of, on the user's side: they decide what it does, whatever its name.
+
+Found without running anything: a file's imports are followed to files that belong to no installed package, and files
+that a string in them names exactly (weights, settings) count as well. A name that is put together while the planner
+runs is not seen.
+"""
+
+import ast
+import hashlib
+import shlex
+import site
+import sys
+import sysconfig
+from collections.abc import Iterator
+from importlib.machinery import PathFinder
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from regents_cosim.cases.provenance import sha256_of
+from regents_cosim.planners.bridges import bridges
+from regents_cosim.planners.names import OURS
+
+_MOST_FILES = 10_000
+_NAME_LETTERS = 300  # a longer string names no file
+
+
+def planner_digest(name: str) -> str:
+    """What the files of a planner come to; empty where it is ours alone, and so known by our version."""
+    files = sorted(planner_files(name))
+    if not files:
+        return ""
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(f"{file.name}\0{sha256_of(file)}\n".encode())
+    return digest.hexdigest()[:20]
+
+
+def planner_files(name: str) -> set[Path]:
+    """The user's files behind a planner's name, as it is typed on the command line."""
+    if name in OURS:
+        return set()
+    known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
+    bridge, _, rest = name.partition(":")
+    if bridge not in bridges() or name in known:
+        return _closure(_module_files(known.get(name, name).rpartition(":")[0]))
+    words = shlex.split(rest) if bridge == "exec" else [rest]
+    named = [Path(word) for word in words if _is_file(Path(word))]
+    modules = [file for word in words for file in _module_files(word.rpartition(":")[0])]
+    return _closure([*named, *modules])
+
+
+def _closure(begin: list[Path]) -> set[Path]:
+    """The files, and all on the user's side that they import or name."""
+    found: set[Path] = set()
+    waiting = [path.resolve() for path in begin]
+    while waiting and len(found) < _MOST_FILES:
+        path = waiting.pop()
+        if path in found or not _is_users(path):
+            continue
+        found.add(path)
+        if path.suffix == ".py":
+            waiting += _mentioned(path)
+    return found
+
+
+def _mentioned(path: Path) -> Iterator[Path]:
+    """Files that a Python file imports, or names in a string."""
+    try:
+        tree = ast.parse(path.read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield from _module_files(alias.name, path.parent)
+        elif isinstance(node, ast.ImportFrom):
+            yield from _imported_from(node, path)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and 0 < len(node.value) < _NAME_LETTERS:
+            yield from (at.resolve() for at in (path.parent / node.value, Path(node.value)) if _is_file(at))
+
+
+def _imported_from(node: ast.ImportFrom, path: Path) -> Iterator[Path]:
+    base = path.parent
+    for _ in range(node.level - 1):
+        base = base.parent
+    module = node.module or ""
+    for name in ("", *(alias.name for alias in node.names)):
+        dotted = ".".join(filter(None, (module, name)))
+        if node.level:
+            yield from _below(base, dotted.split(".") if dotted else [])
+        elif dotted:
+            yield from _module_files(dotted, path.parent)
+
+
+def _module_files(dotted: str, beside: Path | None = None) -> list[Path]:
+    """The file of a module and those of the packages that it lies in; none of an installed one."""
+    if not dotted:
+        return []
+    if dotted.endswith(".py"):
+        return [Path(dotted)] if _is_file(Path(dotted)) else []
+    places = [str(place) for place in (beside, Path.cwd()) if place is not None] + sys.path
+    found: list[Path] = []
+    for part in dotted.split("."):
+        try:
+            spec = PathFinder.find_spec(part, places)
+        except (ImportError, ValueError):
+            break
+        if spec is None:
+            break
+        if spec.origin and spec.has_location:
+            found.append(Path(spec.origin))
+            if not _is_users(found[-1].resolve()):
+                return []
+        places = list(spec.submodule_search_locations or ())
+        if not places:
+            break
+    return found
+
+
+def _below(base: Path, parts: list[str]) -> Iterator[Path]:
+    """The file of a module below a folder."""
+    at = base.joinpath(*parts)
+    for path in (at.with_suffix(".py"), at / "__init__.py"):
+        if parts and _is_file(path):
+            yield path
+
+
+def _is_users(path: Path) -> bool:
+    """Whether a file belongs to no installed package, nor to Python or to us."""
+    return not any(path.is_relative_to(place) for place in _installed())
+
+
+def _installed() -> list[Path]:
+    places = {*sysconfig.get_paths().values(), *site.getsitepackages(), site.getusersitepackages()}
+    ours = Path(__file__).parents[1]
+    return [ours, *(Path(place).resolve() for place in places if place not in (sys.prefix, sys.base_prefix))]
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a string that is no name
+        return False

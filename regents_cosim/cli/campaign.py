@@ -1,0 +1,175 @@
+"""What commands that go on where they were stopped share: which run it is, and which share of it."""
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from regents_cosim.cli.options import TrafficOptions
+from regents_cosim.cli.shared import record_traffic, traffic_source
+from regents_cosim.errors import RegentsError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from regents_cosim.campaign.attack_run import AttackRun
+    from regents_cosim.campaign.ledger import Ledger, Record
+    from regents_cosim.campaign.shards import Shard
+    from regents_cosim.campaign.windows import Windows
+    from regents_cosim.cli.terminal import Terminal
+    from regents_cosim.scenario import Scenario
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class CampaignOptions:
+    """Which part of a large run is done here, and what is done again."""
+
+    shard: str = ""
+    """NUMBER/COUNT: this share of the windows alone, as 3/64; in a SLURM job array the task's own"""
+    retry: bool = False
+    """try again what failed before; without it the same command does what is missing only"""
+    types: Annotated[tuple[str, ...], Parameter(["--type"])] = ()
+    """KIND or KIND=NUMBER: keep crashes of this kind alone (docs/tags.md, e.g. cut_in=10), so many (--count where no
+    number is given), and record more windows until they are found or the traffic holds no more; may be repeated"""
+
+    def share(self, terminal: "Terminal") -> "Shard":
+        """The share that is asked for, or that of this task of a SLURM array, which is said. Raises RegentsError."""
+        from regents_cosim.campaign.shards import WHOLE, parse_shard, slurm_shard
+
+        if self.shard:
+            return parse_shard(self.shard)
+        found = slurm_shard(os.environ)
+        if found is not None:
+            terminal.say(f"shard {found}, by SLURM's job array (--shard 1/1 does all of it)")
+        return found or WHOLE
+
+
+@dataclass(frozen=True)
+class Given:
+    """What is attacked: cases, or windows of traffic that is recorded."""
+
+    cases: Path | None
+    traffic: TrafficOptions
+    sumo: tuple[str, ...] = ()
+    executor: str = "local"
+
+    def settings(self) -> dict[str, Any]:
+        """The options that decide which windows there are; cases speak for themselves."""
+        if self.cases is not None:
+            return {"seed": self.traffic.seed}
+        return {**vars(self.traffic), "sumo_options": list(self.sumo)}
+
+
+def record_into(output: Path, given: Given, terminal: "Terminal") -> list[str]:
+    """Record traffic into a folder, unless that is done; the names of the cases, in order. Raises RegentsError."""
+    from regents_cosim.campaign.identity import identity
+    from regents_cosim.campaign.recording import record_once
+
+    def record() -> "list[Scenario]":
+        return record_traffic(given.traffic, given.sumo, given.executor, terminal)
+
+    mine = identity("record", given.settings(), {})
+    return record_once(output, mine, _digest(given), given.traffic.seed, record)
+
+
+def attack_into(
+    output: Path, run: "AttackRun", given: Given, options: CampaignOptions, terminal: "Terminal"
+) -> "Record":
+    """Do what is missing of an attack in a folder; what the folder then holds. Raises RegentsError."""
+    from regents_cosim.campaign.attack_run import attack_left
+    from regents_cosim.campaign.ledger import forget_lost, open_ledger, require_free
+    from regents_cosim.campaign.windows import windows_in
+    from regents_cosim.cases.suite import SuiteWriter
+    from regents_cosim.reports.picture import draw_still
+    from regents_cosim.system.workers import executor_for
+
+    shard, together = options.share(terminal), run.together()
+    if run.wanted and shard.count > 1:
+        raise RegentsError("--type is asked of a whole run: leave out --shard (--shard 1/1 in a SLURM array)")
+    mine = run.identity(given.settings(), together)
+    require_free(output, mine, shard)
+    suite = SuiteWriter(output, given.traffic.seed)
+    cases = windows_in(given.cases) if given.cases else None
+    digest = "" if given.cases else _digest(given)
+
+    def draw(scenario: "Scenario") -> None:
+        draw_still(scenario, output / scenario.id / "still.png")
+
+    with open_ledger(output, mine, shard, together) as ledger, executor_for(given.executor) as pool:
+        forget_lost(ledger)
+        for windows in _rounds(ledger, run, given, cases, digest, options, terminal):
+            _say_where(ledger, options.retry, terminal)
+            attack_left(
+                ledger,
+                windows,
+                run,
+                suite,
+                draw=draw,
+                retry=options.retry,
+                executor=pool,
+                watch=lambda done, of: terminal.each(done, "attacking", of),
+            )
+        if run.wanted is not None:
+            ledger.end()
+            terminal.say(run.wanted.said(run.wanted.found_in(ledger.record, output), len(ledger.record.own)))
+        ledger.finish()
+        return ledger.record
+
+
+def _rounds(
+    ledger: "Ledger",
+    run: "AttackRun",
+    given: Given,
+    cases: "Windows | None",
+    digest: str,
+    options: CampaignOptions,
+    terminal: "Terminal",
+) -> "Iterator[Windows]":
+    """The windows to attack; for kinds that are asked for, more of them as long as there are too few."""
+    from regents_cosim.campaign.windows import planned, recorded
+
+    if cases is not None:
+        planned(ledger, cases)
+        yield cases
+        return
+    keys = {count: ledger.record.begun.identity.key(digest, str(count)) for count in _window_counts(run, given)}
+    begun = next((count for count, key in keys.items() if ledger.record.plan and ledger.record.plan.key == key), 0)
+    for count, key in keys.items():
+        if count < begun:
+            continue
+        traffic, before = replace(given.traffic, count=count), len(ledger.record.own)
+        yield recorded(
+            ledger,
+            key,
+            lambda traffic=traffic: record_traffic(traffic, given.sumo, given.executor, terminal),
+            options.retry,
+            more=count > min(keys),
+        )
+        assert ledger.record.plan is not None
+        used_up = ledger.record.plan.ended or (count != begun and len(ledger.record.own) == before)
+        if run.wanted is None or used_up or run.wanted.is_met(run.wanted.found_in(ledger.record, ledger.folder)):
+            return
+
+
+def _window_counts(run: "AttackRun", given: Given) -> list[int]:
+    return [given.traffic.count] if run.wanted is None else list(run.wanted.windows())
+
+
+def _digest(given: Given) -> str:
+    from regents_cosim.campaign.traffic_files import traffic_digest
+
+    return traffic_digest(traffic_source(given.traffic, given.sumo), given.traffic.fcd, given.traffic.policy)
+
+
+def _say_where(ledger: "Ledger", retry: bool, terminal: "Terminal") -> None:
+    """What was found of sessions before, if anything."""
+    own, left = len(ledger.record.own), len(ledger.left(retry))
+    if ledger.changed:
+        terminal.say(f"changed since: {', '.join(ledger.changed)}; what they decided is done again")
+    failed = sum(bool(one.error) for one in ledger.record.done.values())
+    if own > left or failed:
+        hint = f", {failed} failed before (--retry tries them again)" if failed and not retry else ""
+        terminal.say(f"{own - left} of {own} windows are done already{hint}")

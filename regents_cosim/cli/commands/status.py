@@ -1,0 +1,34 @@
+"""`regents status`: how far a run is."""
+
+import dataclasses
+from pathlib import Path
+
+from regents_cosim.cli.options import OutputOptions
+from regents_cosim.cli.shared import open_terminal
+
+_SHOWN = 10  # failures
+
+
+def status(folder: Path, *, talk: OutputOptions = OutputOptions()) -> int:
+    """How far a run is that writes to a folder: what is done, failed and left, how fast, and how long it still takes.
+
+    Parameters
+    ----------
+    folder
+        that `regents record`, `attack`, `evaluate` or `suite build` was given with -o
+    """
+    from regents_cosim.campaign.status import runs_in
+    from regents_cosim.reports.tables import STATUS, status_row
+
+    terminal = open_terminal(talk)
+    found = runs_in(folder)
+    if talk.json:
+        terminal.publish("", [dataclasses.asdict(one) for one in found])
+        return 0
+    terminal.show(str(folder), [status_row(one) for one in found], essential=STATUS)
+    failures = [failure for one in found for failure in one.failures]
+    for name, why in failures[:_SHOWN]:
+        terminal.say(f"{name}: {why}")
+    if len(failures) > _SHOWN:
+        terminal.say(f"and {len(failures) - _SHOWN} more (--json lists all)")
+    return 0

@@ -1,0 +1,80 @@
+"""Kinds that are asked for: what is typed, what is counted, and when it is enough."""
+
+import json
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+from scenes import DT, crash, scene
+from test_attack_run import regents, tree
+
+from regents_cosim.campaign.requests import parse_types
+from regents_cosim.errors import RegentsError
+
+
+def test_what_is_typed():
+    assert parse_types([], 8) is None
+    assert dict(parse_types(["cut_in=10", "hard_brake"], 8).counts) == {"cut_in": 10, "hard_brake": 8}
+    rounds = list(parse_types(["cut_in=10"], 8).windows())
+    assert rounds[:3] == [40, 160, 640]
+    assert rounds[-1] <= 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["cutin"], "unknown tag 'cutin': did you mean cut_in"),
+        (["junction"], "unknown tag 'junction'"),  # no crash is of that kind
+        (["cut_in=0"], "expected a number from 1"),
+        (["cut_in=x"], "expected a number from 1"),
+        (["cut_in", "cut_in=3"], "given twice"),
+    ],
+)
+def test_what_is_refused(words, said):
+    with pytest.raises(RegentsError, match=said):
+        parse_types(words, 8)
+
+
+def hard_brake(name="brake"):
+    """A crash into a car that brakes."""
+    made = scene((0.0, 0.0, 10.0), (12.0, 0.0, 10.0), name=name)
+    speed, x = made.tracks.speed.copy(), made.tracks.x.copy()
+    speed[1] = [max(10.0 - 6.0 * DT * step, 0.0) for step in range(made.tracks.steps)]
+    x[1, 1:] = 12.0 + (0.5 * DT * (speed[1, 1:] + speed[1, :-1])).cumsum()
+    return crash(made, replace(made.tracks, x=x, speed=speed))
+
+
+def test_only_what_is_asked_for_is_taken_and_no_more_than_that():
+    wanted, found = parse_types(["hard_brake=2", "cut_in"], 1), Counter()
+    assert [wanted.takes(hard_brake(), found) for _ in range(3)] == [True, True, False]
+    assert not wanted.takes(scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0)), found)
+    assert not wanted.is_met(found)
+    assert wanted.said(found, 40).startswith(
+        "2 of 2 hard_brake, 0 of 1 cut_in in 40 windows; the traffic holds no more"
+    )
+    found["cut_in"] += 1
+    assert wanted.is_met(found)
+    assert wanted.said(found, 40) == "2 of 2 hard_brake, 1 of 1 cut_in in 40 windows"
+
+
+@pytest.mark.slow
+def test_the_command_records_until_it_has_enough(tmp_path):
+    words = (
+        "attack",
+        "-c",
+        "shipped:crossing",
+        "--type",
+        "crossing_path=2",
+        "--method",
+        "regents",
+        "--no-verify",
+        "-o",
+    )
+    assert regents(*words, "suite", cwd=tmp_path)
+    (tmp_path / "suite").rename(tmp_path / "first")
+    assert not regents(*words, "suite", cwd=tmp_path, killed_after_s=15.0)
+    assert regents(*words, "suite", cwd=tmp_path)
+    assert tree(tmp_path / "suite") == tree(tmp_path / "first")
+    tags = [json.loads(path.read_text())["tags"] for path in (tmp_path / "suite").glob("*/scenario.json")]
+    assert len(tags) == 2
+    assert all("crossing_path" in its for its in tags)
