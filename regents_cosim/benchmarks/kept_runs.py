@@ -1,7 +1,7 @@
 """Runs of a table kept on disk as soon as they are made: a table that was interrupted goes on, or grows by places.
 
 Each run is a folder of cases beside `run.json`, which is written last. Its name says what was run: the method with its
-settings, the planner and the windows, so that a run of something else is never taken for it.
+settings, the planner with its files and the windows, so that a run of something else is never taken for it.
 """
 
 import hashlib
@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.checks.names import file_name, word
@@ -42,8 +43,9 @@ def run_folder(
 ) -> Path:
     """Where the run of a method on these windows belongs."""
     settings = asdict(config) if config else None
-    said = json.dumps([method, planner, settings, [content_hash(window) for window in windows]])
-    digest = hashlib.sha256(said.encode()).hexdigest()[:12]
+    files = planner_digest(planner)
+    said = [method, planner, settings, [content_hash(window) for window in windows], *([files] if files else [])]
+    digest = hashlib.sha256(json.dumps(said).encode()).hexdigest()[:12]
     return folder / "runs" / file_name(word(method, _NAME), word(planner, _NAME), digest)
 
 

@@ -14,10 +14,10 @@ from typing import Any
 from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.campaign.identity import Identity, identity
-from regents_cosim.campaign.ledger import Done, Ledger, Record, Unit
+from regents_cosim.campaign.ledger import DoneUnit, Ledger, LedgerRecord, WorkUnit
 from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.campaign.requests import Wanted
-from regents_cosim.campaign.windows import Windows
+from regents_cosim.campaign.windows import RunWindows
 from regents_cosim.cases.files import load_header
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases
@@ -78,7 +78,7 @@ class AttackRun:
 class _Attacked:
     """A window whose cases are saved."""
 
-    unit: Unit
+    unit: WorkUnit
     cases: list[Scenario]
     open: set[str] = field(default_factory=set)  # cases that SUMO has not answered for
     replays: dict[str, Replay] = field(default_factory=dict)
@@ -89,7 +89,7 @@ Watch = Callable[[Iterator[list[Scenario]], int], Iterator[list[Scenario]]]  # p
 
 def attack_left(
     ledger: Ledger,
-    windows: Windows,
+    windows: RunWindows,
     run: AttackRun,
     suite: SuiteWriter,
     *,
@@ -108,7 +108,7 @@ def attack_left(
     _each_in_order(saved, executor if run.verify else None, run.verify, lambda one: _finish(one, ledger, run, draw))
 
 
-Found = Iterator[tuple[Unit, list[Scenario]]]
+Found = Iterator[tuple[WorkUnit, list[Scenario]]]
 
 
 def _wanted(found: Found, wanted: Wanted, so_far: Counter[str]) -> Found:
@@ -125,20 +125,20 @@ def _has_failed(case: Scenario) -> bool:
     return case.attack is not None and bool(case.attack.planner_error)
 
 
-def attacked_headers(record: Record, folder: Path) -> tuple[list[Header], dict[str, Replay]]:
+def attacked_headers(record: LedgerRecord, folder: Path) -> tuple[list[Header], dict[str, Replay]]:
     """What a run has left in a folder, without the tracks, in the order of its windows; and what SUMO said of it."""
     done = [record.done[unit.name] for unit in record.own if record.is_done(unit)]
     replays = {name: Replay(name, **said) for one in done for name, said in one.said.get("replays", {}).items()}
     return [load_header(folder / name) for one in done for name, _ in one.cases], replays
 
 
-def _with_neighbours(own: Sequence[Unit], left: set[str], together: int) -> list[Unit]:
+def _with_neighbours(own: Sequence[WorkUnit], left: set[str], together: int) -> list[WorkUnit]:
     """The units that are left, and those that share a computation with one of them."""
     groups = [own[at : at + together] for at in range(0, len(own), together)]
     return [unit for group in groups if left & {unit.name for unit in group} for unit in group]
 
 
-def _saved(unit: Unit, cases: list[Scenario], suite: SuiteWriter) -> _Attacked:
+def _saved(unit: WorkUnit, cases: list[Scenario], suite: SuiteWriter) -> _Attacked:
     for case in cases:
         suite.add(case)
     return _Attacked(unit, cases)
@@ -182,7 +182,7 @@ def _finish(one: _Attacked, ledger: Ledger, run: AttackRun, draw: Callable[[Scen
         drop_cases(stale, ledger.folder)
     hashes = [(name, load_header(ledger.folder / name).hash) for name in names]
     replays = {name: _said(replay) for name, replay in sorted(one.replays.items())}
-    ledger.note(Done(one.unit, tuple(hashes), {"replays": replays} if replays else {}, _error(one)))
+    ledger.note(DoneUnit(one.unit, tuple(hashes), {"replays": replays} if replays else {}, _error(one)))
 
 
 def _said(replay: Replay) -> dict[str, Any]:

@@ -36,7 +36,7 @@ _BYTES = 1024 * MIB  # 300 bytes a unit
 SCHEMA = 1
 
 
-class Unit(msgspec.Struct, frozen=True, array_like=True):
+class WorkUnit(msgspec.Struct, frozen=True, array_like=True):
     """A piece of work: its name, and the key of all that decides what comes of it."""
 
     name: str
@@ -46,10 +46,10 @@ class Unit(msgspec.Struct, frozen=True, array_like=True):
         require_file_name(self.name, "unit of a ledger")
 
 
-class Done(msgspec.Struct, frozen=True, tag="done", omit_defaults=True):
+class DoneUnit(msgspec.Struct, frozen=True, tag="done", omit_defaults=True):
     """A unit that is done."""
 
-    unit: Unit
+    unit: WorkUnit
     cases: tuple[tuple[str, str], ...] = ()  # that it left in the folder: name and content hash
     said: dict[str, Any] = {}
     error: str = ""  # why it failed
@@ -59,11 +59,11 @@ class Done(msgspec.Struct, frozen=True, tag="done", omit_defaults=True):
             require_file_name(name, "case of a ledger")
 
 
-class Plan(msgspec.Struct, frozen=True, tag="plan", omit_defaults=True):
+class RunPlan(msgspec.Struct, frozen=True, tag="plan", omit_defaults=True):
     """All units of a run, those of its other shards included; `key` of what they follow from."""
 
     key: str
-    units: tuple[Unit, ...]
+    units: tuple[WorkUnit, ...]
     ended: bool = False  # what was asked for is found, or cannot be: no more units come
 
 
@@ -84,12 +84,12 @@ class Clock(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class Record:
+class LedgerRecord:
     """What a ledger holds."""
 
     begun: Begun
-    plan: Plan | None = None
-    done: dict[str, Done] = field(default_factory=dict)  # by the name of the unit
+    plan: RunPlan | None = None
+    done: dict[str, DoneUnit] = field(default_factory=dict)  # by the name of the unit
 
     @property
     def shard(self) -> Shard:
@@ -97,11 +97,11 @@ class Record:
         return Shard(*self.begun.shard)
 
     @property
-    def own(self) -> Sequence[Unit]:
+    def own(self) -> Sequence[WorkUnit]:
         """The units of this folder, in order; none while they are not known."""
         return self.shard.of(self.plan.units, self.begun.together) if self.plan else ()
 
-    def is_done(self, unit: Unit) -> bool:
+    def is_done(self, unit: WorkUnit) -> bool:
         """Whether this very unit is done, or has failed."""
         found = self.done.get(unit.name)
         return found is not None and found.unit == unit
@@ -113,7 +113,7 @@ class Record:
         return b"".join(map(_line, said))
 
 
-def read_record(folder: Path) -> Record | None:
+def read_record(folder: Path) -> LedgerRecord | None:
     """The ledger of `folder`; None where no run that keeps one has begun there. Raises CaseError for a damaged one."""
     return _read(folder / FOLDER / _FILE)[0]
 
@@ -130,26 +130,26 @@ def read_clock(folder: Path) -> tuple[Clock, float] | None:
 class Ledger:
     """The ledger of one folder, held by the one process that works there: see `open_ledger`."""
 
-    def __init__(self, folder: Path, record: Record, changed: Sequence[str] = ()) -> None:
+    def __init__(self, folder: Path, record: LedgerRecord, changed: Sequence[str] = ()) -> None:
         self.folder, self.record = folder, record
         self.changed = changed  # whose code is another than that of the sessions before
         self.place = folder / FOLDER
         self._begin_s = time.time()
         self._file: int | None = None
 
-    def gone(self, units: Sequence[Unit]) -> list[str]:
+    def gone(self, units: Sequence[WorkUnit]) -> list[str]:
         """The cases in the folder that are of none of these units."""
         names = {unit.name for unit in units}
         return [case for name, done in self.record.done.items() if name not in names for case, _ in done.cases]
 
-    def plan(self, key: str, units: Sequence[Unit]) -> None:
+    def plan(self, key: str, units: Sequence[WorkUnit]) -> None:
         """Note which units there are; of others nothing is known any more."""
         names = {unit.name for unit in units}
         kept = {name: done for name, done in self.record.done.items() if name in names}
-        self.record = replace(self.record, plan=Plan(key, tuple(units)), done=kept)
+        self.record = replace(self.record, plan=RunPlan(key, tuple(units)), done=kept)
         self._rewrite(_all_lines(self.record))
 
-    def note(self, done: Done) -> None:
+    def note(self, done: DoneUnit) -> None:
         """A unit is done, and on disk."""
         with explain_write(self.folder), made_whole():
             if self._file is None:
@@ -162,7 +162,7 @@ class Ledger:
         """A unit is to be done again: what it left in the folder is gone."""
         del self.record.done[name]
 
-    def left(self, retry: bool = False) -> list[Unit]:
+    def left(self, retry: bool = False) -> list[WorkUnit]:
         """The units of this folder that are not done; with `retry` those that failed as well."""
         return [u for u in self.record.own if not self.record.is_done(u) or (retry and self.record.done[u.name].error)]
 
@@ -208,7 +208,7 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
             begun = Begun(SCHEMA, identity, (shard.number, shard.count), together)
             if record is not None:
                 require_same(folder, record.begun.identity, identity, record.shard, shard)
-            new = replace(record, begun=begun) if record else Record(begun)
+            new = replace(record, begun=begun) if record else LedgerRecord(begun)
             ledger = Ledger(folder, new, changed_makers(record.begun.identity, identity) if record else ())
             if record is None or record.begun != begun or not whole:
                 write_atomic(place / _FILE, _all_lines(new))
@@ -239,7 +239,7 @@ def require_free(folder: Path, identity: Identity, shard: Shard = WHOLE) -> None
         require_same(folder, record.begun.identity, identity, record.shard, shard)
 
 
-def write_record(folder: Path, record: Record) -> None:
+def write_record(folder: Path, record: LedgerRecord) -> None:
     """Write a finished ledger into a folder that is about to take its place."""
     (folder / FOLDER).mkdir(exist_ok=True)
     write_atomic(folder / FOLDER / _FILE, record.lines())
@@ -249,26 +249,26 @@ def _line(value: msgspec.Struct) -> bytes:
     return msgspec.json.encode(value, order="deterministic") + b"\n"
 
 
-def _all_lines(record: Record) -> bytes:
+def _all_lines(record: LedgerRecord) -> bytes:
     """The file with what is noted of units that are to be done again, or are no more."""
     said = [record.begun, *([record.plan] if record.plan else []), *record.done.values()]
     return b"".join(map(_line, said))
 
 
-def _read(path: Path) -> tuple[Record | None, bool]:
+def _read(path: Path) -> tuple[LedgerRecord | None, bool]:
     """What a ledger holds, and whether its last line is whole. Raises CaseError."""
     if not path.exists():
         return None, True
     text = read_bounded(path, _BYTES)
     lines = text[: text.rfind(b"\n") + 1].splitlines()
     try:
-        said = [msgspec.json.decode(line, type=Begun | Plan | Done) for line in lines]
+        said = [msgspec.json.decode(line, type=Begun | RunPlan | DoneUnit) for line in lines]
     except msgspec.MsgspecError as error:
         raise CaseError(f"{path}: {error} (remove {path.parent} to begin again)") from error
     if not said or not isinstance(said[0], Begun):
         return None, False
     if said[0].schema > SCHEMA:
         raise CaseError(f"{path}: schema {said[0].schema}, this version reads up to {SCHEMA} (upgrade regents_cosim)")
-    plans = [one for one in said if isinstance(one, Plan)]
-    done = {one.unit.name: one for one in said if isinstance(one, Done)}
-    return Record(said[0], plans[-1] if plans else None, done), text.endswith(b"\n")
+    plans = [one for one in said if isinstance(one, RunPlan)]
+    done = {one.unit.name: one for one in said if isinstance(one, DoneUnit)}
+    return LedgerRecord(said[0], plans[-1] if plans else None, done), text.endswith(b"\n")

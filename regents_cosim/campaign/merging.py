@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from regents_cosim.campaign.identity import changed_makers
-from regents_cosim.campaign.ledger import Begun, Record, read_record, write_record
+from regents_cosim.campaign.ledger import Begun, LedgerRecord, read_record, write_record
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, load_manifest
 from regents_cosim.errors import CaseError
@@ -15,7 +15,7 @@ from regents_cosim.system.atomic import explain_write, new_folder, require_writa
 _STILL = "still.png"
 
 
-def shards_in(folders: Sequence[Path]) -> list[Record] | None:
+def shards_in(folders: Sequence[Path]) -> list[LedgerRecord] | None:
     """The ledgers of shards of one run, all of them and finished; None where the folders are whole suites.
 
     Raises CaseError where they are of different runs, or one of them is missing or not finished.
@@ -32,7 +32,7 @@ def shards_in(folders: Sequence[Path]) -> list[Record] | None:
     return sorted(records, key=lambda record: record.shard.number)
 
 
-def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[Record]) -> int:
+def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[LedgerRecord]) -> int:
     """Let `folder`, which is new, hold what the shards hold; the number of cases. Raises CaseError, RegentsError."""
     require_writable(folder)
     if folder.exists() and any(folder.iterdir()):
@@ -50,7 +50,7 @@ def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[Record]
     return len(home)
 
 
-def _require_finished(folder: Path, record: Record | None) -> None:
+def _require_finished(folder: Path, record: LedgerRecord | None) -> None:
     if record is None or record.shard.count == 1:
         raise CaseError(f"{folder} is no shard, others are: expected all shards of one run, or suites alone")
     left = len(record.own) - sum(map(record.is_done, record.own))
@@ -59,7 +59,7 @@ def _require_finished(folder: Path, record: Record | None) -> None:
         raise CaseError(f"{folder} is not finished, {said}: give its command again")
 
 
-def _require_same_run(first: Path, one: Record, folder: Path, other: Record) -> None:
+def _require_same_run(first: Path, one: LedgerRecord, folder: Path, other: LedgerRecord) -> None:
     a, b = one.begun.identity, other.begun.identity
     why = ""
     if (a.command, a.settings) != (b.command, b.settings) or one.shard.count != other.shard.count:
@@ -72,7 +72,7 @@ def _require_same_run(first: Path, one: Record, folder: Path, other: Record) -> 
         raise CaseError(f"{first} (shard {one.shard}) and {folder} (shard {other.shard}) are of different runs: {why}")
 
 
-def _require_all(folders: Sequence[Path], records: Sequence[Record]) -> None:
+def _require_all(folders: Sequence[Path], records: Sequence[LedgerRecord]) -> None:
     numbers = [record.shard.number for record in records]
     count = records[0].shard.count
     missing = sorted(set(range(1, count + 1)) - set(numbers))
@@ -92,5 +92,5 @@ def _notes(shards: Sequence[Path]) -> Suite:
     return next(load_manifest(shard) for shard in shards if (shard / MANIFEST).exists())
 
 
-def _undivided(record: Record) -> Begun:
+def _undivided(record: LedgerRecord) -> Begun:
     return Begun(record.begun.schema, record.begun.identity, (1, 1), record.begun.together)

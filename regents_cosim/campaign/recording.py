@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from regents_cosim.campaign.identity import Identity
-from regents_cosim.campaign.ledger import Done, Unit, forget_lost, open_ledger
+from regents_cosim.campaign.ledger import DoneUnit, WorkUnit, forget_lost, open_ledger
 from regents_cosim.cases.files import load_header
 from regents_cosim.cases.manifest import drop_cases
 from regents_cosim.cases.suite import SuiteWriter
@@ -22,7 +22,7 @@ def record_once(
     suite = SuiteWriter(folder, seed)
     with open_ledger(folder, identity) as ledger:
         forget_lost(ledger)
-        unit = Unit("traffic", identity.key(traffic))
+        unit = WorkUnit("traffic", identity.key(traffic))
         if not ledger.record.is_done(unit):
             scenarios = record()
             before = {name for one in ledger.record.done.values() for name, _ in one.cases}
@@ -30,6 +30,6 @@ def record_once(
                 drop_cases(gone, folder)
             ledger.plan("", [unit])
             saved = [(scenario.id, load_header(suite.add(scenario)).hash) for scenario in scenarios]
-            ledger.note(Done(unit, tuple(saved)))
+            ledger.note(DoneUnit(unit, tuple(saved)))
         ledger.finish()
         return [name for name, _ in ledger.record.done[unit.name].cases]

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from regents_cosim.campaign.ledger import Record
+from regents_cosim.campaign.ledger import LedgerRecord
 from regents_cosim.cases.files import load_header
 from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
@@ -34,7 +34,7 @@ class Wanted:
         """Whether there are enough of all."""
         return all(found[kind] >= count for kind, count in self.counts.items())
 
-    def found_in(self, record: Record, folder: Path) -> Counter[str]:
+    def found_in(self, record: LedgerRecord, folder: Path) -> Counter[str]:
         """What a run has found so far."""
         cases = [name for unit in record.own if record.is_done(unit) for name, _ in record.done[unit.name].cases]
         tags = (load_header(folder / name).tags or () for name in cases)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from regents_cosim.campaign.ledger import FOLDER, STEPS, Record, read_clock, read_record
+from regents_cosim.campaign.ledger import FOLDER, STEPS, LedgerRecord, read_clock, read_record
 from regents_cosim.errors import CaseError
 from regents_cosim.system.locks import LOCK, take
 
 
 @dataclass(frozen=True)
-class Status:
+class RunStatus:
     """A run."""
 
     folder: str
@@ -28,7 +28,7 @@ class Status:
     failures: tuple[tuple[str, str], ...]  # unit, why
 
 
-def runs_in(folder: Path) -> list[Status]:
+def runs_in(folder: Path) -> list[RunStatus]:
     """The run that writes to a folder; of a suite that is being built, its steps so far.
 
     Raises CaseError where none that can be stopped has begun there.
@@ -37,7 +37,7 @@ def runs_in(folder: Path) -> list[Status]:
     return [status_of(step) for step in steps] or [status_of(folder)]
 
 
-def status_of(folder: Path) -> Status:
+def status_of(folder: Path) -> RunStatus:
     """The run in a folder. Raises CaseError where none that can be stopped has begun there."""
     record = read_record(folder)
     if record is None:
@@ -50,7 +50,7 @@ def status_of(folder: Path) -> Status:
     left = None if units is None else units - len(done)
     running = _is_held(folder / FOLDER / LOCK)
     rate = _per_second(record, folder, running, len(done)) if left else None
-    return Status(
+    return RunStatus(
         folder=str(folder),
         command=record.begun.identity.command,
         shard=str(record.shard),
@@ -65,7 +65,7 @@ def status_of(folder: Path) -> Status:
     )
 
 
-def _per_second(record: Record, folder: Path, running: bool, done: int) -> float | None:
+def _per_second(record: LedgerRecord, folder: Path, running: bool, done: int) -> float | None:
     """Units per second in the latest session: up to now while it runs, else up to its last unit."""
     found = read_clock(folder)
     if found is None:

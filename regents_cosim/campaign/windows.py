@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from regents_cosim.campaign.ledger import Ledger, Unit
+from regents_cosim.campaign.ledger import Ledger, WorkUnit
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header, save_case
 from regents_cosim.cases.manifest import drop_cases, find_cases
@@ -16,37 +16,37 @@ _KEPT = "windows"  # in the ledger's folder, while the run is not finished: traf
 
 
 @dataclass(frozen=True)
-class Windows:
+class RunWindows:
     """Cases by name, in their order."""
 
     hashes: dict[str, str]
     fetch: Callable[[str], Scenario]  # the case of a name
 
-    def units(self, key: Callable[[str], str]) -> list[Unit]:
+    def units(self, key: Callable[[str], str]) -> list[WorkUnit]:
         """A unit of work for each, in order; `key` of the run and a window's hash."""
-        return [Unit(name, key(digest)) for name, digest in self.hashes.items()]
+        return [WorkUnit(name, key(digest)) for name, digest in self.hashes.items()]
 
     def load(self, names: Iterable[str]) -> Iterator[Scenario]:
         """Those of these names, one at a time."""
         return map(self.fetch, names)
 
 
-def windows_of(scenarios: Sequence[Scenario]) -> Windows:
+def windows_of(scenarios: Sequence[Scenario]) -> RunWindows:
     """Cases in memory."""
     by_name = {one.id: one for one in scenarios}
-    return Windows({name: content_hash(one) for name, one in by_name.items()}, by_name.__getitem__)
+    return RunWindows({name: content_hash(one) for name, one in by_name.items()}, by_name.__getitem__)
 
 
-def windows_in(cases: Path) -> Windows:
+def windows_in(cases: Path) -> RunWindows:
     """The case at a path, or those of a suite. Raises CaseError where there are none."""
     headers = [(folder, load_header(folder)) for folder in find_cases(cases)]
     if not headers:
         raise CaseError(f"{cases}: the suite lists no cases (make some with `regents record`)")
     folders = {one.id: folder for folder, one in headers}
-    return Windows({one.id: one.hash for _, one in headers}, lambda name: load_case(folders[name]))
+    return RunWindows({one.id: one.hash for _, one in headers}, lambda name: load_case(folders[name]))
 
 
-def planned(ledger: Ledger, windows: Windows, key: str = "", before: Sequence[Unit] = ()) -> None:
+def planned(ledger: Ledger, windows: RunWindows, key: str = "", before: Sequence[WorkUnit] = ()) -> None:
     """Note the windows of a run, after those `before`; cases of windows that are no more are removed."""
     units = [*before, *windows.units(ledger.record.begun.identity.key)]
     plan = ledger.record.plan
@@ -58,14 +58,14 @@ def planned(ledger: Ledger, windows: Windows, key: str = "", before: Sequence[Un
 
 def recorded(
     ledger: Ledger, key: str, record: Callable[[], Sequence[Scenario]], retry: bool = False, more: bool = False
-) -> Windows:
+) -> RunWindows:
     """Windows of traffic, recorded when `key` is new: of its files, and of whose code does it.
 
     They are kept beside the ledger until the run is finished. With `more` they come after those that it has.
     """
     kept, plan = ledger.place / _KEPT, ledger.record.plan
     if plan is not None and plan.key == key and all((kept / unit.name).is_dir() for unit in ledger.left(retry)):
-        return Windows({}, lambda name: load_case(kept / name))
+        return RunWindows({}, lambda name: load_case(kept / name))
     before = plan.units if plan and more else ()
     if not before:
         remove(kept)
@@ -77,6 +77,6 @@ def recorded(
             new[scenario.id] = content_hash(scenario)
         if scenario.id not in known or scenario.id in needed:
             save_case(scenario, kept)
-    windows = Windows(new, lambda name: load_case(kept / name))
+    windows = RunWindows(new, lambda name: load_case(kept / name))
     planned(ledger, windows, key, before)
     return windows

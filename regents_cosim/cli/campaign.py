@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from regents_cosim.campaign.attack_run import AttackRun
-    from regents_cosim.campaign.ledger import Ledger, Record
+    from regents_cosim.campaign.ledger import Ledger, LedgerRecord
     from regents_cosim.campaign.shards import Shard
-    from regents_cosim.campaign.windows import Windows
+    from regents_cosim.campaign.windows import RunWindows
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.scenario import Scenario
 
@@ -77,7 +77,7 @@ def record_into(output: Path, given: Given, terminal: "Terminal") -> list[str]:
 
 def attack_into(
     output: Path, run: "AttackRun", given: Given, options: CampaignOptions, terminal: "Terminal"
-) -> "Record":
+) -> "LedgerRecord":
     """Do what is missing of an attack in a folder; what the folder then holds. Raises RegentsError."""
     from regents_cosim.campaign.attack_run import attack_left
     from regents_cosim.campaign.ledger import forget_lost, open_ledger, require_free
@@ -123,11 +123,11 @@ def _rounds(
     ledger: "Ledger",
     run: "AttackRun",
     given: Given,
-    cases: "Windows | None",
+    cases: "RunWindows | None",
     digest: str,
     options: CampaignOptions,
     terminal: "Terminal",
-) -> "Iterator[Windows]":
+) -> "Iterator[RunWindows]":
     """The windows to attack; for kinds that are asked for, more of them as long as there are too few."""
     from regents_cosim.campaign.windows import planned, recorded
 

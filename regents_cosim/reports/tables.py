@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.campaign.status import Status
+from regents_cosim.campaign.status import RunStatus
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NETWORKS, SUITES, suite_folder
@@ -109,7 +109,7 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None) -> dict[str, 
     }
 
 
-def status_row(status: Status) -> dict[str, Any]:
+def status_row(status: RunStatus) -> dict[str, Any]:
     """How far a run is; the time that is left in hours, minutes and seconds."""
     return {
         "state": status.state,

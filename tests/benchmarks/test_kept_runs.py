@@ -39,6 +39,15 @@ def test_a_folder_is_of_one_method_planner_and_windows(tmp_path):
     assert run_folder(tmp_path, "king", "idm", KING, list(windows)) in folders
 
 
+def test_a_changed_planner_has_another_folder(tmp_path):
+    file = tmp_path / "mine.py"
+    folders = set()
+    for gap_m in (1, 2):
+        file.write_text(f"gap_m = {gap_m}")
+        folders.add(run_folder(tmp_path, "king", f"{file}:Mine", KING, []))
+    assert len(folders) == 2
+
+
 def test_places_are_joined_in_order():
     parts = [replace(KINGS, windows=WINDOWS[:2]), replace(KINGS, windows=WINDOWS[2:], in_sumo=[])]
     whole = joined(parts)

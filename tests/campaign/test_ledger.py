@@ -6,24 +6,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from regents_cosim.campaign.identity import identity
-from regents_cosim.campaign.ledger import FOLDER, Done, Unit, open_ledger, read_record
+from regents_cosim.campaign.ledger import FOLDER, DoneUnit, WorkUnit, open_ledger, read_record
 from regents_cosim.campaign.shards import WHOLE, Shard
 from regents_cosim.campaign.status import status_of
 from regents_cosim.errors import CaseError, RegentsError
 
 RUN = identity("attack", {"method": "king", "count": 4}, {"idm": ""})
-UNITS = [Unit(f"window{i}", RUN.key(str(i))) for i in range(5)]
+UNITS = [WorkUnit(f"window{i}", RUN.key(str(i))) for i in range(5)]
 
 
 def done(unit):
-    return Done(unit, ((f"{unit.name}-king", "0" * 64),), {"replays": {"a": {"verified": True}}})
+    return DoneUnit(unit, ((f"{unit.name}-king", "0" * 64),), {"replays": {"a": {"verified": True}}})
 
 
 def work(folder, *, stop_after=99, run=RUN, shard=WHOLE, fails=()):
     """A session that does what is left, and is stopped after so many units."""
     with open_ledger(folder, run, shard) as ledger:
         if ledger.record.plan is None or ledger.changed:
-            ledger.plan("traffic", [Unit(unit.name, run.key(unit.name)) for unit in UNITS])
+            ledger.plan("traffic", [WorkUnit(unit.name, run.key(unit.name)) for unit in UNITS])
         for unit in ledger.left()[:stop_after]:
             ledger.note(msgspec.structs.replace(done(unit), error="boom" if unit.name in fails else ""))
         if not ledger.left():
@@ -69,7 +69,7 @@ def test_a_changed_planner_is_never_skipped(tmp_path):
     changed = identity("attack", RUN.settings, {"idm": "other"})
     with open_ledger(tmp_path, changed) as ledger:
         assert ledger.changed == ["planner idm"]
-        ledger.plan("traffic", [Unit(unit.name, changed.key(unit.name)) for unit in UNITS])
+        ledger.plan("traffic", [WorkUnit(unit.name, changed.key(unit.name)) for unit in UNITS])
         assert [unit.name for unit in ledger.left()] == [unit.name for unit in UNITS]
         assert ledger.record.done["window0"].cases  # known still, so that they can be removed
 

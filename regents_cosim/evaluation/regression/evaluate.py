@@ -12,6 +12,7 @@ from regents_cosim.cases.shipped import located, require_own
 from regents_cosim.cases.suite import cases_of, suite_cases
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_each, driving_rows
+from regents_cosim.evaluation.drives.kept import drive_once
 from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
 from regents_cosim.evaluation.regression.comparison import (
@@ -78,12 +79,17 @@ def evaluate(
     act_timeout_s: float = ACT_TIMEOUT_S,
     executor: Executor | None = None,
     progress: Progress = SILENT,
+    keep: Path | None = None,
+    retry: bool = False,
 ) -> Evaluation:
     """Let `planner` drive every case: a case or a suite on disk, or cases in memory.
 
     `against` is a file of accepted outcomes (baseline.json): each drive is held against it, by `fail` also where
     metrics get worse ("min_ttc_s:-5% collision:+0"). With `update` what the planner does now is accepted, by default in
     the suite's own file. `margin` measures how little of each attack makes it collide, by up to six more drives.
+
+    With `keep` every drive is kept in that folder as it is made, and the same call goes on from there; drives that
+    failed are made again with `retry`.
 
     A planner that takes longer than `act_timeout_s` over a decision has failed in that case. SUMO runs in processes of
     its own, or those of `executor`. Raises PlannerError for a planner that cannot be found, RegentsError, before
@@ -93,7 +99,9 @@ def evaluate(
     asked = _asked(folder, against, update, fail, margin, where)
     given = PlannerUnderTest.of(planner)
     scenarios = cases_of(cases)
-    drives = drive_each(scenarios, given, act_timeout_s, where, executor)
+    drive = partial(drive_each, planner=given, act_timeout_s=act_timeout_s, where=where, executor=executor)
+    settings: dict[str, str | float] = {"in": where, "act_timeout": act_timeout_s}
+    drives = drive(scenarios) if keep is None else drive_once(keep, scenarios, given, settings, drive, retry)
     found = tuple(progress.each(drives, f"driving {given.name}", len(scenarios)))
     evaluation = Evaluation(given.name, where, found)
     return evaluation if asked is None else asked.held(evaluation, scenarios, given, act_timeout_s)

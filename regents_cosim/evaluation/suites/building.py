@@ -6,7 +6,7 @@ one gets worse. Each crash brings its harmless neighbour (`evaluation.reduction.
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,6 +16,9 @@ import numpy as np
 
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import METHODS
+from regents_cosim.campaign.attack_run import AttackRun
+from regents_cosim.campaign.steps import Steps
+from regents_cosim.campaign.traffic_files import traffic_digest
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import network
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
@@ -29,8 +32,9 @@ from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
-from regents_cosim.scenario import AttackRecord, Scenario
+from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import record
+from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.verdicts.judge import judge_each
 
 _SEEN_AHEAD_M = 40.0  # centre to centre
@@ -77,21 +81,30 @@ def build_suite(
 ) -> list[Scenario]:
     """Make the suite of `recipe` in the folder `output`; its cases. The same recipe gives the same suite, bit for bit.
 
-    What the folder held before is replaced when the new suite is complete; its baseline stays. Raises RegentsError
-    where traffic cannot be recorded, no case is left, or `output` holds something else.
+    What the folder held before is replaced when the new suite is complete; its baseline stays. Until then recorded
+    windows and attacks are kept in it, and the same recipe goes on from them after a stop. Raises RegentsError where
+    traffic cannot be recorded, no case is left, or `output` holds something else.
     """
     folder = Path(output)
     require_place(folder)
-    cases = build(recipe, tell)
+    steps = Steps(folder)
+    cases = build(recipe, tell, steps)
     write_suite(folder, cases, recipe.seed)
+    steps.clear()
     return cases
 
 
-def build(recipe: Recipe, tell: Callable[[str], None] = lambda line: None) -> list[Scenario]:
-    """The cases of the suite, by name. Raises RegentsError where traffic cannot be recorded or no case is left."""
+def build(
+    recipe: Recipe, tell: Callable[[str], None] = lambda line: None, steps: Steps | None = None
+) -> list[Scenario]:
+    """The cases of the suite, by name; what takes long goes on from `steps`.
+
+    Raises RegentsError where traffic cannot be recorded or no case is left.
+    """
     recipe = replace(recipe, planners=tuple(map(PlannerUnderTest.of, recipe.planners)))
-    recorded_by_source = [_recorded(source, recipe, tell) for source in _sources(recipe)]
-    crashes = _crashes([one for its in recorded_by_source for one in _spread(its, recipe.attacked)], recipe, tell)
+    recorded_by_source = [_recorded(source, recipe, tell, steps) for source in _sources(recipe)]
+    windows = [one for its in recorded_by_source for one in _spread(its, recipe.attacked)]
+    crashes = _crashes(windows, recipe, tell, steps)
     ordinary = _collision_free([one for its in recorded_by_source for one in its], recipe)
     neighbours = _neighbours(crashes) if recipe.harmless else {}
     met = [one for one in crashes if one.id in neighbours] if recipe.harmless else crashes
@@ -142,18 +155,24 @@ def _sources(recipe: Recipe) -> list[Path | str]:
     return [*map(network, recipe.nets), *(f"highway:{environment}" for environment in recipe.highway)]
 
 
-def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None]) -> list[Scenario]:
-    tell(f"recording {source if isinstance(source, str) else source.stem}")
-    return record(source, count=recipe.windows, seed=recipe.seed)
+def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None], steps: Steps | None) -> list[Scenario]:
+    name = source if isinstance(source, str) else source.stem
+    tell(f"recording {name}")
+    windows = partial(record, source, count=recipe.windows, seed=recipe.seed)
+    if steps is None:
+        return windows()
+    settings = {"windows": recipe.windows, "seed": recipe.seed}
+    given = source if isinstance(source, str) else SumoInput(config=source)
+    return steps.recorded(f"windows of {source}", settings, traffic_digest(given), windows)
 
 
-def _crashes(windows: Sequence[Scenario], recipe: Recipe, tell: Callable[[str], None]) -> list[Scenario]:
+def _crashes(
+    windows: Sequence[Scenario], recipe: Recipe, tell: Callable[[str], None], steps: Steps | None
+) -> list[Scenario]:
     kept: list[Scenario] = []
     above = [PlannerUnderTest.of(_CAREFUL)]
     for planner in map(PlannerUnderTest.of, recipe.planners):
-        found = _found(windows, planner, recipe.method, tell)
-        tell(f"judging {len(found)} crashes of {planner.name}")
-        kept += _passed_by(above, list(judge_each(found)))
+        kept += _passed_by(above, _found(windows, planner, recipe.method, tell, steps))
         names = " and ".join(one.name for one in above)
         tell(f"kept {len(kept)} crashes, which {names} pass{'es' if len(above) == 1 else ''}")
         above.append(planner)
@@ -161,20 +180,36 @@ def _crashes(windows: Sequence[Scenario], recipe: Recipe, tell: Callable[[str], 
 
 
 def _found(
-    windows: Sequence[Scenario], planner: PlannerUnderTest, method: str, tell: Callable[[str], None]
+    windows: Sequence[Scenario],
+    planner: PlannerUnderTest,
+    method: str,
+    tell: Callable[[str], None],
+    steps: Steps | None,
 ) -> list[Scenario]:
-    """What an attack finds for one planner."""
-    found: list[Scenario] = []
-    lost: list[AttackRecord] = []
-    for number, results in enumerate(attack_each(windows, METHODS[method], planner), start=1):
-        found += [case for case in results if case.attack and case.attack.outcome == "collision"]
-        lost += [case.attack for case in results if case.attack and case.attack.planner_error]
-        if number % 25 == 0 or number == len(windows):
-            tell(f"attacked {planner.name} in {number} of {len(windows)} windows: {len(found)} crashes")
+    """The crashes that an attack finds for one planner, judged."""
+    watch = partial(_told, planner.name, tell)
+    if steps is None or planner.source != planner.name:  # an object has no files by which to tell whether it changed
+        runs = list(watch(attack_each(windows, METHODS[method], planner), len(windows)))
+        runs = [list(judge_each(results)) for results in runs]
+    else:
+        run = AttackRun(METHODS[method], planner.name, verify=False, pictures=False)
+        runs = steps.attacked(f"{method} against {planner.name}", windows, run, watch)
+    records = [case.attack for results in runs for case in results if case.attack]
+    lost = [record for record in records if record.planner_error]
     if lost:
         first = lost[0].planner_error.partition("\n")[0]
         tell(f"a planner failed in {len(lost)} windows, the first is {lost[0].case}: {first}")
-    return found
+    return [case for results in runs for case in results if case.attack and case.attack.outcome == "collision"]
+
+
+def _told(
+    planner: str, tell: Callable[[str], None], runs: Iterator[list[Scenario]], total: int
+) -> Iterator[list[Scenario]]:
+    """Tell how far the attack on a planner is."""
+    for number, results in enumerate(runs, start=1):
+        yield results
+        if number % 25 == 0 or number == total:
+            tell(f"attacked {planner} in {number} of {total} windows")
 
 
 def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[Scenario]:

@@ -5,11 +5,12 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from regents_cosim.campaign.ledger import FOLDER as RUN
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, is_ours, load_manifest
-from regents_cosim.cases.provenance import command, revision, versions
+from regents_cosim.cases.provenance import made_by, revision, versions
 from regents_cosim.cases.suite_code import code_for_pytest
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, load_baseline, save_baseline
@@ -84,7 +85,7 @@ def require_place(folder: Path) -> None:
 
 
 def _is_empty(folder: Path) -> bool:
-    return all(is_temporary(entry.name) for entry in folder.iterdir())
+    return all(is_temporary(entry.name) or entry.name == RUN for entry in folder.iterdir())
 
 
 @contextmanager
@@ -98,7 +99,7 @@ def _replace(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline: B
     target = folder.resolve()
     target.parent.mkdir(parents=True, exist_ok=True)
     with new_folder(target, is_ours) as fresh:
-        notes = Suite((), command(), seed, _versions())
+        notes = Suite((), made_by(), seed, _versions())
         for scenario in scenarios:
             add_case(scenario, fresh, notes)
         if baseline is not None and baseline.planners:

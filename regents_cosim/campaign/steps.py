@@ -1,0 +1,57 @@
+"""Steps on the way to something larger, kept in its folder until that is complete: recorded windows, and attacks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from regents_cosim.campaign.attack_run import AttackRun, Watch, attack_left, attacked_headers
+from regents_cosim.campaign.identity import identity
+from regents_cosim.campaign.ledger import FOLDER, STEPS, forget_lost, open_ledger
+from regents_cosim.campaign.recording import record_once
+from regents_cosim.campaign.windows import planned, windows_of
+from regents_cosim.cases.files import load_case
+from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.checks.names import distinct_word
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.atomic import remove
+
+_NAME = 60  # letters
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Those of one folder."""
+
+    folder: Path
+
+    def recorded(
+        self, name: str, settings: dict[str, Any], traffic: str, record: Callable[[], Sequence[Scenario]]
+    ) -> list[Scenario]:
+        """Windows of traffic; `traffic` is the digest of its files. Raises CaseError for other settings than before."""
+        place = self._place(name)
+        names = record_once(place, identity("record", settings, {}), traffic, 0, record)
+        return [load_case(place / one) for one in names]
+
+    def attacked(self, name: str, windows: Sequence[Scenario], run: AttackRun, watch: Watch) -> list[list[Scenario]]:
+        """What an attack finds in each window. Raises CaseError for other settings than before."""
+        place, together = self._place(name), run.together()
+        with open_ledger(place, run.identity({}, together), together=together) as ledger:
+            forget_lost(ledger)
+            held = windows_of(windows)
+            planned(ledger, held)
+            attack_left(ledger, held, run, SuiteWriter(place, 0), draw=lambda case: None, watch=watch)
+            ledger.finish()
+            headers, _ = attacked_headers(ledger.record, place)
+        found: dict[str, list[Scenario]] = {window.id: [] for window in windows}
+        for header in headers:
+            assert header.attack is not None
+            found[header.attack.case].append(load_case(place / header.id))
+        return list(found.values())
+
+    def clear(self) -> None:
+        """It is complete: what led there is not needed any more."""
+        remove(self.folder / FOLDER)
+
+    def _place(self, name: str) -> Path:
+        return self.folder / FOLDER / STEPS / distinct_word(name, _NAME)

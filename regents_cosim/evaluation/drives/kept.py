@@ -1,0 +1,44 @@
+"""Drives that are kept as they are made, so that an evaluation goes on where it was stopped."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+from regents_cosim.campaign.identity import identity
+from regents_cosim.campaign.ledger import DoneUnit, open_ledger
+from regents_cosim.campaign.planner_files import planner_digest
+from regents_cosim.campaign.windows import planned, windows_of
+from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.scenario import Scenario
+
+
+def drive_once(
+    folder: Path,
+    scenarios: Sequence[Scenario],
+    planner: PlannerUnderTest,
+    settings: dict[str, str | float],
+    drive: Callable[[Sequence[Scenario]], Iterator[Drive]],
+    retry: bool = False,
+) -> Iterator[Drive]:
+    """The drives of all scenarios, in order, those that `folder` does not keep yet by `drive`.
+
+    A drive is kept for a case, a planner's files, our version and these `settings`. One that failed is tried again with
+    `retry`. Raises CaseError for a folder of other settings, RegentsError for a planner that has no name.
+    """
+    if planner.source != planner.name:
+        raise RegentsError("drives are kept of planners that are named: of an object it is not known when it changed")
+    mine = identity("evaluate", {"planner": planner.name, **settings}, {planner.name: planner_digest(planner.name)})
+    with open_ledger(folder, mine) as ledger:
+        planned(ledger, windows_of(scenarios))
+        left = {unit.name: unit for unit in ledger.left(retry)}
+        new = drive([scenario for scenario in scenarios if scenario.id in left])
+        for scenario in scenarios:
+            if scenario.id in left:
+                made = next(new)
+                why = made.error.partition("\n")[0]
+                ledger.note(DoneUnit(left[scenario.id], said=msgspec.to_builtins(made), error=why))
+            yield msgspec.convert(ledger.record.done[scenario.id].said, Drive)
+        ledger.finish()

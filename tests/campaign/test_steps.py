@@ -1,0 +1,70 @@
+"""Steps on the way to a suite are kept: what was recorded and attacked is not done again."""
+
+import random
+import time
+from dataclasses import replace
+
+import pytest
+from scenes import platoon
+from test_attack_run import RUN, StoppedError, regents, tree
+
+from regents_cosim.campaign.status import runs_in
+from regents_cosim.campaign.steps import Steps
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.errors import CaseError
+
+
+def test_traffic_is_recorded_once(tmp_path):
+    recorded = []
+
+    def record():
+        recorded.append(1)
+        return [platoon(3, seed) for seed in (1, 0)]
+
+    steps = Steps(tmp_path / "suite")
+    for _ in range(2):
+        windows = steps.recorded("merge", {"windows": 2}, "digest", record)
+        assert [one.id for one in windows] == ["platoon1", "platoon0"]
+    assert len(recorded) == 1
+    assert [(one.command, one.state) for one in runs_in(tmp_path / "suite")] == [("record", "finished")]
+    steps.recorded("merge", {"windows": 2}, "other files", record)
+    assert len(recorded) == 2
+    with pytest.raises(CaseError, match="begun with windows 2, this run has windows 3"):
+        steps.recorded("merge", {"windows": 3}, "digest", record)
+    steps.clear()
+    assert not list((tmp_path / "suite").iterdir())
+
+
+@pytest.mark.slow
+def test_an_attack_goes_on(tmp_path):
+    windows = [platoon(4, seed) for seed in range(3)]
+    run = replace(RUN, pictures=False)
+
+    def stops(done, of):
+        yield next(done)
+        raise StoppedError
+
+    whole = Steps(tmp_path / "one").attacked("king", windows, run, lambda done, of: done)
+    with pytest.raises(StoppedError):
+        Steps(tmp_path / "two").attacked("king", windows, run, stops)
+    left = []
+    again = Steps(tmp_path / "two").attacked("king", windows, run, lambda done, of: (left.append(of), done)[1])
+    assert left == [2]
+    assert [[content_hash(one) for one in its] for its in again] == [
+        [content_hash(one) for one in its] for its in whole
+    ]
+
+
+@pytest.mark.slow
+def test_a_suite_that_is_built_by_killed_commands_is_the_same(tmp_path):
+    words = ("suite", "build", "--nets", "merge", "--windows", 3, "--adversarial", 2, "--ordinary", 1, "-o", "suite")
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    begin = time.monotonic()
+    assert regents(*words, cwd=tmp_path / "one")
+    seconds = time.monotonic() - begin
+    rng = random.Random(0)
+    ended = [regents(*words, cwd=tmp_path / "two", killed_after_s=rng.uniform(0.2, 0.6) * seconds) for _ in range(3)]
+    assert not all(ended)
+    assert regents(*words, cwd=tmp_path / "two")
+    assert tree(tmp_path / "two") == tree(tmp_path / "one")

@@ -1,0 +1,56 @@
+"""Drives that are kept: an evaluation that was stopped goes on, and its result is that of one that was not."""
+
+from functools import partial
+
+import pytest
+from scenes import platoon
+
+from regents_cosim.campaign.status import status_of
+from regents_cosim.errors import CaseError, RegentsError
+from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.kept import drive_once
+from regents_cosim.planners.under_test import PlannerUnderTest
+
+CASES = [platoon(2, seed) for seed in range(4)]
+PLANNER = PlannerUnderTest("idm", source="idm")
+
+
+def drives(scenarios, made, fails=()):
+    """A drive of each that says how many there have been."""
+    for scenario in scenarios:
+        made.append(scenario.id)
+        error = "boom" if scenario.id in fails else ""
+        yield Drive(scenario.id, "file", 1 / 3, 1.0, 0.1 + 0.2, None, None, 0.0, act_s=(1e-3, 2e-3), error=error)
+
+
+def evaluate(folder, made, count=4, fails=(), retry=False, settings=None):
+    kept = drive_once(
+        folder, CASES, PLANNER, settings or {"in": "mirror"}, partial(drives, made=made, fails=fails), retry
+    )
+    return [drive for _, drive in zip(range(count), kept, strict=False)]
+
+
+def test_what_is_driven_is_not_driven_again(tmp_path):
+    whole, made = evaluate(tmp_path / "whole", []), []
+    evaluate(tmp_path / "kept", made, count=2)
+    assert status_of(tmp_path / "kept").left in (1, 2)
+    assert evaluate(tmp_path / "kept", made) == whole
+    assert made == [case.id for case in CASES]
+    assert evaluate(tmp_path / "kept", made) == whole
+    assert len(made) == 4
+
+
+def test_failed_drives_are_made_again_when_asked(tmp_path):
+    made = []
+    assert [bool(drive.error) for drive in evaluate(tmp_path, made, fails={"platoon2"})] == [False, False, True, False]
+    assert evaluate(tmp_path, made)[2].error == "boom"
+    assert evaluate(tmp_path, made, retry=True)[2].error == ""
+    assert made[4:] == ["platoon2"]
+
+
+def test_other_settings_and_objects_are_refused(tmp_path):
+    evaluate(tmp_path, [])
+    with pytest.raises(CaseError, match='begun with in "mirror", this run has in "sumo"'):
+        evaluate(tmp_path, [], settings={"in": "sumo"})
+    with pytest.raises(RegentsError, match="of planners that are named"):
+        list(drive_once(tmp_path, CASES, PlannerUnderTest("mine"), {}, partial(drives, made=[])))
