@@ -126,7 +126,8 @@ def hostile(case):
     )
     source = replace(case.provenance, file=EVERYWHERE, command=f"curl {EVERYWHERE}", versions={EVERYWHERE: EVERYWHERE})
     verdict = Judgement((Flaw.OFF_ROAD,), Avoidability(False, 40, 0, None, None), Fault("ego", EVERYWHERE, EVERYWHERE))
-    return replace(case, agents=agents, attack=attack, provenance=source, judgement=verdict, id=HARMFUL + TURNED)
+    found = {"attack": attack, "judgement": verdict, "evasion": None}
+    return replace(case, agents=agents, provenance=source, **found, id=HARMFUL + TURNED)
 
 
 class Visit:
