@@ -50,6 +50,11 @@ class _OwnPath:
         """How long it drives."""
         return (len(self.travelled) - 1) * self.dt
 
+    def may_be_near(self, points: Float[np.ndarray, "point 2"]) -> bool:
+        """Whether any of some points can be on the path; asked of its bounds alone, which costs little."""
+        low, high = np.reshape(self.line.bounds, (2, 2))
+        return bool(((points > low - _ON_PATH_M) & (points < high + _ON_PATH_M)).all(axis=1).any())
+
     def time_s(self, along_m: float) -> float:
         """When it is so far along."""
         return float(np.searchsorted(self.travelled, along_m)) * self.dt
@@ -112,6 +117,8 @@ class Conflicts:
 
     def _may_meet(self, other: int, way: _LanesAhead, own: _OwnPath) -> bool:
         """Whether the way leads onto the path, at a time at which the other can be there."""
+        if not own.may_be_near(way.points):
+            return False
         away = shapely.distance(own.line, shapely.points(way.points))
         joins = np.flatnonzero((np.maximum.accumulate(away) > _OFF_PATH_M) & (away < _ON_PATH_M))
         if not len(joins):

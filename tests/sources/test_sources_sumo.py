@@ -1,3 +1,4 @@
+import itertools
 import multiprocessing
 import os
 import shutil
@@ -13,12 +14,16 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
 from regents_cosim.geometry.boxes import corners
-from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.conflicts import has_conflict
+from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo
 from regents_cosim.sources.sumo_config import SumoInput, read_input
+from regents_cosim.sources.windows import Windows
+from regents_cosim.system.workers import run_isolated
 
 NETS = ROOT / "sumo_nets"
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data")) / "sumo"
 MERGE = NETS / "merge" / "merge.sumocfg"
+CROSSING = NETS / "crossing" / "crossing.sumocfg"
 MERGE_NET = NETS / "merge" / "merge.net.xml"
 
 
@@ -114,6 +119,27 @@ def test_the_ego_may_be_named_by_its_type_or_its_flow(ego):
     flows = {scenario.ego.id.rpartition(".")[0] for scenario in chosen}
     assert ego in (kinds if ego == "truck" else flows)
     assert len(kinds if ego == "truck" else flows) == 1
+
+
+def test_a_longer_look_reads_windows_that_overlap():
+    job = SumoRecordingJob(read_input(SumoInput(MERGE, end_s=40.0)), Windows(count=2, seed=1), longer=True)
+    slots = run_isolated(record_slots, job)
+    assert [slot.begin_s for slot in slots] == pytest.approx([4.0 * index for index in range(len(slots))])
+    assert len(slots) > 4
+    for one, two in itertools.pairwise(slots):
+        common = [(one.ids.index(name), two.ids.index(name)) for name in set(one.ids) & set(two.ids)]
+        first, then = np.transpose(common)
+        there = one.valid[first, 40:]
+        np.testing.assert_array_equal(two.valid[then, :41], there)
+        np.testing.assert_array_equal(two.x[then, :41][there], one.x[first, 40:][there])
+
+
+def test_where_few_egos_have_a_conflict_more_of_the_time_is_read():
+    source = SumoInput(CROSSING, end_s=100.0)
+    chance, looked = (record_sumo(source, count=6, prefer=prefer) for prefer in ("none", "conflicts"))
+    assert sum(map(has_conflict, looked)) > sum(map(has_conflict, chance))
+    halves = [round(10.0 * one.provenance.begin_s) % 81 for one in looked]
+    assert any(halves)  # none of the windows of the first look begins so
 
 
 def test_signals_change_over_time():
