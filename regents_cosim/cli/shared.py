@@ -53,11 +53,11 @@ def record_traffic(
     _log.info("recorded %d windows", len(found))
     if len(found) < traffic.count and traffic.log is None:
         terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
-    with_conflict = sum(map(has_conflict, found))
-    terminal.say(
-        f"{with_conflict or 'none'} of the {len(found)} window{'s' * (len(found) != 1)} "
-        "has another vehicle that can lawfully cross or join the ego's path"
-    )
+    if any(scenario.road.connections for scenario in found):
+        number = sum(map(has_conflict, found)) or "none"
+        terminal.say(
+            f"windows in which another vehicle can lawfully cross or join the ego's path: {number} of {len(found)}"
+        )
     return found
 
 
