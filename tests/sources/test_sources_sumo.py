@@ -135,8 +135,8 @@ def test_a_longer_look_reads_windows_that_overlap():
 
 
 def test_where_few_egos_have_a_conflict_more_of_the_time_is_read():
-    source = SumoInput(CROSSING, end_s=100.0)
-    chance, looked = (record_sumo(source, count=6, prefer=prefer) for prefer in ("none", "conflicts"))
+    source = SumoInput(CROSSING, end_s=60.0)
+    chance, looked = (record_sumo(source, count=40, prefer=prefer) for prefer in ("none", "conflicts"))
     assert sum(map(has_conflict, looked)) > sum(map(has_conflict, chance))
     halves = [round(10.0 * one.provenance.begin_s) % 81 for one in looked]
     assert any(halves)  # none of the windows of the first look begins so
