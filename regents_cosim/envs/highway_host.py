@@ -1,7 +1,8 @@
 """highway-env as the simulation that a live attack is in."""
 
 import copy
-import pickle
+import json
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -37,7 +38,7 @@ class HighwayHost:
         self._env, self._radius_m = env, radius_m
         self.step_s = 1.0 / env.config["simulation_frequency"]
         self._named: dict[str, Vehicle] = {}
-        self.road = _road_map(pickle.dumps(env.road.network))
+        self.road = _road_map(_Network.of(env.road.network))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "HighwayHost":
         """Of a copy of the environment; the map stays one."""
@@ -172,7 +173,19 @@ def _following(vehicle: Any) -> Following:
     )
 
 
+@dataclass(frozen=True)
+class _Network:
+    """A network of highway-env that is the same as another one if all of its lanes are."""
+
+    lanes: str  # as JSON
+    network: RoadNetwork = field(compare=False)
+
+    @classmethod
+    def of(cls, network: RoadNetwork) -> "_Network":
+        return cls(json.dumps(network.to_config(), default=repr), network)
+
+
 @lru_cache(maxsize=8)
-def _road_map(network: bytes) -> RoadMap:
+def _road_map(key: _Network) -> RoadMap:
     """The map of a network; roads that are made alike at every reset share it."""
-    return to_road_map(pickle.loads(network))
+    return to_road_map(key.network)
