@@ -145,36 +145,46 @@ COMMAND = (
 )  # fmt: skip
 
 
-def regents(*words, cwd, killed_after_s=None):
-    """Run the command; SIGKILL after so many seconds. Returns whether it ended by itself."""
-    process = subprocess.Popen([REGENTS, *map(str, words)], cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    try:
-        _, said = process.communicate(timeout=killed_after_s)
-    except subprocess.TimeoutExpired:
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-        return False
-    assert process.returncode == 0, said.decode()
+def regents(*words, cwd, killed=lambda: False):
+    """Run the command; SIGKILL as soon as `killed` says so. Returns whether it ended by itself."""
+    with subprocess.Popen([REGENTS, *map(str, words)], cwd=cwd, stdout=subprocess.DEVNULL) as process:
+        while process.poll() is None:
+            if killed():
+                process.send_signal(signal.SIGKILL)
+                return False
+            time.sleep(0.02)
+    assert process.returncode == 0
     return True
+
+
+def begun(ledger, lines, after_s):
+    """Whether a ledger has had so many lines for so long."""
+    seen = []
+
+    def now():
+        if ledger.exists() and len(ledger.read_bytes().splitlines()) >= lines:
+            seen.append(time.monotonic())
+        return bool(seen) and time.monotonic() - seen[0] >= after_s
+
+    return now
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     at = tmp_path_factory.mktemp("undisturbed")
-    begin = time.monotonic()
     assert regents(*COMMAND, "suite", cwd=at)
-    return at / "suite", time.monotonic() - begin
+    return at / "suite"
 
 
 @pytest.mark.slow
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(undisturbed, tmp_path):
-    suite, seconds = undisturbed
+    """Killed while it records, searches the first window, the second and the fourth: none of them is the last line."""
     rng = random.Random(0)
-    moments = [rng.uniform(0.1, 0.7) * seconds for _ in range(5)]
-    ended = [regents(*COMMAND, "other", cwd=tmp_path, killed_after_s=moment) for moment in moments]
-    assert ended.count(False) >= 2
+    ledger = tmp_path / "other" / ".run" / "ledger.jsonl"
+    for lines in (1, 2, 3, 5):
+        assert not regents(*COMMAND, "other", cwd=tmp_path, killed=begun(ledger, lines, rng.uniform(0.0, 0.1)))
     assert regents(*COMMAND, "other", cwd=tmp_path)
-    assert tree(tmp_path / "other") == tree(suite)
+    assert tree(tmp_path / "other") == tree(undisturbed)
 
 
 @pytest.mark.slow
@@ -182,7 +192,7 @@ def test_shards_of_the_command_are_merged_into_the_same_bytes(undisturbed, tmp_p
     for number in (1, 2):
         assert regents(*COMMAND, f"shards/{number}", "--shard", f"{number}/2", cwd=tmp_path)
     assert regents("suite", "merge", "shards/1", "shards/2", "-o", "suite", cwd=tmp_path)
-    assert tree(tmp_path / "suite") == tree(undisturbed[0])
+    assert tree(tmp_path / "suite") == tree(undisturbed)
 
 
 @pytest.mark.slow
