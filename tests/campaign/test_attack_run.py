@@ -108,6 +108,7 @@ def test_new_cases_are_attacked_and_those_that_are_gone_go(cases, whole, tmp_pat
     assert not (suite / find_cases(whole)[0].name).exists()
 
 
+@pytest.mark.slow
 def test_the_table_of_a_run_that_went_on_is_that_of_one_that_did_not(cases, whole):
     with open_ledger(whole, RUN.identity({}, 1)) as ledger:
         headers, replays = attacked_headers(ledger.record, whole)
