@@ -1,4 +1,4 @@
-"""What the ego does, up to the moment at which it touches somebody, else in the whole window."""
+"""What the ego does, up to the moment at which it touches another road user, else in the whole window."""
 
 import numpy as np
 from jaxtyping import Float
