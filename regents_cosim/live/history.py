@@ -1,4 +1,4 @@
-"""What happened around the ego within the last seconds, and whom it touches: by exact boxes, at every step."""
+"""What happened around the ego within the last seconds, and which others it touches: by exact boxes, at every step."""
 
 from collections import deque
 
@@ -30,7 +30,7 @@ class History:
 
 
 def touched(frame: Frame) -> list[str]:
-    """Whom the ego touches."""
+    """The others that the ego touches."""
     boxes = frame.boxes
     ego = Boxes(*(np.asarray(values)[0] for values in boxes))
     hits = np.asarray(overlap(ego, boxes))

@@ -32,7 +32,7 @@ def moving(*cars):
 
 
 def aside(begin_s, lasting_s, shift_m):
-    """How far somebody has moved sideways by each instant [m]."""
+    """How far a road user has moved sideways by each instant [m]."""
     done = np.clip((TIME_S - begin_s) / lasting_s, 0.0, 1.0)
     return shift_m * (1.0 - np.cos(np.pi * done)) / 2.0
 
