@@ -4,16 +4,17 @@ They come from `verdicts.ways`, are smoothed, and carry what a driver on them ha
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
+from shapely.ops import substring
 
-from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.routes.ego_route import evenly, logged_path
+from regents_cosim.routes.ego_route import evenly, lanes_ahead, logged_path
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours
 from regents_cosim.verdicts.ways import Way, ways_ahead
@@ -26,6 +27,8 @@ _MOST_CHANGED_FROM = 4  # ways from which lanes are changed
 _CHANGE_BEGINS_S = (0.0, 1.0, 2.5, 4.0)
 _CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
+_PARTED_M = 1.0  # neighbours whose middles are so much further apart than where the change begins
+_JOIN_M = 6.0  # over which a logged path leads on into the middle of its lane
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,54 +62,95 @@ def lines_ahead(scenario: Scenario, agent: int) -> Iterator[DriveLine]:
     speed, fastest = float(tracks.speed[agent, first]), float(tracks.speed[agent].max())
     reach_m = 2.0 * fastest * tracks.steps * scenario.dt + 50.0
     ways = ways_ahead(scenario, agent)
-    logged = _line(_prolonged(logged_path(tracks, agent), reach_m), np.inf)
-    taken = next((way for way in ways if way.logged), None)
-    yield logged if taken is None else replace(logged, stop_lines=_stop_lines(scenario, taken, logged))
+    yield _logged(scenario, agent, next((way for way in ways if way.logged), None), reach_m)
     for index, way in enumerate(ways):
         if way.changes > 1:
             continue
-        line = _line(_prolonged(way.points, reach_m), max(lane.speed_limit for lane in way.lanes[:2]))
-        line = replace(line, stop_lines=_stop_lines(scenario, way, line))
+        line = _line(_prolonged(way.points, reach_m), _limit(way))
+        line = replace(line, stop_lines=_stop_lines(scenario, way.lanes, line))
         yield line
         if way.changes == 0 and index < _MOST_CHANGED_FROM:
-            yield from _changing(scenario.road, line, way, max(speed, PULLING_OUT_M_S))
+            yield from _changing(scenario, line, way, max(speed, PULLING_OUT_M_S))
 
 
-def _changing(road: RoadMap, line: DriveLine, way: Way, speed: float) -> Iterator[DriveLine]:
-    """The way, with a change to a neighbour that begins sooner or later and takes longer or less long."""
-    along = np.arange(len(line.points)) * SPACING_M
-    across = np.stack([-np.sin(line.heading), np.cos(line.heading)], axis=1)
-    for begin_s, lasting_s in itertools.product(_CHANGE_BEGINS_S, _CHANGE_LASTS_S):
-        begin_m, length_m = begin_s * speed, max(lasting_s * speed, _SHORTEST_CHANGE_M)
-        if begin_m + length_m > along[-1]:
+def _limit(way: Way) -> float:
+    """The speed limit [m/s] where a way begins."""
+    return max(lane.speed_limit for lane in way.lanes[:2])
+
+
+def _logged(scenario: Scenario, agent: int, taken: Way | None, reach_m: float) -> DriveLine:
+    """The logged path, then on along the lanes that it took; straight on where there are none."""
+    path = logged_path(scenario.tracks, agent)
+    if taken is None:
+        return _line(_prolonged(path, reach_m), np.inf)
+    onward = shapely.LineString(taken.points)
+    rest = substring(onward, onward.project(shapely.Point(path[-1])) + _JOIN_M, onward.length)
+    path = np.vstack([path, shapely.get_coordinates(rest)]) if rest.length > 0.0 else path
+    line = _line(_prolonged(path, reach_m), _limit(taken))
+    return replace(line, stop_lines=_stop_lines(scenario, taken.lanes, line))
+
+
+def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float) -> Iterator[DriveLine]:
+    """The way, with a change to a neighbour that begins sooner or later and takes longer or less long.
+
+    Once changed, it goes on as the neighbour does.
+    """
+    road, end_m = scenario.road, (len(line.points) - 1) * SPACING_M
+    for begin_m, lasting_s in itertools.product(_begins(road, line, way, speed), _CHANGE_LASTS_S):
+        length_m = max(lasting_s * speed, _SHORTEST_CHANGE_M)
+        if begin_m + length_m > end_m:
             continue
-        place = int(begin_m / SPACING_M)
-        for aside in _neighbours_aside(road, way, line.points[place], across[place]):
-            done = np.clip((along - begin_m) / length_m, 0.0, 1.0)
-            shift = aside * (done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi))
-            shows_m = float(along[np.argmax(np.abs(shift) > CAREFUL.wandering_m)])
-            changed = _line(line.points + shift[:, None] * across, line.limit)
-            yield replace(changed, shows_m=shows_m, stop_lines=line.stop_lines)
+        for lanes in _beside(road, way, line.points[int(begin_m / SPACING_M)], end_m):
+            changed = _changed(line, lanes, begin_m, length_m)
+            if changed is not None:
+                before = tuple(stop for stop in line.stop_lines if stop.at_m <= begin_m + length_m)
+                yield replace(changed, stop_lines=(*before, *_stop_lines(scenario, lanes, changed)))
 
 
-def _neighbours_aside(
-    road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], left: Float[np.ndarray, " 2"]
-) -> list[float]:
-    """How far to the left of a place on the way [m] the middles are of the lanes that one may change to from there."""
+def _begins(road: RoadMap, line: DriveLine, way: Way, speed: float) -> list[float]:
+    """How far along [m] a change may begin: now or some seconds on, and where lanes first have a neighbour again."""
+    beside, drawn = neighbours(road), shapely.LineString(line.points)
+    behind = [b for a, b in itertools.pairwise(way.lanes) if beside[b.id] and not beside[a.id]]
+    places = [drawn.project(shapely.Point(lane.centre[0])) + SPACING_M for lane in behind]
+    return [*(seconds * speed for seconds in _CHANGE_BEGINS_S), *places]
+
+
+def _beside(road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], reach_m: float) -> list[tuple[Lane, ...]]:
+    """The neighbours that one may change to from a place on the way, each with the lanes straight on from it."""
     lines, at = lane_lines(road), shapely.Point(place)
     here = min(way.lanes, key=lambda lane: lines[lane.id].distance(at))
-    found = [
-        np.array(lines[other].interpolate(lines[other].project(at)).coords[0]) for other in neighbours(road)[here.id]
-    ]
-    return [float((other - place) @ left) for other in found]
+    return [tuple(lanes_ahead(road, road.lane[other], reach_m)) for other in neighbours(road)[here.id]]
 
 
-def _stop_lines(scenario: Scenario, way: Way, line: DriveLine) -> tuple[LightOnLine, ...]:
-    """The lights that the way passes."""
+def _changed(line: DriveLine, lanes: tuple[Lane, ...], begin_m: float, length_m: float) -> DriveLine | None:
+    """The line that moves over to the middle of `lanes` and then stays there.
+
+    None where the two part before the change is over: a way through a junction has its neighbours only as long as they
+    turn the same way.
+    """
+    along = np.arange(len(line.points)) * SPACING_M
+    change = (along >= begin_m) & (along <= begin_m + length_m)
+    own, target = line.points[change], np.concatenate([lane.centre for lane in lanes])
+    target = shapely.LineString(_prolonged(target, len(line.points) * SPACING_M))
+    at = np.asarray(shapely.line_locate_point(target, shapely.points(own)))
+    beside = shapely.get_coordinates(shapely.line_interpolate_point(target, at))
+    apart = np.asarray(shapely.distance(target, shapely.points(own)))
+    if apart.max() > apart[0] + _PARTED_M:
+        return None
+    done = (along[change] - begin_m) / length_m
+    done = done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi)
+    rest = shapely.get_coordinates(substring(target, at[-1] + SPACING_M, target.length))
+    points = np.vstack([line.points[along < begin_m], own + done[:, None] * (beside - own), rest])
+    shows_m = float(along[change][np.argmax(done * apart > CAREFUL.wandering_m)])
+    return replace(_line(points, line.limit), shows_m=shows_m)
+
+
+def _stop_lines(scenario: Scenario, lanes: Sequence[Lane], line: DriveLine) -> tuple[LightOnLine, ...]:
+    """The lights that a line passes along lanes that continue each other."""
     signals = {signal.id: signal for signal in scenario.signals}
     drawn = shapely.LineString(line.points)
     found = []
-    for lane, onward in itertools.pairwise(way.lanes):
+    for lane, onward in itertools.pairwise(lanes):
         link = next((link for link in scenario.road.exits[lane.id] if link.target == onward.id), None)
         if link is not None and link.signal in signals:
             shown = [signals[link.signal].letters(step)[link.link] for step in range(scenario.tracks.steps)]

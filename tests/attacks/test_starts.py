@@ -26,7 +26,7 @@ from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.ordinary import CAR
 from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
-WINDOWS = ("crossing-2", "signals", slow("roundabout"), slow("signals-1"), slow("merge"))
+WINDOWS = ("crossing", "signals", *map(slow, ("crossing-1", "signals-2", "roundabout-1", "merge", "grid-1")))
 
 
 def ego_of(made):
@@ -105,7 +105,7 @@ def test_a_start_is_driven_as_people_do(found):
         assert accel.min() >= min(-CAR.braking, begun) - 1e-6
         for steps in range(1, 11):
             change = np.abs(accel[steps:] - accel[:-steps])[speed[steps + 1 :] > 0.0]  # who stops does so at once
-            assert change.max() <= min(CAR.jerk_at_once * steps * made.dt, CAR.jerk) + 1e-6
+            assert change.max(initial=0.0) <= min(CAR.jerk_at_once * steps * made.dt, CAR.jerk) + 1e-6
         upto = int(start.meets - np.argmax(there))
         sideways = np.abs(np.asarray(wrap(np.diff(yaw)))) / made.dt * 0.5 * (speed[1:] + speed[:-1])
         halves = np.convolve(sideways[:upto], np.full(5, 0.2), "valid")
@@ -194,7 +194,7 @@ def test_one_that_comes_to_a_red_light_waits_and_goes_on_when_it_changes():
     speed[1] = 9.0
     made = replace(red, tracks=replace(tracks, x=x, y=y, speed=speed), signals=signals)
     found = starts(made, 1, ego_of(made), 12, CAR)
-    assert any(start.speed[30:].min() + 2.0 < start.speed[start.meets] for start in found)
+    assert any(start.speed[30:].min() + 0.5 < start.speed[start.meets] for start in found)
     for start in found:
         law = law_of(crash(made, along(made, 1, start)))
         assert "red_light" not in {offence.name for offence in law.adversary}
