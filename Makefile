@@ -41,7 +41,7 @@ ifeq ($(CHROMIUM),)
 		echo "no browser: tests of the report's page are skipped (apt-get install -y chromium)"
 endif
 
-test: .venv/installed-dev browser  ## everything but the slow tests
+test: .venv/installed-dev  ## everything but the slow tests
 	$(BIN)/python -m pytest $(TWO)
 
 test-all: .venv/installed-dev browser  ## everything

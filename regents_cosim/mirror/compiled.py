@@ -15,10 +15,13 @@ from typing import Any
 import equinox as eqx
 import jax
 
+from regents_cosim.mirror.program_room import make_room
 from regents_cosim.mirror.traces import traced
 
 # Known to the versions of JAX that pyproject.toml allows; another may refuse them by name.
 COMPILER_OPTIONS: Mapping[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_prefer_vector_width": 512}
+
+_new: list[str] = []  # programs traced since there was last looked for room
 
 
 def compiled(function: Any = None, **how: Any) -> Any:
@@ -28,13 +31,23 @@ def compiled(function: Any = None, **how: Any) -> Any:
     """
     if function is None:
         return partial(compiled, **how)
-    program: Any = eqx.filter_jit
-    return program(_precise(function), compiler_options=COMPILER_OPTIONS, **how)
+    jit: Any = eqx.filter_jit
+    program = jit(_precise(function), compiler_options=COMPILER_OPTIONS, **how)
+
+    @wraps(function)
+    def run(*given: Any, **named: Any) -> Any:
+        if _new:
+            _new.clear()
+            make_room()
+        return program(*given, **named)
+
+    return run
 
 
 def _precise(function: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(function)
     def precise(*given: Any, **named: Any) -> Any:
+        _new.append(function.__name__)
         with jax.default_matmul_precision("highest"):
             return traced(function, given, named)
 

@@ -39,6 +39,7 @@ def test_the_original_is_kept():
     assert np.array_equal(attacked.original.x, recorded.tracks.x)
 
 
+@pytest.mark.slow
 def test_controls_stay_within_the_limits_and_non_candidates_keep_theirs():
     recorded = platoon()
     attacked = attack_one(recorded, replace(REGENTS, learning_rate=0.05))

@@ -118,6 +118,7 @@ def test_one_background_agent_makes_no_pair():
     assert pair_proximity(world, boxes, searched, 1.25) == pytest.approx(-1.25)
 
 
+@pytest.mark.slow
 def test_the_closest_pair_is_found_among_many():
     rng = np.random.default_rng(0)
     for _ in range(5):

@@ -246,5 +246,6 @@ def test_one_candidate_diverges_and_can_be_saved(tmp_path):
     assert content_hash(load_case(save_case(attacked, tmp_path))) == content_hash(attacked)
 
 
+@pytest.mark.slow
 def test_no_candidate_is_an_outcome():
     assert attack_one(scene((0, 0, 10), (-20, 0, 10), (30, 3.2, 0))).attack.outcome == "no_candidate"

@@ -42,6 +42,7 @@ def test_a_blind_search_has_as_many_roll_outs_as_our_preset(config):
     assert rollouts_at_most(config) == rollouts_at_most(REGENTS_FOCUSED)
 
 
+@pytest.mark.slow
 def test_a_blind_search_spends_its_roll_outs_and_no_more():
     few = replace(RANDOM, iterations=10, nearest=1)
     far = [(200 + 20 * i, 6.4, 10) for i in range(2)]

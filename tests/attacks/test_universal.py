@@ -20,9 +20,14 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.rollout import EgoTrack, FixedEgo
 from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.replays.mirror import MirrorDriver
 
 PLANNERS = ("constant_velocity", "log_replay")
+
+
+class OnItsTrack(FixedEgo, JaxPlanner):
+    """A planner whose ego stays on the track that is its memory."""
 
 
 @pytest.fixture(scope="module", params=["mean", pytest.param("worst", marks=pytest.mark.slow)])
@@ -62,7 +67,7 @@ def test_the_gradient_is_that_of_finite_differences(x64, how):
     here = EgoTrack(*jax.tree.map(lambda v: v[0], (world.log, world.controls)))
     there = replace(here, motion=replace(here.motion, x=here.motion.x + 3.0, y=here.motion.y + 0.4))
     searched = SearchedAgents.among(jnp.arange(world.valid.shape[0]) == 1)
-    several = AttackedPlanners((FixedEgo(), FixedEgo()), ("here", "there"))
+    several = AttackedPlanners((OnItsTrack(), OnItsTrack()), ("here", "there"))
     descent = UniversalDescent.of(world, several, (here, there), searched, replace(KING, universal=how))
     rng = np.random.default_rng(0)
     moves = searched.candidate[:, None]

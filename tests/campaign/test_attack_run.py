@@ -116,6 +116,7 @@ def test_the_table_of_a_run_that_went_on_is_that_of_one_that_did_not(cases, whol
     assert replays == {}
 
 
+@pytest.mark.slow
 def test_shards_put_together_are_the_run_that_was_not_divided(cases, whole, tmp_path):
     shards = [tmp_path / f"{number}" for number in (1, 2, 3)]
     for number, folder in enumerate(shards, start=1):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from scenes import DT, crash, scene
-from test_attack_run import regents, tree
+from test_attack_run import begun, regents, tree
 
 from regents_cosim.campaign.requests import parse_types
 from regents_cosim.errors import RegentsError
@@ -59,20 +59,12 @@ def test_only_what_is_asked_for_is_taken_and_no_more_than_that():
 
 @pytest.mark.slow
 def test_the_command_records_until_it_has_enough(tmp_path):
-    words = (
-        "attack",
-        "-c",
-        "shipped:crossing",
-        "--type",
-        "crossing_path=2",
-        "--method",
-        "regents",
-        "--no-verify",
-        "-o",
-    )
+    asked = ("-c", "shipped:crossing", "--type", "crossing_path=2", "--method", "regents", "--no-verify")
+    words = ("attack", *asked, "-o")
     assert regents(*words, "suite", cwd=tmp_path)
     (tmp_path / "suite").rename(tmp_path / "first")
-    assert not regents(*words, "suite", cwd=tmp_path, killed_after_s=15.0)
+    ledger = tmp_path / "suite" / ".run" / "ledger.jsonl"
+    assert not regents(*words, "suite", cwd=tmp_path, killed=begun(ledger, 3, 0.0))
     assert regents(*words, "suite", cwd=tmp_path)
     assert tree(tmp_path / "suite") == tree(tmp_path / "first")
     tags = [json.loads(path.read_text())["tags"] for path in (tmp_path / "suite").glob("*/scenario.json")]

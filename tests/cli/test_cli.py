@@ -208,6 +208,7 @@ def test_the_compilation_cache(recorded, tmp_path):
     assert (first.returncode, first.stdout) == (second.returncode, second.stdout)
 
 
+@pytest.mark.slow
 def test_data_goes_to_stdout_and_talk_to_stderr(recorded, tmp_path):
     done = regents("record", "-c", GRID, "--count", 500, "--end", 40, "-o", tmp_path / "many", "--json")
     assert len(json.loads(done.stdout)) < 500

@@ -39,6 +39,7 @@ def test_memory_that_grows_is_found(tmp_path):
     assert leaking.growth(200.0) == leaking.growth(None) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", [slow("sumo"), "highway"])
 def test_replays_leave_nothing(where):
     found = play(8, where, every=2, check_memory=False)

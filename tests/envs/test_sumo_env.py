@@ -112,6 +112,7 @@ def test_the_same_controls_lead_where_a_planner_s_do(tmp_path):
     np.testing.assert_allclose(seen.y, driven.y[:, at], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_among_live_traffic_others_react_to_the_ego():
     """It stops where the case has it drive on; who is behind stops too, and is not where the case has it."""
     ego, behind = straight("ego", -60.0, LANE_Y, 0.0, 10.0), straight("behind", -80.0, LANE_Y, 0.0, 10.0)

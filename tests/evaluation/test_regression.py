@@ -251,6 +251,7 @@ def accept_good_then(monkeypatch, planner):
     file.write_text(file.read_text().replace('"idm": {', f'"{planner}": {{'))
 
 
+@pytest.mark.slow
 def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
     buggy = f"{SUPPORT / 'buggy_idm.py'}:BuggyIDM"
     accept_good_then(monkeypatch, buggy)

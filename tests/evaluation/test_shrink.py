@@ -38,6 +38,7 @@ def shrunk(attacked, driver):
     return shrink_at(driver, attacked)
 
 
+@pytest.mark.slow
 def test_there_is_less_of_everything(attacked, shrunk):
     before, after = size(attacked), size(shrunk.case)
     assert before.changed_agents > 1
@@ -49,6 +50,7 @@ def test_there_is_less_of_everything(attacked, shrunk):
     assert after.collision_step * 0.1 >= 2.0
 
 
+@pytest.mark.slow
 def test_the_planner_still_crashes_with_the_same_adversary(attacked, shrunk, driver):
     case = shrunk.case
     hit = case.attack.collision
@@ -59,6 +61,7 @@ def test_the_planner_still_crashes_with_the_same_adversary(attacked, shrunk, dri
     assert (case.id, case.attack.settings["shrunk_from"]) == (f"{attacked.id}-shrunk", attacked.id)
 
 
+@pytest.mark.slow
 def test_the_original_is_cut_alike_and_free_of_collisions(attacked, shrunk):
     case, begin = shrunk.case, shrunk.begin
     rows = [row for row, agent in enumerate(attacked.agents) if agent.id in {a.id for a in case.agents}]
@@ -67,6 +70,7 @@ def test_the_original_is_cut_alike_and_free_of_collisions(attacked, shrunk):
     assert first_contact(before.agents, before.tracks) is None
 
 
+@pytest.mark.slow
 def test_a_shrunk_crash_tells_no_less(attacked, shrunk):
     before, after = judge(attacked).judgement, shrunk.case.judgement
     assert set(after.flaws) <= {*before.flaws, "unattributed"}
@@ -75,11 +79,13 @@ def test_a_shrunk_crash_tells_no_less(attacked, shrunk):
     assert broken[0] <= broken[1]
 
 
+@pytest.mark.slow
 def test_a_shrunk_case_shrinks_no_further(shrunk, driver, tmp_path):
     saved = load_case(save_case(shrunk.case, tmp_path))
     assert content_hash(shrink_at(driver, saved).case) == content_hash(shrunk.case)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["both", "accel", "curvature"])
 def test_on_the_way_back_vehicles_move_as_they_can(attacked, part):
     agent = next(i for i, a in enumerate(attacked.agents) if a.role == "adversary")
@@ -108,6 +114,7 @@ def test_without_a_collision_there_is_nothing_to_shrink(driver):
         shrink_at(driver, scene((0, 0, 10), (20, 0, 10)))
 
 
+@pytest.mark.slow
 def test_a_planner_that_does_not_crash_there(attacked):
     with (
         MirrorDriver("idm") as other,

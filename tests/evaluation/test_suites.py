@@ -262,6 +262,7 @@ def test_merge(tmp_path, capsys):
     assert regents(capsys, "merge", one, "-o", tmp_path / "alone")[0] == 2
 
 
+@pytest.mark.slow
 def test_judging_again_keeps_what_was_accepted(tmp_path, capsys):
     """A suite of an older version: its crashes are not judged, one has a picture, and a baseline was accepted."""
     folder = regression_cases.write(tmp_path / "suite")

@@ -138,6 +138,7 @@ def two_roads(tmp_path_factory):
     return config, record_sumo(SumoInput(config=config), count=2, horizon_s=4.0)
 
 
+@pytest.mark.slow
 def test_sumo_is_recorded_with_heights(two_roads):
     _, cases = two_roads
     for case in cases:

@@ -38,6 +38,7 @@ def miss(a, b):
     return np.hypot(np.asarray(a.x - b.x), np.asarray(a.y - b.y))
 
 
+@pytest.mark.slow
 def test_motions_of_the_model_are_fitted_to_a_centimetre():
     start, controls = wavy()
     log = roll_out(start, controls, jnp.ones((12, STEPS), bool), DT)

@@ -59,6 +59,7 @@ def test_every_drive_is_the_same(process):
     assert np.ptp(first[1]) > 0.01  # it steers
 
 
+@pytest.mark.slow
 def test_a_policy_decides_as_often_as_it_wants(tmp_path):
     file = tmp_path / "policy.py"
     file.write_text(SLOW_POLICY)

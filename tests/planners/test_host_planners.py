@@ -84,6 +84,7 @@ def test_an_attack_finds_what_it_finds_on_the_twin():
     assert abs(outside.attack.iterations - inside.attack.iterations) <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "config"),
     [

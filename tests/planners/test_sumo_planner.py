@@ -90,6 +90,7 @@ def test_a_map_that_is_not_sumo_s(sumo):
         bridged_drive(sumo, platoon())
 
 
+@pytest.mark.slow
 def test_a_name_too_long():
     with pytest.raises(PlannerError, match="expected `sumo`"):
         PlannerUnderTest.of("sumo:fast")

@@ -51,6 +51,7 @@ def suite(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_planner_is_evaluated_and_held_against_its_baseline(tmp_path):
     cases = suite(tmp_path / "suite")
     accepted = evaluate(cases, Rolls, update=True)

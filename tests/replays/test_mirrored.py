@@ -56,6 +56,7 @@ def crashes(count):
     return [replace(case, road=replace(case.road, sumo_net=None)) for case in list(places.values())[:count]]
 
 
+@pytest.mark.slow
 def test_a_crash_in_left_hand_traffic_is_judged_as_its_mirror_image():
     for case in crashes(1):
         assert said(mirrored(case)) == said(case), case.id

@@ -460,6 +460,7 @@ def test_replays_run_on_a_cluster_also_in_threads_of_one_process():
 # --- sumo-gui ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_window_needs_a_display(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     with pytest.raises(RegentsError, match="DISPLAY is not set"):

@@ -61,6 +61,7 @@ def test_a_follower_brakes_behind_a_braking_ego_where_its_track_rams_it(drive):
     assert (found.tracks.x[1, 0], found.tracks.speed[1, 0]) == pytest.approx((-92.0, 12.0), abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["merge", "signals"])
 def test_the_adversary_stays_exact_and_the_same_crash_happens(name):
     made = load_case(crash_on(name))

@@ -260,6 +260,7 @@ def test_islands_in_holes_and_several_parts_are_drawn():
 # --- animations -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_animation_stops_one_second_after_the_collision(tmp_path):
     scenario = attacked()
     path = tmp_path / "case.gif"

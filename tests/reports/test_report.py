@@ -85,6 +85,7 @@ def test_stretches_hold_each_valid_step_once(valid):
     assert all(b[0] - a[-1] > 1 for a, b in itertools.pairwise(parts))
 
 
+@pytest.mark.slow
 def test_the_page_carries_the_tracks_of_every_case():
     page = html_page(report_of(CASES, {}))
     home = {case.id: one for one in page_maps(CASES) for case in one.cases}
@@ -126,6 +127,7 @@ def test_the_lights_of_the_page_are_those_of_the_case():
     assert bars <= links
 
 
+@pytest.mark.slow
 def test_the_verdict_of_the_page_is_that_of_the_case():
     for row in rows_of(html_page(report_of(CASES, {}))):
         case = next(case for case in CASES if case.id == row["id"])
@@ -150,6 +152,7 @@ def test_a_map_keeps_its_shape_around_the_cases():
         assert content["dashed"] or content["solid"]
 
 
+@pytest.mark.slow
 def test_cases_on_one_map_carry_it_once():
     page = html_page(report_of(CASES, {}))
     roads = {id(case.road) for case in CASES}
@@ -304,10 +307,12 @@ def test_a_case_whose_planner_failed_has_no_ego():
     assert (content["runs"], content["contacts"], content["gaps"]["runs"]) == ([[]], [None], [[]])
 
 
+@pytest.mark.slow
 def test_three_hundred_cases_stay_small():
     assert 300 / len(CASES) * len(html_page(report_of(CASES, {}))) < 20e6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("agent", [0, 1])
 def test_one_position_far_away_takes_little_memory(agent):
     case = CRASHES[0]

@@ -18,7 +18,10 @@ from regents_cosim.scenario import Tracks
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install -e '.[dev]'")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chromium-browser"))), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on PATH: apt-get install -y chromium")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium on PATH: apt-get install -y chromium"),
+]
 
 EMPTY = "\N{EN DASH}"
 LAPTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
@@ -197,7 +200,6 @@ def test_the_list_shows_every_case_worst_first(visit):
     assert sum(crashes) == len(CRASHES)
 
 
-@pytest.mark.slow
 def test_sorting(visit):
     seen = visit()
     head = seen.page.locator("#cases thead button", has_text="Impact")
@@ -312,7 +314,6 @@ def test_the_scene_shows_who_is_where(visit):
     assert seen.page.evaluate(count, "--burst") == 0
 
 
-@pytest.mark.slow
 def test_the_keyboard_alone_suffices(visit):
     seen = visit()
     page = seen.page
@@ -382,7 +383,6 @@ def test_what_to_fix_comes_first(visit):
     page.wait_for_selector("#case:not([hidden])")
 
 
-@pytest.mark.slow
 def test_what_got_worse_is_to_be_fixed_first(visit):
     seen = visit("pair")
     tags = [item.locator(".tag").count() for item in seen.page.locator(".todo li").all()]
@@ -436,7 +436,6 @@ def test_text_has_contrast(visit, scheme, name):
     assert [(round(share, 2), text) for share, text in texts if share < 1.0] == []
 
 
-@pytest.mark.slow
 def test_the_button_switches_between_light_and_dark(visit):
     seen = visit(color_scheme="light")
     seen.open_first()
@@ -448,7 +447,6 @@ def test_the_button_switches_between_light_and_dark(visit):
     assert seen.drawn("#scene") == scene
 
 
-@pytest.mark.slow
 def test_a_phone_needs_no_sideways_scrolling(visit):
     seen = visit(viewport=PHONE, is_mobile=True, has_touch=True)
     wide = "document.documentElement.scrollWidth - innerWidth"

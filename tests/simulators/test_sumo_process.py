@@ -56,6 +56,7 @@ def start_after_failures():
     return steps("-n", NET)
 
 
+@pytest.mark.slow
 def test_a_failure_leaves_the_process_fit_for_the_next():
     assert run_isolated(start_after_failures) == run_isolated(steps, "-n", NET)
 

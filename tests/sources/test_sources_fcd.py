@@ -51,6 +51,7 @@ def record(log: Path, **asked):
     return record_fcd(log, NET, routes_or_types=(ROUTES,), **({"count": 3} | asked))
 
 
+@pytest.mark.slow
 def test_a_log_gives_what_the_run_itself_gives(logs):
     """By chance: where egos with a conflict come first, a run that goes on gives windows that a log no longer holds."""
     run = record_sumo(SumoInput(FOLDER / "merge.sumocfg", end_s=END_S), count=3, prefer="none")

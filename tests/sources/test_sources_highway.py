@@ -66,6 +66,7 @@ def test_a_recording_is_what_highway_env_drove():
     np.testing.assert_allclose(step, first.tracks.speed[0, :-1] * first.dt, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_cases_in_any_process():
     job = HighwayRecordingJob("merge-v1", "random", WINDOWS)
     here, there = record_episodes(job), run_isolated(record_episodes, job)

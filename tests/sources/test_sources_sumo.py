@@ -134,6 +134,7 @@ def test_a_longer_look_reads_windows_that_overlap():
         np.testing.assert_array_equal(two.x[then, :41][there], one.x[first, 40:][there])
 
 
+@pytest.mark.slow
 def test_where_few_egos_have_a_conflict_more_of_the_time_is_read():
     source = SumoInput(CROSSING, end_s=60.0)
     chance, looked = (record_sumo(source, count=40, prefer=prefer) for prefer in ("none", "conflicts"))
@@ -166,6 +167,7 @@ def test_standing_traffic_waits_at_red():
                 assert (scenario.tracks.speed[first, 0] < 15.0).all()
 
 
+@pytest.mark.slow
 def test_net_and_routes_without_a_configuration():
     routes = NETS / "merge" / "merge.rou.xml"
     found = record_sumo(SumoInput(net=MERGE_NET, routes=(routes,), end_s=100.0), count=1, horizon_s=4.0)

@@ -65,6 +65,7 @@ PERSON = b"""<routes><vType id="rig" vClass="trailer" guiShape="truck/semitraile
 <flow id="f" type="rig" begin="0" end="60" period="3" from="main_in" to="main_out" departSpeed="max"/></routes>"""
 
 
+@pytest.mark.slow
 def test_persons_and_trailers_of_a_run_are_told(tmp_path):
     edges = [lane.id.rpartition("_")[0] for lane in read_road_map(NET).lanes if not lane.id.startswith(":")]
     content = PERSON.replace(b"main_in", edges[0].encode()).replace(b"main_out", edges[0].encode())

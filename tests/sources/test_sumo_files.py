@@ -145,6 +145,7 @@ def test_the_cities_at_hand_are_read_also_packed(tmp_path):
         require_bounded((path, packed), ())
 
 
+@pytest.mark.slow
 def test_a_day_of_traffic_packs_tighter_than_any_network(tmp_path):
     """A vehicle in 2.5 bytes, as in route files of real cities; SUMO takes 3 KB for each that waits."""
     cars = b"".join(b'<vehicle id="%d" depart="%d" type="t" route="r"/>' % (k, k // 100) for k in range(300_000))

@@ -33,6 +33,7 @@ def test_traffic_itself_is_ordinary():
     assert np.mean(found < 5.0) < 0.07
 
 
+@pytest.mark.slow
 def test_recorded_traffic_itself_is_ordinary():
     windows = record(network("signals"), count=3, seed=100)
     ranks = [
@@ -46,6 +47,7 @@ def test_recorded_traffic_itself_is_ordinary():
     assert 30.0 < np.median(found) < 80.0
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(brake=st.floats(0.5, 6.0), more=st.floats(0.2, 3.0), begin=st.integers(5, 40))
 def test_harder_braking_is_less_usual(brake, more, begin):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from avoidable_scenes import braking_lead, standing_car
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -34,6 +35,7 @@ def near_miss_m(judged):
     return next((margin for margin in (0.0, 0.1) if touches(margin)), np.inf)
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None)
 @given(gap=st.floats(1.0, 30.0), lateral=st.floats(0.4, 2.5), other=st.floats(2.0, 12.0))
 def test_where_the_careful_driver_avoids_it_is_in_time_and_the_evasion_is_its_drive(gap, lateral, other):
