@@ -162,6 +162,10 @@ class Ledger:
         """A unit is to be done again: what it left in the folder is gone."""
         del self.record.done[name]
 
+    def holds_work(self) -> bool:
+        """Whether a unit is done, or something is kept on the way to one."""
+        return bool(self.record.done) or any(path.is_dir() for path in self.place.iterdir())
+
     def left(self, retry: bool = False) -> list[WorkUnit]:
         """The units of this folder that are not done; with `retry` those that failed as well."""
         return [u for u in self.record.own if not self.record.is_done(u) or (retry and self.record.done[u.name].error)]
@@ -212,11 +216,13 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
             ledger = Ledger(folder, new, changed_makers(record.begun.identity, identity) if record else ())
             if record is None or record.begun != begun or not whole:
                 write_atomic(place / _FILE, _all_lines(new))
+            ended = False
             try:
                 yield ledger
+                ended = True
             finally:
                 ledger.close()
-                if ledger.record.plan is None:  # it failed before it knew what there is to do
+                if ledger.record.plan is None or not (ended or ledger.holds_work()):  # it failed before it did anything
                     remove(place)
                     with suppress(OSError):
                         folder.rmdir()
