@@ -1,7 +1,8 @@
-"""The searches for a candidate: a look at every drive that it might begin with, then descents from some of them.
+"""The searches for a candidate: a look at every drive that it might begin with, then longer ones from some of them.
 
 A look is one roll-out with the planner, without an update. A drive that crashes the ego as wanted at once needs no
-descent.
+more. Of the longer searches the first descend; the last ones, if the configuration says so, sample changes instead: the
+gradient leads to the nearest crash, and where that is not the one wanted samples around it find others.
 """
 
 from collections import defaultdict
@@ -20,6 +21,13 @@ from regents_cosim.scenario import Scenario
 RunSearches = Callable[[Sequence[tuple[Scenario, SearchJob]], int], list[SearchEnd]]
 
 
+class Searchers(NamedTuple):
+    """How a candidate is searched."""
+
+    descend: RunSearches
+    sample: RunSearches  # for the last of the attempts, `AttackConfig.sampled`
+
+
 class Candidate(NamedTuple):
     """What may be searched for one candidate, or for all of them together."""
 
@@ -31,25 +39,27 @@ class Candidate(NamedTuple):
 class _Candidates:
     """Several of them, and how the searches for each have ended so far."""
 
-    def __init__(self, candidates: Sequence[Candidate], search: RunSearches, config: AttackConfig) -> None:
-        self._all, self._search, self._config = candidates, search, config
+    def __init__(self, candidates: Sequence[Candidate], searchers: Searchers, config: AttackConfig) -> None:
+        self._all, self._searchers, self._config = candidates, searchers, config
         self._near: dict[int, list[Controls]] = defaultdict(list)  # starts that crashed the ego, but not as wanted
         self.ended: list[SearchEnd | None] = [None] * len(candidates)
 
     def look(self, rank: int, some: list[int]) -> None:
         """Look at the start of that rank of some candidates."""
         some = [index for index in some if rank < len(self._all[index].starts)]
-        for index, seen in self._searched({index: self._all[index].starts[rank] for index in some}, 0):
+        begun = {index: self._all[index].starts[rank] for index in some}
+        for index, seen in self._searched(self._searchers.descend, begun, 0):
             self._after(index, seen)
             if isinstance(seen.found, SearchResult) and bool(seen.found.hit):
                 self._near[index].append(self._all[index].starts[rank])
 
-    def descend(self, rank: int, some: list[int]) -> None:
-        """Descend from the start of that rank, those that crashed the ego before the others; the last is the log."""
-        begun = {index: self._begins(index) for index in some}
-        chosen = {index: starts[rank] for index, starts in begun.items() if rank < len(starts)}
-        for index, ended in self._searched(chosen, self._config.iterations):
-            self._after(index, ended)
+    def search(self, rank: int, some: list[int]) -> None:
+        """Make the longer search of that rank."""
+        for sampled, search in ((False, self._searchers.descend), (True, self._searchers.sample)):
+            planned = {index: self._longer(index)[rank : rank + 1] for index in some}
+            begun = {index: plan[0][1] for index, plan in planned.items() if plan and plan[0][0] == sampled}
+            for index, ended in self._searched(search, begun, self._config.iterations):
+                self._after(index, ended)
 
     def unsettled(self) -> list[list[int]]:
         """The candidates with something left to search for, in groups whose turns follow each other.
@@ -74,18 +84,27 @@ class _Candidates:
         over = {id(self._all[index].scenario) for index in range(len(self._all)) if self._is_settled(index)}
         return [index for index in some if id(self._all[index].scenario) not in over]
 
-    def _begins(self, index: int) -> tuple[Controls | None, ...]:
-        """What the descents of a candidate begin with."""
-        one, near = self._all[index], self._near[index]
-        others = [start for start in one.starts if not any(start is other for other in near)]
-        return (*[*near, *others][: self._config.attempts - 1], one.job.start)
+    def _longer(self, index: int) -> list[tuple[bool, Controls | None]]:
+        """The longer searches of a candidate: whether it samples, and what it begins with.
 
-    def _searched(self, begun: Mapping[int, Controls | None], iterations: int) -> Iterator[tuple[int, SearchEnd]]:
+        Starts that crashed the ego come before the others. The last search begins with the log, and so does the only
+        descent where there are no starts.
+        """
+        one, near, config = self._all[index], self._near[index], self._config
+        starts = [*near, *(start for start in one.starts if not any(start is other for other in near))]
+        if not config.samples:
+            return [(False, start) for start in (*starts[: config.descents - 1], one.job.start)]
+        descents = [(False, start) for start in starts[: config.descents] or [one.job.start]]
+        return [*descents, *((True, start) for start in (*starts[: config.samples - 1], one.job.start))]
+
+    def _searched(
+        self, search: RunSearches, begun: Mapping[int, Controls | None], iterations: int
+    ) -> Iterator[tuple[int, SearchEnd]]:
         chosen = [self._all[index] for index in begun]
         jobs = [
             (one.scenario, one.job._replace(start=start)) for one, start in zip(chosen, begun.values(), strict=True)
         ]
-        yield from zip(begun, self._search(jobs, iterations) if jobs else [], strict=True)
+        yield from zip(begun, search(jobs, iterations) if jobs else [], strict=True)
 
     def _after(self, index: int, new: SearchEnd) -> None:
         """The new end, with what all before it cost."""
@@ -107,15 +126,15 @@ class _Candidates:
         return not self._is_settled(index) and isinstance(ended.found, SearchResult) and bool(ended.found.any_candidate)
 
 
-def attempt(candidates: Sequence[Candidate], search: RunSearches, config: AttackConfig) -> list[SearchEnd | None]:
+def attempt(candidates: Sequence[Candidate], searchers: Searchers, config: AttackConfig) -> list[SearchEnd | None]:
     """How the searches for each candidate ended, at its first accepted collision or its last attempt.
 
     Where one adversary is enough, a scenario's candidates have their turns one after the other, and after the first
     that succeeds no more is searched: those are None.
     """
-    found = _Candidates(candidates, search, config)
+    found = _Candidates(candidates, searchers, config)
     looks = max((len(one.starts) for one in candidates), default=0)
-    for make, ranks in ((found.look, looks), (found.descend, config.attempts)):
+    for make, ranks in ((found.look, looks), (found.search, config.attempts)):
         for rank in range(ranks):
             for turn in found.unsettled():
                 make(rank, found.still_wanted(turn))

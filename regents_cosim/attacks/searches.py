@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from regents_cosim.attacks.attacked_cases import attacked_case, cases_of, failed_case, outcome_of
-from regents_cosim.attacks.attempts import RunSearches, attempt
+from regents_cosim.attacks.attempts import RunSearches, Searchers, attempt
 from regents_cosim.attacks.batched_search import search_batched
 from regents_cosim.attacks.candidates import candidates_or_failure
 from regents_cosim.attacks.job import SearchEnd, SearchJob
@@ -18,6 +18,7 @@ from regents_cosim.attacks.pursuit import RunClosedLoops, pursue
 from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
+from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign
 from regents_cosim.scenario import Scenario
@@ -29,7 +30,7 @@ def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
     assert isinstance(setup.planner, JaxPlanner)
     loop = setup.loop()
     if setup.config.optimiser != "adam":
-        return search_together(setup, [scenario], partial(blind_searches, setup), loop)[0]
+        return search_together(setup, [scenario], partial(sampled_searches, setup), loop)[0]
     run = pursuits(setup, loop) if setup.config.replan_every > 1 else partial(descents, setup)
     return search_together(setup, [scenario], run, loop)[0]
 
@@ -60,13 +61,22 @@ def _search(
     prepare = partial(candidates_or_failure, setup, drives=drives)
     jobs = list((pool.map if pool else map)(prepare, scenarios))
     made = [one for mine in jobs if not isinstance(mine, DriveError) for one in mine]
-    ended = iter(attempt(made, _told(setup, run), setup.config))
+    searchers = Searchers(_told(setup, run), _told(setup, _sampling(setup) or run))
+    ended = iter(attempt(made, searchers, setup.config))
     return [
         [failed_case(setup, scenario, mine)]
         if isinstance(mine, DriveError)
         else cases_of(setup, scenario, [one.job for one in mine], list(itertools.islice(ended, len(mine))))
         for scenario, mine in zip(scenarios, jobs, strict=True)
     ]
+
+
+def _sampling(setup: AttackSetup) -> RunSearches | None:
+    """Searches that sample: against one planner that drives in every roll-out. None otherwise."""
+    one = isinstance(setup.planner, JaxPlanner) and not isinstance(setup.planner, AttackedPlanners)
+    if not setup.config.samples or not one or setup.config.replan_every > 1:
+        return None
+    return partial(sampled_searches, replace(setup, config=replace(setup.config, optimiser="cma-es")))
 
 
 def _told(setup: AttackSetup, run: RunSearches) -> RunSearches:
@@ -106,12 +116,14 @@ def descents(setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], ite
     ]
 
 
-def blind_searches(setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int) -> list[SearchEnd]:
+def sampled_searches(
+    setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int
+) -> list[SearchEnd]:
     """Searches without gradients."""
-    from regents_cosim.attacks.blind import search_blindly  # with a library that takes half a second to import
+    from regents_cosim.attacks.sampled_search import search_by_samples  # its library takes half a second to import
 
     assert isinstance(setup.planner, JaxPlanner)
-    return search_blindly(jobs, setup.planner, setup.config, iterations, setup.extra_cost)
+    return search_by_samples(jobs, setup.planner, setup.config, iterations, setup.extra_cost)
 
 
 def pursuits(setup: AttackSetup, drives: RunClosedLoops) -> RunSearches:

@@ -8,9 +8,10 @@ from places import SUPPORT
 from scenes import platoon, scene
 from shipped_cases import shipped_window
 
+from regents_cosim.attacks import sampled_search
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.blind import AtRandom, ByEvolution
 from regents_cosim.attacks.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
+from regents_cosim.attacks.sampled_search import AtRandom, ByEvolution
 from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
@@ -92,3 +93,20 @@ def test_where_the_planner_collides_anyway_nobody_is_blamed():
     record = AttackRecord(window.id, "king", "constant_velocity", "already_colliding", 0)
     known = replace(window, attack=record, original=window.tracks)
     assert list(drive_aggressively([window], [[known]], "constant_velocity")) == [[known]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sampled", "searches"), [(0, 0), (2, 1)])
+def test_after_the_descent_from_the_log_samples_are_tried_there(monkeypatch, sampled, searches):
+    made, sampling = [], sampled_search.search_by_samples
+
+    def noted(jobs, *given):
+        made.extend(jobs)
+        return sampling(jobs, *given)
+
+    monkeypatch.setattr(sampled_search, "search_by_samples", noted)
+    few = replace(REGENTS_FOCUSED, iterations=10, nearest=1, sampled=sampled)
+    (missed,) = attack([scene((0, 0, 10), (200, 0, 10))], few, "log_replay")  # no drive meets the ego
+    assert missed.attack.outcome == "no_collision"
+    assert len(made) == searches
+    assert missed.attack.iterations == 10 * (1 + searches)

@@ -1,9 +1,9 @@
-"""Searches that know the cost and not its gradient: random search and CMA-ES, to compare the descent with.
+"""Searches that know the cost and not its gradient: CMA-ES, with which `focused` ends, and random search.
 
-Same cost, same candidates, same acceptance, same bounds of the actions, and as many roll-outs as the descent may make
-updates. A change of the actions has ten numbers: accelerations and curvatures at five times, linear in between, added
-to those that a descent would begin with: the logged ones, or those of a drive along a lawful way. Patience ends a
-search as it does there.
+Against the descent they compare fairly: same cost, same candidates, same acceptance, same bounds of the actions, and
+as many roll-outs as the descent may make updates. A change of the actions has ten numbers: accelerations and
+curvatures at five times, linear in between, added to those that a descent would begin with: the logged ones, or those
+of a drive along a lawful way. Patience ends a search as it does there.
 
 Source: Hansen 2016, "The CMA Evolution Strategy: A Tutorial" (package `cmaes`).
 """
@@ -75,7 +75,7 @@ class ByEvolution:
         self._cma.tell([(change, float(cost)) for change, cost in zip(changes, costs, strict=True)])
 
 
-def search_blindly(
+def search_by_samples(
     jobs: Sequence[tuple[Scenario, SearchJob]],
     planner: LoopPlanner,
     config: AttackConfig,
