@@ -158,7 +158,7 @@ def test_a_run_without_crashes_has_no_means():
 
 def test_the_budget_counts_every_search():
     assert rollouts_at_most(KING) == 500
-    assert rollouts_at_most(REGENTS_FOCUSED) == 8 * (12 + 2 * 500)
+    assert rollouts_at_most(REGENTS_FOCUSED) == 8 * (12 + 3 * 500)
 
 
 def test_bars_are_as_high_as_their_shares(tmp_path):
