@@ -146,6 +146,10 @@ class AttackConfig:
         """How many of the attempts descend."""
         return self.attempts - self.samples
 
+    def descending(self) -> "AttackConfig":
+        """The same where no search can sample: in place of those that would, one more descent, from the log."""
+        return replace(self, attempts=self.descents + min(self.samples, 1), sampled=0)
+
     @property
     def protocol(self) -> tuple[tuple[str, object], ...]:
         """By which rules it searches, whatever it searches for: methods compare only where these are the same.

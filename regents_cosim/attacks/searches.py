@@ -61,8 +61,10 @@ def _search(
     prepare = partial(candidates_or_failure, setup, drives=drives)
     jobs = list((pool.map if pool else map)(prepare, scenarios))
     made = [one for mine in jobs if not isinstance(mine, DriveError) for one in mine]
-    searchers = Searchers(_told(setup, run), _told(setup, _sampling(setup) or run))
-    ended = iter(attempt(made, searchers, setup.config))
+    sampling = _sampling(setup)
+    config = setup.config if sampling else setup.config.descending()
+    searchers = Searchers(_told(setup, run), _told(setup, sampling or run))
+    ended = iter(attempt(made, searchers, config))
     return [
         [failed_case(setup, scenario, mine)]
         if isinstance(mine, DriveError)
