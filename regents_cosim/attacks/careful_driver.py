@@ -28,6 +28,7 @@ from regents_cosim.planners.reference.foresight import (
     place_of,
 )
 from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
+from regents_cosim.planners.reference.reaction import careful_perceives, careful_reaction_steps
 
 _BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
 _OFF_ROAD = 0.5  # of the blurred map, as in `acceptance`
@@ -111,12 +112,8 @@ def _acts(
         lanes.away(other.x, other.y, other.yaw) > CAREFUL.wandering_m,
     )
     risk &= _row(world.valid, adversary) & (now <= step)
-    lasts = now - jax.lax.cummax(jnp.where(risk, -1, now))
-    lasting = jnp.round(CAREFUL.evaluation_s / world.dt).astype(jnp.int32)
-    evaluated = risk & (lasts > lasting)
-    perceives = jnp.argmax(evaluated) - lasting
-    acts = perceives + jnp.round((CAREFUL.evaluation_s + CAREFUL.delay_s) / world.dt).astype(jnp.int32)
-    return jnp.where(evaluated.any(), jnp.minimum(acts, step), step)
+    perceives = careful_perceives(jnp, risk, world.dt)
+    return jnp.minimum(perceives + careful_reaction_steps(jnp, world.dt), step)
 
 
 def _since(world: World, steps: int) -> tuple[Int[Array, " time"], Float[Array, " time"]]:

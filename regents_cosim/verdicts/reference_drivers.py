@@ -6,7 +6,8 @@ up to 2 s beyond the horizon (it goes straight on), nor a third party. Followers
 are noted, not counted. None of them is the truth: a verdict names the driver that it rests on.
 
 The danger is the one that the ego crashes with. An alarm over another road user that comes to nothing would shift the
-ego in time and so out of a crash that hangs on it, for no merit of the driver's: none is counted here.
+ego in time and so out of a crash that hangs on it, for no merit of the driver's: none is counted here. Nor is one over
+the adversary that is gone before the brakes act (`planners.reference.reaction`).
 
 **careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of
 the original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a risk once it is
@@ -27,6 +28,7 @@ from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.limits import OFF_ROAD_M
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.planners.reference.parameters import CAREFUL
+from regents_cosim.planners.reference.reaction import careful_perceives, careful_reaction_steps
 from regents_cosim.scenario import Collision, Scenario, Tracks
 from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.emergency_braking import Brakes, EgoPlaces, braked_speed, driven
@@ -72,7 +74,7 @@ def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPla
     perceived = perceives(risks(attacked, path, adversary, hit.step + 1), dt)
     if perceived is None:
         return ReferenceDrive("careful", avoids=False), _own_drive(attacked)
-    acts = perceived + round((CAREFUL.evaluation_s + CAREFUL.delay_s) / dt)
+    acts = perceived + int(careful_reaction_steps(np, dt))
     seen = ReferenceDrive("careful", avoids=False, perceives_s=round(perceived * dt, 9), acts_s=round(acts * dt, 9))
     if acts >= hit.step:
         return replace(seen, acts_s=None), _own_drive(attacked)
@@ -109,12 +111,9 @@ def _adversary(attacked: Scenario, hit: Collision) -> int:
 
 
 def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
-    """The first step from which on there is a risk for as long as it takes to evaluate it."""
-    lasting = round(CAREFUL.evaluation_s / dt) + 1
-    if len(risk) < lasting:
-        return None
-    holds = np.lib.stride_tricks.sliding_window_view(risk, lasting).all(axis=1)
-    return int(np.argmax(holds)) if holds.any() else None
+    """The first step of the danger that the careful driver acts on (`reaction`)."""
+    step = int(careful_perceives(np, risk, dt))
+    return step if step < len(risk) else None
 
 
 def _own_drive(attacked: Scenario) -> EgoPlaces:

@@ -1,7 +1,8 @@
 """The reference drivers as planners: IDM on the route until the model sees a danger, then its emergency braking.
 
-They steer as IDM does, and brake alone: swerves belong to the verdict (`verdicts.reference_drivers`). They may brake
-with the regulation's 0.774 g, harder than the mirror lets other planners (`mirror.bicycle.ACCEL_LIMIT`).
+They steer as IDM does, and brake alone: swerves belong to the verdict (`verdicts.reference_drivers`), which asks
+another question: of the drive of a planner that has crashed, and of the adversary alone. They may brake with the
+regulation's 0.774 g, harder than the mirror lets other planners (`mirror.bicycle.ACCEL_LIMIT`).
 """
 
 from typing import ClassVar
@@ -26,6 +27,7 @@ from regents_cosim.planners.reference.foresight import (
     place_of,
 )
 from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
+from regents_cosim.planners.reference.reaction import Reaction, ReactionTimes
 from regents_cosim.planners.reference.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 
 _CALM_S = 1.0  # without a danger, until the emergency is over
@@ -52,31 +54,25 @@ class ReferenceMemory(eqx.Module):
     speeds: Float[Array, "back agent"]  # [m/s]
     there: Bool[Array, "back agent"]
     own: Float[Array, " back"]  # [m/s] the ego's speeds
-    danger_s: Float[Array, " agent"]  # for how long each has been one without a break
-    reacts_s: Float[Array, ""]  # since it has decided to brake; 0 before
-    calm_s: Float[Array, ""]  # since the last danger
-    braking: Float[Array, ""]  # [m/s^2] at the last step
+    reaction: Reaction
 
 
 class ReferencePlanner(JaxPlanner):
     """What the three have in common; `wanted` says how hard each model would brake for each of the others."""
 
     most_braking_m_s2: ClassVar[float] = CAREFUL.most_braking_m_s2
+    times: ReactionTimes
     idm: IDM = IDM()
-    evaluation_s: float = 0.0
-    delay_s: float = 0.75
-    jerk: float = 12.65  # [m/s^3]
 
     def init(self, scene: LoopScene) -> ReferenceMemory:
         """The route, the lanes around, and an uneventful past."""
         back = max(round(FORESIGHT.over_s / scene.scenario.dt), 1)
         agents = scene.world.valid.shape[0] - 1
         past = jnp.zeros((back, agents), jnp.float32)
-        zero = jnp.float32(0.0)
         own = jnp.full(back, scene.world.start.speed[0])
         return ReferenceMemory(
             self.idm.init(scene), lane_centres(scene.scenario, scene.origin), scene.world.dt,
-            past, past, past > 0.0, own, jnp.zeros(agents, jnp.float32), zero, zero, zero,
+            past, past, past > 0.0, own, Reaction.none(agents),
         )  # fmt: skip
 
     def look(self, memory: ReferenceMemory, traffic: Traffic) -> SurroundingTraffic:
@@ -95,15 +91,8 @@ class ReferencePlanner(JaxPlanner):
         """IDM's controls, or the emergency braking once it has reacted."""
         nominal, idm = self.idm.step(memory.idm, sight.idm, ego)
         wanted = jnp.where(sight.traffic.valid, self.wanted(memory, sight, ego), 0.0)
-        danger_s = jnp.where(wanted > 0.0, memory.danger_s + memory.dt, 0.0)
-        decided = (danger_s > self.evaluation_s + 0.5 * memory.dt).any()
-        calm_s = jnp.where((wanted > 0.0).any(), 0.0, memory.calm_s + memory.dt)
-        on = (decided | (memory.reacts_s > 0.0)) & (calm_s < _CALM_S)
-        reacts_s = jnp.where(on, memory.reacts_s + memory.dt, 0.0)
-        most = jnp.where((wanted > 0.0).any(), wanted.max(), memory.braking)
-        braking = jnp.minimum(memory.braking + self.jerk * memory.dt, most)
-        braking = jnp.where(on & (reacts_s > self.delay_s), braking, 0.0)
-        accel = jnp.where(braking > 0.0, jnp.minimum(nominal.accel, -braking), nominal.accel)
+        reaction = self.times.next(memory.reaction, wanted, memory.dt)
+        accel = jnp.where(reaction.braking > 0.0, jnp.minimum(nominal.accel, -reaction.braking), nominal.accel)
         past = {
             "turned": _pushed(memory.turned, sight.traffic.motion.yaw),
             "speeds": _pushed(memory.speeds, sight.traffic.motion.speed),
@@ -111,7 +100,7 @@ class ReferencePlanner(JaxPlanner):
             "own": _pushed(memory.own, ego.speed),
         }
         return Controls(accel, nominal.curvature), ReferenceMemory(
-            idm, memory.lanes, memory.dt, **past, danger_s=danger_s, reacts_s=reacts_s, calm_s=calm_s, braking=braking
+            idm, memory.lanes, memory.dt, **past, reaction=reaction
         )
 
 
@@ -122,9 +111,9 @@ def _pushed(past: Array, now: Array) -> Array:
 class CarefulDriver(ReferencePlanner):
     """The competent and careful human driver of UN Regulation 157 (`parameters.CarefulParameters`)."""
 
-    evaluation_s: float = CAREFUL.evaluation_s
-    delay_s: float = CAREFUL.delay_s
-    jerk: float = CAREFUL.jerk_m_s3
+    times: ReactionTimes = ReactionTimes(
+        CAREFUL.evaluation_s, CAREFUL.delay_s, CAREFUL.dismissal_s, _CALM_S, CAREFUL.jerk_m_s3
+    )
     most: float = CAREFUL.most_braking_m_s2
 
     def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
@@ -138,7 +127,7 @@ class CarefulDriver(ReferencePlanner):
     def _going_on(self, memory: ReferenceMemory, ego: Motion, along: Array, across: Array) -> Box:
         """The ego along its route, as far beside it as it is now; once it brakes, as if it let go."""
         lost = jnp.maximum(memory.own[0] - ego.speed, 0.0) / (memory.own.shape[0] * memory.dt)
-        braking = jnp.where(memory.braking > 0.0, 0.0, lost)
+        braking = jnp.where(memory.reaction.braking > 0.0, 0.0, lost)
         x, y, cos, sin = route_poses(memory.idm, along + further(ego.speed, braking, EGO_TIMES_S))
         idm = memory.idm
         return Box(x - across * sin, y + across * cos, cos, sin, idm.half_length, idm.half_width)
@@ -172,8 +161,7 @@ def _beside(memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> N
 class FuzzyDriver(ReferencePlanner):
     """The JRC's fuzzy safety model (`safety_models.Fuzzy`)."""
 
-    delay_s: float = FUZZY.delay_s
-    jerk: float = FUZZY.jerk_m_s3
+    times: ReactionTimes = ReactionTimes(0.0, FUZZY.delay_s, _CALM_S, _CALM_S, FUZZY.jerk_m_s3)
 
     def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """By the proactive and the critical fuzzy safety metric."""
@@ -184,8 +172,7 @@ class FuzzyDriver(ReferencePlanner):
 class RssDriver(ReferencePlanner):
     """RSS's proper response (`safety_models.Rss`)."""
 
-    delay_s: float = RSS.delay_s
-    jerk: float = RSS.jerk_m_s3
+    times: ReactionTimes = ReactionTimes(0.0, RSS.delay_s, _CALM_S, _CALM_S, RSS.jerk_m_s3)
 
     def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """Braking where the distances along and across are both unsafe."""
