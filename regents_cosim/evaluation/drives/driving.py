@@ -48,7 +48,7 @@ class Drive:
     min_pet_s: float | None = None
     max_drac_m_s2: float | None = None
     min_gap_m: float | None = None
-    telling: bool = False  # the crash of the case as it was attacked is telling: a careful driver passes it
+    telling: bool = False  # the crash of the case as it was attacked is telling: a careful driver avoids it
     careful_completion: float | None = None  # of a harmless neighbour of a crash: how far a careful driver gets
 
     @property
@@ -63,7 +63,7 @@ class DrivingRow:
 
     source: str
     n: int
-    telling_cases: int  # whose crash, as it was attacked, is telling: a careful driver passes them
+    telling_cases: int  # whose crash, as it was attacked, is telling: a careful driver avoids them
     telling_collisions: int  # of these, those in which the planner collides
     harmless_cases: int  # neighbours of crashes, in which nothing is to be feared
     held_up: int  # of these, those in which the planner gets less than 80 % as far as a careful driver
