@@ -1,11 +1,10 @@
 """Runs of a table kept on disk as soon as they are made: a table that was interrupted goes on, or grows by places.
 
 Each run is a folder of cases beside `run.json`, which is written last. Its name says what was run: the method with its
-settings, the planner with its files and the windows, so that a run of something else is never taken for it.
+settings, the planner with its files, the windows and the versions of the packages, ours included, so that a run of
+something else is never taken for it.
 """
 
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.campaign.identity import identity
 from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_case
@@ -42,10 +42,9 @@ def run_folder(
     folder: Path, method: str, planner: str, config: AttackConfig | None, windows: Sequence[Scenario]
 ) -> Path:
     """Where the run of a method on these windows belongs."""
-    settings = asdict(config) if config else None
-    files = planner_digest(planner)
-    said = [method, planner, settings, [content_hash(window) for window in windows], *([files] if files else [])]
-    digest = hashlib.sha256(json.dumps(said).encode()).hexdigest()[:12]
+    settings = {"method": method, "planner": planner, "config": asdict(config) if config else None}
+    run = identity("bench table1", settings, {planner: planner_digest(planner)})
+    digest = run.key(*(content_hash(window) for window in windows))
     return folder / "runs" / file_name(word(method, _NAME), word(planner, _NAME), digest)
 
 

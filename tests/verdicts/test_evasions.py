@@ -1,5 +1,6 @@
 """Which evasion is shown, and what is proven unavoidable: hand-made scenes, and what holds of all."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -199,10 +200,12 @@ def test_no_proof_contradicts_a_witness():
 
 
 @pytest.mark.slow
-def test_no_proof_contradicts_a_witness_in_ten_thousand_scenes():
-    found, proofs = contradictions(range(10_000))
+def test_no_proof_contradicts_a_witness_in_many_scenes():
+    """1,500 of them, or as many as $REGENTS_SCENES says."""
+    scenes = int(os.environ.get("REGENTS_SCENES", "1500"))
+    found, proofs = contradictions(range(scenes))
     assert not found
-    assert proofs > 1000
+    assert proofs > 0.1 * scenes
 
 
 def test_what_older_cases_do_not_say_is_not_hashed(tmp_path):
