@@ -160,12 +160,16 @@ def _touches_others(world: World, boxes: Box, box: Box, agent: Int[Array, ""]) -
 
 
 def ego_contacts(world: World, boxes: Box) -> Bool[Array, "agent time"]:
-    """Where the ego's box overlaps another's (eq. 2), pairs that began so left out.
+    """Where the ego's box overlaps another's (eq. 2).
 
+    Pairs that began so, in the log or as the ego drives now, are left out.
     The ego itself is left out by `apart` as well.
     """
+    ego = first_row(boxes)
     counts = world.valid & world.apart[0][:, None]
-    return counts & overlaps(first_row(boxes), boxes, _HIT_DEPTH_M)
+    appears = jnp.argmax(world.valid, axis=1)[:, None]
+    began_so = jnp.take_along_axis(overlaps(ego, boxes), appears, axis=1)
+    return counts & ~began_so & overlaps(ego, boxes, _HIT_DEPTH_M)
 
 
 def is_wanted(

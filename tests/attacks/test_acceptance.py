@@ -141,6 +141,21 @@ def test_the_device_accepts_what_the_host_calls_clean_in_thousands_of_scenes():
     agree(both_verdicts(1, 10, 200))
 
 
+@pytest.mark.parametrize("beside_m", [0.0, 3.0])
+def test_who_appears_on_top_of_the_ego_is_not_hit_by_it(beside_m):
+    """The attack has moved the ego there: in the log the place was free."""
+    made = scene((0.0, 0.0, 10.0), (50.0, beside_m, 10.0))
+    valid = made.tracks.valid.copy()
+    valid[1, :40] = False
+    kept = {name: np.where(valid, getattr(made.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
+    made = replace(made, tracks=replace(made.tracks, valid=valid, **kept))
+    moved = replace(made.tracks, x=made.tracks.x + np.array([[50.0], [0.0]]))
+    world = to_world(made)
+    _, contacts = accepted(world, driven_in(world, moved, scene_origin(made)), SearchedAgents.only(1, len(world.valid)))
+    assert first_contact(made.agents, moved) is None
+    assert not np.asarray(contacts).any()
+
+
 @pytest.mark.slow
 def test_what_the_search_accepts_is_what_the_exact_boxes_call_clean():
     found = list(attack([platoon(seed=1)], replace(FOCUSED_COST, nearest=3), "log_replay"))
