@@ -1,90 +1,64 @@
 """An attack that may be stopped at any moment: window by window into a folder, and nothing twice.
 
 A window is done when its cases are saved, judged, verified in SUMO and drawn; then the ledger notes it. Windows are
-finished in their order, whichever is searched first.
+finished in their order, whichever is searched first. Workers of a cluster do all of it but writing: they share no disk
+with the folder.
 """
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
-from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
-from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.campaign.identity import Identity, identity
 from regents_cosim.campaign.ledger import DoneUnit, Ledger, LedgerRecord, WorkUnit
-from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.campaign.requests import Wanted
+from regents_cosim.campaign.window_job import (
+    AttackedWindow,
+    AttackRun,
+    Still,
+    WindowJob,
+    attack_window,
+    crashes_of,
+)
 from regents_cosim.campaign.windows import RunWindows
 from regents_cosim.cases.files import load_header
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases
 from regents_cosim.cases.suite import SuiteWriter
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
-from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.errors import RegentsError
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.judge import judge_each
+from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.workers import run_each
 
-
-@dataclass(frozen=True)
-class AttackRun:
-    """How every window is attacked, and what is done with what is found."""
-
-    config: AttackConfig
-    planner: str
-    against: tuple[str, ...] = ()
-    batch: int = 32
-    engine: Engine = "auto"
-    act_timeout_s: float = ACT_TIMEOUT_S
-    judge: bool = True
-    verify: bool = True
-    pictures: bool = True
-    wanted: Wanted | None = None  # crashes of these kinds alone are kept, until there are enough
-
-    def together(self) -> int:
-        """Windows that are searched in one computation. Raises PlannerError."""
-        under_test = PlannerUnderTest.of(self.planner)
-        return searched_together(under_test, self.config, self.engine, self.batch, self.act_timeout_s)
-
-    def identity(self, traffic: dict[str, Any], together: int) -> Identity:
-        """What decides the results; `traffic` by the names of its options."""
-        names = (self.planner, *self.against)
-        mine = {"planner": self.planner, "against": list(self.against), "act_timeout": self.act_timeout_s}
-        mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
-        mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
-        mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
-        settings = {**traffic, **asdict(self.config), **mine}
-        return identity("attack", settings, {name: planner_digest(name) for name in names})
-
-    def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
-        """The cases of each scenario, judged."""
-        runs = attack_each(
-            scenarios,
-            self.config,
-            self.planner,
-            self.batch,
-            engine=self.engine,
-            act_timeout_s=self.act_timeout_s,
-            against=self.against,
-        )
-        return (list(judge_each(results)) if self.judge else results for results in runs)
+STILL = "still.png"
 
 
 @dataclass
-class _Attacked:
+class _Saved:
     """A window whose cases are saved."""
 
     unit: WorkUnit
-    cases: list[Scenario]
+    found: AttackedWindow
     open: set[str] = field(default_factory=set)  # cases that SUMO has not answered for
-    replays: dict[str, Replay] = field(default_factory=dict)
 
 
-Watch = Callable[[Iterator[list[Scenario]], int], Iterator[list[Scenario]]]  # passes on what is done, of so many
+_T = TypeVar("_T")
+
+
+class Watch(Protocol):
+    """Passes on what is done, of so many, and may show it."""
+
+    def __call__(self, done: Iterator[_T], of: int, /) -> Iterator[_T]:
+        """The same, one by one."""
+        ...
+
+
+def _unseen(done: Iterator[_T], of: int, /) -> Iterator[_T]:
+    return done
 
 
 def attack_left(
@@ -93,22 +67,35 @@ def attack_left(
     run: AttackRun,
     suite: SuiteWriter,
     *,
-    draw: Callable[[Scenario], None],
+    still: Still,
     retry: bool = False,
-    executor: Executor | None = None,
-    watch: Watch = lambda done, of: done,
+    cluster: Executor | None = None,
+    watch: Watch = _unseen,
 ) -> None:
-    """Attack the windows that are not done, and those that failed with `retry`; what was done of them is replaced."""
+    """Attack the windows that are not done, and those that failed with `retry`; what was done of them is replaced.
+
+    Workers of `cluster` do that, a window at a time; None: this machine.
+    """
     left = {unit.name for unit in ledger.left(retry)}
     searched = _with_neighbours(ledger.record.own, left, ledger.record.begun.together)
-    results = watch(run.attack(windows.load(unit.name for unit in searched)), len(searched))
-    found = ((unit, cases) for unit, cases in zip(searched, results, strict=True) if unit.name in left)
+    scenarios = windows.load(unit.name for unit in searched)
+    attacked = map(AttackedWindow, run.attack(scenarios)) if cluster is None else _there(run, scenarios, still, cluster)
+    results = watch(attacked, len(searched))
+    found = ((unit, window) for unit, window in zip(searched, results, strict=True) if unit.name in left)
     kept = found if run.wanted is None else _wanted(found, run.wanted, run.wanted.found_in(ledger.record, suite.folder))
-    saved = (_saved(unit, cases, suite) for unit, cases in kept)
-    _each_in_order(saved, executor if run.verify else None, run.verify, lambda one: _finish(one, ledger, run, draw))
+    saved = (_saved(unit, window, suite) for unit, window in kept)
+    _each_in_order(saved, run.verify and cluster is None, lambda one: _finish(one, ledger, run, still))
 
 
-Found = Iterator[tuple[WorkUnit, list[Scenario]]]
+def _there(run: AttackRun, scenarios: Iterator[Scenario], still: Still, cluster: Executor) -> Iterator[AttackedWindow]:
+    """What the workers send back, in order. Raises RegentsError for a window that ends its worker again and again."""
+    for answer in run_each(attack_window, (WindowJob(run, window, still) for window in scenarios), cluster):
+        if isinstance(answer, RegentsError):
+            raise answer
+        yield answer
+
+
+Found = Iterator[tuple[WorkUnit, AttackedWindow]]
 
 
 def _wanted(found: Found, wanted: Wanted, so_far: Counter[str]) -> Found:
@@ -117,8 +104,8 @@ def _wanted(found: Found, wanted: Wanted, so_far: Counter[str]) -> Found:
         one = next(found, None)
         if one is None:
             return
-        unit, cases = one
-        yield unit, [case for case in cases if wanted.takes(case, so_far) or _has_failed(case)]
+        unit, window = one
+        yield unit, replace(window, cases=[c for c in window.cases if wanted.takes(c, so_far) or _has_failed(c)])
 
 
 def _has_failed(case: Scenario) -> bool:
@@ -138,59 +125,58 @@ def _with_neighbours(own: Sequence[WorkUnit], left: set[str], together: int) -> 
     return [unit for group in groups if left & {unit.name for unit in group} for unit in group]
 
 
-def _saved(unit: WorkUnit, cases: list[Scenario], suite: SuiteWriter) -> _Attacked:
-    for case in cases:
+def _saved(unit: WorkUnit, window: AttackedWindow, suite: SuiteWriter) -> _Saved:
+    for case in window.cases:
         suite.add(case)
-    return _Attacked(unit, cases)
+    return _Saved(unit, window)
 
 
-def _each_in_order(
-    attacked: Iterator[_Attacked], executor: Executor | None, verify: bool, finish: Callable[[_Attacked], None]
-) -> None:
+def _each_in_order(saved: Iterator[_Saved], verify: bool, finish: Callable[[_Saved], None]) -> None:
     """Verify the crashes of windows as they come; finish every window, in order, as soon as it can be."""
-    waiting: deque[_Attacked] = deque()
-    home: dict[str, _Attacked] = {}
+    waiting: deque[_Saved] = deque()
+    home: dict[str, _Saved] = {}
 
     def finish_first() -> None:
         while waiting and not waiting[0].open:
             finish(waiting.popleft())
 
     def crashes() -> Iterator[Scenario]:
-        for one in attacked:
-            hits = [case for case in one.cases if verify and case.attack and case.attack.outcome == "collision"]
+        for one in saved:
+            hits = crashes_of(one.found.cases) if verify else []
             one.open |= {case.id for case in hits}
             home.update(dict.fromkeys(one.open, one))
             waiting.append(one)
             finish_first()
             yield from hits
 
-    for replay in replay_each(crashes(), "sumo", executor=executor):
+    for replay in replay_each(crashes(), "sumo"):
         one = home.pop(replay.case)
         one.open.discard(replay.case)
-        one.replays[replay.case] = replay
+        one.found.replays[replay.case] = replay
         finish_first()
 
 
-def _finish(one: _Attacked, ledger: Ledger, run: AttackRun, draw: Callable[[Scenario], None]) -> None:
+def _finish(one: _Saved, ledger: Ledger, run: AttackRun, still: Still) -> None:
     """Draw a window's cases, remove what an earlier attack left of it, and note it."""
+    found = one.found
     if run.pictures:
-        for case in one.cases:
-            draw(case)
-    names = [case.id for case in one.cases]
+        for case in found.cases:
+            write_atomic(ledger.folder / case.id / STILL, found.stills.get(case.id) or still(case))
+    names = [case.id for case in found.cases]
     before = ledger.record.done.get(one.unit.name)
     if before and (stale := {name for name, _ in before.cases} - set(names)):
         drop_cases(stale, ledger.folder)
     hashes = [(name, load_header(ledger.folder / name).hash) for name in names]
-    replays = {name: _said(replay) for name, replay in sorted(one.replays.items())}
-    ledger.note(DoneUnit(one.unit, tuple(hashes), {"replays": replays} if replays else {}, _error(one)))
+    replays = {name: _said(found.replays[name]) for name in sorted({*names} & {*found.replays})}
+    ledger.note(DoneUnit(one.unit, tuple(hashes), {"replays": replays} if replays else {}, _error(found)))
 
 
 def _said(replay: Replay) -> dict[str, Any]:
     return {"verified": replay.verified, "reason": replay.reason, "planner_failed": replay.planner_failed}
 
 
-def _error(one: _Attacked) -> str:
+def _error(found: AttackedWindow) -> str:
     """Why a window failed, in one line: its planner did, or SUMO could not replay what was found."""
-    planner = [case.attack.planner_error for case in one.cases if case.attack and _has_failed(case)]
-    sumo = [replay.reason for replay in one.replays.values() if replay.replayed is None]
+    planner = [case.attack.planner_error for case in found.cases if case.attack and _has_failed(case)]
+    sumo = [replay.reason for replay in found.replays.values() if replay.replayed is None]
     return next(iter([*planner, *sumo]), "").partition("\n")[0]

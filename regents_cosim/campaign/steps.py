@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from regents_cosim.campaign.attack_run import AttackRun, Watch, attack_left, attacked_headers
+from regents_cosim.campaign.attack_run import Watch, attack_left, attacked_headers
 from regents_cosim.campaign.identity import identity
 from regents_cosim.campaign.ledger import FOLDER, STEPS, forget_lost, open_ledger
 from regents_cosim.campaign.recording import record_once
+from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.campaign.windows import planned, windows_of
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.suite import SuiteWriter
@@ -40,7 +41,7 @@ class Steps:
             forget_lost(ledger)
             held = windows_of(windows)
             planned(ledger, held)
-            attack_left(ledger, held, run, SuiteWriter(place, 0), draw=lambda case: None, watch=watch)
+            attack_left(ledger, held, run, SuiteWriter(place, 0), still=lambda case: b"", watch=watch)
             ledger.finish()
             headers, _ = attacked_headers(ledger.record, place)
         found: dict[str, list[Scenario]] = {window.id: [] for window in windows}

@@ -13,10 +13,11 @@ from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from concurrent.futures import Executor
 
-    from regents_cosim.campaign.attack_run import AttackRun
     from regents_cosim.campaign.ledger import Ledger, LedgerRecord
     from regents_cosim.campaign.shards import Shard
+    from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.campaign.windows import RunWindows
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.scenario import Scenario
@@ -67,9 +68,11 @@ def record_into(output: Path, given: Given, terminal: "Terminal") -> list[str]:
     """Record traffic into a folder, unless that is done; the names of the cases, in order. Raises RegentsError."""
     from regents_cosim.campaign.identity import identity
     from regents_cosim.campaign.recording import record_once
+    from regents_cosim.system.workers import executor_for
 
     def record() -> "list[Scenario]":
-        return record_traffic(given.traffic, given.sumo, given.executor, terminal)
+        with executor_for(given.executor) as pool:
+            return record_traffic(given.traffic, given.sumo, pool, terminal)
 
     mine = identity("record", given.settings(), {})
     return record_once(output, mine, _digest(given), given.traffic.seed, record)
@@ -83,9 +86,11 @@ def attack_into(
     from regents_cosim.campaign.ledger import forget_lost, open_ledger, require_free
     from regents_cosim.campaign.windows import windows_in
     from regents_cosim.cases.suite import SuiteWriter
-    from regents_cosim.reports.picture import draw_still
+    from regents_cosim.reports.picture import still
     from regents_cosim.system.workers import executor_for
 
+    if given.executor != "local":  # workers search one window at a time
+        run = replace(run, engine="threads", batch=1)
     shard, together = options.share(terminal), run.together()
     if run.wanted and shard.count > 1:
         raise RegentsError("--type is asked of a whole run: leave out --shard (--shard 1/1 in a SLURM array)")
@@ -95,21 +100,18 @@ def attack_into(
     cases = windows_in(given.cases) if given.cases else None
     digest = "" if given.cases else _digest(given)
 
-    def draw(scenario: "Scenario") -> None:
-        draw_still(scenario, output / scenario.id / "still.png")
-
     with open_ledger(output, mine, shard, together) as ledger, executor_for(given.executor) as pool:
         forget_lost(ledger)
-        for windows in _rounds(ledger, run, given, cases, digest, options, terminal):
+        for windows in _rounds(ledger, run, given, cases, digest, options, pool, terminal):
             _say_where(ledger, options.retry, terminal)
             attack_left(
                 ledger,
                 windows,
                 run,
                 suite,
-                draw=draw,
+                still=still,
                 retry=options.retry,
-                executor=pool,
+                cluster=pool,
                 watch=lambda done, of: terminal.each(done, "attacking", of),
             )
         if run.wanted is not None:
@@ -126,6 +128,7 @@ def _rounds(
     cases: "RunWindows | None",
     digest: str,
     options: CampaignOptions,
+    pool: "Executor | None",
     terminal: "Terminal",
 ) -> "Iterator[RunWindows]":
     """The windows to attack; for kinds that are asked for, more of them as long as there are too few."""
@@ -144,7 +147,7 @@ def _rounds(
         yield recorded(
             ledger,
             key,
-            lambda traffic=traffic: record_traffic(traffic, given.sumo, given.executor, terminal),
+            lambda traffic=traffic: record_traffic(traffic, given.sumo, pool, terminal),
             options.retry,
             more=count > min(keys),
         )

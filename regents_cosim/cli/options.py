@@ -36,7 +36,7 @@ PlannerOfCase = Annotated[
 ActTimeout = Annotated[
     float, Parameter(help="a planner outside JAX that takes longer over one decision has failed [s]")
 ]
-Executor = Annotated[str, Parameter(help="where SUMO runs: local, or dask:ADDRESS")]
+Executor = Annotated[str, Parameter(help="who does the work: local, dask (a worker for each core), or dask:ADDRESS")]
 Networks = Annotated[
     tuple[str, ...], Parameter(help="shipped networks, or .sumocfg files; all shipped ones by default")
 ]

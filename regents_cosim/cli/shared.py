@@ -9,6 +9,8 @@ from regents_cosim.cli.options import OutputOptions, TrafficOptions
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from regents_cosim.cases.header import Header
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.replays.verify import Replay
@@ -29,15 +31,14 @@ def open_terminal(talk: OutputOptions) -> "Terminal":
 
 
 def record_traffic(
-    traffic: TrafficOptions, sumo: tuple[str, ...], executor: str, terminal: "Terminal"
+    traffic: TrafficOptions, sumo: tuple[str, ...], pool: "Executor | None", terminal: "Terminal"
 ) -> "list[Scenario]":
-    """The windows that `traffic` asks for, of whatever source."""
+    """The windows that `traffic` asks for, of whatever source; `pool` runs SUMO, None in processes of our own."""
     from regents_cosim.sources.conflicts import has_conflict
     from regents_cosim.sources.record import record as run_record
-    from regents_cosim.system.workers import executor_for
 
     source = traffic_source(traffic, sumo)
-    with executor_for(executor) as pool, terminal.waiting("reading the log" if traffic.log else "recording traffic"):
+    with terminal.waiting("reading the log" if traffic.log else "recording traffic"):
         found = run_record(
             source,
             fcd=traffic.fcd,

@@ -31,10 +31,12 @@ _LEAST_HEIGHT_PX = 320  # of what lies between header and footer
 
 
 def draw_still(scenario: Scenario, path: Path) -> None:
-    """Write a PNG of the collision, or of the end where there is none, with the ways that led there.
+    """Write `still` of a case. Raises RegentsError where `path` cannot be written."""
+    _write(path, still(scenario))
 
-    Raises RegentsError where `path` cannot be written.
-    """
+
+def still(scenario: Scenario) -> bytes:
+    """A PNG of the collision, or of the end where there is none, with the ways that led there."""
     scene = PicturedCase.of(scenario)
     step = scene.shown_step
     view = fit_latest(scene.main_points()[: step + 1], _inside(STILL_SIZE), _STILL_PX_PER_M)
@@ -43,7 +45,7 @@ def draw_still(scenario: Scenario, path: Path) -> None:
     draw_close_up(scene, picture, view, step)
     buffer = io.BytesIO()
     _framed(picture, scene, view, step).finish().save(buffer, "PNG")
-    _write(path, buffer.getvalue())
+    return buffer.getvalue()
 
 
 def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None) -> None:

@@ -80,16 +80,31 @@ def starting() -> Iterator[None]:
     It does not import the caller's script, and Ctrl-C or SIGTERM wait until it is ready for them.
     """
     if not _SIGNALS:
-        with main_hidden():
+        with main_hidden(), _children_allowed():
             yield
         return
     resource_tracker.ensure_running()  # would let the signals through when it is started on the way
-    with main_hidden():
+    with main_hidden(), _children_allowed():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
         try:
             yield
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _children_allowed() -> Iterator[None]:
+    """Also in a daemonic process, such as a Dask worker: `multiprocessing` lets it have none, as they might outlive it.
+
+    Ours do not (`begin_child`).
+    """
+    ours: Any = multiprocessing.current_process()
+    daemon = ours._config.pop("daemon", None)  # no public way
+    try:
+        yield
+    finally:
+        if daemon is not None:
+            ours._config["daemon"] = daemon
 
 
 def begin_child() -> None:

@@ -1,6 +1,6 @@
 """Jobs in processes of their own: libsumo holds one simulation per process, and may crash it.
 
-Any `concurrent.futures.Executor` will do; local processes are the default and `dask:ADDRESS`
+Any `concurrent.futures.Executor` will do; local processes are the default and `dask` or `dask:ADDRESS`
 names a cluster. Jobs are functions of the package, never of the caller's script, so the
 script needs no `if __name__ == "__main__"` guard.
 """
@@ -11,7 +11,8 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ParamSpec, TypeVar
 
 from regents_cosim.errors import MissingDependencyError, RegentsError
@@ -116,25 +117,70 @@ def result_of(future: Future[_R]) -> _R:
 
 @contextmanager
 def executor_for(name: str) -> Iterator[Executor | None]:
-    """`local` (None: processes of our own) or `dask:ADDRESS` (the cluster's executor)."""
+    """`local` (None: processes of our own), `dask` (a cluster on this machine) or `dask:ADDRESS` (that of a scheduler).
+
+    Raises RegentsError for a scheduler that does not answer, and for workers that cannot do our work.
+    """
     if name == "local":
         yield None
         return
     kind, _, address = name.partition(":")
-    if kind != "dask" or not address:
-        raise RegentsError(f"executor {name!r}, expected `local` or `dask:ADDRESS`")
+    if kind != "dask" or name == "dask:":
+        raise RegentsError(f"executor {name!r}, expected `local`, `dask` or `dask:ADDRESS`")
+    with ExitStack() as stack:
+        client = stack.enter_context(_client(address) if address else _local_cluster(stack))
+        _check_workers(client)
+        yield client.get_executor()
+
+
+def _distributed() -> Any:
     try:
-        from distributed import Client
+        import distributed
     except ImportError as error:
-        raise MissingDependencyError(
-            "`--executor dask:...` needs the extra: pip install 'regents_cosim[dask]'"
-        ) from error
+        raise MissingDependencyError("`--executor dask` needs the extra: pip install 'regents_cosim[dask]'") from error
+    return distributed
+
+
+def _client(address: str) -> Any:
+    distributed = _distributed()
     try:
-        client = Client(address, timeout=_ANSWERS_S)
+        return distributed.Client(address, timeout=_ANSWERS_S)
     except (OSError, TimeoutError, ValueError) as error:
         raise RegentsError(f"no Dask scheduler answers at {address} ({error})") from error
-    with client:
-        yield client.get_executor()
+
+
+def _local_cluster(stack: ExitStack) -> Any:
+    """A worker for each core of this machine."""
+    distributed = _distributed()
+    with main_hidden():
+        cluster = distributed.LocalCluster(n_workers=_cores(), threads_per_worker=1, dashboard_address="127.0.0.1:0")
+    return distributed.Client(stack.enter_context(cluster))
+
+
+def _check_workers(client: Any) -> None:
+    """Raise RegentsError for workers without libsumo, or with another version of this package; each of them named."""
+    ours = installed()
+    answers = client.run(installed, on_error="return")
+    wrong = []
+    for address, theirs in sorted(answers.items()):
+        if isinstance(theirs, Exception):
+            wrong.append(f"{address} does not have this package ({type(theirs).__name__}: {theirs})")
+        elif theirs != ours:
+            odd = (f"{name} {theirs.get(name)}, here {ours[name]}" for name in ours if theirs.get(name) != ours[name])
+            wrong.append(f"{address} has {', '.join(odd)}")
+    if wrong:
+        raise RegentsError(f"workers of the Dask cluster cannot do this work: {'; '.join(wrong)}")
+
+
+def installed() -> dict[str, str | None]:
+    """Versions of what a worker needs here; None for what is not installed."""
+    found: dict[str, str | None] = {}
+    for package in ("regents_cosim", "libsumo", "jax"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = None
+    return found
 
 
 def _each_here(function: Callable[[_Job], _R], jobs: Iterator[_Job]) -> Iterator[_R | RegentsError]:

@@ -13,11 +13,12 @@ import pytest
 from scenes import platoon
 
 from regents_cosim.attacks.presets import preset
-from regents_cosim.campaign.attack_run import AttackRun, attack_left, attacked_headers
+from regents_cosim.campaign.attack_run import attack_left, attacked_headers
 from regents_cosim.campaign.ledger import forget_lost, open_ledger
 from regents_cosim.campaign.merging import merge_shards, shards_in
 from regents_cosim.campaign.shards import WHOLE, Shard
 from regents_cosim.campaign.status import status_of
+from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.campaign.windows import planned, windows_in
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases, load_manifest
@@ -57,7 +58,7 @@ def attack(cases, folder, *, stop_after=99, shard=WHOLE, run=RUN, retry=False):
         forget_lost(ledger)
         windows = windows_in(cases)
         planned(ledger, windows)
-        attack_left(ledger, windows, run, SuiteWriter(folder, 0), draw=print, retry=retry, watch=watch)
+        attack_left(ledger, windows, run, SuiteWriter(folder, 0), still=repr, retry=retry, watch=watch)
         ledger.finish()
     return searched
 

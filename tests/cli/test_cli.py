@@ -266,7 +266,7 @@ BAD_TRAFFIC = [
     (("-c", GRID, "--count", "0"), "--count is 0, expected 1 to 1e+06"),
     (("-c", GRID, "--cout", "1"), "Unknown option: --cout"),
     (("-c", GRID, "--step-length", "0.5"), "0.1 s only"),
-    (("-c", GRID, "--executor", "moon"), "expected `local` or `dask:ADDRESS`"),
+    (("-c", GRID, "--executor", "moon"), "expected `local`, `dask` or `dask:ADDRESS`"),
     ((), "no traffic named"),
 ]
 

@@ -224,9 +224,9 @@ def test_local_means_processes_of_our_own():
         assert executor is None
 
 
-@pytest.mark.parametrize("name", ["", "remote", "dask", "dask:", "local:2"])
+@pytest.mark.parametrize("name", ["", "remote", "dask:", "local:2"])
 def test_unknown_executors(name):
-    with pytest.raises(RegentsError, match="expected `local` or `dask:ADDRESS`"), executor_for(name):
+    with pytest.raises(RegentsError, match="expected `local`, `dask` or `dask:ADDRESS`"), executor_for(name):
         pass
 
 

@@ -73,8 +73,9 @@ def attack(
     judge
         say of every crash what spoils it as a test, and whether the ego could have avoided it
     """
-    from regents_cosim.campaign.attack_run import AttackRun, attacked_headers
+    from regents_cosim.campaign.attack_run import attacked_headers
     from regents_cosim.campaign.requests import parse_types
+    from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.reports.tables import ATTACKED, attack_row, summary
 
     terminal = open_terminal(talk)

@@ -11,14 +11,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import METHODS
-from regents_cosim.campaign.attack_run import AttackRun
 from regents_cosim.campaign.steps import Steps
 from regents_cosim.campaign.traffic_files import traffic_digest
+from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import network
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
@@ -53,6 +54,8 @@ _RANGES = {
     "ordinary": Range(0, _MOST, "windows of recorded traffic", whole=True),
     "seed": SEED,
 }
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -202,9 +205,7 @@ def _found(
     return [case for results in runs for case in results if case.attack and case.attack.outcome == "collision"]
 
 
-def _told(
-    planner: str, tell: Callable[[str], None], runs: Iterator[list[Scenario]], total: int
-) -> Iterator[list[Scenario]]:
+def _told(planner: str, tell: Callable[[str], None], runs: Iterator[_T], total: int) -> Iterator[_T]:
     """Tell how far the attack on a planner is."""
     for number, results in enumerate(runs, start=1):
         yield results

@@ -1,0 +1,97 @@
+"""What is done with one window of an attack, here or by a worker on another machine, and what comes of it."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.campaign.identity import Identity, identity
+from regents_cosim.campaign.planner_files import planner_digest
+from regents_cosim.campaign.requests import Wanted
+from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.replays.replay import replay_each
+from regents_cosim.replays.verify import Replay
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.judge import judge_each
+
+
+@dataclass(frozen=True)
+class AttackRun:
+    """How every window is attacked, and what is done with what is found."""
+
+    config: AttackConfig
+    planner: str
+    against: tuple[str, ...] = ()
+    batch: int = 32
+    engine: Engine = "auto"
+    act_timeout_s: float = ACT_TIMEOUT_S
+    judge: bool = True
+    verify: bool = True
+    pictures: bool = True
+    wanted: Wanted | None = None  # crashes of these kinds alone are kept, until there are enough
+
+    def together(self) -> int:
+        """Windows that are searched in one computation. Raises PlannerError."""
+        under_test = PlannerUnderTest.of(self.planner)
+        return searched_together(under_test, self.config, self.engine, self.batch, self.act_timeout_s)
+
+    def identity(self, traffic: dict[str, Any], together: int) -> Identity:
+        """What decides the results; `traffic` by the names of its options."""
+        names = (self.planner, *self.against)
+        mine = {"planner": self.planner, "against": list(self.against), "act_timeout": self.act_timeout_s}
+        mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
+        mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
+        mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
+        settings = {**traffic, **asdict(self.config), **mine}
+        return identity("attack", settings, {name: planner_digest(name) for name in names})
+
+    def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
+        """The cases of each scenario, judged."""
+        runs = attack_each(
+            scenarios,
+            self.config,
+            self.planner,
+            self.batch,
+            engine=self.engine,
+            act_timeout_s=self.act_timeout_s,
+            against=self.against,
+        )
+        return (list(judge_each(results)) if self.judge else results for results in runs)
+
+
+Still = Callable[[Scenario], bytes]  # a PNG of a case; a function of the package, so that workers find it
+
+
+@dataclass(frozen=True, eq=False)
+class AttackedWindow:
+    """What comes of a window."""
+
+    cases: list[Scenario]
+    replays: dict[str, Replay] = field(default_factory=dict)  # in SUMO, of its crashes, by case
+    stills: dict[str, bytes] = field(default_factory=dict)  # by case
+
+
+@dataclass(frozen=True, eq=False)
+class WindowJob:
+    """A window that a worker is to attack, by itself."""
+
+    run: AttackRun
+    window: Scenario
+    still: Still
+
+
+def attack_window(job: WindowJob) -> AttackedWindow:
+    """Search a window, judge, verify and draw what is found; compiled programs are kept on the worker's own disk."""
+    keep_compiled_programs()
+    (cases,) = job.run.attack([job.window])
+    replays = {one.case: one for one in replay_each(crashes_of(cases), "sumo")} if job.run.verify else {}
+    stills = {case.id: job.still(case) for case in cases} if job.run.pictures else {}
+    return AttackedWindow(cases, replays, stills)
+
+
+def crashes_of(cases: Iterable[Scenario]) -> list[Scenario]:
+    """Those that SUMO can be asked about."""
+    return [case for case in cases if case.attack and case.attack.outcome == "collision"]
