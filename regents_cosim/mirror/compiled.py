@@ -41,6 +41,7 @@ def compiled(function: Any = None, **how: Any) -> Any:
             make_room()
         return program(*given, **named)
 
+    vars(run)["lower"] = program.lower  # to look at what is compiled
     return run
 
 

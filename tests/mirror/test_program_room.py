@@ -19,14 +19,14 @@ def waves(values):
 
 def test_many_shapes_take_no_more_than_half(monkeypatch):
     jax.clear_caches()
-    granted = 2 * (maps_taken() + 100)
+    granted = 2 * (maps_taken() + 50)
     monkeypatch.setattr(program_room, "maps_granted", lambda: granted)
     taken = []
-    for length in range(1, 40):
+    for length in range(1, 20):
         values = np.linspace(0.0, 1.0, length, dtype=np.float32)
         assert waves(values).tolist() == pytest.approx((np.sin(values) * np.cos(values).sum()).tolist(), rel=1e-5)
         taken.append(maps_taken())
-    assert max(taken) <= 0.5 * granted + 100  # the look before the next program is what makes room
+    assert max(taken) <= 0.5 * granted + 50  # the look before the next program is what makes room
     assert min(np.diff(taken)) < 0
 
 
