@@ -33,13 +33,17 @@ class StoppedError(Exception):
     """As a kill between two windows."""
 
 
-@pytest.fixture(scope="module")
-def cases(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cases") / "cases"
+def platoons(folder, count):
+    """A suite of so many windows."""
     suite = SuiteWriter(folder, 0)
-    for seed in range(4):
+    for seed in range(count):
         suite.add(platoon(4, seed))
     return folder
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory):
+    return platoons(tmp_path_factory.mktemp("cases") / "cases", 4)
 
 
 def attack(cases, folder, *, stop_after=99, shard=WHOLE, run=RUN, retry=False):

@@ -4,8 +4,7 @@ import os
 import signal
 
 import pytest
-from scenes import platoon
-from test_attack_run import RUN, attack, regents, tree
+from test_attack_run import RUN, attack, platoons, regents, tree
 
 from regents_cosim.campaign.attack_run import attack_left
 from regents_cosim.campaign.ledger import open_ledger
@@ -27,11 +26,7 @@ def cluster():
 
 @pytest.fixture(scope="module")
 def cases(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cases") / "cases"
-    suite = SuiteWriter(folder, 0)
-    for seed in range(6):
-        suite.add(platoon(4, seed))
-    return folder
+    return platoons(tmp_path_factory.mktemp("cases") / "cases", 6)
 
 
 def attack_there(cases, folder, cluster, watch):
