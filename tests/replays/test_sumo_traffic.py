@@ -268,7 +268,9 @@ def test_the_command_replays_among_live_traffic():
     done = regents("replay", case, "--in", "sumo", "--background", "reactive", "--json")
     (row,) = json.loads(done.stdout)
     assert done.returncode == 0, done.stderr
-    assert (row["verified"], row["driven"], row["unmatched"], row["steps_later"]) == (True, 5, 0, 0)
+    others = sum(agent.role == "background" for agent in load_case(case).agents)
+    assert (row["verified"], row["unmatched"], row["steps_later"]) == (True, 0, 0)
+    assert 0 < row["driven"] <= others
 
 
 def test_only_sumo_has_live_traffic():
