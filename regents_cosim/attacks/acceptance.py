@@ -22,7 +22,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import Motion, accumulate, running_minimum
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.mirror.separation import Box, corners, first_row, overlaps, pick
+from regents_cosim.mirror.separation import Box, corners, first_row, gap, overlaps, pick
 from regents_cosim.mirror.world import World
 
 # The blurred map (`road_field`) on a straight edge of the road. Stricter than the verdict on the host, which lets
@@ -168,8 +168,9 @@ def ego_contacts(world: World, boxes: Box) -> Bool[Array, "agent time"]:
     ego = first_row(boxes)
     counts = world.valid & world.apart[0][:, None]
     appears = jnp.argmax(world.valid, axis=1)[:, None]
-    began_so = jnp.take_along_axis(overlaps(ego, boxes), appears, axis=1)
-    return counts & ~began_so & overlaps(ego, boxes, _HIT_DEPTH_M)
+    between = gap(ego, boxes)
+    began_so = jnp.take_along_axis(between, appears, axis=1) <= 0.0
+    return counts & ~began_so & (between <= -_HIT_DEPTH_M)
 
 
 def is_wanted(

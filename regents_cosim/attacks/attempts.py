@@ -55,9 +55,9 @@ class _Candidates:
 
     def search(self, rank: int, some: list[int]) -> None:
         """Make the longer search of that rank."""
+        planned = {index: longer[rank] for index in some if rank < len(longer := self._longer(index))}
         for sampled, search in ((False, self._searchers.descend), (True, self._searchers.sample)):
-            planned = {index: self._longer(index)[rank : rank + 1] for index in some}
-            begun = {index: plan[0][1] for index, plan in planned.items() if plan and plan[0][0] == sampled}
+            begun = {index: start for index, (samples, start) in planned.items() if samples == sampled}
             for index, ended in self._searched(search, begun, self._config.iterations):
                 self._after(index, ended)
 
