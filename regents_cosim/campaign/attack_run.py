@@ -9,9 +9,12 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from regents_cosim.archive.crash import Crash
+from regents_cosim.campaign.elites import KeptElites, kept_cases, settle
 from regents_cosim.campaign.ledger import DoneUnit, Ledger, LedgerRecord, WorkUnit
 from regents_cosim.campaign.requests import Wanted
 from regents_cosim.campaign.window_job import (
@@ -21,11 +24,13 @@ from regents_cosim.campaign.window_job import (
     WindowJob,
     attack_window,
     crashes_of,
+    failures_of,
+    has_failed,
 )
 from regents_cosim.campaign.windows import RunWindows
 from regents_cosim.cases.files import load_header
 from regents_cosim.cases.header import Header
-from regents_cosim.cases.manifest import drop_cases
+from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import RegentsError
 from regents_cosim.replays.replay import replay_each
@@ -76,15 +81,79 @@ def attack_left(
 
     Workers of `cluster` do that, a window at a time; None: this machine.
     """
+    if run.archive is None:
+        _attack(_Output(ledger, run, suite, still), windows, retry, cluster, watch)
+        return
+    settle(ledger, run.archive)
+    while ledger.left(retry):
+        elites = KeptElites(ledger, run.archive)
+        _attack(_Output(ledger, run, suite, still, elites), windows, retry, cluster, watch)
+        settle(ledger, run.archive)
+        retry = False
+    drop_unused_maps(suite.folder)
+
+
+@dataclass(frozen=True)
+class _Output:
+    """Where what is found goes."""
+
+    ledger: Ledger
+    run: AttackRun
+    suite: SuiteWriter
+    still: Still
+    elites: KeptElites | None = None  # keeps the best of each kind; None: all are kept
+
+    def save(self, unit: WorkUnit, window: AttackedWindow) -> _Saved:
+        """Save what is kept whatever comes."""
+        for case in window.cases if self.elites is None else failures_of(window.cases):
+            self.suite.add(case)
+        return _Saved(unit, window)
+
+    def finish(self, one: _Saved) -> None:
+        """Draw a window's cases, remove what an earlier attack left of it, and note it."""
+        found, before = one.found, self.ledger.record.done.get(one.unit.name)
+        kept = found.cases if self.elites is None else failures_of(found.cases)
+        crashes = self._keep_best(found, before)
+        for case in kept:
+            self._draw(case, found)
+        names = [case.id for case in kept]
+        if before and (stale := {name for name, _ in before.cases} - set(names)):
+            drop_cases(stale, self.ledger.folder)
+        hashes = tuple((name, load_header(self.ledger.folder / name).hash) for name in names)
+        replays = {case.id: _said(found.replays[case.id]) for case in found.cases if case.id in found.replays}
+        said = {"replays": dict(sorted(replays.items()))} if replays else {}
+        self.ledger.note(DoneUnit(one.unit, hashes, said, _error(found), crashes))
+        if self.elites is not None:
+            self.elites.clear_beaten()
+
+    def _keep_best(self, found: AttackedWindow, before: DoneUnit | None) -> tuple[Crash, ...]:
+        """Save the crashes of a window that are the best of their kind; all of them, for the ledger."""
+        if self.elites is None:
+            return ()
+        crashes = self.elites.take(found, before)
+        for case in filter(self.elites.holds, found.cases):
+            self.suite.add(case)
+            self._draw(case, found)
+        return crashes
+
+    def _draw(self, case: Scenario, found: AttackedWindow) -> None:
+        if self.run.pictures:
+            write_atomic(self.ledger.folder / case.id / STILL, found.stills.get(case.id) or self.still(case))
+
+
+def _attack(output: _Output, windows: RunWindows, retry: bool, cluster: Executor | None, watch: Watch) -> None:
+    ledger, run = output.ledger, output.run
     left = {unit.name for unit in ledger.left(retry)}
     searched = _with_neighbours(ledger.record.own, left, ledger.record.begun.together)
     scenarios = windows.load(unit.name for unit in searched)
-    attacked = map(AttackedWindow, run.attack(scenarios)) if cluster is None else _there(run, scenarios, still, cluster)
+    there = partial(_there, run, scenarios, output.still)
+    attacked = map(AttackedWindow, run.attack(scenarios)) if cluster is None else there(cluster)
     results = watch(attacked, len(searched))
     found = ((unit, window) for unit, window in zip(searched, results, strict=True) if unit.name in left)
-    kept = found if run.wanted is None else _wanted(found, run.wanted, run.wanted.found_in(ledger.record, suite.folder))
-    saved = (_saved(unit, window, suite) for unit, window in kept)
-    _each_in_order(saved, run.verify and cluster is None, lambda one: _finish(one, ledger, run, still))
+    so_far = run.wanted.found_in(ledger.record, ledger.folder) if run.wanted else Counter[str]()
+    kept = found if run.wanted is None else _wanted(found, run.wanted, so_far)
+    saved = (output.save(unit, window) for unit, window in kept)
+    _each_in_order(saved, run.verify and cluster is None, output.finish)
 
 
 def _there(run: AttackRun, scenarios: Iterator[Scenario], still: Still, cluster: Executor) -> Iterator[AttackedWindow]:
@@ -105,30 +174,20 @@ def _wanted(found: Found, wanted: Wanted, so_far: Counter[str]) -> Found:
         if one is None:
             return
         unit, window = one
-        yield unit, replace(window, cases=[c for c in window.cases if wanted.takes(c, so_far) or _has_failed(c)])
-
-
-def _has_failed(case: Scenario) -> bool:
-    return case.attack is not None and bool(case.attack.planner_error)
+        yield unit, replace(window, cases=[c for c in window.cases if wanted.takes(c, so_far) or has_failed(c)])
 
 
 def attacked_headers(record: LedgerRecord, folder: Path) -> tuple[list[Header], dict[str, Replay]]:
     """What a run has left in a folder, without the tracks, in the order of its windows; and what SUMO said of it."""
     done = [record.done[unit.name] for unit in record.own if record.is_done(unit)]
     replays = {name: Replay(name, **said) for one in done for name, said in one.said.get("replays", {}).items()}
-    return [load_header(folder / name) for one in done for name, _ in one.cases], replays
+    return [load_header(folder / name) for name in kept_cases(record)], replays
 
 
 def _with_neighbours(own: Sequence[WorkUnit], left: set[str], together: int) -> list[WorkUnit]:
     """The units that are left, and those that share a computation with one of them."""
     groups = [own[at : at + together] for at in range(0, len(own), together)]
     return [unit for group in groups if left & {unit.name for unit in group} for unit in group]
-
-
-def _saved(unit: WorkUnit, window: AttackedWindow, suite: SuiteWriter) -> _Saved:
-    for case in window.cases:
-        suite.add(case)
-    return _Saved(unit, window)
 
 
 def _each_in_order(saved: Iterator[_Saved], verify: bool, finish: Callable[[_Saved], None]) -> None:
@@ -156,27 +215,12 @@ def _each_in_order(saved: Iterator[_Saved], verify: bool, finish: Callable[[_Sav
         finish_first()
 
 
-def _finish(one: _Saved, ledger: Ledger, run: AttackRun, still: Still) -> None:
-    """Draw a window's cases, remove what an earlier attack left of it, and note it."""
-    found = one.found
-    if run.pictures:
-        for case in found.cases:
-            write_atomic(ledger.folder / case.id / STILL, found.stills.get(case.id) or still(case))
-    names = [case.id for case in found.cases]
-    before = ledger.record.done.get(one.unit.name)
-    if before and (stale := {name for name, _ in before.cases} - set(names)):
-        drop_cases(stale, ledger.folder)
-    hashes = [(name, load_header(ledger.folder / name).hash) for name in names]
-    replays = {name: _said(found.replays[name]) for name in sorted({*names} & {*found.replays})}
-    ledger.note(DoneUnit(one.unit, tuple(hashes), {"replays": replays} if replays else {}, _error(found)))
-
-
 def _said(replay: Replay) -> dict[str, Any]:
     return {"verified": replay.verified, "reason": replay.reason, "planner_failed": replay.planner_failed}
 
 
 def _error(found: AttackedWindow) -> str:
     """Why a window failed, in one line: its planner did, or SUMO could not replay what was found."""
-    planner = [case.attack.planner_error for case in found.cases if case.attack and _has_failed(case)]
+    planner = [case.attack.planner_error for case in found.cases if case.attack and has_failed(case)]
     sumo = [replay.reason for replay in found.replays.values() if replay.replayed is None]
     return next(iter([*planner, *sumo]), "").partition("\n")[0]

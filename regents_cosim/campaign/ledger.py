@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace as replace_struct
 
+from regents_cosim.archive.crash import Crash
 from regents_cosim.campaign.identity import Identity, changed_makers, require_same
 from regents_cosim.campaign.shards import WHOLE, Shard
 from regents_cosim.cases.header import HEADER
@@ -53,10 +54,16 @@ class DoneUnit(msgspec.Struct, frozen=True, tag="done", omit_defaults=True):
     cases: tuple[tuple[str, str], ...] = ()  # that it left in the folder: name and content hash
     said: dict[str, Any] = {}
     error: str = ""  # why it failed
+    crashes: tuple[Crash, ...] = ()  # that it found, where only the best of each kind are kept (`campaign.elites`)
 
     def __post_init__(self) -> None:
-        for name, _ in self.cases:
+        for name in self.names:
             require_file_name(name, "case of a ledger")
+
+    @property
+    def names(self) -> list[str]:
+        """The cases that it may have left in the folder."""
+        return [*(name for name, _ in self.cases), *(crash.case for crash in self.crashes)]
 
 
 class RunPlan(msgspec.Struct, frozen=True, tag="plan", omit_defaults=True):
@@ -140,7 +147,7 @@ class Ledger:
     def gone(self, units: Sequence[WorkUnit]) -> list[str]:
         """The cases in the folder that are of none of these units."""
         names = {unit.name for unit in units}
-        return [case for name, done in self.record.done.items() if name not in names for case, _ in done.cases]
+        return [case for name, done in self.record.done.items() if name not in names for case in done.names]
 
     def plan(self, key: str, units: Sequence[WorkUnit]) -> None:
         """Note which units there are; of others nothing is known any more."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from regents_cosim.campaign.elites import beaten_cases
 from regents_cosim.campaign.identity import changed_makers
 from regents_cosim.campaign.ledger import Begun, LedgerRecord, read_record, write_record
 from regents_cosim.cases.files import load_case
@@ -37,10 +38,11 @@ def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[LedgerR
     require_writable(folder)
     if folder.exists() and any(folder.iterdir()):
         raise CaseError(f"{folder} is not empty: choose another folder for the shards with -o")
-    home = {case: shard for shard in shards for case in _listed(shard)}
-    notes = replace(_notes(shards), cases=())
     done = {name: one for record in records for name, one in record.done.items()}
     whole = replace(records[0], begun=_undivided(records[0]), done=done)
+    beaten = beaten_cases(whole)
+    home = {case: shard for shard in shards for case in _listed(shard) if case not in beaten}
+    notes = replace(_notes(shards), cases=())
     with explain_write(folder), new_folder(folder.resolve()) as fresh:
         for case, shard in sorted(home.items()):
             add_case(load_case(shard / case), fresh, notes)
@@ -89,7 +91,7 @@ def _listed(shard: Path) -> list[str]:
 
 def _notes(shards: Sequence[Path]) -> Suite:
     """What the manifests say of how they were made; they all say the same."""
-    return next(load_manifest(shard) for shard in shards if (shard / MANIFEST).exists())
+    return next((load_manifest(shard) for shard in shards if (shard / MANIFEST).exists()), Suite(()))
 
 
 def _undivided(record: LedgerRecord) -> Begun:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from regents_cosim.archive.axes import Axes
 from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.campaign.identity import Identity, identity
@@ -32,6 +33,7 @@ class AttackRun:
     verify: bool = True
     pictures: bool = True
     wanted: Wanted | None = None  # crashes of these kinds alone are kept, until there are enough
+    archive: Axes | None = None  # the best crash of each cell of this map alone is kept
 
     def together(self) -> int:
         """Windows that are searched in one computation. Raises PlannerError."""
@@ -45,6 +47,7 @@ class AttackRun:
         mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
         mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
         mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
+        mine |= {"archive": list(self.archive.names)} if self.archive else {}
         settings = {**traffic, **asdict(self.config), **mine}
         return identity("attack", settings, {name: planner_digest(name) for name in names})
 
@@ -95,3 +98,13 @@ def attack_window(job: WindowJob) -> AttackedWindow:
 def crashes_of(cases: Iterable[Scenario]) -> list[Scenario]:
     """Those that SUMO can be asked about."""
     return [case for case in cases if case.attack and case.attack.outcome == "collision"]
+
+
+def failures_of(cases: Iterable[Scenario]) -> list[Scenario]:
+    """Those in which the planner failed."""
+    return list(filter(has_failed, cases))
+
+
+def has_failed(case: Scenario) -> bool:
+    """Whether the planner failed."""
+    return case.attack is not None and bool(case.attack.planner_error)

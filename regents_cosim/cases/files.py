@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -21,7 +22,7 @@ from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_inside, require_no_link
 from regents_cosim.errors import CaseError
 from regents_cosim.judgement import Judgement
-from regents_cosim.rooms import TAGGER
+from regents_cosim.rooms import MEASURER, TAGGER
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import clear_leftovers, explain_write, new_folder
 from regents_cosim.system.locks import writing
@@ -58,7 +59,7 @@ def write_case(scenario: Scenario, suite: Path, digest: str, ready: Callable[[],
                 (folder / "original.npz").write_bytes(pack_tracks(scenario.original))
             if scenario.evasion is not None:
                 (folder / "evasion.npz").write_bytes(pack_tracks(scenario.evasion))
-            header = replace(header_of(scenario, files, digest), tags=_tags(scenario))
+            header = replace(header_of(scenario, files, digest), **_said_of(scenario))
             text = msgspec.json.encode({"schema": schema_of(scenario)} | msgspec.to_builtins(header))
             (folder / HEADER).write_bytes(msgspec.json.format(text, indent=1) + b"\n")
             ready()
@@ -116,10 +117,14 @@ def _require_own(folder: Path) -> None:
         require_inside(folder / name, suite)
 
 
-def _tags(scenario: Scenario) -> tuple[str, ...]:
-    """What kind of scenario it is: no part of what is hashed, for it follows from the rest."""
-    module, _, name = TAGGER.partition(":")
-    return getattr(import_module(module), name)(scenario)
+def _said_of(scenario: Scenario) -> dict[str, Any]:
+    """What rooms above know of a case: no part of what is hashed, for it follows from the rest."""
+    return {"tags": _asked(TAGGER)(scenario), "behaviour": _asked(MEASURER)(scenario)}
+
+
+def _asked(place: str) -> Callable[[Scenario], Any]:
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
 
 
 def _avoidable(judgement: Judgement | None) -> bool:

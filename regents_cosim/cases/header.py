@@ -12,6 +12,14 @@ HEADER = "scenario.json"
 
 
 @dataclass(frozen=True)
+class Behaviour:
+    """How the adversary comes to its crash, as its tracks tell."""
+
+    departs_s: float | None  # from when it can be seen to depart from its log to the contact; None: it cannot be seen
+    deviation_m: float  # mean distance from its log up to the contact
+
+
+@dataclass(frozen=True)
 class Header:
     """scenario.json, except for `schema`: all of a case but its tracks and its map."""
 
@@ -28,6 +36,7 @@ class Header:
     attack: AttackRecord | None
     judgement: Judgement | None = None
     tags: tuple[str, ...] | None = None  # what kind of scenario it is; None: of a version that knew none
+    behaviour: Behaviour | None = None  # of a crash; None: there is none, or of a version that knew none
 
     def __post_init__(self) -> None:
         require_file_name(self.id, "case id")

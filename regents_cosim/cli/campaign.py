@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from regents_cosim.cli.options import TrafficOptions
+from regents_cosim.cli.options import MapAxes, TrafficOptions
 from regents_cosim.cli.shared import record_traffic, traffic_source
 from regents_cosim.errors import RegentsError
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from concurrent.futures import Executor
 
+    from regents_cosim.archive.axes import Axes
     from regents_cosim.campaign.ledger import Ledger, LedgerRecord
     from regents_cosim.campaign.shards import Shard
     from regents_cosim.campaign.window_job import AttackRun
@@ -35,6 +36,10 @@ class CampaignOptions:
     types: Annotated[tuple[str, ...], Parameter(["--type"])] = ()
     """KIND or KIND=NUMBER: keep crashes of this kind alone (docs/tags.md, e.g. cut_in=10), so many (--count where no
     number is given), and record more windows until they are found or the traffic holds no more; may be repeated"""
+    archive: bool = False
+    """keep the best crash of each cell of the map of behaviours alone: telling before avoidable before clean, then the
+    most usual adversary, then the least deviation (`regents suite coverage` shows the map)"""
+    axes: MapAxes = ""
 
     def share(self, terminal: "Terminal") -> "Shard":
         """The share that is asked for, or that of this task of a SLURM array, which is said. Raises RegentsError."""
@@ -46,6 +51,16 @@ class CampaignOptions:
         if found is not None:
             terminal.say(f"shard {found}, by SLURM's job array (--shard 1/1 does all of it)")
         return found or WHOLE
+
+    def map_axes(self) -> "Axes | None":
+        """Of the map whose best crashes alone are kept; None: all are. Raises RegentsError."""
+        from regents_cosim.archive.axes import parse_axes
+
+        if not self.archive and self.axes:
+            raise RegentsError("--axes are of a map: expected --archive as well")
+        if self.archive and self.types:
+            raise RegentsError("--archive keeps one crash of each kind, --type so many of one: expected one of them")
+        return parse_axes(self.axes) if self.archive else None
 
 
 @dataclass(frozen=True)

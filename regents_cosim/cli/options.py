@@ -40,6 +40,13 @@ Executor = Annotated[str, Parameter(help="who does the work: local, dask (a work
 Networks = Annotated[
     tuple[str, ...], Parameter(help="shipped networks, or .sumocfg files; all shipped ones by default")
 ]
+MapAxes = Annotated[
+    str,
+    Parameter(
+        help="axes of the map of behaviours, with commas between them, of tag, kind, closing_speed, departure, ego, "
+        "place, lights and density; by default tag,closing_speed,departure"
+    ),
+]
 Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO")]
 Pictures = Annotated[Switch, Parameter(help="draw a still picture into every case")]
 

@@ -27,6 +27,7 @@ DRIVEN = (
 COMPARED = ("case", "verdict", "now")
 RANKED = ("planner", "n", "crashes", "crash_percent", "held_up", "only_this", "only_before", "p_value")
 LISTED = ("case", "kind", "tags", "telling", "clean", "avoidable")
+COVERED = ("case", "standing", "quality", "new")
 CHECKED = ("case", "problem")
 STATUS = ("state", "done", "failed", "left", "time_left")
 JUDGED = ("case", "telling", "before", "clean", "offences", "preventable_by")

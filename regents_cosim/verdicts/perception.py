@@ -19,14 +19,21 @@ _WANDER_M = 0.375  # UN Regulation 157, Annex 3: who is further from the middle 
 def perceived_step(attacked: Scenario, agent: int) -> int:
     """The first step at which `agent` can be seen to depart from its log.
 
-    That is 0.5 m, 5 degrees or 1.5 m/s off it, or 0.375 m further from the middle of the lanes that run its way. Who
-    keeps to its log up to the crash does what could be expected from the start: step 0.
+    Who keeps to its log up to the crash does what could be expected from the start: step 0.
+    """
+    return departs_step(attacked, agent) or 0
+
+
+def departs_step(attacked: Scenario, agent: int) -> int | None:
+    """The same; None where it cannot be seen up to the crash, or there is none.
+
+    That is 0.5 m, 5 degrees or 1.5 m/s off its log, or 0.375 m further from the middle of the lanes that run its way.
     """
     hit = attacked.attack.collision if attacked.attack else None
     if attacked.original is None or hit is None:
-        return 0
+        return None
     seen = _departs(attacked, attacked.original, agent)[: hit.step + 1]
-    return int(np.argmax(seen))  # 0 where it never does
+    return int(np.argmax(seen)) if seen.any() else None
 
 
 def reacts_step(perceived: int, dt: float) -> int:

@@ -6,8 +6,8 @@ import shapely
 from scenes import scene, straight_road
 from two_car_scenes import TIME, crashed, lane_change, moving
 
-from regents_cosim.evaluation.crashes.deviation import deviation
 from regents_cosim.evaluation.crashes.realism import DryRoadLimits, motion, off_road_steps, quantity, realism
+from regents_cosim.verdicts.deviation import deviation
 
 
 def test_motion_by_hand():

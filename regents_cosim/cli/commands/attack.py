@@ -73,6 +73,7 @@ def attack(
     judge
         say of every crash what spoils it as a test, and whether the ego could have avoided it
     """
+    from regents_cosim.archive.coverage import Coverage, archive_of
     from regents_cosim.campaign.attack_run import attacked_headers
     from regents_cosim.campaign.requests import parse_types
     from regents_cosim.campaign.window_job import AttackRun
@@ -83,12 +84,18 @@ def attack(
     programs.keep()
     config = search.config(rules)
     wanted = parse_types(campaign.types, traffic.count)
-    run = AttackRun(config, planner, against, batch, engine, act_timeout, judge, verify, pictures, wanted)
+    axes = campaign.map_axes()
+    if axes and not judge:
+        raise RegentsError("--archive chooses by the judgement: leave out --no-judge")
+    run = AttackRun(config, planner, against, batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
     record = attack_into(output, run, Given(cases, traffic, sumo, executor), campaign, terminal)
     attacked, replays = attacked_headers(record, output)
     rows = [attack_row(one, replays.get(one.id)) for one in attacked]
     title = f"{config.label} against {' and '.join((planner, *against))}: {len(rows)} cases in {output}"
     terminal.show(title, rows, summary(attacked, replays), ATTACKED)
+    if axes:
+        kept = archive_of([output / one.id for one in attacked], axes)
+        terminal.say(f"of {len(record.own)} windows, {Coverage(kept).summary()}")
     return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal
 
 from cyclopts import App
@@ -11,6 +12,7 @@ from regents_cosim.cli.options import (
     Cases,
     Count,
     CountOrZero,
+    MapAxes,
     Output,
     OutputIfAny,
     OutputOptions,
@@ -19,10 +21,15 @@ from regents_cosim.cli.options import (
     Switch,
 )
 from regents_cosim.cli.shared import open_terminal
-from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
+from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, CaseError, RegentsError
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from regents_cosim.archive.axes import Axes
+    from regents_cosim.archive.elites import Archive
+    from regents_cosim.cli.terminal import Terminal
     from regents_cosim.evaluation.suites.cards import CaseCard
 
 suites = App(name="suite", help="Make, look at, check and merge suites: folders of cases that planners are tested on.")
@@ -42,6 +49,8 @@ def build(
     harmless: Switch = True,
     planner: tuple[str, ...] = ("idm",),
     method: Literal["regents", "king", "focused"] = "focused",
+    min_cells: CountOrZero = 0,
+    axes: MapAxes = "",
     seed: Seed = 0,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
@@ -80,9 +89,15 @@ def build(
         one, and show when that gets worse. The first has to drive the ordinary cases without a collision
     method
         of the attack
+    min_cells
+        of the map of behaviours that the crashes have to fill (`regents suite coverage`): the best crash of each cell
+        comes before all others
     seed
         of the traffic and of the choice
     """
+    from regents_cosim.archive.axes import parse_axes
+    from regents_cosim.archive.coverage import archive_of
+    from regents_cosim.cases.manifest import MANIFEST, find_cases
     from regents_cosim.cases.shipped import NETWORKS
     from regents_cosim.evaluation.suites.building import Recipe, build_suite
     from regents_cosim.evaluation.suites.cards import card_of
@@ -103,12 +118,17 @@ def build(
         planners=planner,
         method=method,
         seed=seed,
+        min_cells=min_cells,
+        axes=parse_axes(axes),
     )
+    before = None
+    with suppress(CaseError):  # what cannot be read is replaced like any other
+        before = archive_of(find_cases(output), recipe.axes) if (output / MANIFEST).is_file() else None
     scenarios = build_suite(output, recipe, tell=terminal.say)
     terminal.show(
         f"{len(scenarios)} cases in {output}", _rows(card_of(output / s.id) for s in scenarios), essential=LISTED
     )
-    return 0
+    return 0 if _covers(output, recipe.axes, min_cells, terminal, before) else NEGATIVE_VERDICT
 
 
 @suites.command(name="list")
@@ -155,7 +175,58 @@ def _rows(cards: "Iterable[CaseCard]", short: bool = True) -> list[dict[str, Any
 
 
 @suites.command
-def check(suite: Cases, *, replay: bool = False, talk: OutputOptions = OutputOptions()) -> int:
+def coverage(
+    suite: Cases,
+    *,
+    against: Cases | None = None,
+    axes: MapAxes = "",
+    output: OutputIfAny = None,
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Which cells of the map of behaviours the crashes of a suite fill, and the best crash of each.
+
+    Parameters
+    ----------
+    suite
+        a folder of cases
+    against
+        an older suite: which cells the new one fills that it does not
+    output
+        file for a picture of the map (.png)
+    """
+    from regents_cosim.archive.axes import parse_axes
+    from regents_cosim.archive.coverage import coverage_of
+    from regents_cosim.cases.suite import suite_cases
+    from regents_cosim.reports.coverage_map import coverage_text, draw_coverage
+    from regents_cosim.reports.tables import COVERED
+
+    if output is not None and output.suffix != ".png":
+        raise RegentsError(f"--output {output}: expected a name that ends in .png")
+    asked = parse_axes(axes)
+    terminal = open_terminal(talk)
+    with terminal.waiting("reading"):
+        folders = [suite / case for case in suite_cases(suite)]
+        found = coverage_of(folders, asked, against and [against / case for case in suite_cases(against)])
+    title = f"the crashes of {suite} by {', '.join(asked.names)}"
+    if output is not None:
+        draw_coverage(found, title, output)
+    if talk.json:
+        terminal.publish("", found.plain(str(suite)))
+        return 0
+    terminal.write(coverage_text(found))
+    terminal.show(title, found.rows(), found.summary(), (*asked.names, *COVERED))
+    return 0
+
+
+@suites.command
+def check(
+    suite: Cases,
+    *,
+    replay: bool = False,
+    min_cells: CountOrZero = 0,
+    axes: MapAxes = "",
+    talk: OutputOptions = OutputOptions(),
+) -> int:
     """Whether every case of a suite loads as it was saved, with its maps, and fits its manifest and its baseline.
 
     Parameters
@@ -164,11 +235,17 @@ def check(suite: Cases, *, replay: bool = False, talk: OutputOptions = OutputOpt
         a folder of cases
     replay
         replay every case in the simulator that it is from as well, and compare every position
+    min_cells
+        of the map of behaviours that the suite has to fill (`regents suite coverage`)
     """
+    from regents_cosim.archive.axes import parse_axes
+    from regents_cosim.archive.coverage import require_cells
     from regents_cosim.evaluation.suites.folders import check_suite
     from regents_cosim.planners.names import is_built_in
     from regents_cosim.reports.tables import CHECKED
 
+    asked = parse_axes(axes)
+    require_cells(asked, min_cells)
     terminal = open_terminal(talk)
     with terminal.waiting("checking"):
         rows = list(check_suite(suite, replay))
@@ -184,7 +261,8 @@ def check(suite: Cases, *, replay: bool = False, talk: OutputOptions = OutputOpt
         [dataclasses.asdict(row) for row in (rows if talk.json else bad)],
         essential=CHECKED,
     )
-    return NEGATIVE_VERDICT if bad else 0
+    enough = not min_cells or bool(bad) or _covers(suite, asked, min_cells, terminal)
+    return 0 if enough and not bad else NEGATIVE_VERDICT
 
 
 @suites.command
@@ -292,6 +370,17 @@ def merge(
     count = merge_into(output, folders, seed) if shards is None else merge_shards(output, folders, shards)
     open_terminal(talk).say(f"{count} cases of {len(folders)} {'suites' if shards is None else 'shards'} in {output}")
     return 0
+
+
+def _covers(suite: "Path", axes: "Axes", least: int, terminal: "Terminal", before: "Archive | None" = None) -> bool:
+    """Whether a suite fills so many cells of the map of behaviours; says how many, and how many are new."""
+    from regents_cosim.archive.coverage import Coverage, archive_of
+    from regents_cosim.cases.suite import suite_cases
+
+    found = Coverage(archive_of([suite / case for case in suite_cases(suite)], axes), before)
+    filled = len(found.archive.elites)
+    terminal.say(f"{found.summary()}{f'; {least} asked for' if filled < least else ''}")
+    return filled >= least
 
 
 def _words(text: str) -> tuple[str, ...]:

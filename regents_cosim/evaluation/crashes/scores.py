@@ -7,13 +7,13 @@ from statistics import fmean, median
 from typing import Any, NamedTuple, get_args
 
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.evaluation.crashes.deviation import deviation
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences
 from regents_cosim.evaluation.crashes.realism import realism
 from regents_cosim.evaluation.drives.driving import driving_row, score
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.judgement import OffenceName
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.deviation import deviation
 
 Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
 Interval = tuple[float, float]

@@ -22,7 +22,6 @@ import numpy as np
 from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.evaluation.crashes.deviation import deviation
 from regents_cosim.evaluation.reduction.pieces import cut, without
 from regents_cosim.evaluation.reduction.way_back import WayBack, changed_agents, with_rows
 from regents_cosim.judgement import UNLAWFUL, Flaw
@@ -32,6 +31,7 @@ from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import Collision, Scenario, Tracks
 from regents_cosim.verdicts.clean import flaws
+from regents_cosim.verdicts.deviation import deviation
 from regents_cosim.verdicts.judge import judge
 
 LEAD_S = 2.0  # of the window before the crash, at least: the planner must have had something to decide

@@ -8,13 +8,17 @@ one gets worse. Each crash brings its harmless neighbour (`evaluation.reduction.
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
+from regents_cosim.archive.axes import Axes
+from regents_cosim.archive.coverage import require_cells
+from regents_cosim.archive.crash import crash_of
+from regents_cosim.archive.elites import Archive
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import METHODS
 from regents_cosim.campaign.steps import Steps
@@ -52,6 +56,7 @@ _RANGES = {
     "adversarial": Range(0, _MOST, "crashes that the planner could have avoided", whole=True),
     "unavoidable": Range(0, _MOST, "crashes that it could not have avoided", whole=True),
     "ordinary": Range(0, _MOST, "windows of recorded traffic", whole=True),
+    "min_cells": Range(0, _MOST, "cells of the map of behaviours that the crashes fill", whole=True),
     "seed": SEED,
 }
 
@@ -73,10 +78,13 @@ class Recipe:
     planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
     method: str = "focused"
     seed: int = 0
+    min_cells: int = 0  # the best crash of each of so many cells of the map comes before all others
+    axes: Axes = field(default_factory=Axes)
 
     def __post_init__(self) -> None:
         """Raises RegentsError."""
         check_ranges(self, _RANGES)
+        require_cells(self.axes, self.min_cells)
 
 
 def build_suite(
@@ -111,7 +119,9 @@ def build(
     ordinary = _collision_free([one for its in recorded_by_source for one in its], recipe)
     neighbours = _neighbours(crashes) if recipe.harmless else {}
     met = [one for one in crashes if one.id in neighbours] if recipe.harmless else crashes
-    adversarial = choose_adversarial(_cards(met), recipe.adversarial, recipe.unavoidable, recipe.seed)
+    adversarial = choose_adversarial(
+        _cards(met), recipe.adversarial, recipe.unavoidable, recipe.seed, _best_of_cells(met, recipe)
+    )
     recorded = _chosen_ordinary(ordinary, recipe)
     by_name = {scenario.id: scenario for scenario in (*crashes, *ordinary)}
     chosen = [by_name[one.case] for one in (*adversarial, *recorded)]
@@ -130,6 +140,14 @@ def _spread(windows: Sequence[Scenario], count: int) -> Sequence[Scenario]:
     if not 0 < count < len(windows):
         return windows
     return [windows[number * len(windows) // count] for number in range(count)]
+
+
+def _best_of_cells(crashes: Sequence[Scenario], recipe: Recipe) -> set[str]:
+    """The best crash of each of so many cells of the map as are asked for, those of the best quality first."""
+    if not recipe.min_cells:
+        return set()
+    best = Archive(recipe.axes, filter(None, map(crash_of, crashes))).elites.values()
+    return {crash.case for crash in sorted(best, key=lambda crash: crash.order)[: recipe.min_cells]}
 
 
 def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[CaseCard]:

@@ -12,15 +12,17 @@ from regents_cosim.evaluation.suites.cards import CaseCard
 _PER_WINDOW = 2  # attacks on one window share all their traffic but the adversary
 
 
-def choose_adversarial(cards: Sequence[CaseCard], count: int, unavoidable: int, seed: int) -> list[CaseCard]:
+def choose_adversarial(
+    cards: Sequence[CaseCard], count: int, unavoidable: int, seed: int, first: Collection[str] = ()
+) -> list[CaseCard]:
     """`count` clean crashes that the planner could have avoided, and `unavoidable` ones that it could not.
 
-    Of the former the telling ones come first, others only where there are too few. Balanced over kinds of collision,
-    within a kind over networks. A window gives at most two cases, and those differ in their adversary or their kind.
-    Sorted by name; fewer where there are not enough.
+    Of the former those named in `first` come first, then the telling ones, others only where there are too few.
+    Balanced over kinds of collision, within a kind over networks. A window gives at most two cases, and those differ in
+    their adversary or their kind. Sorted by name; fewer where there are not enough.
     """
     clean = [card for card in cards if card.clean]
-    could = _balanced([c for c in clean if c.avoidable or c.telling], count, seed, _kind)
+    could = _balanced([c for c in clean if c.avoidable or c.telling], count, seed, _kind, first)
     could_not = _balanced([c for c in clean if c.avoidable is False and not c.telling], unavoidable, seed, _kind)
     return sorted([*could, *could_not], key=_name)
 
@@ -33,8 +35,14 @@ def choose_ordinary(cards: Sequence[CaseCard], followers: Collection[str], count
     return sorted(_balanced(cards, count, seed, lambda card: card.case in followers), key=_name)
 
 
-def _balanced(cards: Sequence[CaseCard], count: int, seed: int, kind: Callable[[CaseCard], object]) -> list[CaseCard]:
-    """The next is telling while there are such, of the rarest kind so far, then of its rarest network and so on."""
+def _balanced(
+    cards: Sequence[CaseCard],
+    count: int,
+    seed: int,
+    kind: Callable[[CaseCard], object],
+    first: Collection[str] = (),
+) -> list[CaseCard]:
+    """The next is in `first` or telling while there are such, of the rarest kind so far, of its rarest network ..."""
     left = {card.case: card for card in cards}
     chosen: list[CaseCard] = []
     had: Counter[object] = Counter()
@@ -46,7 +54,7 @@ def _balanced(cards: Sequence[CaseCard], count: int, seed: int, kind: Callable[[
 
     def rarity(card: CaseCard) -> tuple[int | str, ...]:
         lot = hashlib.sha256(f"{seed} {card.case}".encode()).hexdigest()  # no favour for early windows
-        return int(card.telling is not True), *(had[trait] for trait in traits(card)), lot
+        return int(card.case not in first), int(card.telling is not True), *(had[trait] for trait in traits(card)), lot
 
     while left and len(chosen) < count:
         card = left.pop(min(left.values(), key=rarity).case)

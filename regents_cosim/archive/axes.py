@@ -1,0 +1,114 @@
+"""The axes of the map of behaviours, and the cell of a crash on them."""
+
+import difflib
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from math import prod
+from typing import get_args
+
+from regents_cosim.archive.crash import Crash
+from regents_cosim.errors import RegentsError
+from regents_cosim.scenario import CollisionKind
+from regents_cosim.tags.table import TAGS, About
+
+Cell = tuple[str, ...]  # a label on every axis
+_OTHER = "none"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a map."""
+
+    name: str
+    says: str
+    labels: tuple[str, ...]  # all there are, in order
+    of: Callable[[Crash], str]  # the label of a crash
+
+
+def _tagged(name: str, about: About, says: str) -> Axis:
+    """By the first tag of a kind that a case has, in the order of docs/tags.md."""
+    tags = tuple(tag.name for tag in TAGS.values() if tag.about == about)
+    return Axis(name, says, (*tags, _OTHER), lambda crash: next((tag for tag in tags if tag in crash.tags), _OTHER))
+
+
+def _measured(
+    name: str, says: str, edges: Sequence[int], unit: str, value: Callable[[Crash], float | None], unknown: str = ""
+) -> Axis:
+    """By where a value lies between `edges`, which begin with 0; `unknown`: of crashes that have none."""
+    bounds = tuple(pairwise(edges))
+    bins = (*(f"{low}-{high} {unit}" for low, high in bounds), f"{edges[-1]}+ {unit}")
+
+    def label(crash: Crash) -> str:
+        found = value(crash)
+        return unknown if found is None else bins[max(bisect_right(edges, found) - 1, 0)]
+
+    return Axis(name, says, (*bins, unknown) if unknown else bins, label)
+
+
+AXES: dict[str, Axis] = {
+    axis.name: axis
+    for axis in (
+        _tagged("tag", "adversary", "what the adversary does, by its first tag"),
+        Axis("kind", "of collision", get_args(CollisionKind), lambda crash: crash.kind),
+        _measured(
+            "closing_speed", "relative speed at the contact", (0, 5, 10, 15, 20), "m/s", lambda crash: crash.closing_m_s
+        ),
+        _measured(
+            "departure",
+            "time from when the adversary can be seen to leave its log to the contact",
+            (0, 1, 2, 3, 4, 5, 6, 7),
+            "s",
+            lambda crash: crash.departs_s,
+            "not seen",
+        ),
+        _tagged("ego", "ego", "what the ego does, by its first tag"),
+        _tagged("place", "place", "where it happens"),
+        _tagged("lights", "lights", "whether there are traffic lights"),
+        _tagged("density", "density", "how dense the traffic is"),
+    )
+}
+DEFAULT_AXES = ("tag", "closing_speed", "departure")
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Those of one map. Raises RegentsError for none, for one given twice, and for an unknown one."""
+
+    names: tuple[str, ...] = DEFAULT_AXES
+
+    def __post_init__(self) -> None:
+        if not self.names:
+            raise RegentsError(f"--axes: expected one or more of {', '.join(AXES)}")
+        for at, name in enumerate(self.names):
+            if name not in AXES:
+                near = difflib.get_close_matches(name, AXES, n=3, cutoff=0.4)
+                hint = f"did you mean {', '.join(near)}?" if near else f"expected one of {', '.join(AXES)}"
+                raise RegentsError(f"unknown axis {name!r}: {hint}")
+            if name in self.names[:at]:
+                raise RegentsError(f"axis {name!r} is given twice: expected each once")
+
+    @property
+    def axes(self) -> list[Axis]:
+        """The axes, in order."""
+        return [AXES[name] for name in self.names]
+
+    @property
+    def count(self) -> int:
+        """How many cells there are; not all of them can be filled."""
+        return prod(len(axis.labels) for axis in self.axes)
+
+    def cell(self, crash: Crash) -> Cell:
+        """Where a crash belongs."""
+        return tuple(axis.of(crash) for axis in self.axes)
+
+    def cells(self) -> list[Cell]:
+        """All, in order."""
+        return list(product(*(axis.labels for axis in self.axes)))
+
+
+def parse_axes(text: str) -> Axes:
+    """`tag,closing_speed`; the default where that is empty. Raises RegentsError."""
+    names = tuple(word.strip() for word in text.split(",") if word.strip())
+    return Axes(names) if text else Axes()

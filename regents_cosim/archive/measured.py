@@ -1,0 +1,20 @@
+"""What the tracks alone tell of an adversary's way to its crash; saved with the case, for maps need no tracks then."""
+
+from regents_cosim.cases.header import Behaviour
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.deviation import deviation
+from regents_cosim.verdicts.perception import departs_step
+
+_DECIMALS = 3  # millimetres and milliseconds: the same whatever the processor's last bit
+
+
+def behaviour_of(scenario: Scenario) -> Behaviour | None:
+    """How the adversary comes to its crash; None of a case without one, or without what was before the attack."""
+    found = deviation(scenario)
+    hit = scenario.attack.collision if scenario.attack else None
+    if found is None or hit is None:
+        return None
+    agent = next(i for i, one in enumerate(scenario.agents) if one.id == hit.agent)
+    departs = departs_step(scenario, agent)
+    seconds = None if departs is None else round((hit.step - departs) * scenario.dt, _DECIMALS)
+    return Behaviour(seconds, round(found.mean_m, _DECIMALS))

@@ -1,0 +1,121 @@
+"""A run that keeps the best crash of each kind ends with the same ones: stopped, divided, with fewer windows."""
+
+import random
+import shutil
+
+import pytest
+from made_crashes import MadeCrashes, window
+
+from regents_cosim.archive.axes import Axes
+from regents_cosim.archive.crash import crash_of
+from regents_cosim.archive.elites import Archive
+from regents_cosim.attacks.presets import preset
+from regents_cosim.campaign.attack_run import attack_left, attacked_headers
+from regents_cosim.campaign.ledger import forget_lost, open_ledger, read_record
+from regents_cosim.campaign.merging import merge_shards, shards_in
+from regents_cosim.campaign.shards import WHOLE, Shard
+from regents_cosim.campaign.windows import planned, windows_of
+from regents_cosim.cases.manifest import load_manifest
+from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.errors import CaseError
+
+AXES = Axes(("tag", "closing_speed"))
+RUN = MadeCrashes(preset(method="king"), "constant_velocity", verify=False, pictures=False, archive=AXES)
+WINDOWS = [window(number) for number in range(7)]
+
+
+class StoppedError(Exception):
+    """As a kill between two windows."""
+
+
+def attack(folder, windows=WINDOWS, *, stop_after=99, shard=WHOLE, run=RUN):
+    """A session; returns how many windows it searched."""
+    searched = 0
+
+    def watch(done, of):
+        nonlocal searched
+        for results in done:
+            if searched == stop_after:
+                raise StoppedError
+            searched += 1
+            yield results
+
+    with open_ledger(folder, run.identity({}, 1), shard) as ledger:
+        forget_lost(ledger)
+        held = windows_of(windows)
+        planned(ledger, held)
+        attack_left(ledger, held, run, SuiteWriter(folder, 0), still=repr, watch=watch)
+        ledger.finish()
+    return searched
+
+
+def tree(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def kept(folder):
+    return {entry.case for entry in load_manifest(folder).cases}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "suite"
+    assert attack(folder) == len(WINDOWS)
+    return folder
+
+
+def test_what_is_kept_is_the_best_of_each_cell(whole):
+    crashes = [crash_of(case) for cases in RUN.attack(WINDOWS) for case in cases]
+    best = {one.case for one in Archive(AXES, crashes).elites.values()}
+    assert kept(whole) == best
+    assert len(best) < len(crashes)
+    headers, _ = attacked_headers(read_record(whole), whole)
+    assert {header.id for header in headers} == best
+
+
+def test_stopped_anywhere_it_ends_the_same(whole, tmp_path):
+    suite = tmp_path / "suite"
+    for stop_after in (2, 0, 3):
+        with pytest.raises(StoppedError):
+            attack(suite, stop_after=stop_after)
+    assert attack(suite) == 2
+    assert tree(suite) == tree(whole)
+    assert attack(suite) == 0
+
+
+@pytest.mark.slow
+def test_shards_put_together_are_the_run_that_was_not_divided(whole, tmp_path):
+    shards = [tmp_path / str(number) for number in (1, 2, 3)]
+    for number, folder in enumerate(shards, start=1):
+        attack(folder, shard=Shard(number, 3))
+    assert sum(len(kept(folder)) for folder in shards) > len(kept(whole))
+    assert merge_shards(tmp_path / "suite", shards, shards_in(shards)) == len(kept(whole))
+    assert tree(tmp_path / "suite") == tree(whole)
+
+
+@pytest.mark.slow
+def test_an_elite_that_is_lost_is_made_again_and_a_crash_that_was_beaten_stays_away(whole, tmp_path):
+    suite = shutil.copytree(whole, tmp_path / "suite")
+    lost = random.Random(0).choice(sorted(kept(suite)))
+    shutil.rmtree(suite / lost)
+    assert attack(suite) == 1
+    assert tree(suite) == tree(whole)
+
+
+@pytest.mark.slow
+def test_of_windows_that_are_gone_nothing_stays_and_the_next_best_comes(whole, tmp_path):
+    suite, fewer = shutil.copytree(whole, tmp_path / "suite"), WINDOWS[::2]
+    attack(suite, fewer)
+    attack(tmp_path / "other", fewer)
+    assert tree(suite) == tree(tmp_path / "other")
+    attack(suite)
+    assert tree(suite) == tree(whole)
+
+
+@pytest.mark.slow
+def test_a_folder_that_was_begun_with_another_map_is_refused(whole):
+    other = MadeCrashes(RUN.config, RUN.planner, verify=False, pictures=False, archive=Axes(("kind",)))
+    with pytest.raises(
+        CaseError, match=r'begun with archive \["tag", "closing_speed"\], this run has archive \["kind"\]'
+    ):
+        attack(whole, run=other)
