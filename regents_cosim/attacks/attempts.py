@@ -1,8 +1,9 @@
 """The searches for a candidate: a look at every drive that it might begin with, then longer ones from some of them.
 
 A look is one roll-out with the planner, without an update. A drive that crashes the ego as wanted at once needs no
-more. Of the longer searches the first descend; the last ones, if the configuration says so, sample changes instead: the
-gradient leads to the nearest crash, and where that is not the one wanted samples around it find others.
+more. Of the longer searches the first, if the configuration says so, sample changes of the drive, the others descend
+along the gradient. The gradient leads to the nearest crash; where that is not the one wanted, samples find others, and
+with fewer roll-outs. So they come first.
 """
 
 from collections import defaultdict
@@ -25,7 +26,7 @@ class Searchers(NamedTuple):
     """How a candidate is searched."""
 
     descend: RunSearches
-    sample: RunSearches  # for the last of the attempts, `AttackConfig.sampled`
+    sample: RunSearches  # for the first of the attempts, `AttackConfig.sampled`
 
 
 class Candidate(NamedTuple):
@@ -87,15 +88,15 @@ class _Candidates:
     def _longer(self, index: int) -> list[tuple[bool, Controls | None]]:
         """The longer searches of a candidate: whether it samples, and what it begins with.
 
-        Starts that crashed the ego come before the others. The last search begins with the log, and so does the only
-        descent where there are no starts.
+        Starts that crashed the ego come before the others. The last search that samples begins with the log, or the
+        last descent where none samples; so does the only descent where there are no starts.
         """
         one, near, config = self._all[index], self._near[index], self._config
         starts = [*near, *(start for start in one.starts if not any(start is other for other in near))]
         if not config.samples:
             return [(False, start) for start in (*starts[: config.descents - 1], one.job.start)]
-        descents = [(False, start) for start in starts[: config.descents] or [one.job.start]]
-        return [*descents, *((True, start) for start in (*starts[: config.samples - 1], one.job.start))]
+        samples = [(True, start) for start in (*starts[: config.samples - 1], one.job.start)]
+        return [*samples, *((False, start) for start in starts[: config.descents] or [one.job.start])]
 
     def _searched(
         self, search: RunSearches, begun: Mapping[int, Controls | None], iterations: int

@@ -1,4 +1,4 @@
-"""Searches that know the cost and not its gradient: CMA-ES, with which `focused` ends, and random search.
+"""Searches that know the cost and not its gradient: CMA-ES, with which `focused` begins, and random search.
 
 Against the descent they compare fairly: same cost, same candidates, same acceptance, same bounds of the actions, and
 as many roll-outs as the descent may make updates. A change of the actions has ten numbers: accelerations and

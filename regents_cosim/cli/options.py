@@ -129,7 +129,7 @@ class SearchRules:
     attempts: int | None = None
     """searches for each candidate, from another start each, until one succeeds"""
     sampled: int | None = None
-    """of these so many, the last, sample changes (CMA-ES) in place of a descent"""
+    """of these so many, the first, sample changes (CMA-ES) in place of a descent"""
     replan_every: int | None = None
     """iterations between two closed loops of the planner; 1 in the compiled loop, 10 for planners outside it"""
 

@@ -97,7 +97,7 @@ def test_where_the_planner_collides_anyway_nobody_is_blamed():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("sampled", "searches"), [(0, 0), (2, 1)])
-def test_after_the_descent_from_the_log_samples_are_tried_there(monkeypatch, sampled, searches):
+def test_before_the_descent_from_the_log_samples_are_tried_there(monkeypatch, sampled, searches):
     made, sampling = [], sampled_search.search_by_samples
 
     def noted(jobs, *given):
