@@ -40,7 +40,7 @@ def _git(root: Path, *words: str) -> str:
 
 
 # Options that change no result: a shard is noted as the whole run is, and one folder's cases as another's.
-_ELSEWHERE = ("--output", "-o", "--shard", "--executor", "--log-file")  # with a value
+_ELSEWHERE = ("--output", "-o", "--into", "--minutes", "--shard", "--executor", "--log-file")  # with a value
 _ASIDE = ("--retry", "--quiet", "--json", "--wide", "--verbose", "-v")
 
 

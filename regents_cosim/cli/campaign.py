@@ -16,12 +16,16 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from regents_cosim.archive.axes import Axes
+    from regents_cosim.campaign.growing import Budget
     from regents_cosim.campaign.ledger import Ledger, LedgerRecord
     from regents_cosim.campaign.shards import Shard
     from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.campaign.windows import RunWindows
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.scenario import Scenario
+
+
+_MINUTES, _MOST_MINUTES = 10.0, 10_000
 
 
 @Parameter(name="*")
@@ -40,6 +44,11 @@ class CampaignOptions:
     """keep the best crash of each cell of the map of behaviours alone: telling before avoidable before clean, then the
     most usual adversary, then the least deviation (`regents suite coverage` shows the map)"""
     axes: MapAxes = ""
+    into: Path | None = None
+    """a suite to which crashes are added that are new: in an empty cell of the map of behaviours, or better than the
+    best there; windows with the surroundings that are least explored come first. With -o they are saved there too"""
+    minutes: float | None = None
+    """with --into: how long; what is at work then is finished. Default 10"""
 
     def share(self, terminal: "Terminal") -> "Shard":
         """The share that is asked for, or that of this task of a SLURM array, which is said. Raises RegentsError."""
@@ -56,11 +65,28 @@ class CampaignOptions:
         """Of the map whose best crashes alone are kept; None: all are. Raises RegentsError."""
         from regents_cosim.archive.axes import parse_axes
 
-        if not self.archive and self.axes:
-            raise RegentsError("--axes are of a map: expected --archive as well")
+        if self.axes and not self.archive and self.into is None:
+            raise RegentsError("--axes are of a map: expected --archive or --into as well")
         if self.archive and self.types:
             raise RegentsError("--archive keeps one crash of each kind, --type so many of one: expected one of them")
-        return parse_axes(self.axes) if self.archive else None
+        return parse_axes(self.axes) if self.archive or self.into is not None else None
+
+    def budget(self, executor: str) -> "Budget | None":
+        """The time that is spent on a suite that grows; None where none does. Raises RegentsError."""
+        from regents_cosim.campaign.growing import Budget
+
+        if self.into is None:
+            if self.minutes is not None:
+                raise RegentsError("--minutes is the time for a suite that grows: expected --into SUITE as well")
+            return None
+        also = {"--archive": self.archive, "--type": self.types, "--shard": self.shard, "--retry": self.retry}
+        also["--executor"] = executor != "local"
+        if named := [name for name, given in also.items() if given]:
+            raise RegentsError(f"--into has a way of its own to choose and to go on: leave out {', '.join(named)}")
+        minutes = _MINUTES if self.minutes is None else self.minutes
+        if not 0.0 < minutes <= _MOST_MINUTES:
+            raise RegentsError(f"--minutes {minutes:g}: expected more than 0 and at most {_MOST_MINUTES}")
+        return Budget.of(minutes)
 
 
 @dataclass(frozen=True)
@@ -90,7 +116,7 @@ def record_into(output: Path, given: Given, terminal: "Terminal") -> list[str]:
             return record_traffic(given.traffic, given.sumo, pool, terminal)
 
     mine = identity("record", given.settings(), {})
-    return record_once(output, mine, _digest(given), given.traffic.seed, record)
+    return record_once(output, mine, digest_of(given), given.traffic.seed, record)
 
 
 def attack_into(
@@ -113,7 +139,7 @@ def attack_into(
     require_free(output, mine, shard)
     suite = SuiteWriter(output, given.traffic.seed)
     cases = windows_in(given.cases) if given.cases else None
-    digest = "" if given.cases else _digest(given)
+    digest = "" if given.cases else digest_of(given)
 
     with open_ledger(output, mine, shard, together) as ledger, executor_for(given.executor) as pool:
         forget_lost(ledger)
@@ -176,7 +202,8 @@ def _window_counts(run: "AttackRun", given: Given) -> list[int]:
     return [given.traffic.count] if run.wanted is None else list(run.wanted.windows())
 
 
-def _digest(given: Given) -> str:
+def digest_of(given: Given) -> str:
+    """Of the files that its traffic is recorded from. Raises RegentsError."""
     from regents_cosim.campaign.traffic_files import traffic_digest
 
     return traffic_digest(traffic_source(given.traffic, given.sumo), given.traffic.fcd, given.traffic.policy)

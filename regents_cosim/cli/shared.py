@@ -108,8 +108,8 @@ def require_other_folder(output: Path, cases: Path) -> None:
     read = cases.parent if (cases / "scenario.json").is_file() else cases
     if output.resolve() == read.resolve():
         raise RegentsError(
-            f"-o {output} is the folder that the cases are read from, and what was attacked is not attacked again: "
-            "choose another folder with -o"
+            f"{output} is the folder that the cases are read from, and what was attacked is not attacked again: "
+            "choose another folder"
         )
 
 

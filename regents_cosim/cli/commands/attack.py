@@ -1,15 +1,18 @@
 """`regents attack`: cases or traffic in, attacked cases out."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from regents_cosim.cli.campaign import CampaignOptions, Given, attack_into
+from regents_cosim.cli.growth import grow_suite
 from regents_cosim.cli.options import (
     ActTimeout,
     Cases,
     Count,
     Executor,
-    Output,
+    OutputIfAny,
     OutputOptions,
     Pictures,
     PlannerName,
@@ -38,7 +41,7 @@ def attack(
     traffic: TrafficOptions = TrafficOptions(),
     planner: PlannerName = "idm",
     against: tuple[str, ...] = (),
-    output: Output,
+    output: OutputIfAny = None,
     search: SearchOptions = SearchOptions(),
     rules: SearchRules = SearchRules(),
     batch: Count = 32,
@@ -64,7 +67,7 @@ def attack(
     against
         another planner (in JAX) that the same adversary is to make crash; as many as you like
     output
-        folder for the attacked cases
+        folder for the attacked cases; only --into does without
     batch
         scenarios held on the device at once
     engine
@@ -80,14 +83,20 @@ def attack(
     from regents_cosim.reports.tables import ATTACKED, attack_row, summary
 
     terminal = open_terminal(talk)
-    _require_one_input(cases, traffic, sumo, output)
+    budget = campaign.budget(executor)
+    _require_one_input(cases, traffic, sumo, [place for place in (output, campaign.into) if place])
     programs.keep()
     config = search.config(rules)
     wanted = parse_types(campaign.types, traffic.count)
     axes = campaign.map_axes()
     if axes and not judge:
-        raise RegentsError("--archive chooses by the judgement: leave out --no-judge")
+        raise RegentsError("--archive and --into choose by the judgement: leave out --no-judge")
     run = AttackRun(config, planner, against, batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
+    if campaign.into is not None and axes and budget:
+        given = Given(cases, traffic, sumo)
+        return grow_suite(campaign.into, replace(run, archive=None), given, axes, budget, output, terminal)
+    if output is None:
+        raise RegentsError("expected a folder for the attacked cases with -o, or a suite that is to grow with --into")
     record = attack_into(output, run, Given(cases, traffic, sumo, executor), campaign, terminal)
     attacked, replays = attacked_headers(record, output)
     rows = [attack_row(one, replays.get(one.id)) for one in attacked]
@@ -99,7 +108,9 @@ def attack(
     return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))
 
 
-def _require_one_input(cases: Path | None, traffic: TrafficOptions, sumo: tuple[str, ...], output: Path) -> None:
+def _require_one_input(
+    cases: Path | None, traffic: TrafficOptions, sumo: tuple[str, ...], outputs: Sequence[Path]
+) -> None:
     """Raise RegentsError unless either cases or traffic are named, with what belongs to them."""
     if (cases is None) == (not names_traffic(traffic)):
         raise RegentsError(
@@ -110,4 +121,5 @@ def _require_one_input(cases: Path | None, traffic: TrafficOptions, sumo: tuple[
         return
     if sumo:
         raise RegentsError("what follows -- goes to SUMO, which records nothing here: leave it out, or name traffic")
-    require_other_folder(output, cases)
+    for output in outputs:
+        require_other_folder(output, cases)

@@ -1,0 +1,97 @@
+"""`regents attack --into`: a time is spent on making a suite grow."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from regents_cosim.cli.campaign import Given, digest_of
+from regents_cosim.cli.shared import record_traffic
+from regents_cosim.errors import PLANNER_FAILED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from regents_cosim.archive.axes import Axes
+    from regents_cosim.campaign.growing import Added, Budget, Growth
+    from regents_cosim.campaign.window_job import AttackRun
+    from regents_cosim.cli.terminal import Terminal
+    from regents_cosim.scenario import Scenario
+
+_MOST_SHOWN = 6  # cells in a line
+
+
+def grow_suite(
+    suite: Path,
+    run: "AttackRun",
+    given: Given,
+    axes: "Axes",
+    budget: "Budget",
+    output: Path | None,
+    terminal: "Terminal",
+) -> int:
+    """Add to a suite what a time finds that is new; the exit code. Raises RegentsError."""
+    from regents_cosim.archive.coverage import archive_of
+    from regents_cosim.campaign.explored import open_explored
+    from regents_cosim.campaign.growing import GrowingSuite
+    from regents_cosim.cases.manifest import find_cases, load_manifest
+    from regents_cosim.cases.shipped import require_own
+    from regents_cosim.cases.suite import SuiteWriter
+    from regents_cosim.reports.picture import still
+    from regents_cosim.system.atomic import require_writable
+
+    require_own(suite, "--into")
+    require_writable(suite)
+    load_manifest(suite)
+    copy = None if output is None else SuiteWriter(output, given.traffic.seed).add
+    key = run.identity({}, run.together()).key(*axes.names)
+    explored = open_explored(suite, key, run.planner, run.config.label)
+    growing = GrowingSuite(suite, archive_of(find_cases(suite), axes), explored, run, still, copy)
+    growth = growing.grow(_traffic(given), lambda number: _round(given, number, terminal), budget)
+    title = f"{len(growth.added)} cases added to {suite}, found in {growth.windows} windows"
+    terminal.show(title, [_row(one, axes) for one in growth.added], _note(growth, run.planner), ("case", "why"))
+    for error in growth.errors:
+        terminal.say(error.partition("\n")[0])
+    return PLANNER_FAILED if growth.errors else 0
+
+
+def _traffic(given: Given) -> str:
+    """What windows are recorded from, and how; of cases, which they are."""
+    import hashlib
+    import json
+
+    from regents_cosim.campaign.windows import windows_in
+
+    from_what = windows_in(given.cases).hashes if given.cases else [given.settings(), digest_of(given)]
+    return hashlib.sha256(json.dumps(from_what, sort_keys=True, default=str).encode()).hexdigest()[:20]
+
+
+def _round(given: Given, number: int, terminal: "Terminal") -> "Sequence[Scenario]":
+    """The windows of a round: of traffic with the next seed; of cases there is one."""
+    from regents_cosim.cases.suite import load_suite
+
+    if given.cases is not None:
+        return load_suite(given.cases) if number == 0 else []
+    return record_traffic(replace(given.traffic, seed=given.traffic.seed + number), given.sumo, None, terminal)
+
+
+def _row(added: "Added", axes: "Axes") -> dict[str, Any]:
+    return {
+        "case": added.crash.case,
+        "why": added.why,
+        **dict(zip(axes.names, added.cell, strict=True)),
+        "standing": added.crash.standing,
+        "quality": round(added.crash.quality, 3),
+        "than": added.than or None,
+    }
+
+
+def _note(growth: "Growth", planner: str) -> str:
+    """What the planner newly fails, and how the session ended."""
+    new = [one for one in growth.added if one.why == "new cell"]
+    cells = "; ".join(" ".join(one.cell) for one in new[:_MOST_SHOWN]) + ("; ..." if len(new) > _MOST_SHOWN else "")
+    said = [f"{planner} crashes in {growth.crashes} cases, {growth.crashes - len(growth.added)} of them of kinds known"]
+    if new:
+        said.append(f"{planner} newly fails in {len(new)} cells: {cells}")
+    if growth.used_up:
+        said.append("there are no more windows: another --seed or more --count is other traffic")
+    return "\n".join(said)
