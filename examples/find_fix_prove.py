@@ -10,8 +10,9 @@ from my_planner import Fixed, Planner
 
 from regents_cosim import REGENTS_FOCUSED, attack, evaluate, network_config, record, report
 
-# A short search: a window is done with its first crash, and few descents follow the drives that are tried first.
-SHORT = replace(REGENTS_FOCUSED, adversaries="one", attempts=1, iterations=100)
+# A short search: a window is done with its first crash, few vehicles are asked, and few descents follow the drives that
+# are tried first.
+SHORT = replace(REGENTS_FOCUSED, adversaries="one", nearest=3, attempts=1, iterations=100)
 
 
 def crashes(cases, planner):

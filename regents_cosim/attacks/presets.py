@@ -199,8 +199,8 @@ REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True,
 # median, and but one in thirty has stood still for a hundred before.
 # A descent ends at the nearest crash, or goes past it where it tells nothing. So two searches sample changes of the
 # drive before one descends. Of 31 windows (crossing, signals, grid, Cologne 1 and Wildau, seed 400) in which no start
-# alone is enough, two descents solve 7, CMA-ES by the same protocol 11, one descent and two searches that sample 12 or
-# 13; it takes fewer roll-outs where the samples come first.
+# alone is enough, two descents solve 7, one descent and two searches that sample 13. Where the samples come first the
+# same are solved with fewer roll-outs.
 REGENTS_FOCUSED = replace(
     REGENTS,
     method="focused",
