@@ -1,11 +1,13 @@
 """The lines that a candidate may drive along lawfully: its logged path, every way ahead, and changes of lane.
 
 They come from `verdicts.ways`, are smoothed, and carry what a driver on them has to mind: the limit, and the lights.
+Most of them never come near the ego: changes of lane that cannot are not drawn.
 """
 
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -29,6 +31,7 @@ _CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
 _PARTED_M = 1.0  # neighbours whose middles are so much further apart than where the change begins
 _JOIN_M = 6.0  # over which a logged path leads on into the middle of its lane
+_SMOOTHED_M = 2.0  # no line is moved further where it is smoothed
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +58,33 @@ class DriveLine:
         return tuple(np.interp(way, along, values) for values in (*self.points.T, self.heading))  # pyright: ignore
 
 
-def lines_ahead(scenario: Scenario, agent: int) -> Iterator[DriveLine]:
-    """The logged path, the lawful ways ahead, and changes of lane from several places on."""
+class Near(NamedTuple):
+    """Places of the ego, and how far from them the middle of one that touches it can be."""
+
+    places: shapely.MultiPoint
+    reach_m: float
+
+    @classmethod
+    def to(cls, x: Float[np.ndarray, " place"], y: Float[np.ndarray, " place"], reach_m: float) -> "Near":
+        """Near those places [m]."""
+        places = shapely.MultiPoint(np.column_stack([x, y]))
+        shapely.prepare(places)
+        return cls(places, reach_m + _SMOOTHED_M)
+
+    def is_met_by(self, line: shapely.LineString, further_m: float = 0.0) -> bool:
+        """Whether a line comes there, or within so much more."""
+        return bool(shapely.dwithin(self.places, line, self.reach_m + further_m))
+
+
+class _Beside(NamedTuple):
+    """A neighbour that one may change to, with the lanes straight on from it."""
+
+    lanes: tuple[Lane, ...]
+    middle: shapely.LineString
+
+
+def lines_ahead(scenario: Scenario, agent: int, near: Near) -> Iterator[DriveLine]:
+    """The logged path, the lawful ways ahead, and changes of lane from several places on that may come `near`."""
     tracks = scenario.tracks
     first = int(np.argmax(tracks.valid[agent]))
     speed, fastest = float(tracks.speed[agent, first]), float(tracks.speed[agent].max())
@@ -70,7 +98,7 @@ def lines_ahead(scenario: Scenario, agent: int) -> Iterator[DriveLine]:
         line = replace(line, stop_lines=_stop_lines(scenario, way.lanes, line))
         yield line
         if way.changes == 0 and index < _MOST_CHANGED_FROM:
-            yield from _changing(scenario, line, way, max(speed, PULLING_OUT_M_S))
+            yield from _changing(scenario, line, way, max(speed, PULLING_OUT_M_S), near)
 
 
 def _limit(way: Way) -> float:
@@ -90,48 +118,60 @@ def _logged(scenario: Scenario, agent: int, taken: Way | None, reach_m: float) -
     return replace(line, stop_lines=_stop_lines(scenario, taken.lanes, line))
 
 
-def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float) -> Iterator[DriveLine]:
+def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near: Near) -> Iterator[DriveLine]:
     """The way, with a change to a neighbour that begins sooner or later and takes longer or less long.
 
     Once changed, it goes on as the neighbour does.
     """
-    road, end_m = scenario.road, (len(line.points) - 1) * SPACING_M
-    for begin_m, lasting_s in itertools.product(_begins(road, line, way, speed), _CHANGE_LASTS_S):
-        length_m = max(lasting_s * speed, _SHORTEST_CHANGE_M)
-        if begin_m + length_m > end_m:
+    road, end_m, drawn = scenario.road, (len(line.points) - 1) * SPACING_M, shapely.LineString(line.points)
+    lengths = [max(lasting_s * speed, _SHORTEST_CHANGE_M) for lasting_s in _CHANGE_LASTS_S]
+    for begin_m in _begins(road, drawn, way, speed):
+        if begin_m + min(lengths) > end_m:
             continue
-        for lanes in _beside(road, way, line.points[int(begin_m / SPACING_M)], end_m):
-            changed = _changed(line, lanes, begin_m, length_m)
+        place = line.points[int(begin_m / SPACING_M)]
+        beside = [one for one in _beside(road, way, place, end_m) if _may_meet(near, drawn, one, place)]
+        for length_m, one in itertools.product(lengths, beside):
+            changed = _changed(line, one.middle, begin_m, length_m) if begin_m + length_m <= end_m else None
             if changed is not None:
                 before = tuple(stop for stop in line.stop_lines if stop.at_m <= begin_m + length_m)
-                yield replace(changed, stop_lines=(*before, *_stop_lines(scenario, lanes, changed)))
+                yield replace(changed, stop_lines=(*before, *_stop_lines(scenario, one.lanes, changed)))
 
 
-def _begins(road: RoadMap, line: DriveLine, way: Way, speed: float) -> list[float]:
+def _may_meet(near: Near, line: shapely.LineString, beside: _Beside, begin: Float[np.ndarray, " 2"]) -> bool:
+    """Whether a change from a line to a neighbour may come near: it stays between the two, or on one of them."""
+    between_m = 0.5 * (shapely.distance(beside.middle, shapely.Point(begin)) + _PARTED_M)
+    return near.is_met_by(line, between_m) or near.is_met_by(beside.middle, between_m)
+
+
+def _begins(road: RoadMap, drawn: shapely.LineString, way: Way, speed: float) -> list[float]:
     """How far along [m] a change may begin: now or some seconds on, and where lanes first have a neighbour again."""
-    beside, drawn = neighbours(road), shapely.LineString(line.points)
+    beside = neighbours(road)
     behind = [b for a, b in itertools.pairwise(way.lanes) if beside[b.id] and not beside[a.id]]
     places = [drawn.project(shapely.Point(lane.centre[0])) + SPACING_M for lane in behind]
     return [*(seconds * speed for seconds in _CHANGE_BEGINS_S), *places]
 
 
-def _beside(road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], reach_m: float) -> list[tuple[Lane, ...]]:
-    """The neighbours that one may change to from a place on the way, each with the lanes straight on from it."""
+def _beside(road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], end_m: float) -> list[_Beside]:
+    """The neighbours that one may change to from a place on the way that ends so far along [m]."""
     lines, at = lane_lines(road), shapely.Point(place)
     here = min(way.lanes, key=lambda lane: lines[lane.id].distance(at))
-    return [tuple(lanes_ahead(road, road.lane[other], reach_m)) for other in neighbours(road)[here.id]]
+    onward = [tuple(lanes_ahead(road, road.lane[other], end_m)) for other in neighbours(road)[here.id]]
+    middles = [np.concatenate([lane.centre for lane in lanes]) for lanes in onward]
+    return [
+        _Beside(lanes, shapely.LineString(_prolonged(middle, end_m + SPACING_M)))
+        for lanes, middle in zip(onward, middles, strict=True)
+    ]
 
 
-def _changed(line: DriveLine, lanes: tuple[Lane, ...], begin_m: float, length_m: float) -> DriveLine | None:
-    """The line that moves over to the middle of `lanes` and then stays there.
+def _changed(line: DriveLine, target: shapely.LineString, begin_m: float, length_m: float) -> DriveLine | None:
+    """The line that moves over to the `target`, the middle of a neighbour and of the lanes after it, and stays there.
 
     None where the two part before the change is over: a way through a junction has its neighbours only as long as they
     turn the same way.
     """
     along = np.arange(len(line.points)) * SPACING_M
     change = (along >= begin_m) & (along <= begin_m + length_m)
-    own, target = line.points[change], np.concatenate([lane.centre for lane in lanes])
-    target = shapely.LineString(_prolonged(target, len(line.points) * SPACING_M))
+    own = line.points[change]
     at = np.asarray(shapely.line_locate_point(target, shapely.points(own)))
     beside = shapely.get_coordinates(shapely.line_interpolate_point(target, at))
     apart = np.asarray(shapely.distance(target, shapely.points(own)))

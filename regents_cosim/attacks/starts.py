@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.actions import to_actions
-from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, lines_ahead
+from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, Near, lines_ahead
 from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.searched_agents import SearchedAgents
@@ -179,9 +179,14 @@ class _Pair:
         size = scenario.ego.length, scenario.ego.width
         return cls(first, valid[first:], own, (me.length, me.width), size)
 
+    @property
+    def reach_m(self) -> float:
+        """How far apart the middles of the two can be where they touch."""
+        return float(0.5 * (np.hypot(*self.mine) + np.hypot(*self.its)) + _ROUNDING_M)
+
     def touch(self, x: np.ndarray, y: np.ndarray, yaw: np.ndarray) -> Bool[np.ndarray, "row time"]:
         """Whether the candidate touches the ego at places [row time]; asked only of those that are near."""
-        reach = 0.5 * (np.hypot(*self.mine) + np.hypot(*self.its)) + _ROUNDING_M
+        reach = self.reach_m
         hits = np.zeros(np.broadcast_shapes(x.shape, self.there.shape), bool)
         some = np.flatnonzero(_within(x, self.own[0], reach) & _within(y, self.own[1], reach))
         hits[some] = ((x[some] - self.own[0]) ** 2 + (y[some] - self.own[1]) ** 2 < reach**2) & self.there
@@ -201,7 +206,8 @@ def _within(
 
 def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits) -> _Drives | None:
     """Those along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
-    marked = [(line, _touched(line, pair)) for line in lines_ahead(scenario, agent)]
+    near = Near.to(pair.own[0], pair.own[1], pair.reach_m)
+    marked = [(line, _touched(line, pair)) for line in lines_ahead(scenario, agent, near)]
     marked = [(line, touched) for line, touched in marked if touched.any()]
     if not marked:
         return None

@@ -85,7 +85,9 @@ class Attacker:
             self._watch(frame, self.attack)
         elif self._home is not None:
             self._come_home(frame, self._home)
-        elif self._is_time(frame) and wanted():
+        elif not self._is_time(frame):
+            self._replanner.prepare(frame)
+        elif wanted():
             self._begin(frame)
         self._carry_out(frame)
 
@@ -149,7 +151,9 @@ class Attacker:
         late = frame.time_s > attack.plan.meets_s + _LATE_S or frame.time_s > attack.begun_s + _LONGEST_S
         if late or attack.misses >= _MISSES:
             self._end(frame, attack, "no_collision")
-        elif self._is_time(frame) and attack.plan.meets_s - frame.time_s > _NO_PLAN_S:
+        elif not self._is_time(frame):
+            self._replanner.prepare(frame)
+        elif attack.plan.meets_s - frame.time_s > _NO_PLAN_S:
             self._renew(frame, attack)
 
     def _renew(self, frame: Frame, attack: Attack) -> None:

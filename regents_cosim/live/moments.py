@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from regents_cosim.live.predict import Predictor
 from regents_cosim.live.traffic import TrafficState
+from regents_cosim.maps.levels import has_levels
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
@@ -32,6 +33,7 @@ FIT_PASSES = 3  # of predictions and drives, which are smooth
 _LANE_POINTS = 2**12
 _TILE_M = 80.0  # the road is known so far around the middle of a tile ...
 _LEAVES_TILE_M = 25.0  # ... which the ego leaves here
+_PREPARED_M = 20.0  # between two plans the next tile is made as soon as the ego is here
 
 
 Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s], every `DT_S`
@@ -77,6 +79,11 @@ class Moments:
         """One that goes on by itself; what is known of the road is never changed."""
         return copy.copy(self)
 
+    def prepare(self, road: RoadMap, x: float, y: float) -> None:
+        """Blur the road around an ego there [m] ahead of the next moment, if it is about to leave the last tile."""
+        if not has_levels(road):
+            self._tile_at(road, np.array([x, y]), _PREPARED_M)
+
     def forget(self) -> None:
         """Another run begins: it is to be the same whatever was before."""
         self._tile = None
@@ -100,12 +107,18 @@ class Moments:
     def _road(self, scenario: Scenario) -> RoadField:
         """The field around the ego, blurred again only where that has left the last tile."""
         ego = np.array([scenario.tracks.x[0, 0], scenario.tracks.y[0, 0]])
+        middle, field = self._tile_at(scenario.road, ego, _LEAVES_TILE_M)
+        return field.seen_from(scene_origin(scenario) - middle)
+
+    def _tile_at(
+        self, road: RoadMap, ego: Float[np.ndarray, " 2"], leaves_m: float
+    ) -> tuple[Float[np.ndarray, " 2"], RoadField]:
+        """The middle of the last tile [m] and its field; another tile where the ego is further from that middle."""
         known = self._tile
-        if known is None or known[0] is not scenario.road or np.abs(ego - known[1]).max() > _LEAVES_TILE_M:
+        if known is None or known[0] is not road or np.abs(ego - known[1]).max() > leaves_m:
             middle = np.round(ego)
-            field = blur(scenario.road, middle - _TILE_M, middle + _TILE_M, middle)
-            known = self._tile = scenario.road, middle, field
-        return known[2].seen_from(scene_origin(scenario) - known[1])
+            known = self._tile = road, middle, blur(road, middle - _TILE_M, middle + _TILE_M, middle)
+        return known[1], known[2]
 
 
 def with_drives(tracks: Tracks, traffic: TrafficState, known: Mapping[str, Drive]) -> Tracks:

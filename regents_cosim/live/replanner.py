@@ -24,6 +24,10 @@ class Replanner:
     def __init__(self, host: Host, search: Search, moments: Moments, history: History) -> None:
         self._host, self._search, self._moments, self._history = host, search, moments, history
 
+    def prepare(self, frame: Frame) -> None:
+        """Do ahead, in a step without a plan, what the next one would have to wait for."""
+        self._moments.prepare(self._host.road, float(frame.x[0]), float(frame.y[0]))
+
     def fresh(self, frame: Frame, barred: Collection[str]) -> tuple[Plan, Forecast] | None:
         """A plan for a vehicle that is not barred, and what was predicted for it; None where none is found."""
         moment = self._moments.of(self._traffic(frame))

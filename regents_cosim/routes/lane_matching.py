@@ -33,11 +33,10 @@ def match_lanes(
     options: list[list[tuple[Lane | None, float]]] = [
         [(None, _NOWHERE_COST_M), *near] for near in lanes_near(road, points, z)
     ]
-    follows = {(link.source, link.target) for link in road.connections}
     best = [cost for _, cost in options[0]]
     came_from: list[list[int]] = []
     for before, now in itertools.pairwise(options):
-        moves = np.array([[_move_cost(a, b, follows) for a, _ in before] for b, _ in now]) + best
+        moves = np.array([[_move_cost(a, b, road) for a, _ in before] for b, _ in now]) + best
         came_from.append(moves.argmin(axis=1).tolist())
         best = moves.min(axis=1) + [cost for _, cost in now]
     chosen = [int(np.argmin(best))]
@@ -67,9 +66,9 @@ def lanes_near(
     return found
 
 
-def _move_cost(before: Lane | None, after: Lane | None, follows: set[tuple[str, str]]) -> float:
+def _move_cost(before: Lane | None, after: Lane | None, road: RoadMap) -> float:
     if before is after or before is None or after is None:
         return 0.0
-    if (before.id, after.id) in follows:
+    if any(link.target == after.id for link in road.exits[before.id]):
         return 0.0
     return _CHANGE_COST_M if after.id in (before.left, before.right) else _JUMP_COST_M
