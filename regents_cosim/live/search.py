@@ -7,7 +7,7 @@ from where all vehicles are by now, and descended from where it would miss.
 """
 
 import copy
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -38,8 +38,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ways import ways_ahead
 
-_ASKED = 2  # candidates that are asked for drives at one look ...
-_LOOKED_AT = 8  # ... of so many whose ways are compared with the ego's
+_LOOKED_AT = 8  # candidates whose ways are compared with the ego's at one look; the first that fits is searched
 _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
 _MOST_GAINED_M = 25.0  # ... up to so far
@@ -92,11 +91,9 @@ class Search:
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
             self._warm_up(loop)
-            for agent in self._candidates(moment, ego, barred):
-                found = self._starts(loop, agent, ego, speed_only)
-                if found is not None:
-                    return self._plan_from(loop, agent, found)
-        return None
+            agent = self._candidate(moment, ego, barred)
+            found = None if agent is None else self._starts(loop, agent, ego, speed_only)
+            return None if agent is None or found is None else self._plan_from(loop, agent, found)
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
         """The plan that a moment knows its adversary to follow, changed where it would miss; None if it cannot be."""
@@ -124,8 +121,8 @@ class Search:
 
     # --- who attacks -----------------------------------------------------------------------------
 
-    def _candidates(self, moment: Moment, ego: Tracks, barred: Collection[str]) -> Iterator[int]:
-        """Those that could be where the ego is soon, one by one; first those that were not looked at lately."""
+    def _candidate(self, moment: Moment, ego: Tracks, barred: Collection[str]) -> int | None:
+        """One that could be where the ego is soon; first those that were not looked at lately."""
         allowed = np.asarray(_allowed(moment.world, self.config))
         tracks, now = moment.scenario.tracks, moment.traffic.time_s
         ahead_s = np.arange(tracks.steps) * DT_S
@@ -136,14 +133,11 @@ class Search:
         names = [agent.id for agent in moment.scenario.agents]
         able = [k for k in range(1, len(names)) if allowed[k] and names[k] not in barred and least[k] < _NEAR_M]
         self._asked = {name: asked for name, asked in self._asked.items() if name in names}
-        asked = 0
         for k in sorted(able, key=lambda k: (self._asked.get(names[k], -np.inf), least[k]))[:_LOOKED_AT]:
             self._asked[names[k]] = now
             if not self.config.starts or _ways_meet(moment.scenario, k, ego):
-                yield k
-                asked += 1
-            if asked == _ASKED:
-                return
+                return k
+        return None
 
     # --- plans -----------------------------------------------------------------------------------
 
