@@ -32,9 +32,10 @@ class RunWindows:
 
 
 def windows_of(scenarios: Sequence[Scenario]) -> RunWindows:
-    """Cases in memory."""
-    by_name = {one.id: one for one in scenarios}
-    return RunWindows({name: content_hash(one) for name, one in by_name.items()}, by_name.__getitem__)
+    """Cases in memory, or that are loaded when they are asked for."""
+    hashes = {one.id: content_hash(one) for one in scenarios}
+    places = {name: place for place, name in enumerate(hashes)}
+    return RunWindows(hashes, lambda name: scenarios[places[name]])
 
 
 def windows_in(cases: Path) -> RunWindows:

@@ -1,10 +1,12 @@
 """Folders of cases with their manifest: written case by case, read as a whole."""
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import overload
 
-from regents_cosim.cases.files import load_case
+from regents_cosim.cases.files import load_case, load_header
+from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, find_cases, load_manifest
 from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.cases.shipped import require_own
@@ -46,7 +48,45 @@ def load_suite(path: Path | str) -> list[Scenario]:
 
     Raises CaseError where there are none, or one cannot be read.
     """
-    cases = [load_case(folder) for folder in find_cases(Path(path))]
+    return list(_cases_at(path))
+
+
+class CasesOnDisk(Sequence[Scenario]):
+    """Cases that are loaded when they are asked for, and not kept. A suite of any size takes no memory so."""
+
+    def __init__(self, folders: Sequence[Path]) -> None:
+        self.folders = tuple(folders)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.folders)
+
+    @overload
+    def __getitem__(self, at: int) -> Scenario: ...
+    @overload
+    def __getitem__(self, at: slice) -> "CasesOnDisk": ...
+    def __getitem__(self, at: int | slice) -> "Scenario | CasesOnDisk":
+        """One of them, or some. Raises CaseError for one that cannot be read."""
+        return CasesOnDisk(self.folders[at]) if isinstance(at, slice) else load_case(self.folders[at])
+
+    def headers(self) -> Iterator[Header]:
+        """What each says of itself; reads no tracks. Raises CaseError."""
+        return map(load_header, self.folders)
+
+
+def cases_on_disk(path: Path | str) -> CasesOnDisk:
+    """The case at `path`, or all cases of the suite there; each of them is read once, now, so that none fails later.
+
+    Raises CaseError where there are none, or one cannot be read.
+    """
+    cases = _cases_at(path)
+    for _ in cases:
+        pass
+    return cases
+
+
+def _cases_at(path: Path | str) -> CasesOnDisk:
+    cases = CasesOnDisk(find_cases(Path(path)))
     if not cases:
         raise CaseError(f"{path}: the suite lists no cases (make some with `regents record`)")
     return cases
@@ -63,3 +103,8 @@ def suite_cases(suite: Path) -> tuple[str, ...]:
 def cases_of(cases: Path | str | Iterable[Scenario]) -> list[Scenario]:
     """Cases in memory as they are, others loaded from where they lie."""
     return load_suite(cases) if isinstance(cases, Path | str) else list(cases)
+
+
+def cases_in_turn(cases: Path | str | Iterable[Scenario]) -> Sequence[Scenario]:
+    """The same, those on disk loaded when they are asked for."""
+    return cases_on_disk(cases) if isinstance(cases, Path | str) else list(cases)

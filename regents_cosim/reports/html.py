@@ -11,12 +11,11 @@ import jinja2
 import msgspec
 from markupsafe import Markup, escape
 
-from regents_cosim.plain_text import printable
 from regents_cosim.reports.crash_groups import groups
-from regents_cosim.reports.packing import packed
-from regents_cosim.reports.page_case import PageCase
+from regents_cosim.reports.packing import packed, visible
+from regents_cosim.reports.page_case import PageEntry
 from regents_cosim.reports.page_colours import DARK, LIGHT
-from regents_cosim.reports.page_map import page_maps
+from regents_cosim.reports.page_map import PageMap
 
 SCHEMA = 1
 _MOST_GROUPS = 6  # of crashes, in the summary
@@ -45,28 +44,22 @@ class Report:
     drivers: tuple[str, ...]  # who drove the egos, in the order of the runs of each case
     driven: bool  # again, for this report
     scores: tuple[Score, ...]
-    cases: tuple[PageCase, ...]
+    cases: tuple[PageEntry, ...]
+    maps: tuple[PageMap, ...]
     command: str = ""
-    folder: Path | None = None  # of the suite
 
     @property
-    def worst_first(self) -> list[PageCase]:
+    def worst_first(self) -> list[PageEntry]:
         """The cases in the order of the page."""
-        return sorted(self.cases, key=lambda case: (case.badness, case.scenario.id))
+        return sorted(self.cases, key=lambda case: (case.badness, case.id))
 
 
 def html_page(report: Report) -> str:
     """The page as one file. Ids, names and messages may hold any character."""
     cases = report.worst_first
-    maps = page_maps([case.scenario for case in cases])
-    home = {id(scenario): index for index, one in enumerate(maps) for scenario in one.cases}
-    places = [home[id(case.scenario)] for case in cases]
-    rows = [case.row(place) for case, place in zip(cases, places, strict=True)]
+    rows = [case.row for case in cases]
     changes = [row["change"] for row in rows]
     style, script = _style(), _script()
-    contents = (
-        case.content(maps[place], report.folder, report.driven) for case, place in zip(cases, places, strict=True)
-    )
     todo = groups([case.crash for case in cases if case.crash])
     member = {name: number for number, group in enumerate(todo) for name in group.cases}
     return _template().render(
@@ -88,16 +81,16 @@ def html_page(report: Report) -> str:
                 }
             )
         ),
-        maps=[packed(visible(one.content())) for one in maps],
-        payloads=(packed(visible(content)) for content in contents),
+        maps=[packed(visible(one.content())) for one in report.maps],
+        payloads=(case.content for case in cases),
     )
 
 
 def json_twin(report: Report) -> bytes:
     """The scores and the table for machines."""
     rows = [
-        {k: v for k, v in case.row(0).items() if k not in ("map", "otherwise", "evasion")}
-        | {"outcome": case.scenario.attack.outcome if case.scenario.attack else None}
+        {k: v for k, v in case.row.items() if k not in ("map", "otherwise", "evasion")}
+        | {"outcome": case.attack.outcome if case.attack else None}
         for case in report.worst_first
     ]
     content = {
@@ -118,19 +111,6 @@ def _template() -> jinja2.Template:
     )
     environment.filters["breakable"] = _breakable
     return environment.from_string((_PAGE / "page.html").read_text("utf-8"))
-
-
-def visible(content: Any) -> Any:
-    """`content` with what has no look of its own, or turns the direction of writing around, shown as escapes."""
-    if isinstance(content, Markup):
-        return content
-    if isinstance(content, str):
-        return "\n".join(printable(line, None) for line in content.split("\n"))
-    if isinstance(content, dict):
-        return {visible(name): visible(value) for name, value in content.items()}
-    if isinstance(content, (list, tuple)) and not all(isinstance(value, int) for value in content):
-        return [visible(value) for value in content]
-    return content
 
 
 def _breakable(name: str) -> Markup:

@@ -7,7 +7,9 @@ from typing import Any
 import msgspec
 import numpy as np
 from jaxtyping import Bool, Float
+from markupsafe import Markup
 
+from regents_cosim.plain_text import printable
 from regents_cosim.scenario import Tracks
 
 CM, MM, MRAD = 0.01, 0.001, 0.001  # [m], [m/s], [rad] steps of positions, speeds, headings
@@ -18,6 +20,19 @@ Spans = list[list[Any]]  # [first step, differences of each column ...] of every
 def packed(content: object) -> str:
     """JSON, gzip, base64: letters that mean nothing in HTML."""
     return base64.b64encode(gzip.compress(msgspec.json.encode(content), 9, mtime=0)).decode()
+
+
+def visible(content: Any) -> Any:
+    """`content` with what has no look of its own, or turns the direction of writing around, shown as escapes."""
+    if isinstance(content, Markup):
+        return content
+    if isinstance(content, str):
+        return "\n".join(printable(line, None) for line in content.split("\n"))
+    if isinstance(content, dict):
+        return {visible(name): visible(value) for name, value in content.items()}
+    if isinstance(content, (list, tuple)) and not all(isinstance(value, int) for value in content):
+        return [visible(value) for value in content]
+    return content
 
 
 def differences(values: Float[np.ndarray, " point"], unit: float) -> list[int]:

@@ -1,7 +1,7 @@
 """A case as the page of the report carries it: one row of its table, and all that its player shows."""
 
 import shlex
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import inf
 from pathlib import Path
@@ -12,14 +12,14 @@ import numpy as np
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.evaluation.crashes.verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.judgement import Escape
+from regents_cosim.judgement import Escape, Judgement
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
 from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, ReportedCrash
-from regents_cosim.reports.packing import Spans, gaps, motion
+from regents_cosim.reports.packing import Spans, gaps, motion, packed, visible
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.pictured_case import contact_point
-from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.scenario import AttackRecord, Collision, Scenario, Tracks
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.words import behind_words, drive_words, offences_words, telling_words
 
@@ -111,13 +111,29 @@ class PageCase:
         kind = "Planner failed" if run.error or hit is None else _sentence(KINDS[hit.kind])
         return ReportedCrash(self.scenario.id, kind, run.verdict, self.change == "broken", bool(run.error))
 
-    def row(self, map_index: int) -> dict[str, Any]:
+    def entry(self, page_map: PageMap, folder: Path | None, driven: bool, tags: tuple[str, ...] | None) -> "PageEntry":
+        """What the page keeps of it; `tags` where they are known."""
+        case = self.scenario
+        return PageEntry(
+            row=self.row(page_map.index, tags),
+            content=packed(visible(self.content(page_map, folder, driven))),
+            badness=self.badness,
+            crash=self.crash,
+            endings=self.endings,
+            runs=tuple(replace(run, tracks=None) for run in self.runs),
+            judgement=case.judgement,
+            attack=case.attack and replace(case.attack, cost_history={}),
+            network=network(case),
+            of_sumo=case.road.sumo_net is not None,
+        )
+
+    def row(self, map_index: int, tags: tuple[str, ...] | None = None) -> dict[str, Any]:
         """What the table says."""
         case, attack, verdict = self.scenario, self.scenario.attack, self.verdict
         return {
             "id": case.id,
             "network": network(case),
-            "tags": tags_of(case),
+            "tags": tags_of(case) if tags is None else tags,
             "attacked": attack.planner if attack else "",
             "otherwise": self._otherwise(),
             "endings": [_plain(hit) for hit in self.endings],
@@ -194,6 +210,27 @@ class PageCase:
             return None
         agent = next(i for i, a in enumerate(self.scenario.agents) if a.id == hit.agent)
         return contact_point(self.scenario.agents, tracks, agent, hit.step).round(2).tolist()
+
+
+@dataclass(frozen=True, eq=False)
+class PageEntry:
+    """What the page keeps of a case: all but its tracks, and these packed."""
+
+    row: dict[str, Any]
+    content: str  # packed
+    badness: tuple[Any, ...]
+    crash: ReportedCrash | None
+    endings: tuple[Collision | None, ...]
+    runs: tuple[PageDrive, ...]  # without tracks
+    judgement: Judgement | None
+    attack: AttackRecord | None
+    network: str
+    of_sumo: bool
+
+    @property
+    def id(self) -> str:
+        """The name of the case."""
+        return self.row["id"]
 
 
 def network(scenario: Scenario) -> str:

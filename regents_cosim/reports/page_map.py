@@ -1,6 +1,6 @@
 """A map as the page of the report carries it: the parts around the cases, to a few centimetres."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,20 +22,17 @@ _DETAIL_M = 0.04
 
 @dataclass(frozen=True, eq=False)
 class PageMap:
-    """One map and the cases that take place on it."""
+    """One map and where cases take place on it."""
 
+    index: int  # among those of the page
     road: RoadMap
-    cases: list[Scenario]
+    origin: Float[np.ndarray, " 2"]  # of the page's positions, in whole metres: a corner of the first case
+    places: list[BaseGeometry]  # around all that moves in each of its cases
 
     @cached_property
     def area(self) -> BaseGeometry:
-        """Where something moves, and what surrounds it [m]."""
-        return shapely.union_all([_surroundings(case) for case in self.cases])
-
-    @cached_property
-    def origin(self) -> Float[np.ndarray, " 2"]:
-        """Whole metres; positions count from here, so that single precision draws them well far from zero too."""
-        return np.floor(np.array(self.area.bounds[:2]))
+        """Where something moves, and what surrounds it [m]; asked for when all cases are known."""
+        return shapely.union_all(self.places)
 
     def content(self) -> dict[str, Any]:
         """Rings of the road, lines on it, and stop bars with their lights."""
@@ -75,15 +72,25 @@ class PageMap:
                     yield {"signal": signal, "link": link, "corners": line(part, self.origin)}
 
 
-def page_maps(scenarios: Sequence[Scenario]) -> list[PageMap]:
-    """The maps of some cases, each once."""
-    names: dict[int, str] = {}
-    found: dict[str, PageMap] = {}
-    for case in scenarios:
-        name = names.setdefault(id(case.road), "") or map_files(case.road).road
-        names[id(case.road)] = name
-        found.setdefault(name, PageMap(case.road, [])).cases.append(case)
-    return list(found.values())
+class PageMaps:
+    """The maps of a page, each once, in the order in which cases come."""
+
+    def __init__(self) -> None:
+        self._by_name: dict[str, PageMap] = {}
+
+    def home(self, case: Scenario) -> PageMap:
+        """The map of a case, which from now on shows where that takes place."""
+        name, place = map_files(case.road).road, _surroundings(case)
+        if name not in self._by_name:
+            corner = np.floor(np.array(place.bounds[:2]))
+            self._by_name[name] = PageMap(len(self._by_name), case.road, corner, [])
+        self._by_name[name].places.append(place)
+        return self._by_name[name]
+
+    @property
+    def maps(self) -> list[PageMap]:
+        """All of them."""
+        return list(self._by_name.values())
 
 
 def _surroundings(case: Scenario) -> BaseGeometry:

@@ -1,16 +1,17 @@
 """`regents report`: gathers cases, drives and scores for the page."""
 
-import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import tee
 from pathlib import Path
 from statistics import median
+from types import MappingProxyType
 
+from regents_cosim.cases.manifest import MANIFEST
 from regents_cosim.cases.provenance import command
-from regents_cosim.cases.suite import cases_of
+from regents_cosim.cases.suite import cases_in_turn
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.driven_crash import verdict_of, verdict_of_drive
@@ -22,9 +23,11 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.reports.html import Report, Score, html_page, json_twin
-from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, PageDrive, network
+from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, PageDrive, PageEntry
+from regents_cosim.reports.page_map import PageMap, PageMaps
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.atomic import explain_write, require_writable, write_atomic
+from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.judge import judge
 
 _MOTIONS = {
@@ -35,6 +38,7 @@ _MOTIONS = {
 }
 
 DriveWithTracks = tuple[Drive, Tracks | None]
+Watch = Callable[[Iterator[PageEntry]], Iterable[PageEntry]]
 
 _MOST_PLANNERS = 2
 _MOST_NAMED = 8  # networks in the subtitle
@@ -50,8 +54,7 @@ def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: S
     given = [PlannerUnderTest.of(planner) for planner in planners]
     check_report(Path(path), [planner.name for planner in given])
     folder = Path(cases) if isinstance(cases, (str, Path)) else None
-    scenarios = list(judge_rest(cases_of(cases)))
-    driven = {planner.name: list(drive_for_report(scenarios, planner)) for planner in given}
+    scenarios, driven = judged_and_driven(cases_in_turn(cases), given)
     save_report(report_of(scenarios, driven, folder), Path(path))
 
 
@@ -68,39 +71,89 @@ def check_report(path: Path, planners: Sequence[str]) -> None:
 
 def judge_rest(scenarios: Iterable[Scenario]) -> Iterator[Scenario]:
     """Judge the crashes that have not been judged, in order."""
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        yield from pool.map(lambda case: case if case.judgement else judge(case), scenarios)
+    return in_turn(lambda case: case if case.judgement else judge(case), scenarios)
+
+
+def judged_and_driven(
+    scenarios: Iterable[Scenario], planners: Sequence[PlannerUnderTest], act_timeout_s: float = ACT_TIMEOUT_S
+) -> tuple[Iterator[Scenario], dict[str, Iterator[DriveWithTracks]]]:
+    """The cases and the drives of each planner, to be taken side by side: each case is loaded and judged once."""
+    judged, *others = tee(judge_rest(scenarios), 1 + len(planners))
+    return judged, {
+        one.name: drive_for_report(its, one, act_timeout_s) for one, its in zip(planners, others, strict=True)
+    }
 
 
 def drive_for_report(
-    scenarios: Sequence[Scenario], planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S
+    scenarios: Iterable[Scenario], planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S
 ) -> Iterator[DriveWithTracks]:
     """Let `planner` drive every case in the mirror, in order. Raises PlannerError where it cannot be found."""
-    with MirrorDriver(planner, act_timeout_s) as driver, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        yield from pool.map(partial(drive_and_keep, driver=driver), scenarios)
+    with MirrorDriver(planner, act_timeout_s) as driver:
+        yield from in_turn(partial(drive_and_keep, driver=driver), scenarios)
 
 
 def report_of(
-    scenarios: Sequence[Scenario], driven: Mapping[str, Sequence[DriveWithTracks]], folder: Path | None = None
+    scenarios: Iterable[Scenario],
+    driven: Mapping[str, Iterable[DriveWithTracks]],
+    folder: Path | None = None,
+    tags: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+    watch: Watch = lambda entries: entries,
 ) -> Report:
-    """What the page says: of the drives of each planner in `driven`, or of those that the cases hold."""
-    _check_cases(scenarios)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # the crashes of new drives are judged
-        runs = pool.map(partial(_runs, driven=driven), scenarios, range(len(scenarios)))
-        cases = tuple(PageCase(case, found, motion_sheet(case)) for case, found in zip(scenarios, runs, strict=True))
-    attacked = sorted({scenario.attack.planner for scenario in scenarios if scenario.attack})
+    """What the page says: of the drives of each planner in `driven`, or of those that the cases hold.
+
+    Cases are taken one after the other and packed; none is kept. `tags` of those of which they are known; `watch`
+    passes on what is packed.
+    """
+    maps, drives = PageMaps(), {name: list[Drive]() for name in driven}
+    jobs = _jobs(scenarios, driven, drives, maps)
+    pack = partial(_packed, folder=None if folder is None else _suite_of(folder), driven=bool(driven), tags=tags)
+    cases = tuple(watch(in_turn(pack, jobs)))
+    _check_cases(cases)
+    attacked = sorted({case.attack.planner for case in cases if case.attack})
     drivers: tuple[str, ...] = tuple(driven) if driven else (" and ".join(attacked) or "log",)
-    scores = _driving_scores(driven, cases) if driven else _attack_scores(drivers[0], cases)
+    scores = _driving_scores(drives, cases) if driven else _attack_scores(drivers[0], cases)
     return Report(
         title=_title(drivers, bool(driven), bool(attacked)),
-        subtitle=_subtitle(scenarios),
+        subtitle=_subtitle(cases),
         drivers=drivers,
         driven=bool(driven),
         scores=tuple(scores),
         cases=cases,
+        maps=tuple(maps.maps),
         command=command(),
-        folder=folder if folder is None or (folder / "suite.json").exists() else folder.parent,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A case to be packed."""
+
+    scenario: Scenario
+    drives: dict[str, DriveWithTracks]  # by planner; without them the case's own
+    home: PageMap
+
+
+def _jobs(
+    scenarios: Iterable[Scenario],
+    driven: Mapping[str, Iterable[DriveWithTracks]],
+    drives: Mapping[str, list[Drive]],
+    maps: PageMaps,
+) -> Iterator[_Job]:
+    """One for each case; what the planners did goes into `drives`."""
+    for scenario, *made in zip(scenarios, *driven.values(), strict=True):
+        for its, (drive, _) in zip(drives.values(), made, strict=True):
+            its.append(drive)
+        yield _Job(scenario, dict(zip(driven, made, strict=True)), maps.home(scenario))
+
+
+def _packed(job: _Job, folder: Path | None, driven: bool, tags: Mapping[str, tuple[str, ...]]) -> PageEntry:
+    case = job.scenario
+    page_case = PageCase(case, _runs(case, job.drives), motion_sheet(case))
+    return page_case.entry(job.home, folder, driven, tags.get(case.id))
+
+
+def _suite_of(folder: Path) -> Path:
+    return folder if (folder / MANIFEST).exists() else folder.parent
 
 
 def save_report(made: Report, path: Path) -> None:
@@ -111,17 +164,17 @@ def save_report(made: Report, path: Path) -> None:
         write_atomic(path.with_suffix(".json"), json_twin(made))
 
 
-def _check_cases(scenarios: Sequence[Scenario]) -> None:
-    if not scenarios:
+def _check_cases(cases: Sequence[PageEntry]) -> None:
+    if not cases:
         raise RegentsError("no cases to report (make some with `regents attack`)")
-    [(name, times)] = Counter(scenario.id for scenario in scenarios).most_common(1)
+    [(name, times)] = Counter(case.id for case in cases).most_common(1)
     if times > 1:
         raise RegentsError(f"case {name!r} occurs {times} times, expected ids that differ")
 
 
-def _runs(scenario: Scenario, index: int, driven: Mapping[str, Sequence[DriveWithTracks]]) -> tuple[PageDrive, ...]:
-    if driven:
-        return tuple(_driven_run(scenario, name, *drives[index]) for name, drives in driven.items())
+def _runs(scenario: Scenario, drives: Mapping[str, DriveWithTracks]) -> tuple[PageDrive, ...]:
+    if drives:
+        return tuple(_driven_run(scenario, name, *made) for name, made in drives.items())
     tracks, attack = scenario.tracks, scenario.attack
     contact = first_contact(scenario.agents, tracks)
     closest = _closest(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None))
@@ -176,24 +229,24 @@ def _title(drivers: tuple[str, ...], driven: bool, attacked: bool) -> str:
     return f"{first} under attack" if attacked else "Recorded traffic"
 
 
-def _subtitle(scenarios: Sequence[Scenario]) -> str:
+def _subtitle(cases: Sequence[PageEntry]) -> str:
     """How many cases, of which traffic, attacked how."""
-    places = sorted({network(scenario) for scenario in scenarios})
-    of_sumo = all(scenario.road.sumo_net for scenario in scenarios)
+    places = sorted({case.network for case in cases})
+    of_sumo = all(case.of_sumo for case in cases)
     where = _count(len(places), "network" if of_sumo else "recording")
     named = f": {', '.join(places)}" if len(places) <= _MOST_NAMED else ""
-    methods = sorted({scenario.attack.method for scenario in scenarios if scenario.attack})
+    methods = sorted({case.attack.method for case in cases if case.attack})
     how = f" Attacked by {' and '.join(methods)}." if methods else ""
-    return f"{_count(len(scenarios), 'case')} on {where}{named}.{how}"
+    return f"{_count(len(cases), 'case')} on {where}{named}.{how}"
 
 
 # --- scores -----------------------------------------------------------------------------------
 
 
-def _driving_scores(driven: Mapping[str, Sequence[DriveWithTracks]], cases: Sequence[PageCase]) -> list[Score]:
+def _driving_scores(drives: Mapping[str, Sequence[Drive]], cases: Sequence[PageEntry]) -> list[Score]:
     """The telling crashes of each, then as `regents evaluate` has them."""
-    rows = {name: driving_row("all", [drive for drive, _ in drives]) for name, drives in driven.items()}
-    telling = [score for run, name in enumerate(driven) for score in _telling(name, cases, run)]
+    rows = {name: driving_row("all", its) for name, its in drives.items()}
+    telling = [score for run, name in enumerate(drives) for score in _telling(name, cases, run)]
     return [*telling, *(score for name, row in rows.items() for score in _scores_of(name, row))]
 
 
@@ -221,10 +274,10 @@ def _scores_of(name: str, row: DrivingRow) -> list[Score]:
     return scores
 
 
-def _attack_scores(planner: str, cases: Sequence[PageCase]) -> list[Score]:
+def _attack_scores(planner: str, cases: Sequence[PageEntry]) -> list[Score]:
     crashes = [case for case in cases if case.endings[0] is not None]
     scores = [*_telling(planner, cases, 0), _share("Crashes", planner, len(crashes), len(cases), "case")]
-    judged = [case.scenario.judgement for case in crashes if case.scenario.judgement]
+    judged = [case.judgement for case in crashes if case.judgement]
     if judged:
         scores.append(_share("Clean crashes", planner, sum(j.clean for j in judged), len(cases), "case"))
     evaded = [j.avoidability.avoidable for j in judged if j.avoidability]
@@ -239,7 +292,7 @@ def _attack_scores(planner: str, cases: Sequence[PageCase]) -> list[Score]:
     return scores
 
 
-def _telling(planner: str, cases: Sequence[PageCase], run: int) -> list[Score]:
+def _telling(planner: str, cases: Sequence[PageEntry], run: int) -> list[Score]:
     """The headline: crashes that are clean, by a lawful adversary, and that a careful driver avoids."""
     verdicts = [verdict for case in cases if (verdict := case.runs[run].verdict)]
     if not verdicts:

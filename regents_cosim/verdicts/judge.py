@@ -1,12 +1,11 @@
 """What a crash says about the planner: what spoils it as a test, whether it could be avoided, whose fault it is."""
 
-import os
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from regents_cosim.judgement import Judgement
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.fault import fault
@@ -54,5 +53,4 @@ def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
 
 def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:
     """The same for many, in order, on all cores."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        yield from pool.map(judge, attacked)
+    return in_turn(judge, attacked)

@@ -97,7 +97,7 @@ def test_replayed_reported_and_weakened():
     check_errors({one.case: one.reason if one.planner_failed else "" for one in replays})
     driven = list(drive_for_report(CASES, FAILS))
     page = report_of(CASES, {FAILS: driven})
-    check_errors({case.scenario.id: case.runs[0].error for case in page.cases})
+    check_errors({case.id: case.runs[0].error for case in page.cases})
     nan = replace(CASES[1], attack=AttackRecord("nan", "none", "idm", "no_collision", 0), original=BUSY.tracks)
     with MirrorDriver(FAILS) as driver:
         drive, margin = with_margin(nan, driven[0][0], driver)

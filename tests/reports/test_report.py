@@ -32,7 +32,7 @@ from regents_cosim.reports.crash_groups import groups
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.packing import CM, differences, stretches
 from regents_cosim.reports.page_case import PageCase, PageDrive
-from regents_cosim.reports.page_map import page_maps
+from regents_cosim.reports.page_map import PageMaps
 from regents_cosim.reports.report import judge_rest, motion_sheet, report_of
 
 REGENTS = Path(sys.executable).parent / "regents"
@@ -88,7 +88,8 @@ def test_stretches_hold_each_valid_step_once(valid):
 @pytest.mark.slow
 def test_the_page_carries_the_tracks_of_every_case():
     page = html_page(report_of(CASES, {}))
-    home = {case.id: one for one in page_maps(CASES) for case in one.cases}
+    maps = PageMaps()
+    home = {case.id: maps.home(case) for case in CASES}
     for index, row in enumerate(rows_of(page)):
         case = next(case for case in CASES if case.id == row["id"])
         content, origin = unpacked(page, f"case-{index}"), home[case.id].origin
@@ -140,7 +141,7 @@ def test_the_verdict_of_the_page_is_that_of_the_case():
 
 
 def test_a_map_keeps_its_shape_around_the_cases():
-    for one in page_maps(CASES):
+    for one in report_of(CASES, {}).maps:
         content = one.content()
         rings = [0.01 * np.cumsum(ring, axis=1).T + one.origin for ring in content["rings"]]
         drawn = shapely.Polygon()
@@ -302,8 +303,7 @@ def test_recorded_traffic_has_a_report_too():
 def test_a_case_whose_planner_failed_has_no_ego():
     case = CRASHES[0]
     page_case = PageCase(case, (PageDrive("mine", None, "it stopped"),))
-    [one] = page_maps([case])
-    content = page_case.content(one, None)
+    content = page_case.content(PageMaps().home(case), None)
     assert (content["runs"], content["contacts"], content["gaps"]["runs"]) == ([[]], [None], [[]])
 
 

@@ -27,25 +27,26 @@ def report(
         who drives the egos, among the adversaries of each case; once more: a second one beside it, to see what it fixes
         and breaks. Without it the report shows the drives that the cases hold
     """
-    from regents_cosim.cases.suite import load_suite
-    from regents_cosim.reports.report import check_report, drive_for_report, judge_rest, report_of, save_report
+    from regents_cosim.cases.suite import cases_on_disk
+    from regents_cosim.planners.under_test import PlannerUnderTest
+    from regents_cosim.reports.report import check_report, judged_and_driven, report_of, save_report
     from regents_cosim.reports.tables import SCORED
 
     terminal = open_terminal(talk)
     check_report(output, planner)
-    loaded = load_suite(cases)
-    scenarios = list(terminal.each(judge_rest(loaded), "judging crashes", len(loaded)))
+    with terminal.waiting("reading"):
+        scenarios = cases_on_disk(cases)
+        tags = {one.id: one.tags for one in scenarios.headers() if one.tags is not None}
     programs.keep()
-    driven = {
-        name: list(terminal.each(drive_for_report(scenarios, name, act_timeout), f"driving {name}", len(scenarios)))
-        for name in planner
-    }
+    given = [PlannerUnderTest.of(name) for name in planner]
+    judged, driven = judged_and_driven(scenarios, given, act_timeout)
+    what = f"driving {' and '.join(planner)}" if planner else "packing"
+    made = report_of(judged, driven, cases, tags, lambda done: terminal.each(done, what, len(scenarios)))
     with terminal.waiting(f"writing {output}"):
-        made = report_of(scenarios, driven, cases)
         save_report(made, output)
     rows = [{"score": s.label, "driver": s.driver, "value": s.value, "detail": s.detail} for s in made.scores]
     terminal.show(f"{len(scenarios)} cases in {output}", rows, essential=SCORED)
-    errors = [(case.scenario.id, run) for case in made.cases for run in case.runs if run.error]
+    errors = [(case.id, run) for case in made.cases for run in case.runs if run.error]
     for name, run in errors:
         terminal.say(f"{name}: {run.driver}: {run.error}")
     return PLANNER_FAILED if errors else 0

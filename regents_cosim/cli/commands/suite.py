@@ -324,14 +324,14 @@ def rank(
     planner
         as often as there are planners, the best first
     """
-    from regents_cosim.cases.suite import load_suite
+    from regents_cosim.cases.suite import cases_on_disk
     from regents_cosim.evaluation.drives.driving import drive_each
     from regents_cosim.evaluation.suites.ranking import rank_rows
     from regents_cosim.reports.tables import RANKED
 
     terminal = open_terminal(talk)
     programs.keep()
-    cases = load_suite(suite)
+    cases = cases_on_disk(suite)
     driven = [
         (name, list(terminal.each(drive_each(cases, name, act_timeout), f"driving {name}", len(cases))))
         for name in planner

@@ -1,10 +1,10 @@
 """`regents evaluate`: how well a planner drives, case by case and in all."""
 
-import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import tee
 from statistics import fmean
 
 import numpy as np
@@ -23,6 +23,7 @@ from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import CollisionKind, Scenario, Tracks
 from regents_cosim.system.logged import logged
+from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.leaving_road import corners_off_road
 
 _AS_FAR = 0.8  # as a careful driver, where nothing is to be feared
@@ -94,7 +95,7 @@ def _went(drive: Drive) -> str:
 
 @logged(_went)
 def drive_each(
-    scenarios: Sequence[Scenario],
+    scenarios: Iterable[Scenario],
     planner: AnyPlanner,
     act_timeout_s: float = ACT_TIMEOUT_S,
     where: Simulator = "mirror",
@@ -110,10 +111,11 @@ def drive_each(
     check(where, act_timeout_s=act_timeout_s)
     given = PlannerUnderTest.of(planner)
     if where == "mirror":
-        with MirrorDriver(given, act_timeout_s) as driver, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            yield from pool.map(partial(drive_case, driver=driver), scenarios)
+        with MirrorDriver(given, act_timeout_s) as driver:
+            yield from in_turn(partial(drive_case, driver=driver), scenarios)
         return
-    replays = replay_each(scenarios, where, given, executor=executor, act_timeout_s=act_timeout_s, drivers=drivers)
+    scenarios, replayed = tee(scenarios)
+    replays = replay_each(replayed, where, given, executor=executor, act_timeout_s=act_timeout_s, drivers=drivers)
     for scenario, one in zip(scenarios, replays, strict=True):
         yield score(scenario, one.replayed.tracks) if one.replayed else nowhere(scenario, one.reason, one.trace)
 

@@ -1,6 +1,6 @@
 """Drives that are kept as they are made, so that an evaluation goes on where it was stopped."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -20,7 +20,7 @@ def drive_once(
     scenarios: Sequence[Scenario],
     planner: PlannerUnderTest,
     settings: dict[str, str | float],
-    drive: Callable[[Sequence[Scenario]], Iterator[Drive]],
+    drive: Callable[[Iterable[Scenario]], Iterator[Drive]],
     retry: bool = False,
 ) -> Iterator[Drive]:
     """The drives of all scenarios, in order, those that `folder` does not keep yet by `drive`.
@@ -32,13 +32,14 @@ def drive_once(
         raise RegentsError("drives are kept of planners that are named: of an object it is not known when it changed")
     mine = identity("evaluate", {"planner": planner.name, **settings}, {planner.name: planner_digest(planner.name)})
     with open_ledger(folder, mine) as ledger:
-        planned(ledger, windows_of(scenarios))
+        windows = windows_of(scenarios)
+        planned(ledger, windows)
         left = {unit.name: unit for unit in ledger.left(retry)}
-        new = drive([scenario for scenario in scenarios if scenario.id in left])
-        for scenario in scenarios:
-            if scenario.id in left:
+        new = drive(windows.load(left))
+        for name in windows.hashes:
+            if name in left:
                 made = next(new)
                 why = made.error.partition("\n")[0]
-                ledger.note(DoneUnit(left[scenario.id], said=msgspec.to_builtins(made), error=why))
-            yield msgspec.convert(ledger.record.done[scenario.id].said, Drive)
+                ledger.note(DoneUnit(left[name], said=msgspec.to_builtins(made), error=why))
+            yield msgspec.convert(ledger.record.done[name].said, Drive)
         ledger.finish()

@@ -1,15 +1,14 @@
 """`evaluate`: how well a planner drives a suite, and whether it got worse than a baseline allows."""
 
-import os
 from collections.abc import Iterable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import located, require_own
-from regents_cosim.cases.suite import cases_of, suite_cases
+from regents_cosim.cases.suite import cases_in_turn, suite_cases
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_each, driving_rows
 from regents_cosim.evaluation.drives.kept import drive_once
@@ -30,6 +29,7 @@ from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Simulator
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
+from regents_cosim.system.threads import in_turn
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def evaluate(
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
     asked = _asked(folder, against, update, fail, margin, where)
     given = PlannerUnderTest.of(planner)
-    scenarios = cases_of(cases)
+    scenarios = cases_in_turn(cases)
     drive = partial(drive_each, planner=given, act_timeout_s=act_timeout_s, where=where, executor=executor)
     settings: dict[str, str | float] = {"in": where, "act_timeout": act_timeout_s}
     drives = drive(scenarios) if keep is None else drive_once(keep, scenarios, given, settings, drive, retry)
@@ -183,6 +183,6 @@ def _with_margins(
     scenarios: Sequence[Scenario], drives: Sequence[Drive], planner: PlannerUnderTest, act_timeout_s: float
 ) -> tuple[tuple[Drive, ...], list[dict[str, float | None]]]:
     """The drives, of which some may fail with less of the attack, and their margins."""
-    with MirrorDriver(planner, act_timeout_s) as driver, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        found = list(pool.map(partial(with_margin, driver=driver), scenarios, drives))
+    with MirrorDriver(planner, act_timeout_s) as driver:
+        found = list(in_turn(partial(with_margin, driver=driver), scenarios, drives))
     return tuple(drive for drive, _ in found), [{"margin": margin} for _, margin in found]

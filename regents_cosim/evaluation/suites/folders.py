@@ -7,10 +7,11 @@ from pathlib import Path
 
 from regents_cosim.campaign.ledger import FOLDER as RUN
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case
+from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, is_ours, load_manifest
 from regents_cosim.cases.provenance import made_by, revision, versions
+from regents_cosim.cases.suite import CasesOnDisk
 from regents_cosim.cases.suite_code import code_for_pytest
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, load_baseline, save_baseline
@@ -157,7 +158,7 @@ def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
     """
     entries = load_manifest(suite).cases
     baseline = load_baseline(suite / FILE)
-    loaded: list[Scenario] = []
+    whole: list[Path] = []
     rows: list[CheckRow] = []
     for entry in entries:
         planner = None
@@ -165,11 +166,11 @@ def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
             scenario = load_case(suite / entry.case)
             planner = scenario.attack.planner if scenario.attack else None
             problem = _mismatch(scenario, entry.case, entry.hash, suite, baseline)
-            loaded.append(scenario)
+            whole.append(suite / entry.case)
         except CaseError as error:
             problem = str(error)
         rows.append(CheckRow(entry.case, problem, len(_accepted(baseline, entry.case)), planner=planner))
-    replays = _replayed(loaded) if replay else {}
+    replays = _replayed(whole) if replay else {}
     for row in rows:
         place, reason = replays.get(row.case, (None, ""))
         yield replace(row, problem=row.problem or reason, replayed=place)
@@ -196,18 +197,19 @@ def _accepted(baseline: Baseline, case: str) -> dict[str, str]:
     }
 
 
-def _replayed(scenarios: Sequence[Scenario]) -> dict[str, tuple[str | None, str]]:
+def _replayed(folders: Sequence[Path]) -> dict[str, tuple[str | None, str]]:
     """Where each case was replayed, and what differed."""
     from regents_cosim.replays.replay import Simulator, replay_each  # imports JAX, which a check does without
 
     found: dict[str, tuple[str | None, str]] = {}
-    places: tuple[tuple[Simulator, list[Scenario]], ...] = (
-        ("sumo", [s for s in scenarios if s.provenance.source != "highway"]),
-        ("highway", [s for s in scenarios if s.provenance.source == "highway"]),
+    of_highway = {folder for folder in folders if load_header(folder).provenance.source == "highway"}
+    places: tuple[tuple[Simulator, list[Path]], ...] = (
+        ("sumo", [folder for folder in folders if folder not in of_highway]),
+        ("highway", [folder for folder in folders if folder in of_highway]),
     )
     for where, its in places:
-        for scenario, one in zip(its, replay_each(its, where), strict=True):
-            found[scenario.id] = (where, "" if one.verified else f"in {where}: {one.reason}")
+        for one in replay_each(CasesOnDisk(its), where):
+            found[one.case] = (where, "" if one.verified else f"in {where}: {one.reason}")
     return found
 
 

@@ -44,7 +44,7 @@ function showList(missing) {
   if (missing) byId("count").textContent = `no case is called ${missing}`;
   if (!before) return;
   scrollTo(0, scrolled);
-  table.lines[before.index].querySelector("a").focus({ preventScroll: true });
+  table.reveal(before).querySelector("a").focus({ preventScroll: true });
 }
 
 async function showCase(row) {

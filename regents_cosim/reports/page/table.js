@@ -1,13 +1,15 @@
 // --- Table: the cases, what to fix first; sorted by a column, filtered by what they have in common ---
 
+const AT_ONCE = 200; // lines that are laid out; more when they are asked for
+
 class CaseTable {
   constructor({ drivers, driven, rows }) {
-    Object.assign(this, { drivers, driven, rows, filters: {}, sorted: null, search: "" });
+    Object.assign(this, { drivers, driven, rows, filters: {}, sorted: null, search: "", lines: [], most: AT_ONCE });
     rows.forEach((row, index) => (row.index = index));
     this.columns = this.chooseColumns();
-    this.lines = rows.map((row) => this.line(row));
     this.addHeads();
     this.addFilters();
+    byId("more").addEventListener("click", () => this.layOut(this.most + AT_ONCE));
     this.refresh();
   }
 
@@ -47,7 +49,19 @@ class CaseTable {
     ].filter(Boolean);
   }
 
+  // The line of a row, made when it is first laid out.
   line(row) {
+    return (this.lines[row.index] ??= this.newLine(row));
+  }
+
+  // The line of a row that is to be seen.
+  reveal(row) {
+    const at = this.shown.indexOf(row);
+    if (at >= this.most) this.layOut(at + AT_ONCE);
+    return this.line(row);
+  }
+
+  newLine(row) {
     const cells = this.columns.map((column) => {
       const value = column.value(row);
       const blank = value === null || value === "";
@@ -118,9 +132,16 @@ class CaseTable {
     this.refresh();
   }
 
+  layOut(most, shown = this.shown) {
+    this.most = most;
+    document.querySelector("#cases tbody").replaceChildren(...shown.slice(0, most).map((row) => this.line(row)));
+    byId("more").hidden = shown.length <= most;
+    byId("more").textContent = `Show ${Math.min(AT_ONCE, shown.length - most)} more of ${shown.length - most}`;
+  }
+
   refresh() {
     const shown = this.shown;
-    document.querySelector("#cases tbody").replaceChildren(...shown.map((row) => this.lines[row.index]));
+    this.layOut(AT_ONCE, shown);
     byId("count").textContent = shown.length === this.rows.length ? `${shown.length}, what to fix first` : `${shown.length} of ${this.rows.length}`;
     if (this.sorted && shown.length === this.rows.length) byId("count").textContent = `${shown.length}`;
     byId("nothing").hidden = shown.length > 0;
