@@ -27,6 +27,11 @@ class Shard:
     def __str__(self) -> str:
         return f"{self.number}/{self.count}"
 
+    @property
+    def every(self) -> slice:
+        """Its items of a sequence whose items are worked on one by one."""
+        return slice(self.number - 1, None, self.count)
+
     def of(self, units: Sequence[_Unit], together: int = 1) -> list[_Unit]:
         """Its units: every `count`-th, or every `count`-th group of so many neighbours that are worked on together.
 

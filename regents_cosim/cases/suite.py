@@ -74,12 +74,12 @@ class CasesOnDisk(Sequence[Scenario]):
         return map(load_header, self.folders)
 
 
-def cases_on_disk(path: Path | str) -> CasesOnDisk:
-    """The case at `path`, or all cases of the suite there; each of them is read once, now, so that none fails later.
+def cases_on_disk(path: Path | str, share: slice = slice(None)) -> CasesOnDisk:
+    """The case at `path`, or a share of the suite there; each of them is read once, now, so that none fails later.
 
     Raises CaseError where there are none, or one cannot be read.
     """
-    cases = _cases_at(path)
+    cases = _cases_at(path)[share]
     for _ in cases:
         pass
     return cases
@@ -105,6 +105,6 @@ def cases_of(cases: Path | str | Iterable[Scenario]) -> list[Scenario]:
     return load_suite(cases) if isinstance(cases, Path | str) else list(cases)
 
 
-def cases_in_turn(cases: Path | str | Iterable[Scenario]) -> Sequence[Scenario]:
-    """The same, those on disk loaded when they are asked for."""
-    return cases_on_disk(cases) if isinstance(cases, Path | str) else list(cases)
+def cases_in_turn(cases: Path | str | Iterable[Scenario], share: slice = slice(None)) -> Sequence[Scenario]:
+    """A share of the same, those on disk loaded when they are asked for."""
+    return cases_on_disk(cases, share) if isinstance(cases, Path | str) else list(cases)[share]

@@ -50,17 +50,6 @@ class CampaignOptions:
     minutes: float | None = None
     """with --into: how long; what is at work then is finished. Default 10"""
 
-    def share(self, terminal: "Terminal") -> "Shard":
-        """The share that is asked for, or that of this task of a SLURM array, which is said. Raises RegentsError."""
-        from regents_cosim.campaign.shards import WHOLE, parse_shard, slurm_shard
-
-        if self.shard:
-            return parse_shard(self.shard)
-        found = slurm_shard(os.environ)
-        if found is not None:
-            terminal.say(f"shard {found}, by SLURM's job array (--shard 1/1 does all of it)")
-        return found or WHOLE
-
     def map_axes(self) -> "Axes | None":
         """Of the map whose best crashes alone are kept; None: all are. Raises RegentsError."""
         from regents_cosim.archive.axes import parse_axes
@@ -87,6 +76,18 @@ class CampaignOptions:
         if not 0.0 < minutes <= _MOST_MINUTES:
             raise RegentsError(f"--minutes {minutes:g}: expected more than 0 and at most {_MOST_MINUTES}")
         return Budget.of(minutes)
+
+
+def share(asked: str, terminal: "Terminal") -> "Shard":
+    """The share that is asked for, or that of this task of a SLURM array, which is said. Raises RegentsError."""
+    from regents_cosim.campaign.shards import WHOLE, parse_shard, slurm_shard
+
+    if asked:
+        return parse_shard(asked)
+    found = slurm_shard(os.environ)
+    if found is not None:
+        terminal.say(f"shard {found}, by SLURM's job array (--shard 1/1 does all of it)")
+    return found or WHOLE
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ def attack_into(
 
     if given.executor != "local":  # workers search one window at a time
         run = replace(run, engine="threads", batch=1)
-    shard, together = options.share(terminal), run.together()
+    shard, together = share(options.shard, terminal), run.together()
     if run.wanted and shard.count > 1:
         raise RegentsError("--type is asked of a whole run: leave out --shard (--shard 1/1 in a SLURM array)")
     mine = run.identity(given.settings(), together)

@@ -474,3 +474,25 @@ def test_two_planners_side_by_side(visit):
         seen.page.evaluate("JSON.stringify([...document.querySelectorAll('#speed-now span')].map(s => s.textContent))")
     )
     assert [text.split()[0] for text in numbers if text] == ["old", "new", "adversary"]
+
+
+def test_of_many_cases_the_first_lines_are_laid_out_and_more_when_asked_for(visit, files):
+    many = [replace(CRASHES[0], id=f"case{number:03}") for number in range(450)]
+    made = report_of(many, {}, tags={case.id: () for case in many})
+    (files / "many.html").write_text(html_page(made), "utf-8")
+    seen = visit("many")
+    lines = seen.page.locator("#cases tbody tr")
+    assert lines.count() == 200
+    assert seen.page.inner_text("#more") == "Show 200 more of 250"
+    seen.page.click("#more")
+    assert (lines.count(), seen.page.inner_text("#more")) == (400, "Show 50 more of 50")
+    seen.page.fill("#search", "case44")
+    assert lines.count() == 10
+    assert not seen.page.is_visible("#more")
+    seen.page.fill("#search", "")
+    seen.page.goto(f"{seen.page.url.partition('#')[0]}#case=case449")  # far below what is laid out
+    seen.page.wait_for_selector("#case:not([hidden])")
+    assert seen.page.inner_text("#position") == "450 of 450"
+    seen.page.keyboard.press("Escape")
+    seen.page.wait_for_selector("#overview:not([hidden])")
+    assert seen.page.evaluate("document.activeElement.textContent") == "case449"

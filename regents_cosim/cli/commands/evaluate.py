@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from regents_cosim.cli.campaign import share
 from regents_cosim.cli.options import (
     ActTimeout,
     Against,
@@ -37,6 +38,7 @@ def evaluate(
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
     executor: Executor = "local",
     output: OutputIfAny = None,
+    shard: str = "",
     retry: bool = False,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
@@ -51,6 +53,9 @@ def evaluate(
         in the mirror, in SUMO, or in highway-env
     output
         folder that keeps every drive as it is made: after a stop the same command goes on from there
+    shard
+        NUMBER/COUNT: this share of the cases alone, as 3/64, with a folder (-o) of its own; in a SLURM job array the
+        task's own
     retry
         make drives again that failed before
     """
@@ -76,6 +81,7 @@ def evaluate(
             progress=terminal,
             keep=output,
             retry=retry,
+            shard=share(shard, terminal),
         )
     if found.against is not None:
         return _show_verdicts(found, found.against, cases, baseline, terminal)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from regents_cosim.campaign.shards import WHOLE, Shard
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import located, require_own
 from regents_cosim.cases.suite import cases_in_turn, suite_cases
@@ -81,6 +82,7 @@ def evaluate(
     progress: Progress = SILENT,
     keep: Path | None = None,
     retry: bool = False,
+    shard: Shard = WHOLE,
 ) -> Evaluation:
     """Let `planner` drive every case: a case or a suite on disk, or cases in memory.
 
@@ -89,7 +91,7 @@ def evaluate(
     the suite's own file. `margin` measures how little of each attack makes it collide, by up to six more drives.
 
     With `keep` every drive is kept in that folder as it is made, and the same call goes on from there; drives that
-    failed are made again with `retry`.
+    failed are made again with `retry`. Of a `shard` only its share of the cases is driven.
 
     A planner that takes longer than `act_timeout_s` over a decision has failed in that case. SUMO runs in processes of
     its own, or those of `executor`. Raises PlannerError for a planner that cannot be found, RegentsError, before
@@ -98,9 +100,12 @@ def evaluate(
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
     asked = _asked(folder, against, update, fail, margin, where)
     given = PlannerUnderTest.of(planner)
-    scenarios = cases_in_turn(cases)
+    scenarios = cases_in_turn(cases, shard.every)
+    if not scenarios:
+        raise RegentsError(f"shard {shard} holds no case: the suite has fewer cases than there are shards")
     drive = partial(drive_each, planner=given, act_timeout_s=act_timeout_s, where=where, executor=executor)
     settings: dict[str, str | float] = {"in": where, "act_timeout": act_timeout_s}
+    settings |= {} if shard == WHOLE else {"shard": str(shard)}
     drives = drive(scenarios) if keep is None else drive_once(keep, scenarios, given, settings, drive, retry)
     found = tuple(progress.each(drives, f"driving {given.name}", len(scenarios)))
     evaluation = Evaluation(given.name, where, found)
