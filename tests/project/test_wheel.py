@@ -70,7 +70,8 @@ assert run(["shrink", "shipped:quickstart"]) == 2
     before = sorted(installed.rglob("*.json"))
     out, errors = both(installed, code)
     assert "shipped:quickstart" in out
-    *_, missing, update, shrink = errors.splitlines()  # before them, how many windows have a possible conflict
+    conflicts, missing, update, shrink = errors.splitlines()
+    assert conflicts.startswith("windows in which another vehicle can lawfully cross or join the ego's path: ")
     assert "shipped:merge" in missing
     assert "--against" in update
     assert "--output" in shrink

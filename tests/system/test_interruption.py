@@ -89,6 +89,11 @@ def check_saved(suite):
     return len(listed)
 
 
+def without_conflicts(said):
+    """Lines on stderr, but for the one that says how many of the recorded windows have a possible conflict."""
+    return [line for line in said if not line.startswith("windows in which another vehicle can lawfully cross or join")]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_attack_ends_at_once_and_says_what_is_kept(tmp_path, number):
@@ -99,7 +104,7 @@ def test_an_attack_ends_at_once_and_says_what_is_kept(tmp_path, number):
     code, said = command.end()
     word = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}[number]
     count = check_saved(suite)
-    assert said[-1:] == [
+    assert without_conflicts(said) == [
         f"regents: {word}; finished cases saved in {suite}: {count}; for the others run the same command again"
     ]
     assert code == 128 + number
@@ -128,5 +133,5 @@ def test_a_slow_planner_does_not_hold_it_up(tmp_path, monkeypatch):
     command.send(signal.SIGINT)
     command.send(signal.SIGINT)
     code, said = command.end()
-    assert said[-1:] == ["regents: interrupted; nothing is half-written, run the same command again"]
+    assert without_conflicts(said) == ["regents: interrupted; nothing is half-written, run the same command again"]
     assert code == 130
