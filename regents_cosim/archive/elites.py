@@ -54,7 +54,7 @@ class Archive:
     @property
     def qd_score(self) -> float:
         """The quality of all elites together."""
-        return round(sum(crash.quality for crash in self.elites.values()), 3)
+        return round(sum((crash.quality for crash in self.elites.values()), 0.0), 3)
 
     def improves(self, crash: Crash) -> str:
         """What a crash would add: `new cell`, `plainer` or `gentler` than the elite there, or nothing."""

@@ -2,16 +2,19 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from cyclopts import App
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
 
 from regents_cosim.cli.commands.bench_table1 import table1
 from regents_cosim.cli.options import (
     ActTimeout,
     Cases,
     Count,
+    MapAxes,
     Networks,
+    OutputIfAny,
     OutputOptions,
     PlannerName,
     PlannerOfCase,
@@ -227,4 +230,66 @@ def cross(
     with terminal.waiting("driving"):
         rows = [dataclasses.asdict(row) for row in cross_rows(attacked, planners, act_timeout)]
     terminal.show("planners among adversaries that were found for others", rows, essential=CROSSED)
+    return 0
+
+
+@bench.command
+def archive(
+    *,
+    methods: tuple[Literal["focused", "regents", "king", "random", "cma-es", "starts"], ...] = (
+        "focused",
+        "cma-es",
+        "random",
+    ),
+    seeds: Annotated[int, Parameter(validator=Number(gte=1, lte=16))] = 10,
+    count: Count = 4,
+    seed: Seed = 0,
+    nets: Networks = (),
+    planner: PlannerName = "idm",
+    axes: MapAxes = "",
+    output: OutputIfAny = None,
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """How many cells of the map of behaviours methods fill with as many roll-outs, and their QD scores.
+
+    All search by the rules of focused: the same candidates, attempts, roll-outs and crashes accepted. The first method
+    is compared with each other one on the same windows, seed by seed.
+
+    Parameters
+    ----------
+    methods
+        the first is compared with the others
+    seeds
+        how many, from --seed on; of each there is other traffic
+    count
+        windows per network and seed
+    output
+        folder for the runs: what is there already is not made again
+    """
+    from regents_cosim.archive.axes import parse_axes
+    from regents_cosim.attacks.presets import METHODS, OURS
+    from regents_cosim.benchmarks.archive_benchmark import archive_comparisons, archive_rows
+    from regents_cosim.benchmarks.runs import ComparedMethod
+    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.planners.under_test import PlannerUnderTest
+
+    asked = parse_axes(axes)
+    if len(set(methods)) < len(methods):
+        raise RegentsError(f"--methods {', '.join(methods)}: expected each method once")
+    terminal = open_terminal(talk)
+    programs.keep()
+    wanted = [ComparedMethod(name, METHODS[name].by_protocol_of(OURS)) for name in methods]
+    traffic = [
+        (number, [*network_traffic(nets, count, number, progress=terminal).values()])
+        for number in range(seed, seed + seeds)
+    ]
+    rows = list(archive_rows(traffic, PlannerUnderTest.of(planner), wanted, asked, output, terminal))
+    compared = archive_comparisons(rows)
+    plain = {"rows": [dataclasses.asdict(row) for row in rows], "compared": [dataclasses.asdict(c) for c in compared]}
+    if talk.json:
+        terminal.publish("", plain)
+        return 0
+    terminal.show(f"cells of {', '.join(asked.names)}, {asked.count} in all, filled against {planner}", plain["rows"])
+    terminal.show(f"{methods[0]} against the others, on the same windows", plain["compared"])
     return 0

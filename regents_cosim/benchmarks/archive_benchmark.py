@@ -1,0 +1,93 @@
+"""How much of the map of behaviours methods fill with the same number of roll-outs, seed by seed."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+
+from regents_cosim.archive.axes import Axes
+from regents_cosim.archive.crash import crash_of
+from regents_cosim.archive.elites import Archive
+from regents_cosim.benchmarks.runs import ComparedMethod, places_run
+from regents_cosim.evaluation.crashes.scores import MethodRun
+from regents_cosim.evaluation.statistics import paired_p
+from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.progress import SILENT, Progress
+
+
+@dataclass(frozen=True)
+class ArchiveRow:
+    """What one method fills with the traffic of one seed."""
+
+    method: str
+    seed: int
+    windows: int
+    rollouts: int  # made, in all windows
+    crashes: int  # that SUMO confirms
+    cells: int
+    qd_score: float
+
+
+@dataclass(frozen=True)
+class ArchiveComparison:
+    """The first method against another one, on the same windows."""
+
+    method: str
+    than: str
+    seeds: int
+    cells: float  # mean of the first
+    cells_than: float
+    cells_p: float  # that both fill equally many (exact, paired)
+    qd_score: float
+    qd_score_than: float
+    qd_score_p: float
+
+
+def archive_rows(
+    traffic: Sequence[tuple[int, Sequence[list[Scenario]]]],
+    planner: PlannerUnderTest,
+    methods: Sequence[ComparedMethod],
+    axes: Axes,
+    output: Path | None = None,
+    progress: Progress = SILENT,
+) -> Iterator[ArchiveRow]:
+    """A row for each seed and method; `traffic`: seeds with their windows, place by place. `output` keeps the runs."""
+    for seed, places in traffic:
+        *_, runs = places_run(places, planner, methods, output, progress)
+        for run in runs:
+            yield archive_row(run, seed, axes)
+
+
+def archive_row(run: MethodRun, seed: int, axes: Axes) -> ArchiveRow:
+    """What a run fills, by the crashes that SUMO confirms."""
+    confirmed = {one.case for one in run.in_sumo if one.verified}
+    cases = [case for results in run.windows for case in results if case.id in confirmed]
+    archive = Archive(axes, filter(None, map(crash_of, cases)))
+    made = sum(results[0].attack.rollouts for results in run.windows if results[0].attack)
+    return ArchiveRow(run.method, seed, len(run.windows), made, len(cases), len(archive.elites), archive.qd_score)
+
+
+def archive_comparisons(rows: Sequence[ArchiveRow]) -> list[ArchiveComparison]:
+    """The method that is named first against each of the others."""
+    by_method: dict[str, list[ArchiveRow]] = {}
+    for row in rows:
+        by_method.setdefault(row.method, []).append(row)
+    (first, its), *others = by_method.items()
+    return [_comparison(first, its, other, theirs) for other, theirs in others]
+
+
+def _comparison(first: str, its: Sequence[ArchiveRow], other: str, theirs: Sequence[ArchiveRow]) -> ArchiveComparison:
+    cells, cells_than = [float(row.cells) for row in its], [float(row.cells) for row in theirs]
+    score, score_than = [row.qd_score for row in its], [row.qd_score for row in theirs]
+    return ArchiveComparison(
+        method=first,
+        than=other,
+        seeds=len(its),
+        cells=round(fmean(cells), 2),
+        cells_than=round(fmean(cells_than), 2),
+        cells_p=paired_p(cells, cells_than),
+        qd_score=round(fmean(score), 2),
+        qd_score_than=round(fmean(score_than), 2),
+        qd_score_p=paired_p(score, score_than),
+    )

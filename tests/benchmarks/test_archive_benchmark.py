@@ -1,0 +1,50 @@
+"""Methods held against each other by what they fill of the map of behaviours."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_crashes import braked, window
+
+from regents_cosim.archive.axes import Axes
+from regents_cosim.benchmarks.archive_benchmark import ArchiveRow, archive_comparisons, archive_row
+from regents_cosim.cli import run
+from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
+from regents_cosim.evaluation.statistics import paired_p
+
+
+def test_crashes_that_sumo_denies_fill_no_cell():
+    cases = [braked(window(at), f"crash{at}", 6.0, closing, 50.0, False) for at, closing in enumerate((2.0, 7.0, 12.0))]
+    said = [CrashInSumo(case.id, case.id != "crash2", True) for case in cases]
+    row = archive_row(MethodRun("focused", "idm", 100, [cases[:2], cases[2:]], said), 3, Axes(("closing_speed",)))
+    assert (row.seed, row.windows, row.crashes, row.cells, row.qd_score) == (3, 2, 2, 2, 5.0)
+
+
+def test_the_first_is_compared_with_every_other_seed_by_seed():
+    rows = [
+        ArchiveRow(method, seed, 4, 10, 5, cells, 3.0 * cells)
+        for seed in range(6)
+        for method, cells in (("a", 8 + seed), ("b", 4), ("c", 8 + seed))
+    ]
+    better, same = archive_comparisons(rows)
+    assert (better.than, better.cells, better.cells_than, better.cells_p) == ("b", 10.5, 4.0, 2 / 64)
+    assert (same.than, same.qd_score_p) == ("c", 1.0)
+
+
+@given(st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), max_size=8))
+def test_the_p_value_is_a_share_that_knows_no_order(pairs):
+    first, second = [float(a) for a, _ in pairs], [float(b) for _, b in pairs]
+    p = paired_p(first, second)
+    assert 0.0 < p <= 1.0
+    assert p == paired_p(second, first) == paired_p(first[::-1], second[::-1])
+
+
+@pytest.mark.slow
+def test_the_command_runs_on_a_tiny_size(tmp_path, capsys):
+    words = ["bench", "archive", "--methods", "focused", "--methods", "random", "--seeds", "1", "--count", "1"]
+    words += ["--nets", "merge", "--json", "--quiet", "-o", str(tmp_path / "runs")]
+    assert run(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [row["method"] for row in found["rows"]] == ["focused", "random"]
+    assert [one["than"] for one in found["compared"]] == ["random"]
