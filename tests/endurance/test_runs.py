@@ -60,8 +60,8 @@ def test_live_episodes_leave_nothing():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", ["replays --count 1000 --where sumo", "replays --count 1000 --where highway",
-                                   "attacks --count 600", "live --count 200"])  # fmt: skip
+@pytest.mark.parametrize("words", ["replays --count 400 --where sumo", "replays --count 400 --where highway",
+                                   "attacks --count 200", "live --count 60"])  # fmt: skip
 def test_long_runs_keep_no_memory(words):
     """In a process of its own, whose threads share one heap from the beginning."""
     name, *options = words.split()

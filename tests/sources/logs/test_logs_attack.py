@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import log_files
@@ -57,6 +58,7 @@ def test_a_log_that_runs_somebody_through_the_ego_is_no_success(tmp_path):
     assert (found.outcome, found.iterations) == ("already_colliding", 0)
 
 
+FEW = replace(REGENTS_FOCUSED, adversaries="one", nearest=3, attempts=1, iterations=100)
 SAMPLES = {
     "waymo": "womd/proto", "gpudrive": "womd/json", "scenarionet": "scenarionet",
     "argoverse2_motion": "argoverse2/motion", "argoverse2_sensor": "argoverse2/sensor",
@@ -72,7 +74,7 @@ def test_every_kind_is_attacked(tmp_path, name, real):
     if not path.exists():
         pytest.skip(f"no recording of {name} (set REGENTS_DATA to the folder of recordings)")
     (scenario,) = record_log(path, count=1, tell=str)
-    case = attacked(scenario, REGENTS_FOCUSED, "idm")
+    case = attacked(scenario, FEW, "idm")
     assert case.attack.outcome in ("collision", "no_collision", "no_candidate", "already_colliding")
     hit = first_contact(case.agents, case.tracks)
     if case.attack.outcome == "collision":
