@@ -12,22 +12,25 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.roadmap import Lane
-from regents_cosim.tags.meeting import EGO, Meeting
+from regents_cosim.tags.joining import on_ring, ways_join
+from regents_cosim.tags.meeting import CROSS_RAD, EGO, Meeting
 
 From = Literal["behind or beside", "the side", "ahead"]
 _TURNED_RAD = np.deg2rad(25.0)  # as the rules of fault have it
 _ALONG_RAD, _AGAINST_RAD = np.deg2rad(45.0), np.deg2rad(135.0)
-_CROSS_RAD = np.deg2rad(30.0)
+_BEGUN_RAD = np.deg2rad(10.0)  # of a turn, on a way that turns
 
 
 def crossing_path(meeting: Meeting) -> bool:
     """The other goes straight on, and the two ways cross at 30 degrees or more."""
-    return not _turned(meeting) and _CROSS_RAD <= abs(_between(meeting, -1)) <= np.pi - _CROSS_RAD
+    if meeting.entry is None or meeting.came_over is not None or _turned(meeting) or turn_into_path(meeting):
+        return False
+    return CROSS_RAD <= abs(_between(meeting, -1)) <= np.pi - CROSS_RAD
 
 
 def turn_across_path(meeting: Meeting) -> bool:
     """The other turns across the ego's way: from ahead, from the side, or from a lane beside."""
-    if not _turned(meeting):
+    if not _turned(meeting) or ways_join(meeting):
         return False
     comes = _comes_from(meeting)
     if comes == "the side":
@@ -36,8 +39,11 @@ def turn_across_path(meeting: Meeting) -> bool:
 
 
 def turn_into_path(meeting: Meeting) -> bool:
-    """The other comes from the side and turns the ego's way."""
-    return _turned(meeting) and _comes_from(meeting) == "the side" and _turns_along(meeting)
+    """The other comes from another road and turns into the ego's way, or enters the roundabout that the ego is in."""
+    if _comes_from(meeting) == "behind or beside" or meeting.came_over is not None or on_ring(meeting, meeting.other):
+        return False
+    turns = _turned(meeting) or on_ring(meeting, EGO)
+    return turns and abs(_between(meeting, -1)) <= _AGAINST_RAD and ways_join(meeting)
 
 
 def _between(meeting: Meeting, at: int) -> float:
@@ -53,13 +59,14 @@ def _comes_from(meeting: Meeting) -> From:
 def _turned(meeting: Meeting) -> bool:
     """Whether the other has turned at a junction, or is on a way that turns there; where a map names none, anywhere."""
     yaw = meeting.yaw(meeting.other)
-    turned = abs(yaw[-1] - yaw[0]) >= _TURNED_RAD
+    change = abs(yaw[-1] - yaw[0])
+    turned = change >= _TURNED_RAD
     if not any(lane.junction for lane in meeting.scenario.road.lanes):
         return turned
     drive = meeting.drive(meeting.other)
     lately = zip(drive.front_lanes, drive.steps, strict=True)
     inside = any(lane is not None and lane.junction for lane, step in lately if step >= meeting.steps[0])
-    return (turned and inside) or _turning_lane(meeting) is not None
+    return (turned and inside) or (change >= _BEGUN_RAD and _turning_lane(meeting) is not None)
 
 
 def _turning_lane(meeting: Meeting) -> Lane | None:

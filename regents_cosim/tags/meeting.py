@@ -15,6 +15,7 @@ from regents_cosim.verdicts.drive import AgentDrive, driven
 from regents_cosim.verdicts.ego_path import EgoPath, ego_path
 
 EGO = 0
+CROSS_RAD = np.deg2rad(30.0)  # ways at this angle or more cross
 LATELY_S = 5.0  # before they touch: what was longer ago did not lead to it
 
 
@@ -73,6 +74,13 @@ class Meeting:
         return self.ahead_m > 0.5 * self.scenario.agents[EGO].length
 
     @cached_property
+    def beside(self) -> Float[np.ndarray, " time"]:
+        """How much of the shorter body is beside the other one, along the ego's way; negative where none of it is."""
+        ego, other = (self.scenario.agents[agent] for agent in (EGO, self.other))
+        long = other.length * np.abs(np.cos(self.heading)) + other.width * np.abs(np.sin(self.heading))
+        return (0.5 * (ego.length + long) - np.abs(self.ahead_m)) / np.minimum(ego.length, long)
+
+    @cached_property
     def entry(self) -> int | None:
         """The index into `steps` at which the other came into the ego's way, to stay; None where it was in it before.
 
@@ -82,6 +90,18 @@ class Meeting:
             return None
         outside = np.flatnonzero(~self.in_way[:-1])
         return int(outside[-1]) + 1 if len(outside) else None
+
+    @cached_property
+    def came_over(self) -> int | None:
+        """When the other moved sideways into the ego's way, both driving the same way; None where it did not.
+
+        One that comes from another road has turned by then.
+        """
+        at = self.entry
+        if at is None or not self.other_came_over:
+            return None
+        most = ALONG_RAD if self.same_way[0] else CROSS_RAD
+        return at if (np.abs(self.heading[at - 1 : at + 1]) < most).all() else None
 
     @cached_property
     def crash(self) -> CrashHistory:

@@ -54,7 +54,7 @@ def _place(seen: Seen) -> Place | None:
     at, near = shapely.Point(*seen.place), _near(seen)
     if not near:
         return None
-    if any(_is_ring(seen.scenario.road, lane) for lane in near):
+    if any(is_ring(seen.scenario.road, lane) for lane in near):
         return "roundabout"
     if _cross(near, at):
         return "junction"
@@ -93,7 +93,7 @@ def _headings_of(lane: Lane, at: shapely.Point) -> np.ndarray:
     return _headings(shapely.get_coordinates(ends))[:1]
 
 
-def _is_ring(road: RoadMap, lane: Lane) -> bool:
+def is_ring(road: RoadMap, lane: Lane) -> bool:
     """Whether lanes lead from its end back to its begin, by a full turn within 250 m."""
     seen: set[str] = set()
     waiting = [(lane, lane.length, _turned(lane.centre))]
