@@ -64,6 +64,8 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "infraction score": lambda c: f"{c.infraction_score:.2f}",
         "driving score": lambda c: f"{c.driving_score_percent} %",
         "collision rate": lambda c: f"{c.collision_rate_percent} %",
+        "red lights run by the ego": _red_lights,
+        "ego against the direction": lambda c: _unit(c.against_direction_percent, "% of its way"),
         "collide before the attack": lambda c: f"{c.colliding_before} of {c.windows}",
         "success": lambda c: _share(c.successes, c.n, c.success_percent, c.success_interval),
         "clean success": lambda c: _share(c.clean, c.n, c.clean_percent, c.clean_interval),
@@ -202,6 +204,11 @@ def _told(offences: dict[str, int], name: str, c: MethodScores) -> str:
 def _lawful(c: MethodScores) -> str:
     known = c.crashes - c.lawful_unknown
     return (_part(c.lawful, known) if known else "-") + _not_known(c.lawful_unknown)
+
+
+def _red_lights(c: MethodScores) -> str:
+    known = f"{c.red_lights} in {c.red_light_windows} of {c.lights_known} windows" if c.lights_known else "-"
+    return known + _not_known(c.windows - c.lights_known)
 
 
 def _flawed(flaw: Flaw) -> Callable[[MethodScores], str]:

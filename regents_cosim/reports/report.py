@@ -269,6 +269,8 @@ def _scores_of(name: str, row: DrivingRow) -> list[Score]:
         scores.append(
             Score("Decision time", name, f"{row.act_median_ms:.3g} ms", f"99 % within {row.act_p99_ms:.3g} ms")
         )
+    if row.red_lights:
+        scores.append(Score("Red lights run", name, str(row.red_lights), f"in {row.red_light_cases} of {row.n} cases"))
     if row.planner_errors:
         scores.append(Score("Planner failed", name, str(row.planner_errors), f"of {row.n} cases"))
     return scores

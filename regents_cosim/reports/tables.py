@@ -22,7 +22,7 @@ REPLAYED = ("case", "verified", "found")
 LIVED = ("seed", "ego", "ended", "after_s", "telling", "SUMO_verified")
 DRIVEN = (
     "source", "n", "telling_collisions", "held_up", "route_completion_percent", "collisions", "collision_rate_percent",
-    "driving_score_percent",
+    "driving_score_percent", "red_lights",
 )  # fmt: skip
 COMPARED = ("case", "verdict", "now")
 RANKED = ("planner", "n", "crashes", "crash_percent", "held_up", "only_this", "only_before", "p_value")

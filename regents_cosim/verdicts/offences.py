@@ -16,7 +16,7 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Law, Offence, OffenceName
 from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.maps.levels import beyond_road
-from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.drive import AgentDrive, OffendingAct, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
@@ -93,7 +93,7 @@ def _unknown(attacked: Scenario) -> tuple[OffenceName, ...]:
     road = attacked.road
     without_lanes: list[OffenceName] = ["oncoming_lanes", "against_direction", "leaves_lane"]
     names = list[OffenceName]() if road.lanes else without_lanes
-    if not _knows_lights(attacked):
+    if not knows_lights(attacked):
         names.append("red_light")
     if not any(lane.junction for lane in road.lanes):
         names.append("leaves_way")
@@ -104,7 +104,7 @@ def _unknown(attacked: Scenario) -> tuple[OffenceName, ...]:
     return tuple(names)
 
 
-def _knows_lights(attacked: Scenario) -> bool:
+def knows_lights(attacked: Scenario) -> bool:
     """Simulators have no other lights than those recorded; a log without any may have left them out."""
     road, signals = attacked.road, {signal.id for signal in attacked.signals}
     named = {link.signal for link in road.connections if link.signal}
@@ -139,12 +139,16 @@ def _turn(drive: AgentDrive, partner: AgentDrive) -> float:
 
 def _against_direction(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Its centre on such lanes at 2 steps or more, while it moves; the amount is the way that it drove so."""
-    against = oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z), drive.lawful)
-    begin, end = drive.longest(against)
+    begin, end = drive.longest(against_direction(drive))
     moved = float(drive.moved_m[begin + 1 : end].sum())
     return (
         OffendingAct(int(drive.steps[begin]), end - begin, moved) if end - begin >= _STEPS and moved > _SAME else None
     )
+
+
+def against_direction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
+    """At which of its steps its centre is on lanes that run only the other way."""
+    return oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z), drive.lawful)
 
 
 def _lasting(
@@ -192,7 +196,12 @@ def _inside_junction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
 
 def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Its front passes the stop line of its movement on red; the amount is for how long it had been red."""
-    lights = {light.id: light for light in drive.scenario.signals}
+    return next(iter(red_lights(drive)), None)
+
+
+def red_lights(drive: AgentDrive) -> list[OffendingAct]:
+    """Every light that its front passes on red, each movement once; the amounts: for how long it had been red [s]."""
+    lights, found = {light.id: light for light in drive.scenario.signals}, dict[Connection, OffendingAct]()
     for step, before, after in drive.entered:
         for link in drive.scenario.road.exits[before.id]:
             light = lights.get(link.signal) if link.signal and link.target == after.id else None
@@ -200,8 +209,8 @@ def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | 
                 since = step
                 while since > 0 and light.letters(since - 1)[link.link] in RED:
                     since -= 1
-                return OffendingAct(step, 1, (step - since + 1) * drive.scenario.dt)
-    return None
+                found.setdefault(link, OffendingAct(step, 1, (step - since + 1) * drive.scenario.dt))
+    return list(found.values())
 
 
 def _speeding(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:

@@ -4,11 +4,16 @@ from math import inf
 
 import numpy as np
 import pytest
+import shapely
 from scenes import scene
+from shipped_cases import shipped_windows
+from two_car_scenes import TIME, crossroads, moving
 
-from regents_cosim.evaluation.drives.driving import drive_each, driving_rows
-from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, off_road_share, route_completion
+from regents_cosim.evaluation.drives.driving import drive_each, driving_rows, score
+from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, route_completion, share_of_way
 from regents_cosim.evaluation.statistics import mean_interval
+from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.scenario import Signal
 
 ROUTE = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0]])
 
@@ -29,19 +34,67 @@ def test_a_route_without_length_is_complete():
     assert route_completion(np.zeros((3, 2)), np.zeros((1, 2))) == 1.0
 
 
-def test_off_road_is_weighed_by_the_way():
+def test_shares_are_weighed_by_the_way():
     driven = np.array([[0.0, 0.0], [6.0, 0.0], [10.0, 0.0], [10.0, 0.0]])
-    assert off_road_share(driven, np.array([True, False, True, True])) == pytest.approx(0.4)
-    assert off_road_share(np.zeros((4, 2)), np.ones(4, bool)) == 0.0
+    assert share_of_way(driven, np.array([True, False, True, True])) == pytest.approx(0.4)
+    assert share_of_way(np.zeros((4, 2)), np.ones(4, bool)) == 0.0
 
 
 @pytest.mark.parametrize(
-    ("hit", "off_road", "score"),
-    [(None, 0.0, 1.0), ("car", 0.0, 0.6), ("pedestrian", 0.0, 0.5), ("bicycle", 0.5, 0.25), (None, 0.2, 0.8)],
-)
-def test_infractions_multiply(hit, off_road, score):
-    assert infraction_score(hit, off_road) == pytest.approx(score)
-    assert driving_score(0.5, infraction_score(hit, off_road)) == pytest.approx(0.5 * score)
+    ("hit", "outside", "red_lights", "score"),
+    [
+        (None, 0.0, 0, 1.0), ("car", 0.0, 0, 0.6), ("pedestrian", 0.0, 0, 0.5), ("bicycle", 0.5, 0, 0.25),
+        (None, 0.2, 0, 0.8), (None, 0.0, 1, 0.7), ("car", 0.5, 2, 0.6 * 0.5 * 0.49),
+    ],
+)  # fmt: skip
+def test_infractions_multiply(hit, outside, red_lights, score):
+    assert infraction_score(hit, outside, red_lights) == pytest.approx(score)
+    assert driving_score(0.5, infraction_score(hit, outside, red_lights)) == pytest.approx(0.5 * score)
+
+
+@pytest.mark.parametrize(("letters", "run"), [("r", 1), ("G", 0), ("y", 0), ("g", 0)])
+def test_a_light_that_is_run_costs_three_tenths(letters, run):
+    made = crossroads(west=letters)
+    made = moving(made, 1, y=np.full(81, -30.0), speed=np.zeros(81))
+    drive = score(made, made.tracks)
+    assert (drive.red_lights, drive.score) == (run, pytest.approx(0.7**run))
+    stands = moving(made, 0, x=np.full(81, -30.0), speed=np.zeros(81))
+    assert score(made, stands.tracks).red_lights == 0
+    begun_beyond = moving(made, 0, x=-7.0 + 10.0 * TIME)  # the front is past the line at the first step
+    assert score(made, begun_beyond.tracks).red_lights == 0
+
+
+def test_lights_that_a_log_may_have_left_out_are_not_known():
+    made = scene((0, 0, 10.0))
+    drive = score(made, made.tracks)
+    assert (drive.red_lights, drive.score) == (None, 1.0)
+    (row,) = driving_rows([drive])
+    assert (row.red_lights, row.red_light_cases, row.lights_known) == (0, 0, 0)
+
+
+def test_the_way_driven_against_the_direction_counts_as_off_the_road_does():
+    right, left = np.array([[-200.0, 0.0], [600.0, 0.0]]), np.array([[600.0, 3.2], [-200.0, 3.2]])
+    lanes = (Lane("there", right, 3.2, 15.0), Lane("back", left, 3.2, 15.0))
+    made = scene((0, 0, 10.0), road=RoadMap(lanes, (), shapely.box(-200, -1.6, 600, 4.8)))
+    overtakes = moving(made, 0, y=np.where((TIME > 2.0) & (TIME <= 4.0), 3.2, 0.0)).tracks
+    drive = score(made, overtakes)
+    assert drive.off_road == 0.0
+    assert drive.against_direction == pytest.approx(0.25, abs=0.02)  # to the side and back it goes a little further
+    assert drive.score == pytest.approx(1.0 - drive.against_direction)
+    assert score(made, made.tracks).against_direction == 0.0
+    without = replace(made, road=RoadMap((), (), made.road.drivable))
+    assert score(without, overtakes).against_direction is None
+
+
+def test_on_a_shipped_network_the_lights_decide():
+    windows = shipped_windows("signals")
+    assert all(score(window, window.tracks).red_lights == 0 for window in windows)  # SUMO's own traffic keeps to them
+    for letter, some in (("r", True), ("G", False)):
+        lit = [
+            replace(w, signals=tuple(Signal(s.id, ((0, letter * len(s.letters(0))),)) for s in w.signals))
+            for w in windows
+        ]
+        assert any(score(window, window.tracks).red_lights for window in lit) == some
 
 
 def test_the_interval_of_a_mean():

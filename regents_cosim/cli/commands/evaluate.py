@@ -43,7 +43,7 @@ def evaluate(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """How well a planner drives: route completion, collision rate and driving score; or whether it got worse.
+    """How well a planner drives: route completion, collisions, red lights, driving score; or whether it got worse.
 
     Parameters
     ----------

@@ -73,6 +73,10 @@ class MethodScores:
     infraction_score: float
     driving_score_percent: float
     collision_rate_percent: float
+    red_lights: int  # that the ego ran ...
+    red_light_windows: int  # ... in so many windows ...
+    lights_known: int  # ... of those in which lights are known
+    against_direction_percent: float | None  # of the ego's way, where lanes are known
     crashes: int
     kinds: dict[str, int]
     impact_m_s: float | None  # mean relative speed at the contact
@@ -124,6 +128,10 @@ def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = 
         infraction_score=driven.infraction_score,
         driving_score_percent=driven.driving_score_percent,
         collision_rate_percent=driven.collision_rate_percent,
+        red_lights=driven.red_lights,
+        red_light_windows=driven.red_light_cases,
+        lights_known=driven.lights_known,
+        against_direction_percent=driven.against_direction_percent,
         min_ttc_p5_s=driven.min_ttc_p5_s,
         max_drac_p95_m_s2=driven.max_drac_p95_m_s2,
         verified_in_sumo=sum(one.verified for one in in_sumo),

@@ -12,7 +12,7 @@ from jaxtyping import Bool
 
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, off_road_share, route_completion
+from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, route_completion, share_of_way
 from regents_cosim.evaluation.drives.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.geometry.boxes import Boxes
@@ -24,7 +24,9 @@ from regents_cosim.replays.replay import Simulator, check, replay_each
 from regents_cosim.scenario import CollisionKind, Scenario, Tracks
 from regents_cosim.system.logged import logged
 from regents_cosim.system.threads import in_turn
+from regents_cosim.verdicts.drive import AgentDrive
 from regents_cosim.verdicts.leaving_road import corners_off_road
+from regents_cosim.verdicts.offences import against_direction, knows_lights, red_lights
 
 _AS_FAR = 0.8  # as a careful driver, where nothing is to be feared
 
@@ -41,6 +43,8 @@ class Drive:
     hits: str | None  # agent that the ego collides with
     step: int | None  # of the collision
     off_road: float  # share of the way driven
+    against_direction: float | None = None  # the same in lanes of the other direction; None: no lanes are known
+    red_lights: int | None = None  # that it ran; None: the lights are not known
     kind: CollisionKind | None = None  # of the collision
     act_s: tuple[float, ...] = ()  # time of each decision of a planner outside the mirror
     error: str = ""  # how the planner failed; it got nowhere then
@@ -77,6 +81,10 @@ class DrivingRow:
     driving_score_percent: float
     driving_interval_percent: tuple[float, float]
     off_road_percent: float  # of the way driven
+    against_direction_percent: float | None  # of the way driven, where lanes are known
+    red_lights: int  # that were run ...
+    red_light_cases: int  # ... in so many cases ...
+    lights_known: int  # ... of those in which lights are known
     planner_errors: int  # cases in which the planner failed: they count as no way driven
     act_median_ms: float | None  # of planners outside the mirror
     act_p99_ms: float | None
@@ -146,6 +154,7 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
     collisions = sum(drive.hits is not None for drive in drives)
     act_s = [second for drive in drives for second in drive.act_s]
     median, p99 = (round(1e3 * float(v), 3) for v in np.percentile(act_s, [50, 99])) if act_s else (None, None)
+    against = [drive.against_direction for drive in drives if drive.against_direction is not None]
     completions, scores = [drive.completion for drive in drives], [drive.score for drive in drives]
     return DrivingRow(
         source=source,
@@ -163,6 +172,10 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
         driving_score_percent=_percent(fmean(scores)),
         driving_interval_percent=_interval(mean_interval(scores)),
         off_road_percent=_percent(fmean(drive.off_road for drive in drives)),
+        against_direction_percent=_percent(fmean(against)) if against else None,
+        red_lights=sum(drive.red_lights or 0 for drive in drives),
+        red_light_cases=sum(bool(drive.red_lights) for drive in drives),
+        lights_known=sum(drive.red_lights is not None for drive in drives),
         planner_errors=sum(bool(drive.error) for drive in drives),
         act_median_ms=median,
         act_p99_ms=p99,
@@ -187,8 +200,13 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
     log = scenario.tracks if scenario.original is None else scenario.original
     driven = np.stack([tracks.x[0, :end], tracks.y[0, :end]], axis=-1)
     completion = route_completion(np.stack([log.x[0], log.y[0]], axis=-1), driven)
-    off_road = off_road_share(driven, _off_road(scenario, tracks)[:end])
-    infraction = infraction_score(scenario.agents[contact[0]].kind if contact else None, off_road)
+    ego = AgentDrive(scenario, 0, tracks, end - 1)
+    off_road = _off_road(scenario, tracks)[:end]
+    against = against_direction(ego) if scenario.road.lanes else None
+    passed = len(red_lights(ego)) if knows_lights(scenario) else None
+    outside = off_road if against is None else off_road | against
+    kind = scenario.agents[contact[0]].kind if contact else None
+    infraction = infraction_score(kind, share_of_way(driven, outside), passed or 0)
     return Drive(
         case=scenario.id,
         source=scenario.provenance.file,
@@ -197,7 +215,9 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
         score=driving_score(completion, infraction),
         hits=scenario.agents[contact[0]].id if contact else None,
         step=contact[1] if contact else None,
-        off_road=off_road,
+        off_road=share_of_way(driven, off_road),
+        against_direction=None if against is None else share_of_way(driven, against),
+        red_lights=passed,
         **asdict(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None)),
         kind=collision_kind(scenario.agents, tracks, *contact) if contact else None,
         telling=_tells(scenario),

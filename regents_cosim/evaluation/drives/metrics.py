@@ -1,6 +1,10 @@
 """How well an ego drove, one short pure function per metric.
 
-Source: the CARLA leaderboard's scores as KING (Hanselmann et al. 2022) uses them.
+Source: the scores of the CARLA leaderboard 1.0, which KING (Hanselmann et al. 2022) uses. Its page on evaluation,
+leaderboard.carla.org/evaluation_v1_0, lists the penalties: a collision with a pedestrian 0.50, with a vehicle 0.60,
+a red light 0.70, off-road driving by its share. Its code, `leaderboard/utils/statistics_manager.py`, multiplies by
+1 - share, and `OutsideRouteLanesTest` of scenario_runner counts the way off the road and that in lanes of the wrong
+direction together.
 """
 
 import numpy as np
@@ -9,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.scenario import Kind
 
+_RED_LIGHT = 0.7
 _OFF_ROUTE_M = 4.0  # further from its logged path the ego is on another road
 
 
@@ -26,17 +31,21 @@ def route_completion(route: Float[np.ndarray, "point 2"], driven: Float[np.ndarr
     return float(reached.max(initial=0.0) / line.length)
 
 
-def off_road_share(driven: Float[np.ndarray, "time 2"], off_road: Bool[np.ndarray, " time"]) -> float:
-    """Share of the way driven [m] on which the ego was off the road, at the end of each step; 0 where it stood."""
+def share_of_way(driven: Float[np.ndarray, "time 2"], holds: Bool[np.ndarray, " time"]) -> float:
+    """Share of the way driven [m] on which something held, at the end of each step; 0 where it stood."""
     ways = np.hypot(*np.diff(driven, axis=0).T)
     total = ways.sum()
-    return float((ways * off_road[1:]).sum() / total) if total > 0.0 else 0.0
+    return float((ways * holds[1:]).sum() / total) if total > 0.0 else 0.0
 
 
-def infraction_score(hit: Kind | None, off_road: float) -> float:
-    """Product of penalties: 0.5 for hitting a pedestrian or cyclist, 0.6 for a vehicle; 1 - the share `off_road`."""
+def infraction_score(hit: Kind | None, outside: float, red_lights: int = 0) -> float:
+    """Product of penalties: 0.5 for hitting a pedestrian or cyclist, 0.6 for a vehicle; 0.7 for each red light run.
+
+    The share of the way `outside` the lanes that it may use (off the road, or against the direction) counts as
+    1 - share, as in the leaderboard's `OutsideRouteLanesTest`.
+    """
     penalty = 1.0 if hit is None else 0.5 if hit in ("pedestrian", "bicycle") else 0.6
-    return penalty * (1.0 - off_road)
+    return penalty * _RED_LIGHT**red_lights * (1.0 - outside)
 
 
 def driving_score(completion: float, infraction: float) -> float:

@@ -132,6 +132,8 @@ def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) 
         "route_completion": drive.completion,
         "score": drive.score,
         "off_road": drive.off_road,
+        "against_direction": drive.against_direction,
+        "red_lights": drive.red_lights,
         **more,
     }
     return DriveOutcome(

@@ -26,7 +26,7 @@ _GREAT_IS_GOOD = {
     "route_completion": 1.0,
     "score": 1.0,
 }
-_SMALL_IS_GOOD = {"collision": 0.0, "max_drac_m_s2": 0.0, "off_road": 0.0}
+_SMALL_IS_GOOD = {"collision": 0.0, "max_drac_m_s2": 0.0, "off_road": 0.0, "against_direction": 0.0, "red_lights": 0.0}
 METRICS = (*_GREAT_IS_GOOD, *_SMALL_IS_GOOD)
 
 _LIMIT = re.compile(r"(?P<metric>[a-z_0-9]+):(?P<sign>[+-])(?P<number>\d+(\.\d*)?|\.\d+)(?P<percent>%?)")
