@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.roadmap import Lane
-from regents_cosim.tags.joining import on_ring, ways_join
+from regents_cosim.tags.joining import followed, on_ring, ways_join
 from regents_cosim.tags.meeting import CROSS_RAD, EGO, Meeting
 
 From = Literal["behind or beside", "the side", "ahead"]
@@ -23,19 +23,17 @@ _BEGUN_RAD = np.deg2rad(10.0)  # of a turn, on a way that turns
 
 def crossing_path(meeting: Meeting) -> bool:
     """The other goes straight on, and the two ways cross at 30 degrees or more."""
-    if meeting.entry is None or meeting.came_over is not None or _turned(meeting) or turn_into_path(meeting):
+    if meeting.entry is None or meeting.came_over is not None or turn_into_path(meeting):
         return False
-    return CROSS_RAD <= abs(_between(meeting, -1)) <= np.pi - CROSS_RAD
+    straight = not _turned(meeting) and _turning_lane(meeting) is None and abs(_change(meeting)) < _ALONG_RAD
+    return straight and _at_an_angle(meeting)
 
 
 def turn_across_path(meeting: Meeting) -> bool:
     """The other turns across the ego's way: from ahead, from the side, or from a lane beside."""
-    if not _turned(meeting) or ways_join(meeting):
+    if not (_turned(meeting) and _at_an_angle(meeting)) or ways_join(meeting):
         return False
-    comes = _comes_from(meeting)
-    if comes == "the side":
-        return not _turns_along(meeting)
-    return comes == "ahead" or (meeting.entry is not None and abs(_between(meeting, -1)) >= _TURNED_RAD)
+    return _comes_from(meeting) != "behind or beside" or meeting.entry is not None
 
 
 def turn_into_path(meeting: Meeting) -> bool:
@@ -51,6 +49,11 @@ def _between(meeting: Meeting, at: int) -> float:
     return float(wrap(meeting.yaw(meeting.other)[at] - meeting.yaw(EGO)[at]))
 
 
+def _at_an_angle(meeting: Meeting) -> bool:
+    """Whether they touch neither driving along each other nor head on."""
+    return CROSS_RAD <= abs(_between(meeting, -1)) <= np.pi - CROSS_RAD
+
+
 def _comes_from(meeting: Meeting) -> From:
     before = abs(_between(meeting, 0))
     return "behind or beside" if before < _ALONG_RAD else "the side" if before < _AGAINST_RAD else "ahead"
@@ -58,31 +61,30 @@ def _comes_from(meeting: Meeting) -> From:
 
 def _turned(meeting: Meeting) -> bool:
     """Whether the other has turned at a junction, or is on a way that turns there; where a map names none, anywhere."""
-    yaw = meeting.yaw(meeting.other)
-    change = abs(yaw[-1] - yaw[0])
-    turned = change >= _TURNED_RAD
-    if not any(lane.junction for lane in meeting.scenario.road.lanes):
-        return turned
+    since = _inside_since(meeting) if any(lane.junction for lane in meeting.scenario.road.lanes) else 0
+    return abs(_change(meeting, since)) >= (_TURNED_RAD if _turning_lane(meeting) is None else _BEGUN_RAD)
+
+
+def _change(meeting: Meeting, since: int = 0) -> float:
+    """How far the other has turned [rad] from an index into `steps` on; 0 beyond their end."""
+    yaw = meeting.yaw(meeting.other)[since:]
+    return float(yaw[-1] - yaw[0]) if len(yaw) else 0.0
+
+
+def _inside_since(meeting: Meeting) -> int:
+    """The index into `steps` at which the other came into the first junction; their number where it was in none."""
     drive = meeting.drive(meeting.other)
-    lately = zip(drive.front_lanes, drive.steps, strict=True)
-    inside = any(lane is not None and lane.junction for lane, step in lately if step >= meeting.steps[0])
-    return (turned and inside) or (change >= _BEGUN_RAD and _turning_lane(meeting) is not None)
+    lanes = [drive.front_lanes[at] for at in np.searchsorted(drive.steps, meeting.steps)]
+    return next((at for at, lane in enumerate(lanes) if lane is not None and lane.junction), len(lanes))
 
 
 def _turning_lane(meeting: Meeting) -> Lane | None:
     """The way through a junction that the other is on at the end, where it turns by 45 degrees or more."""
-    lane = meeting.drive(meeting.other).front_lanes[-1]
+    lane = followed(meeting)
     if lane is None or not lane.junction:
         return None
     begin, end = (_heading(*ends) for ends in (lane.centre[:2], lane.centre[-2:]))
     return lane if abs(float(wrap(end - begin))) >= _ALONG_RAD else None
-
-
-def _turns_along(meeting: Meeting) -> bool:
-    """Whether its turn brings its heading nearer to the ego's."""
-    lane = _turning_lane(meeting)
-    leads = meeting.yaw(meeting.other)[-1] if lane is None else _heading(*lane.centre[-2:])
-    return abs(float(wrap(leads - meeting.yaw(EGO)[-1]))) < abs(_between(meeting, 0))
 
 
 def _heading(one: Float[np.ndarray, " 2"], other: Float[np.ndarray, " 2"]) -> float:

@@ -1,32 +1,60 @@
 """Whether the ways of the ego and the other become one, by the lanes that they lead along."""
 
-import numpy as np
+from dataclasses import dataclass
 
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.tags.meeting import EGO, Meeting
 from regents_cosim.tags.place import is_ring
 
-_MERGE_M = 80.0  # that lanes may go on before they become one
+_MERGE_M = 30.0  # ahead, where lanes become one
 _AHEAD_M = 30.0  # of the place where they touch: a junction is behind them by then
 _SPACING_M = 2.0
 
 
 def lanes_merge(meeting: Meeting, at: int) -> bool:
-    """Whether the lanes that the two were in before step `at` lead into one lane soon."""
+    """Whether the lanes that the two were in before step `at` lead into one lane within 30 m."""
     road = meeting.scenario.road
     step = int(meeting.steps[max(at - 1, 0)])
-    one, two = (_lane(meeting, agent, step) for agent in (EGO, meeting.other))
-    if one is None or two is None or one is two:
+    one, two = (_place(meeting, agent, step) for agent in (EGO, meeting.other))
+    if one is None or two is None or one.lane is two.lane:
         return False
-    ways = [_onward(road, lane, _MERGE_M) for lane in (one, two)]
-    return two.id not in ways[0] and one.id not in ways[1] and bool(ways[0] & ways[1])
+    ways = [_onward(road, place.lane, _MERGE_M - place.left_m) for place in (one, two)]
+    return two.lane.id not in ways[0] and one.lane.id not in ways[1] and bool(ways[0] & ways[1])
 
 
 def ways_join(meeting: Meeting) -> bool:
-    """Whether the lane that the other is in when they touch leads into one that the ego is about to drive along."""
-    road, lane = meeting.scenario.road, meeting.drive(meeting.other).front_lanes[-1]
+    """Whether the lane that the other follows leads into one that the ego is about to drive along."""
+    road, lane = meeting.scenario.road, followed(meeting)
     return lane is not None and bool(({lane.id} | _onward(road, lane, _AHEAD_M)) & _egos(meeting))
+
+
+def followed(meeting: Meeting) -> Lane | None:
+    """The last lane of the other that leads its way, or follows from those before: not one that it only crosses."""
+    drive, own = meeting.drive(meeting.other), None
+    for at, lane in enumerate(drive.front_lanes):
+        if lane is None or lane is own:
+            continue
+        if own is None or lane.id in _next(meeting.scenario.road, own) or _leads(lane, drive.front[at], drive.yaw[at]):
+            own = lane
+    return own
+
+
+def _next(road: RoadMap, lane: Lane) -> set[str | None]:
+    return {lane.left, lane.right} | _onward(road, lane, _AHEAD_M)
+
+
+def _leads(lane: Lane, place: Float[np.ndarray, " 2"], yaw: float) -> bool:
+    line = shapely.LineString(lane.centre)
+    along = min(line.project(shapely.Point(*place)), line.length - 0.5)
+    one, other = shapely.get_coordinates(shapely.line_interpolate_point(line, [max(along, 0.0), max(along, 0.0) + 0.5]))
+    return bool(abs(wrap(np.arctan2(*(other - one)[::-1]) - yaw)) < ALONG_RAD)
 
 
 def on_ring(meeting: Meeting, agent: int) -> bool:
@@ -36,22 +64,43 @@ def on_ring(meeting: Meeting, agent: int) -> bool:
 
 
 def _egos(meeting: Meeting) -> set[str]:
-    """The lanes along which the ego's way leads on."""
+    """The lanes along which the ego's way leads on, and those after its own while the road leaves no choice."""
     scenario, path = meeting.scenario, meeting.path
     x, y, _ = path.at(path.driven[meeting.step] + np.arange(0.0, _AHEAD_M, _SPACING_M))
     found = match_lanes(scenario.road, np.stack([x, y], axis=1), scenario.heights.of(EGO, x, y))
-    return {lane.id for lane in found if lane is not None}
+    lane = meeting.drive(EGO).front_lanes[-1]
+    return {lane.id for lane in found if lane is not None} | (set() if lane is None else _forced(scenario.road, lane))
 
 
-def _lane(meeting: Meeting, agent: int, step: int) -> Lane | None:
+def _forced(road: RoadMap, lane: Lane) -> set[str]:
+    found, left_m = set[str](), _AHEAD_M
+    while left_m > 0.0 and len(exits := road.exits[lane.id]) == 1:
+        lane = road.lane[exits[0].target]
+        found.add(lane.id)
+        left_m -= lane.length
+    return found
+
+
+@dataclass(frozen=True)
+class _Place:
+    lane: Lane
+    left_m: float  # to its end
+
+
+def _place(meeting: Meeting, agent: int, step: int) -> _Place | None:
     drive = meeting.drive(agent)
-    return drive.front_lanes[int(np.searchsorted(drive.steps, step))]
+    at = int(np.searchsorted(drive.steps, step))
+    lane = drive.front_lanes[at]
+    if lane is None:
+        return None
+    line = shapely.LineString(lane.centre)
+    return _Place(lane, line.length - line.project(shapely.Point(*drive.front[at])))
 
 
 def _onward(road: RoadMap, lane: Lane, reach_m: float) -> set[str]:
     """The lanes that follow it within so far."""
     found: set[str] = set()
-    waiting = [(link.target, reach_m) for link in road.exits[lane.id]]
+    waiting = [(link.target, reach_m) for link in road.exits[lane.id]] if reach_m > 0.0 else []
     while waiting:
         name, left = waiting.pop()
         if name not in found:

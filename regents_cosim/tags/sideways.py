@@ -7,6 +7,7 @@ from regents_cosim.tags.meeting import EGO, Meeting
 
 _BESIDE = 1 / 3  # of the shorter body, along the ego's way: with less of it, one is ahead or behind
 _SLOW = 0.5  # of the ego's speed
+_UNCOVERED_S = 3.0  # before they touch: who is seen for longer is a slow vehicle ahead
 
 
 def cut_in(meeting: Meeting) -> bool:
@@ -26,8 +27,8 @@ def merge_squeeze(meeting: Meeting) -> bool:
 
 
 def cut_out(meeting: Meeting) -> bool:
-    """A third one, between the ego and the other, leaves the ego's way sideways; the other stands in it, or is slow."""
-    if not (meeting.in_way[-1] and meeting.in_front.all() and meeting.same_way[-1]):
+    """In the last 3 s a third one, between the two, leaves the ego's way sideways; the other is in it, and slow."""
+    if meeting.entry is not None or not (meeting.in_front.all() and meeting.same_way[-1]):
         return False
     scenario, step = meeting.scenario, meeting.step
     fastest = scenario.tracks.speed[:, meeting.steps].max(axis=1)
@@ -50,6 +51,7 @@ def _uncovers(lead: Meeting, meeting: Meeting) -> bool:
     if not len(lead.steps) or len(lead.steps) != len(meeting.steps):
         return False
     between = lead.in_front & (lead.ahead_m < meeting.ahead_m) & lead.same_way
-    covered = between & lead.in_way
-    left = between & ~lead.in_way
-    return bool(covered.any() and left.any() and np.argmax(covered) < len(left) - 1 - np.argmax(left[::-1]))
+    covered, left = np.flatnonzero(between & lead.in_way), np.flatnonzero(between & ~lead.in_way)
+    if not (len(covered) and len(left) and covered[-1] < left[-1]):
+        return False
+    return bool((meeting.steps[-1] - meeting.steps[covered[-1]]) * meeting.scenario.dt <= _UNCOVERED_S)
