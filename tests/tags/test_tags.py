@@ -112,11 +112,12 @@ def test_the_ego_that_comes_over_is_not_cut_in_upon():
     assert "ego_changes_lane" in tags_of(case)
 
 
-def test_a_lead_that_uncovers_a_standing_car_cuts_out():
+@pytest.mark.parametrize(("ahead_m", "tags"), [(55.0, {"cut_out"}), (70.0, set())])
+def test_a_lead_that_uncovers_a_standing_car_lately_cuts_out(ahead_m, tags):
     y = LANE_M + aside(1.0, 1.5, LANE_M)
     lead = (15.0 + 12.0 * TIME_S, y, 12.0, np.arctan2(np.gradient(y, DT), 12.0))
-    case = moving(steady(0.0, LANE_M, 12.0), steady(70.0, LANE_M, 0.0), lead)
-    assert of_adversary(case) == {"cut_out"}
+    case = moving(steady(0.0, LANE_M, 12.0), steady(ahead_m, LANE_M, 0.0), lead)
+    assert of_adversary(case) == tags
 
 
 # --- where ways cross -----------------------------------------------------------------------------
