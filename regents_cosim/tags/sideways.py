@@ -40,7 +40,7 @@ def cut_out(meeting: Meeting) -> bool:
 
 def _over(meeting: Meeting) -> bool:
     at = meeting.came_over
-    return at is not None and not lanes_merge(meeting, at)
+    return at is not None and bool(meeting.same_way[-1]) and not lanes_merge(meeting, at)
 
 
 def _beside(meeting: Meeting) -> bool:
