@@ -102,7 +102,8 @@ def _events(stream: io.BufferedReader) -> Iterator[tuple[str, ET.Element]]:
     for piece in _pieces(stream):
         parser.feed(piece)
         yield from cast(Iterator[tuple[str, ET.Element]], parser.read_events())
-    parser.close()
+    parser.close()  # expat from 2.6 on may keep a long tag until then
+    yield from cast(Iterator[tuple[str, ET.Element]], parser.read_events())
 
 
 def _pieces(stream: io.BufferedReader) -> Iterator[bytes]:
