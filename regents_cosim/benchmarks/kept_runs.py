@@ -1,88 +1,92 @@
 """Runs of a table kept on disk as soon as they are made: a table that was interrupted goes on, or grows by places.
 
-Each run is a folder of cases beside `run.json`, which is written last. Its name says what was run: the method with its
-settings, the planner with its files, the windows and the versions of the packages, ours included, so that a run of
-something else is never taken for it.
+Each run has a folder of its own, with a ledger of one unit of work: the run. The folder's name says what was run: the
+method with its settings, the planner with its files, the windows and the versions of the packages, ours included, so
+that a run of something else is never taken for it. A run is made as a whole, for its time is measured.
 """
 
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
-from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.campaign.identity import identity
+from regents_cosim.campaign.identity import Identity, identity
+from regents_cosim.campaign.ledger import RUNS, DoneUnit, WorkUnit, forget_lost, open_ledger
 from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, load_header
+from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.checks.names import file_name, word
-from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import explain_write, write_atomic
 
-_HEADER = "run.json"
 _NAME = 60  # letters of a method and a planner in a folder's name
 
 
-class _Header(msgspec.Struct, frozen=True):
+class _Said(msgspec.Struct, frozen=True):
     """What the cases do not say."""
 
     method: str
     planner: str
     rollouts: int
     seconds: float
-    protocol: dict[str, str | int]
+    protocol: list[tuple[str, str | int]]  # in its order
     windows: list[list[str]]  # ids of the results of each
     in_sumo: list[CrashInSumo]
 
 
-def run_folder(
-    folder: Path, method: str, planner: str, config: AttackConfig | None, windows: Sequence[Scenario]
-) -> Path:
-    """Where the run of a method on these windows belongs."""
-    settings = {"method": method, "planner": planner, "config": asdict(config) if config else None}
-    run = identity("bench table1", settings, {planner: planner_digest(planner)})
-    digest = run.key(*(content_hash(window) for window in windows))
-    return folder / "runs" / file_name(word(method, _NAME), word(planner, _NAME), digest)
+def run_once(
+    output: Path | None,
+    method: str,
+    planner: str,
+    settings: Mapping[str, Any],
+    windows: Sequence[Scenario],
+    make: Callable[[], MethodRun],
+) -> MethodRun:
+    """A method on these windows: the run that `output` keeps of it, else the one that is made now, which it then keeps.
+
+    Raises RegentsError where the folder cannot be written or another process is at work on that run, CaseError where
+    what it keeps is damaged.
+    """
+    if output is None:
+        return make()
+    mine = identity("bench", {"method": method, "planner": planner, **settings}, {planner: planner_digest(planner)})
+    unit = WorkUnit("run", mine.key(*map(content_hash, windows)))
+    folder = output / RUNS / file_name(word(method, _NAME), word(planner, _NAME), unit.key)
+    return _once(folder, mine, unit, make)
 
 
-def keep(run: MethodRun, folder: Path) -> None:
-    """Write a run. Raises RegentsError where that is not possible."""
-    header = _Header(
+def _once(folder: Path, mine: Identity, unit: WorkUnit, make: Callable[[], MethodRun]) -> MethodRun:
+    suite = SuiteWriter(folder, 0)
+    with open_ledger(folder, mine) as ledger:
+        forget_lost(ledger)
+        if not ledger.record.is_done(unit):
+            run = make()
+            ledger.plan("", [unit])
+            saved = [(case.id, load_header(suite.add(case)).hash) for results in run.windows for case in results]
+            ledger.note(DoneUnit(unit, tuple(saved), msgspec.to_builtins(_said(run))))
+        ledger.finish()
+        return _kept(folder, msgspec.convert(ledger.record.done[unit.name].said, _Said))
+
+
+def _said(run: MethodRun) -> _Said:
+    return _Said(
         run.method,
         run.planner,
         run.rollouts,
         run.seconds,
-        _plain(run.protocol),
+        [(name, value if isinstance(value, int) else str(value)) for name, value in run.protocol],
         [[case.id for case in results] for results in run.windows],
         list(run.in_sumo),
     )
-    with explain_write(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        for results in run.windows:
-            for case in results:
-                save_case(case, folder)
-        write_atomic(folder / _HEADER, msgspec.json.encode(header))
 
 
-def kept(folder: Path) -> MethodRun | None:
-    """The run that a folder keeps; None where it was never finished. Raises CaseError for damaged ones."""
-    path = folder / _HEADER
-    if not path.is_file():
-        return None
-    try:
-        header = msgspec.json.decode(path.read_bytes(), type=_Header)
-    except (OSError, msgspec.MsgspecError) as error:
-        raise CaseError(f"{path}: {error} (remove the folder to make the run again)") from error
-    windows = [[load_case(folder / name) for name in names] for names in header.windows]
-    protocol = tuple(header.protocol.items())
-    return MethodRun(header.method, header.planner, header.rollouts, windows, header.in_sumo, header.seconds, protocol)
-
-
-def _plain(protocol: Sequence[tuple[str, object]]) -> dict[str, str | int]:
-    return {name: value if isinstance(value, int) else str(value) for name, value in protocol}
+def _kept(folder: Path, said: _Said) -> MethodRun:
+    windows = [[load_case(folder / name) for name in names] for names in said.windows]
+    return MethodRun(
+        said.method, said.planner, said.rollouts, windows, said.in_sumo, said.seconds, tuple(said.protocol)
+    )
 
 
 def joined(runs: Sequence[MethodRun]) -> MethodRun:

@@ -1,7 +1,7 @@
 """Methods run on windows for the tables: attacked, judged, verified in SUMO, timed."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 from time import perf_counter
@@ -12,7 +12,7 @@ from regents_cosim.attacks.presets import METHODS, OURS, AttackConfig, preset, w
 from regents_cosim.benchmarks.aggressive import METHOD as AGGRESSIVE
 from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.benchmarks.ceiling import unsolved
-from regents_cosim.benchmarks.kept_runs import joined, keep, kept, run_folder
+from regents_cosim.benchmarks.kept_runs import joined, run_once
 from regents_cosim.benchmarks.table1 import Table1, table1
 from regents_cosim.benchmarks.table_files import write_table
 from regents_cosim.errors import RegentsError
@@ -167,16 +167,14 @@ def _one_run(
     progress: Progress,
 ) -> MethodRun:
     """A method on the windows of one place: the run that `output` keeps of it, else a new one."""
-    folder = run_folder(output, column.name, planner.name, column.config, windows) if output else None
-    run = kept(folder) if folder else None
-    if run is None:
+
+    def make() -> MethodRun:
         if column.config is None:
-            run = aggressive_run(windows, planner, others, progress)
-        else:
-            run = attack_run(windows, planner, column, progress)
-        if folder:
-            keep(run, folder)
-    return run
+            return aggressive_run(windows, planner, others, progress)
+        return attack_run(windows, planner, column, progress)
+
+    settings = {"config": asdict(column.config) if column.config else None}
+    return run_once(output, column.name, planner.name, settings, windows, make)
 
 
 def attack_run(
@@ -189,7 +187,7 @@ def attack_run(
     attacks = attack_each(windows, config, planner)
     found: list[Results] = list(progress.each(attacks, f"{column.name} against {planner.name}", len(windows)))
     seconds = perf_counter() - begin
-    return _judged(column.name, planner.name, rollouts_at_most(config), found, seconds, progress, config.protocol)
+    return judged_run(column.name, planner.name, rollouts_at_most(config), found, seconds, progress, config.protocol)
 
 
 def aggressive_run(
@@ -201,10 +199,10 @@ def aggressive_run(
     begin = perf_counter()
     driven = drive_aggressively(windows, before, planner)
     found = list(progress.each(driven, f"{AGGRESSIVE} against {planner.name}", len(windows)))
-    return _judged(AGGRESSIVE, planner.name, 1, found, perf_counter() - begin, progress)
+    return judged_run(AGGRESSIVE, planner.name, 1, found, perf_counter() - begin, progress)
 
 
-def _judged(
+def judged_run(
     method: str,
     planner: str,
     rollouts: int,
@@ -213,6 +211,7 @@ def _judged(
     progress: Progress,
     protocol: Protocol = (),
 ) -> MethodRun:
+    """What was found, judged and verified in SUMO."""
     cases = [case for results in found for case in results]
     judged = iter(list(progress.each(judge_each(cases), "judging", len(cases))))
     windows = [[next(judged) for _ in results] for results in found]

@@ -31,6 +31,7 @@ from regents_cosim.system.locks import writing
 
 FOLDER = ".run"
 STEPS = "steps"  # in it: folders of what is done on the way to something larger
+RUNS = "runs"  # beside it: folders of the runs of a table, each with a ledger of its own
 _FILE = "ledger.jsonl"
 _CLOCK = "clock.json"  # of an unfinished run alone: times are never twice the same
 _BYTES = 1024 * MIB  # 300 bytes a unit

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from regents_cosim.campaign.ledger import FOLDER, STEPS, LedgerRecord, read_clock, read_record
+from regents_cosim.campaign.ledger import FOLDER, RUNS, STEPS, LedgerRecord, read_clock, read_record
 from regents_cosim.errors import CaseError
 from regents_cosim.system.locks import LOCK, take
 
@@ -29,11 +29,12 @@ class RunStatus:
 
 
 def runs_in(folder: Path) -> list[RunStatus]:
-    """The run that writes to a folder; of a suite that is being built, its steps so far.
+    """The run that writes to a folder; of a suite that is being built, its steps so far, of a table its runs so far.
 
     Raises CaseError where none that can be stopped has begun there.
     """
-    steps = sorted(path for path in (folder / FOLDER / STEPS).glob("*") if (path / FOLDER).is_dir())
+    places = (folder / FOLDER / STEPS, folder / RUNS)
+    steps = sorted(path for place in places for path in place.glob("*") if (path / FOLDER).is_dir())
     return [status_of(step) for step in steps] or [status_of(folder)]
 
 
@@ -42,8 +43,8 @@ def status_of(folder: Path) -> RunStatus:
     record = read_record(folder)
     if record is None:
         raise CaseError(
-            f"no run in {folder} (expected a folder that `regents record`, `attack`, `evaluate` or `suite build` was "
-            "given with -o)"
+            f"no run in {folder} (expected a folder that `regents record`, `attack`, `evaluate`, `suite build` or "
+            "`bench table1` was given with -o)"
         )
     done = [record.done[unit.name] for unit in record.own if record.is_done(unit)]
     units = len(record.own) if record.plan else None

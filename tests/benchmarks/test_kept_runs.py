@@ -1,51 +1,105 @@
 """Runs of a table kept on disk: taken up again as they were, and only for what they were made for."""
 
-from dataclasses import replace
+import shutil
+from dataclasses import asdict, replace
 
 import pytest
 from table_runs import LAWFUL, WINDOWS, crashed, missed
 
 from regents_cosim.attacks.presets import KING, OURS, REGENTS, with_ten_times
 from regents_cosim.benchmarks.ceiling import ceiling, unsolved
-from regents_cosim.benchmarks.kept_runs import joined, keep, kept, run_folder
-from regents_cosim.errors import CaseError
+from regents_cosim.benchmarks.kept_runs import joined, run_once
+from regents_cosim.campaign.status import runs_in
+from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import ReferenceDrive
 
 KINGS = MethodRun("king", "idm", 500, WINDOWS, [CrashInSumo("b", True, False)], 2.0, KING.protocol)
 
 
+FEW = replace(KINGS, windows=WINDOWS[:2])
+
+
+def tree(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def keep(output, method="king", planner="idm", config=KING, windows=WINDOWS[:2], run=FEW):
+    """The run, and whether it was made now."""
+    made = []
+    before = [results[0].before_attack() for results in windows]
+    kept = run_once(output, method, planner, {"config": asdict(config)}, before, lambda: (made.append(1), run)[1])
+    return kept, bool(made)
+
+
 def test_a_run_that_was_kept_is_the_same_run(tmp_path):
-    assert kept(tmp_path) is None
-    keep(KINGS, tmp_path)
-    found = kept(tmp_path)
-    assert scores(found) == scores(KINGS)
+    assert keep(tmp_path)[1]
+    found, made = keep(tmp_path)
+    assert not made
+    assert scores(found) == scores(FEW)
     assert found.protocol == KING.protocol
-    (tmp_path / "run.json").write_text("{")
-    with pytest.raises(CaseError, match="remove the folder to make the run again"):
-        kept(tmp_path)
+    assert [(one.command, one.state, one.done) for one in runs_in(tmp_path)] == [("bench", "finished", 1)]
 
 
-def test_a_folder_is_of_one_method_planner_and_windows(tmp_path):
-    windows = [results[0].before_attack() for results in WINDOWS]
-    folders = {
-        run_folder(tmp_path, "king", "idm", KING, windows),
-        run_folder(tmp_path, "king", "idm", replace(KING, iterations=3), windows),
-        run_folder(tmp_path, "king", "rss", KING, windows),
-        run_folder(tmp_path, "king", "idm", KING, windows[1:]),
-        run_folder(tmp_path, "regents", "idm", REGENTS, windows),
-    }
-    assert len(folders) == 5
-    assert run_folder(tmp_path, "king", "idm", KING, list(windows)) in folders
+def test_without_a_folder_nothing_is_kept():
+    assert keep(None) == (FEW, True)
 
 
-def test_a_changed_planner_has_another_folder(tmp_path):
+def test_a_run_that_failed_leaves_nothing(tmp_path):
+    def fail():
+        raise RegentsError("no SUMO")
+
+    with pytest.raises(RegentsError, match="no SUMO"):
+        run_once(tmp_path, "king", "idm", {}, [], fail)
+    assert not list(tmp_path.rglob("*.jsonl"))
+
+
+def test_a_run_of_which_something_is_missing_is_made_again_and_then_the_same(tmp_path):
+    keep(tmp_path)
+    (folder,) = (tmp_path / "runs").iterdir()
+    whole, ledger = tree(folder), folder / ".run" / "ledger.jsonl"
+    lines = ledger.read_bytes()
+    for torn in (lines[:-20], lines.splitlines(keepends=True)[0]):  # killed while it noted the run; before it did
+        ledger.write_bytes(torn)
+        (folder / "b" / "scenario.json").unlink()
+        assert keep(tmp_path)[1]
+        assert tree(folder) == whole
+
+
+def test_a_run_of_which_a_case_was_removed_is_made_again(tmp_path):
+    keep(tmp_path)
+    (folder,) = (tmp_path / "runs").iterdir()
+    shutil.rmtree(folder / "b")
+    assert keep(tmp_path)[1]
+    assert not keep(tmp_path)[1]
+
+
+def test_a_damaged_ledger_is_one_clear_line(tmp_path):
+    keep(tmp_path)
+    (ledger,) = tmp_path.rglob("ledger.jsonl")
+    ledger.write_bytes(b"{}\n")
+    with pytest.raises(CaseError, match="remove .* to begin again"):
+        keep(tmp_path)
+
+
+def test_a_run_is_of_one_method_planner_and_windows(tmp_path):
+    others = [
+        {},
+        {"config": replace(KING, iterations=3)},
+        {"planner": "rss"},
+        {"windows": WINDOWS[1:2]},
+        {"method": "regents", "config": REGENTS},
+    ]
+    empty = replace(KINGS, windows=[])
+    assert all(keep(tmp_path, run=empty, **other)[1] for other in others)
+    assert not any(keep(tmp_path, run=empty, **other)[1] for other in others)
+
+
+def test_a_changed_planner_has_another_run(tmp_path):
     file = tmp_path / "mine.py"
-    folders = set()
     for gap_m in (1, 2):
         file.write_text(f"gap_m = {gap_m}")
-        folders.add(run_folder(tmp_path, "king", f"{file}:Mine", KING, []))
-    assert len(folders) == 2
+        assert keep(tmp_path, planner=f"{file}:Mine", run=replace(KINGS, windows=[]))[1]
 
 
 def test_places_are_joined_in_order():
