@@ -27,3 +27,11 @@ def test_containers_and_workflows_install_the_libraries_that_the_error_names():
 
     for name in ("Dockerfile", "docs/crash-tests.yml"):
         assert _DEBIAN_PACKAGES in (ROOT / name).read_text()
+
+
+def test_the_nightly_workflow_hands_on_what_its_attack_adds():
+    workflow = (ROOT / "docs" / "crash-tests.yml").read_text()
+    nightly = workflow[workflow.index("  new-cases:") :]
+    attack = re.search(r"regents attack .* --into (\S+) -o (\S+)", nightly)
+    artefact = re.search(r"name: new-cases\n +path: \|\n((?: {12}\S+\n?)+)", nightly)
+    assert set(artefact[1].split()) == set(attack.groups())
