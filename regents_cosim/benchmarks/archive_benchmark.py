@@ -1,15 +1,19 @@
 """How much of the map of behaviours methods fill with the same number of roll-outs, seed by seed."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from statistics import fmean
 
 from regents_cosim.archive.axes import Axes
 from regents_cosim.archive.crash import crash_of
 from regents_cosim.archive.elites import Archive
+from regents_cosim.benchmarks.kept_runs import run_once
+from regents_cosim.benchmarks.quality_diversity import EmitterName, quality_diversity_run, require_jax
 from regents_cosim.benchmarks.runs import ComparedMethod, places_run
-from regents_cosim.evaluation.crashes.scores import MethodRun
+from regents_cosim.evaluation.crashes.scores import MethodRun, Results
 from regents_cosim.evaluation.statistics import paired_p
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario
@@ -48,15 +52,28 @@ def archive_rows(
     traffic: Sequence[tuple[int, Sequence[list[Scenario]]]],
     planner: PlannerUnderTest,
     methods: Sequence[ComparedMethod],
+    diverse: Sequence[EmitterName],
     axes: Axes,
     output: Path | None = None,
     progress: Progress = SILENT,
 ) -> Iterator[ArchiveRow]:
-    """A row for each seed and method; `traffic`: seeds with their windows, place by place. `output` keeps the runs."""
+    """A row for each seed and method; `traffic`: seeds with their windows, place by place. `output` keeps the runs.
+
+    The `diverse` searches get, for every window, as many roll-outs as the first method made there, and its rules.
+    """
+    for name in diverse:
+        require_jax(planner, name)
     for seed, places in traffic:
         *_, runs = places_run(places, planner, methods, output, progress)
         for run in runs:
             yield archive_row(run, seed, axes)
+        windows, made = list(chain(*places)), list(map(_made, runs[0].windows))
+        config = methods[0].config
+        assert config is not None
+        settings = {"config": asdict(config), "rollouts": made, "seed": seed}
+        for name in diverse:
+            make = partial(quality_diversity_run, windows, planner, name, config, made, seed, progress)
+            yield archive_row(run_once(output, name, planner.name, settings, windows, make), seed, axes)
 
 
 def archive_row(run: MethodRun, seed: int, axes: Axes) -> ArchiveRow:
@@ -64,8 +81,13 @@ def archive_row(run: MethodRun, seed: int, axes: Axes) -> ArchiveRow:
     confirmed = {one.case for one in run.in_sumo if one.verified}
     cases = [case for results in run.windows for case in results if case.id in confirmed]
     archive = Archive(axes, filter(None, map(crash_of, cases)))
-    made = sum(results[0].attack.rollouts for results in run.windows if results[0].attack)
+    made = sum(map(_made, run.windows))
     return ArchiveRow(run.method, seed, len(run.windows), made, len(cases), len(archive.elites), archive.qd_score)
+
+
+def _made(results: Results) -> int:
+    """Roll-outs made in a window."""
+    return results[0].attack.rollouts if results[0].attack else 0
 
 
 def archive_comparisons(rows: Sequence[ArchiveRow]) -> list[ArchiveComparison]:

@@ -1,17 +1,23 @@
 """Methods held against each other by what they fill of the map of behaviours."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_crashes import braked, window
+from shipped_cases import shipped_window
 
 from regents_cosim.archive.axes import Axes
+from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.benchmarks.archive_benchmark import ArchiveRow, archive_comparisons, archive_row
+from regents_cosim.benchmarks.quality_diversity import quality_diversity_run, require_jax
 from regents_cosim.cli import run
+from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
 from regents_cosim.evaluation.statistics import paired_p
+from regents_cosim.planners.under_test import PlannerUnderTest
 
 
 def test_crashes_that_sumo_denies_fill_no_cell():
@@ -40,11 +46,35 @@ def test_the_p_value_is_a_share_that_knows_no_order(pairs):
     assert p == paired_p(second, first) == paired_p(first[::-1], second[::-1])
 
 
+def test_a_search_named_twice_is_one_clear_line(capsys):
+    assert run(["bench", "archive", "--diverse", "cma-me", "--diverse", "cma-me"]) == 2
+    assert "--diverse cma-me, cma-me: expected each once" in capsys.readouterr().err
+
+
+def test_searches_by_gradient_need_a_planner_in_jax():
+    outside = replace(PlannerUnderTest.of("idm"), loop=None)
+    with pytest.raises(RegentsError, match="cma-mega needs a planner in JAX, 'idm' is not"):
+        require_jax(outside, "cma-mega")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["qd-random", "cma-me", "cma-mega"])
+def test_diverse_searches_spend_what_they_are_given_and_find_cases_of_their_own(name):
+    idm, before = PlannerUnderTest.of("idm"), shipped_window("crossing")
+    one, again = (quality_diversity_run([before], idm, name, REGENTS_FOCUSED, [132], 0) for _ in range(2))
+    assert [[case.id for case in results] for results in one.windows] == [[c.id for c in its] for its in again.windows]
+    (results,) = one.windows
+    assert all(132 - 11 < case.attack.rollouts <= 132 for case in results)
+    assert len({case.id for case in results}) == len(results) > 0
+
+
 @pytest.mark.slow
 def test_the_command_runs_on_a_tiny_size(tmp_path, capsys):
-    words = ["bench", "archive", "--methods", "focused", "--methods", "random", "--seeds", "1", "--count", "1"]
+    words = ["bench", "archive", "--methods", "focused", "--diverse", "cma-me", "--seeds", "1", "--count", "1"]
     words += ["--nets", "merge", "--json", "--quiet", "-o", str(tmp_path / "runs")]
     assert run(words) == 0
     found = json.loads(capsys.readouterr().out)
-    assert [row["method"] for row in found["rows"]] == ["focused", "random"]
-    assert [one["than"] for one in found["compared"]] == ["random"]
+    assert [row["method"] for row in found["rows"]] == ["focused", "cma-me"]
+    ours, its = (row["rollouts"] for row in found["rows"])
+    assert ours - 11 < its <= ours
+    assert [one["than"] for one in found["compared"]] == ["cma-me"]

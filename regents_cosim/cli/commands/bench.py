@@ -236,11 +236,8 @@ def cross(
 @bench.command
 def archive(
     *,
-    methods: tuple[Literal["focused", "regents", "king", "random", "cma-es", "starts"], ...] = (
-        "focused",
-        "cma-es",
-        "random",
-    ),
+    methods: tuple[Literal["focused", "regents", "king", "random", "cma-es", "starts"], ...] = ("focused", "random"),
+    diverse: tuple[Literal["qd-random", "cma-me", "cma-mega"], ...] = ("qd-random", "cma-me", "cma-mega"),
     seeds: Annotated[int, Parameter(validator=Number(gte=1, lte=16))] = 10,
     count: Count = 4,
     seed: Seed = 0,
@@ -260,6 +257,9 @@ def archive(
     ----------
     methods
         the first is compared with the others
+    diverse
+        searches that keep every crash of a new kind, with as many roll-outs in each window as the first method made:
+        random changes, CMA-ME, and CMA-MEGA, which goes by our gradients
     seeds
         how many, from --seed on; of each there is other traffic
     count
@@ -275,8 +275,9 @@ def archive(
     from regents_cosim.planners.under_test import PlannerUnderTest
 
     asked = parse_axes(axes)
-    if len(set(methods)) < len(methods):
-        raise RegentsError(f"--methods {', '.join(methods)}: expected each method once")
+    for option, names in (("--methods", methods), ("--diverse", diverse)):
+        if len(set(names)) < len(names):
+            raise RegentsError(f"{option} {', '.join(names)}: expected each once")
     terminal = open_terminal(talk)
     programs.keep()
     wanted = [ComparedMethod(name, METHODS[name].by_protocol_of(OURS)) for name in methods]
@@ -284,7 +285,7 @@ def archive(
         (number, [*network_traffic(nets, count, number, progress=terminal).values()])
         for number in range(seed, seed + seeds)
     ]
-    rows = list(archive_rows(traffic, PlannerUnderTest.of(planner), wanted, asked, output, terminal))
+    rows = list(archive_rows(traffic, PlannerUnderTest.of(planner), wanted, diverse, asked, output, terminal))
     compared = archive_comparisons(rows)
     plain = {"rows": [dataclasses.asdict(row) for row in rows], "compared": [dataclasses.asdict(c) for c in compared]}
     if talk.json:
