@@ -29,7 +29,7 @@ from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.scenario import Scenario
 
-_KNOTS = 5
+KNOTS = 5
 _UNIT = (0.4, 0.06)  # shares of the limits that a coordinate of 1 stands for: 2.4 m/s^2, 0.018 1/m
 _BATCH = 10  # roll-outs between two looks; CMA-ES's own choice for ten coordinates
 
@@ -54,7 +54,7 @@ class AtRandom:
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
         """Some changes to try."""
-        return self._rng.normal(size=(_BATCH, 2 * _KNOTS))
+        return self._rng.normal(size=(_BATCH, 2 * KNOTS))
 
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
         """Nothing is learnt."""
@@ -64,7 +64,7 @@ class ByEvolution:
     """CMA-ES, from the log."""
 
     def __init__(self, seed: int) -> None:
-        self._cma = CMA(mean=np.zeros(2 * _KNOTS), sigma=0.5, population_size=_BATCH, seed=seed)
+        self._cma = CMA(mean=np.zeros(2 * KNOTS), sigma=0.5, population_size=_BATCH, seed=seed)
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
         """A generation."""
@@ -103,7 +103,7 @@ def _search(
     seed = zlib.crc32(f"{scenario.id} {int(job.searched.first)}".encode())
     sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
     history = np.zeros((compiled.iterations, 3), np.float32)
-    best, least, tried, done = np.zeros(2 * _KNOTS), np.inf, 0, False
+    best, least, tried, done = np.zeros(2 * KNOTS), np.inf, 0, False
     nearest, nearest_at = np.inf, 0  # the ego's cost when it last came down, and the roll-out of that
     while not done and tried < most and (not config.patience or tried - nearest_at <= config.patience):
         changes = sampler.ask()[: most - tried]
@@ -144,7 +144,7 @@ def _try(
     begun = descent.begin()
 
     def one(change: Float[Array, " coordinate"]) -> tuple[Array, Array, Array]:
-        search = descent.seeing(replace(begun, actions=_changed(descent, change)))
+        search = descent.seeing(replace(begun, actions=changed(descent, change)))
         total, costs = descent.cost(search.seen.boxes, search.seen.motion, search.actions)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
         return jnp.where(jnp.isfinite(total), total, jnp.inf), terms, search.accepted
@@ -163,20 +163,20 @@ def _end(
     history: Float[Array, "iteration term"],
 ) -> SearchResult:
     descent = set_up(job.world, planner, job.memory, config, job.searched, job.start, extra_cost)
-    search = descent.seeing(replace(descent.begin(), actions=_changed(descent, change)))
+    search = descent.seeing(replace(descent.begin(), actions=changed(descent, change)))
     return descent.result(replace(search, iterations=tried, history=history))
 
 
-def _changed(descent: Descent, change: Float[Array, " coordinate"]) -> Controls:
-    """What the search begins with plus `change`, within the bounds of the configuration and of the law."""
+def changed(descent: Descent, change: Float[Array, " coordinate"]) -> Controls:
+    """What the search begins with plus `change` [2 * KNOTS], within the bounds of the configuration and of the law."""
     first = descent.first()
     steps = first.accel.shape[1]
-    knots, times = jnp.linspace(0.0, steps - 1.0, _KNOTS), jnp.arange(steps)
+    knots, times = jnp.linspace(0.0, steps - 1.0, KNOTS), jnp.arange(steps)
     moved = Controls(
         *(
             own + unit * jnp.interp(times, knots, part)
             for own, unit, part in zip(
-                (first.accel, first.curvature), _UNIT, (change[:_KNOTS], change[_KNOTS:]), strict=True
+                (first.accel, first.curvature), _UNIT, (change[:KNOTS], change[KNOTS:]), strict=True
             )
         )
     )
