@@ -21,5 +21,11 @@ FROM_BEHIND_S = 1.0  # before the contact they were still behind the ego
 GRAVITY_M_S2 = 9.81
 MOST_ACCEL_M_S2 = 0.8 * GRAVITY_M_S2  # braking and steering together: what tyres hold on dry asphalt
 OVER_LIMIT = 1.2  # times the speed limit: what is no speeding
+# [m/s] An attack lets these get no faster, unless their log is: an adult who runs, and the speed up to which the motor
+# of a pedelec helps (25 km/h, Regulation (EU) 168/2013).
+# Of a pedestrian, in any direction: twice what 99 % of the moving steps of recorded ones have (`verdicts.ordinary`).
+MOST_WALKING_M_S2 = 2.0
+STOOD_S = 1.0  # who has not moved for so long stands
+MOST_SPEED_M_S = {"pedestrian": 3.0, "bicycle": 7.0}
 ABOVE_LOG_M_S2 = 0.05 * GRAVITY_M_S2  # or so much more than the same road user's log
 ACCEL_WINDOW_S = 0.3  # over which accelerations are taken: shorter peaks are noise of the tracks

@@ -23,10 +23,18 @@ Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "ot
 Role = Literal["ego", "background", "adversary"]
 Outcome = Literal["collision", "no_collision", "no_candidate", "already_colliding", "diverged", "planner_error"]
 Dynamics = Literal["bicycle", "highway"]  # how controls move a vehicle: the mirror's own model, or highway-env's
-CollisionKind = Literal["rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on"]
+CollisionKind = Literal[
+    "rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on",
+    "person_by_front", "person_by_side",
+]  # fmt: skip
 
 VEHICLE_KINDS: frozenset[Kind] = frozenset({"car", "truck", "bus", "motorcycle"})
-
+RoadUser = Literal["vehicle", "cyclist", "pedestrian"]
+ROAD_USERS: dict[RoadUser, frozenset[Kind]] = {
+    "vehicle": VEHICLE_KINDS,
+    "cyclist": frozenset({"bicycle"}),
+    "pedestrian": frozenset({"pedestrian"}),
+}
 
 MOST_EXTENT_M = 100e3  # of one scene: twenty minutes at 300 km/h
 MOST_SIZE_M = 2e3  # of a road user: no train is longer

@@ -8,6 +8,7 @@ import numpy as np
 
 from regents_cosim.attacks import published
 from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import DriveRequest, in_compiled_loop
 from regents_cosim.attacks.replanned import BackgroundTraffic
 from regents_cosim.attacks.search_state import SearchResult
@@ -20,7 +21,15 @@ from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import to_tracks
 from regents_cosim.planners.jax_planner import require_finite
-from regents_cosim.scenario import ActTime, AttackRecord, Collision, Outcome, Scenario, Tracks
+from regents_cosim.scenario import (
+    VEHICLE_KINDS,
+    ActTime,
+    AttackRecord,
+    Collision,
+    Outcome,
+    Scenario,
+    Tracks,
+)
 
 _LABEL = 40  # characters of a planner or an adversary in the id of a case
 _COST_TERMS = ("ego", "pair", "road")
@@ -106,7 +115,9 @@ def failed_case(setup: AttackSetup, scenario: Scenario, failure: DriveError) -> 
 def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackRecord:
     """What is known of an attack before it has done anything."""
     config = replace(setup.config, dynamics=setup.dynamics(scenario))
-    settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("method", "universal")}
+    settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in _SAID_ELSEWHERE}
+    if _slower_may_attack(config, scenario):
+        settings |= {"adversary_kinds": ",".join(config.adversary_kinds)}
     if isinstance(setup.planner, AttackedPlanners):
         settings |= {"universal": config.universal, "against": " ".join(setup.planner.names[1:])}
     return AttackRecord(
@@ -117,6 +128,14 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
         iterations=0,
         settings=settings,
     )
+
+
+_SAID_ELSEWHERE = ("method", "universal", "adversary_kinds")
+
+
+def _slower_may_attack(config: AttackConfig, scenario: Scenario) -> bool:
+    """Whether a cyclist or a pedestrian of the scene may: a case of vehicles is the same whether they might or not."""
+    return not config.may_attack.isdisjoint({agent.kind for agent in scenario.agents[1:]} - VEHICLE_KINDS)
 
 
 def _name(setup: AttackSetup, scenario: Scenario) -> str:

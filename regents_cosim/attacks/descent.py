@@ -24,7 +24,6 @@ from regents_cosim.attacks.rules import diverging_in_front
 from regents_cosim.attacks.search_state import Rollout, SearchResult, SearchState
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import Controls, Motion
-from regents_cosim.mirror.dynamics import controls_between, pull_back, roll_out
 from regents_cosim.mirror.rollout import LoopPlanner, drive, drive_among_reacting, roll_out_background, with_ego
 from regents_cosim.mirror.separation import Box, pose_gradient
 from regents_cosim.mirror.world import World
@@ -171,8 +170,7 @@ class Descent(eqx.Module):
     def own_motion(self, actions: Controls) -> Motion:
         """Where the searched agents go [searched time]."""
         world, rows = self.world, self.searched.rows
-        start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
-        return roll_out(world.dynamics, start, to_controls(actions), moving, half_length, world.dt)
+        return rows(world.mobility).roll_out(rows(world.start), to_controls(actions), rows(world.moving), world.dt)
 
     def background(self, actions: Controls) -> Motion:
         """Every agent's own track [agent time]: of those that react, before they do."""
@@ -196,9 +194,8 @@ class Descent(eqx.Module):
         on_motion = jax.tree.map(jnp.add, on_motion, pose_gradient(seen.boxes, on_boxes))
         rows, world = self.searched.rows, self.world
         heading = rows(seen.boxes.cos), rows(seen.boxes.sin)
-        start, moving, half_length = rows(world.start), rows(world.moving), rows(world.half_length)
-        on_controls = pull_back(
-            world.dynamics, start, to_controls(actions), moving, half_length, world.dt,
+        on_controls = rows(world.mobility).pull_back(
+            rows(world.start), to_controls(actions), rows(world.moving), world.dt,
             rows(seen.motion), heading, rows(on_motion),
         )  # fmt: skip
         return total, costs, jax.tree.map(jnp.add, on_actions, to_controls(on_controls))
@@ -251,14 +248,17 @@ class Descent(eqx.Module):
             return jnp.ones(valid.shape[0], bool)
         ego = jax.tree.map(lambda values: values[0], motion)
         around = self.searched.rows(motion)
-        return ~diverging_in_front(ego, around, valid, self.config.front_share, self.config.front_window_rad)
+        steers = ~diverging_in_front(ego, around, valid, self.config.front_share, self.config.front_window_rad)
+        # Who turns on the spot comes back whichever way it was turned: the rule is about wheels.
+        walks = self.searched.rows(self.world.walks)
+        return steers if walks is None else steers | walks
 
     def result(self, end: SearchState) -> SearchResult:
         """Where the loop ended, in terms of all agents."""
         motion, searched = end.seen.motion, self.searched
         controls = searched.put(self.world.controls, to_controls(end.actions))
         if self.config.background == "reactive":
-            reacted, reacting = controls_between(self.world.dynamics, motion, self.world.dt), self.reacting()[:, None]
+            reacted, reacting = self.world.mobility.controls_between(motion, self.world.dt), self.reacting()[:, None]
             controls = jax.tree.map(lambda own, seen: jnp.where(reacting, seen, own), controls, reacted)
         return SearchResult(
             motion=motion,

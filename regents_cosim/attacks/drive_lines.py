@@ -94,7 +94,7 @@ def lines_ahead(scenario: Scenario, agent: int, near: Near) -> Iterator[DriveLin
     for index, way in enumerate(ways):
         if way.changes > 1:
             continue
-        line = _line(_prolonged(way.points, reach_m), _limit(way))
+        line = line_through(prolonged(way.points, reach_m), _limit(way))
         line = replace(line, stop_lines=_stop_lines(scenario, way.lanes, line))
         yield line
         if way.changes == 0 and index < _MOST_CHANGED_FROM:
@@ -110,11 +110,11 @@ def _logged(scenario: Scenario, agent: int, taken: Way | None, reach_m: float) -
     """The logged path, then on along the lanes that it took; straight on where there are none."""
     path = logged_path(scenario.tracks, agent)
     if taken is None:
-        return _line(_prolonged(path, reach_m), np.inf)
+        return line_through(prolonged(path, reach_m), np.inf)
     onward = shapely.LineString(taken.points)
     rest = substring(onward, onward.project(shapely.Point(path[-1])) + _JOIN_M, onward.length)
     path = np.vstack([path, shapely.get_coordinates(rest)]) if rest.length > 0.0 else path
-    line = _line(_prolonged(path, reach_m), _limit(taken))
+    line = line_through(prolonged(path, reach_m), _limit(taken))
     return replace(line, stop_lines=_stop_lines(scenario, taken.lanes, line))
 
 
@@ -158,7 +158,7 @@ def _beside(road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], end_m: floa
     onward = [tuple(lanes_ahead(road, road.lane[other], end_m)) for other in neighbours(road)[here.id]]
     middles = [np.concatenate([lane.centre for lane in lanes]) for lanes in onward]
     return [
-        _Beside(lanes, shapely.LineString(_prolonged(middle, end_m + SPACING_M)))
+        _Beside(lanes, shapely.LineString(prolonged(middle, end_m + SPACING_M)))
         for lanes, middle in zip(onward, middles, strict=True)
     ]
 
@@ -182,7 +182,7 @@ def _changed(line: DriveLine, target: shapely.LineString, begin_m: float, length
     rest = shapely.get_coordinates(substring(target, at[-1] + SPACING_M, target.length))
     points = np.vstack([line.points[along < begin_m], own + done[:, None] * (beside - own), rest])
     shows_m = float(along[change][np.argmax(done * apart > CAREFUL.wandering_m)])
-    return replace(_line(points, line.limit), shows_m=shows_m)
+    return replace(line_through(points, line.limit), shows_m=shows_m)
 
 
 def _stop_lines(scenario: Scenario, lanes: Sequence[Lane], line: DriveLine) -> tuple[LightOnLine, ...]:
@@ -199,14 +199,15 @@ def _stop_lines(scenario: Scenario, lanes: Sequence[Lane], line: DriveLine) -> t
     return tuple(found)
 
 
-def _prolonged(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:
+def prolonged(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:
     """The line, straight on to that length."""
     left = reach_m - float(np.hypot(*np.diff(points, axis=0).T).sum())
     ahead = points[-1] - points[-2]
     return np.vstack([points, points[-1] + max(left, 1.0) * ahead / np.hypot(*ahead)])
 
 
-def _line(points: Float[np.ndarray, "point 2"], limit: float) -> DriveLine:
+def line_through(points: Float[np.ndarray, "point 2"], limit: float) -> DriveLine:
+    """The smooth line through some points, with the speed limit [m/s] where it begins."""
     even = evenly(points, SPACING_M)
     smooth = np.stack([_smooth(even[:, axis]) for axis in (0, 1)], axis=1)
     even = evenly(smooth, SPACING_M)

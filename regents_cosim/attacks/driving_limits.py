@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import Controls, stopping_speed
+from regents_cosim.mirror.bicycle import TURN_PACE_M_S, Controls, stopping_speed
 from regents_cosim.mirror.world import DriveBounds, World
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
 from regents_cosim.verdicts.handling import MEAN_S
@@ -22,21 +22,25 @@ _SLOWEST_M_S = 1.0  # below, curvature is bounded as if it were as fast: who cra
 
 
 def limits_by_kind(scenario: Scenario, config: AttackConfig) -> dict[str, DrivingLimits]:
-    """For each kind of vehicle what the configuration asks for in numbers, and ordinary driving where it names none."""
+    """For each kind that may attack what the configuration asks for in numbers, else what is ordinary."""
     given = {name: getattr(config, f"max_{name}") for name in _LIMITED}
     given = {name: value for name, value in given.items() if value > 0.0}
-    kinds = {agent.kind for agent in scenario.agents} & VEHICLE_KINDS
+    kinds = {agent.kind for agent in scenario.agents} & config.may_attack
     return {kind: replace(ordinary(scenario, kind), **given) for kind in kinds}
 
 
 def with_bounds(world: World, scenario: Scenario, config: AttackConfig, limits: Mapping[str, DrivingLimits]) -> World:
-    """The same world with bounds for its vehicles, where the configuration has any."""
+    """The same world with bounds for those in it that may attack, where the configuration has any.
+
+    Cyclists and pedestrians always keep to what is ordinary for them: what the mirror can is what a car can.
+    """
     numbers = {name: getattr(config, f"max_{name}") for name in _LIMITED}
-    if config.driving == "any" and not any(numbers.values()):
+    own = limits.keys() - VEHICLE_KINDS
+    if config.driving == "any" and not any(numbers.values()) and not own:
         return world
     rows = {name: np.full(len(world.valid), value or _NO_BOUND, np.float32) for name, value in numbers.items()}
     for agent, one in enumerate(scenario.agents):
-        if config.driving == "ordinary" and one.kind in limits:
+        if one.kind in (limits if config.driving == "ordinary" else own):
             for name, row in rows.items():
                 row[agent] = getattr(limits[one.kind], name)
     return replace(world, bounds=DriveBounds(**{name: jnp.asarray(row) for name, row in rows.items()}))
@@ -51,7 +55,20 @@ def within_bounds(world: World, searched: SearchedAgents, controls: Controls) ->
     accel = _eased(controls.accel, logged.accel, moving, bounds, world.dt)
     speed = stopping_speed(rows(world.start.speed), jnp.where(moving, accel, 0.0) * world.dt)
     tightest = _lateral(bounds, logged, rows(world.log.speed)) / jnp.maximum(_square(speed), _SLOWEST_M_S**2)
+    if world.walks is not None:
+        tightest = jnp.where(rows(world.walks)[:, None], _fastest_turn(bounds, logged, speed), tightest)
     return Controls(accel, jnp.clip(controls.curvature, -tightest, tightest))
+
+
+def _fastest_turn(
+    bounds: DriveBounds, logged: Controls, speed: Float[Array, "searched time"]
+) -> Float[Array, "searched step"]:
+    """How fast who walks may turn, as a curvature: sideways acceleration is speed times turn rate; as in the log, too.
+
+    Who stands or is slower than `_SLOWEST_M_S` turns as if it went so fast.
+    """
+    pace = TURN_PACE_M_S * jnp.maximum(0.5 * (speed[:, :-1] + speed[:, 1:]), _SLOWEST_M_S)
+    return jnp.maximum(bounds.lateral_accel[:, None] / pace, jnp.abs(logged.curvature))
 
 
 def _eased(

@@ -34,9 +34,11 @@ class LawfulRoad:
 def lawful_road(scenario: Scenario, agent: int, room: int = 0) -> LawfulRoad | None:
     """Where `agent` may drive, with `room` for so many cells at least.
 
-    None where the map does not tell, and where roads lie above each other: there the road of all holds.
+    None where the map does not tell, where roads lie above each other, and for who walks: there the road of all holds,
+    which binds no pedestrian.
     """
-    area = None if scenario.heights.stacked else lawful_area(scenario, agent)
+    walks = scenario.agents[agent].kind == "pedestrian"
+    area = None if walks or scenario.heights.stacked else lawful_area(scenario, agent)
     if area is None or area.is_empty:
         return None
     origin = scene_origin(scenario)
@@ -45,7 +47,7 @@ def lawful_road(scenario: Scenario, agent: int, room: int = 0) -> LawfulRoad | N
 
 def under_the_law(world: World, scenario: Scenario, agent: int, road: LawfulRoad | None) -> World:
     """The same world with a top speed for `agent` alone, and with a `road` of its own if it has one."""
-    limited = world.top_speed.at[agent].set(_top_speed(scenario, agent))
+    limited = world.top_speed.at[agent].min(_top_speed(scenario, agent))
     world = replace(world, top_speed=limited)
     if road is None:
         return world

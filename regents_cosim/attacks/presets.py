@@ -1,12 +1,13 @@
 """KING, ReGentS and our own preset: values of one configuration."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.scenario import ROAD_USERS, Kind, RoadUser
 
 _MOST_ITERATIONS = 100_000
 _WEIGHT = Range(0.0, 1e6, "the weight of a cost")
@@ -86,6 +87,7 @@ class AttackConfig:
     law: Literal["any", "strict"] = "any"  # does the adversary keep to its own lanes and turns, and to the speed limit
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
     nearest: int = 5  # candidates that get a descent of their own
+    adversary_kinds: tuple[RoadUser, ...] = ("vehicle",)  # who may attack
     adversaries: Literal["all", "one"] = "all"  # of these: all that succeed, or the first, which ends the search
     dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"  # how vehicles move; recorded: as in their source
     background: Literal["log", "reactive"] = "log"  # do agents that are no candidates brake for what is in their way?
@@ -121,6 +123,13 @@ class AttackConfig:
             f"{self.attempts} attempts need somewhere else to begin: take `starts` of 1 or more, or 1 attempt",
             RegentsError,
         )
+        _check_kinds(self.adversary_kinds)
+        require(
+            self.adversary_kinds == ("vehicle",) or not self.as_published,
+            f"adversary kinds {','.join(self.adversary_kinds)}: the public code moves vehicles alone; as published, "
+            "take `vehicle`",
+            RegentsError,
+        )
         choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)
         ours = self.softmin_m > 0.0 or choices != ("joint", "log", "any", True, True)
         require(
@@ -135,6 +144,11 @@ class AttackConfig:
         chosen_before = {name: getattr(type(self), name) for name in _CHOSEN_BEFORE}
         room = max(-(-self.iterations // _ROOM), 1) * _ROOM
         return replace(self, method="", iterations=room, **chosen_before)
+
+    @property
+    def may_attack(self) -> frozenset[Kind]:
+        """What kinds of road users may attack."""
+        return frozenset[Kind]().union(*(ROAD_USERS[user] for user in self.adversary_kinds))
 
     @property
     def samples(self) -> int:
@@ -170,6 +184,15 @@ class AttackConfig:
         return f"{self.method}-published" if self.as_published else self.method
 
 
+def _check_kinds(kinds: tuple[str, ...]) -> None:
+    known = get_args(RoadUser)
+    require(
+        bool(kinds) and set(kinds) <= set(known) and len(set(kinds)) == len(kinds),
+        f"adversary kinds {','.join(kinds)!r}: expected one or more of {','.join(known)}, each once",
+        RegentsError,
+    )
+
+
 PROTOCOL = (
     "search", "nearest", "starts", "attempts", "adversaries", "accept", "law", "driving", "background", "iterations",
     "patience", "replan_every",
@@ -177,7 +200,7 @@ PROTOCOL = (
 _ALONE = ("nearest", "starts", "attempts", "adversaries")  # of a search for each candidate
 _ROOM = 500  # iterations that programs keep the costs of
 _CHOSEN_BEFORE = (
-    "replan_every", "starts", "attempts", "sampled", "nearest", "adversaries", "dynamics",
+    "replan_every", "starts", "attempts", "sampled", "nearest", "adversaries", "adversary_kinds", "dynamics",
     "driving", "max_accel", "max_braking", "max_lateral_accel", "max_jerk",
     "exclude_rear", "rear_share", "rear_sector_rad", "exclude_static", "static_m",
 )  # fmt: skip
@@ -218,6 +241,7 @@ REGENTS_FOCUSED = replace(
     patience=100,
     exclude_static=False,
     driving="ordinary",
+    adversary_kinds=("vehicle", "cyclist", "pedestrian"),
 )
 
 OURS = REGENTS_FOCUSED  # by whose protocol methods are compared

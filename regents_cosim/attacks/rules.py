@@ -1,5 +1,7 @@
 """Who may attack, and whose steering is left alone: the three rules of ReGentS, section 3.3."""
 
+import functools
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -8,22 +10,31 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.geometry.boxes import CLEARANCE_M
 from regents_cosim.mirror.bicycle import Motion, wrap
 from regents_cosim.mirror.world import World
+from regents_cosim.scenario import RoadUser
 
 
 def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     """Agents whose controls the attack may change.
 
-    Motor vehicles other than the ego that are present for at least half of the horizon, do not overlap the ego from
-    the start and come to a height that it comes to, less those that rules 2 and 3 exclude.
+    Road users of the configured kinds, other than the ego, that are present for at least half of the horizon, do not
+    overlap the ego from the start and come to a height that it comes to, less those that rules 2 and 3 exclude. Both
+    ask about the log alone, and so hold for who walks as well: on foot none catches up with a car from behind.
     """
     not_ego = jnp.arange(world.valid.shape[0]) > 0
     long_enough = world.valid.mean(axis=1) >= 0.5
-    allowed = not_ego & world.vehicle & long_enough & world.apart[0] & may_meet_ego(world)
+    allowed = not_ego & of_kinds(world, config.adversary_kinds) & long_enough & world.apart[0] & may_meet_ego(world)
     if config.exclude_rear:
         allowed &= ~mostly_behind(world, config.rear_share, config.rear_sector_rad)
     if config.exclude_static:
         allowed &= travelled(world) >= config.static_m
     return allowed
+
+
+def of_kinds(world: World, kinds: tuple[RoadUser, ...]) -> Bool[Array, " agent"]:
+    """Who is of some kinds."""
+    masks = {"vehicle": world.vehicle, "cyclist": world.cycles, "pedestrian": world.walks}
+    chosen = [mask for kind in kinds if (mask := masks[kind]) is not None]
+    return functools.reduce(jnp.logical_or, chosen) if chosen else jnp.zeros(world.valid.shape[0], bool)
 
 
 def may_meet_ego(world: World) -> Bool[Array, " agent"]:

@@ -8,7 +8,7 @@ of many speed profiles (`speed_profiles`) that enter a marked place are starts. 
 the ego's place would see coming for some seconds: gentle, from the side.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -23,9 +23,10 @@ from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.speed_profiles import Lights, Profiles, drive, profiles
+from regents_cosim.attacks.walked_lines import walked_lines
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ACCEL_WINDOW_S, ALONG_RAD
+from regents_cosim.limits import ACCEL_WINDOW_S, ALONG_RAD, MOST_SPEED_M_S, OVER_LIMIT
 from regents_cosim.mirror.actions import FIT_PASSES, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
@@ -79,12 +80,12 @@ def followed(
 
 def _fitted(job: SearchJob, wanted: Motion, passes: int) -> Controls:
     """The controls [drive, step] with which the job's candidate follows drives [drive, time]."""
-    start, moving, half_length = jax.tree.map(
+    start, moving, mobility = jax.tree.map(
         lambda values: jnp.repeat(values, len(wanted.x), axis=0),
-        job.searched.rows((job.world.start, job.world.moving, job.world.half_length)),
+        job.searched.rows((job.world.start, job.world.moving, job.world.mobility)),
     )
     there = jnp.ones(wanted.x.shape, bool)
-    return fit_controls(wanted, there, start, moving, job.world.dt, half_length, job.world.dynamics, passes)
+    return fit_controls(wanted, there, start, moving, job.world.dt, mobility, passes)
 
 
 @compiled
@@ -207,7 +208,7 @@ def _within(
 def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits) -> _Drives | None:
     """Those along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
     near = Near.to(pair.own[0], pair.own[1], pair.reach_m)
-    marked = [(line, _touched(line, pair)) for line in lines_ahead(scenario, agent, near)]
+    marked = [(line, _touched(line, pair)) for line in _lines(scenario, agent, near)]
     marked = [(line, touched) for line, touched in marked if touched.any()]
     if not marked:
         return None
@@ -223,6 +224,15 @@ def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits) 
         some = _along(line, speed, travelled, np.abs(wanted.accel[rows]), pair, scenario.dt)
         found.append(_kept(some, _hardest_turn(some, scenario.dt) <= limits.lateral_accel))
     return _Drives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Drives)))
+
+
+def _lines(scenario: Scenario, agent: int, near: Near) -> Iterator[DriveLine]:
+    """What its kind may drive or walk along, no faster than an attack lets it get."""
+    kind = scenario.agents[agent].kind
+    if kind == "pedestrian":
+        return walked_lines(scenario, agent, near)
+    most = MOST_SPEED_M_S.get(kind, np.inf) / OVER_LIMIT
+    return (replace(line, limit=min(line.limit, most)) for line in lines_ahead(scenario, agent, near))
 
 
 def _driven(

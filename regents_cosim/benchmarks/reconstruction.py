@@ -8,7 +8,6 @@ from jaxtyping import Float
 
 from regents_cosim.mirror.bicycle import Controls, clip
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.dynamics import controls_between
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_world
 from regents_cosim.scenario import Scenario
@@ -34,7 +33,7 @@ def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> Reconstru
     for scenario in scenarios:
         world = to_world(scenario)
         smooth.append(_errors(world, world.controls))
-        local.append(_errors(world, clip(controls_between(world.dynamics, world.log, world.dt))))
+        local.append(_errors(world, clip(world.mobility.controls_between(world.log, world.dt))))
     fitted, differences = 100.0 * np.concatenate(smooth), 100.0 * np.concatenate(local)
     return ReconstructionRow(
         network=network,

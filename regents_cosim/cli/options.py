@@ -144,6 +144,8 @@ class SearchOptions:
     regents and king as in the papers; random and cma-es search without gradients, to compare with"""
     search: Literal["joint", "per-candidate"] | None = None
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
+    adversary_kinds: str | None = None
+    """who may attack, with commas between: vehicle, cyclist, pedestrian (focused: all; king, regents: vehicle)"""
     background: Literal["log", "reactive"] | None = None
     """do other agents replay their log, or brake for what stands in their way"""
     dynamics: Literal["recorded", "bicycle", "highway"] | None = None
@@ -172,7 +174,10 @@ class SearchOptions:
         """The preset with what was given in its place."""
         from regents_cosim.attacks.presets import preset
 
-        return preset(**vars(self), **vars(rules))
+        given = vars(self)
+        if self.adversary_kinds is not None:
+            given = given | {"adversary_kinds": tuple(kind.strip() for kind in self.adversary_kinds.split(","))}
+        return preset(**given, **vars(rules))
 
 
 @Parameter(name="*")

@@ -52,4 +52,5 @@ def live_config(method: str | AttackConfig) -> AttackConfig:
         learning_rate=_LEARNING_RATE,
         attempts=1,
         patience=0,
+        adversary_kinds=("vehicle",),
     )

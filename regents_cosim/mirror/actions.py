@@ -22,10 +22,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip, wrap
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip, turning_way, wrap
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.dynamics import controls_between, step
-from regents_cosim.scenario import Dynamics, Tracks
+from regents_cosim.mirror.dynamics import Mobility
+from regents_cosim.scenario import Tracks
 
 # Standard deviations that the fit grants: tight on position, loose on yaw (SUMO's vehicles slip
 # up to 7 degrees at their centre in curves) and on the changes of the controls per step.
@@ -56,8 +56,7 @@ def fit_controls(
     start: Motion,
     moving: Bool[Array, "agent step"],
     dt: Float[Array, ""],
-    half_length: Float[Array, " agent"],
-    dynamics: Dynamics,
+    mobility: Mobility,
     passes: int = FIT_PASSES,
 ) -> Controls:
     """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time].
@@ -65,12 +64,9 @@ def fit_controls(
     By highway-env's model the plain estimate is kept where it follows more closely: for a log of
     highway-env it is exact.
     """
-    first = clip(controls_between(dynamics, log, dt))
-    if dynamics == "bicycle":
-        fit = partial(_fit_one, _advance, passes)
-        return jax.vmap(fit, (0, 0, 0, 0, 0, None))(log, valid, start, moving, first, dt)
-    fit = partial(_fit_highway, passes)
-    return jax.vmap(fit, (0, 0, 0, 0, 0, 0, None))(half_length, log, valid, start, moving, first, dt)
+    first = clip(mobility.controls_between(log, dt))
+    fit = partial(_fit_own if mobility.dynamics == "bicycle" else _fit_highway, passes)
+    return jax.vmap(fit, (0, 0, 0, 0, 0, 0, None))(mobility, log, valid, start, moving, first, dt)
 
 
 class _Trajectory(eqx.Module):
@@ -120,27 +116,41 @@ def _fit_one(
     return Controls(best.controls[:, 0], best.controls[:, 1])
 
 
-def _advance(state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
+def _fit_own(
+    passes: int,
+    mobility: Mobility,
+    log: Motion,
+    valid: Array,
+    start: Motion,
+    moving: Array,
+    first: Controls,
+    dt: Array,
+) -> Controls:
+    """The fit by our own models."""
+    return _fit_one(partial(_advance, mobility.walks), passes, log, valid, start, moving, first, dt)
+
+
+def _advance(walks: Array | None, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
     """One step of `bicycle.step` with the control remembered; standing still while not `moves`."""
     x, y, yaw, speed = state[:4]
     next_speed = jnp.where(speed + control[0] * dt >= 0.0, speed + control[0] * dt, 0.0)
     travelled = 0.5 * (speed + next_speed) * dt
-    turned = control[1] * travelled
+    turned = control[1] * turning_way(travelled, walks, dt)
     mid = yaw + 0.5 * turned
     ahead = jnp.stack([x + travelled * jnp.cos(mid), y + travelled * jnp.sin(mid), yaw + turned, next_speed])
     return jnp.concatenate([jnp.where(moves, ahead, state[:4]), control])
 
 
-def _advance_highway(half_length: Array, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
+def _advance_highway(mobility: Mobility, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
     """The same by highway-env's model."""
-    ahead = step("highway", Motion(*state[:4]), Controls(*control), half_length, dt)
+    ahead = mobility.step(Motion(*state[:4]), Controls(*control), dt)
     moved = jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
     return jnp.concatenate([jnp.where(moves, moved, state[:4]), control])
 
 
 def _fit_highway(
     passes: int,
-    half_length: Array,
+    mobility: Mobility,
     log: Motion,
     valid: Array,
     start: Motion,
@@ -149,7 +159,7 @@ def _fit_highway(
     dt: Array,
 ) -> Controls:
     """The fit by highway-env's model, or `first` where that follows the log more closely."""
-    advance = partial(_advance_highway, half_length)
+    advance = partial(_advance_highway, mobility)
     begin = jnp.stack([start.x, start.y, start.yaw, start.speed, 0.0 * start.x, 0.0 * start.x])
 
     def miss(controls: Controls) -> Float[Array, ""]:

@@ -9,6 +9,14 @@ which moves where the box points (no slip). Over one step of dt
 A braking vehicle stops and never reverses. For given controls this is a chain of cumulative
 sums: `roll_out` needs no loop over time. `controls_between` is the exact inverse.
 
+Who walks is a point mass that faces where it goes, its velocity held as speed and heading. It
+moves by the same chain, but its heading turns with the time and not with the way,
+
+    yaw' = yaw + k w dt,   w = `TURN_PACE_M_S`,
+
+so that it can turn on the spot, and the two controls keep one range for all: k w [rad/s] is how
+fast it turns.
+
 Gradient at standstill: where a step would have ended below zero speed (strictly), the speed does
 not depend on what came before, so the gradient is 0 there; at exactly zero it is the one-sided
 derivative for accelerating, so that a standing vehicle can be set in motion.
@@ -31,6 +39,8 @@ from jaxtyping import Array, Bool, Float, Num
 # 8 m/s^2 and 0.3 1/m is a turning circle of 6.7 m, tighter than any car's.
 ACCEL_LIMIT = 6.0  # [m/s^2]
 CURVATURE_LIMIT = 0.3  # [1/m]
+# Who walks turns as fast as wheels at this speed would turn it: 0.3 1/m are 3 rad/s, half a turn in a second.
+TURN_PACE_M_S = 10.0
 
 _MIN_TRAVEL_M = 1e-4  # a vehicle that moves less in a step has no measurable curvature
 
@@ -48,30 +58,36 @@ class Controls(eqx.Module):
     """What vehicles do, held constantly over each step."""
 
     accel: Float[Array, "*axes"]  # [m/s^2]
-    curvature: Float[Array, "*axes"]  # [1/m] positive turns left
+    curvature: Float[Array, "*axes"]  # [1/m] positive turns left; of who walks, its turn rate over `TURN_PACE_M_S`
 
 
-def step(state: Motion, control: Controls, dt: Float[Array, ""] | float) -> Motion:
+def step(
+    state: Motion, control: Controls, dt: Float[Array, ""] | float, walks: Bool[Array, "*#axes"] | None = None
+) -> Motion:
     """Advance by one step; all fields broadcast."""
     speed = jnp.maximum(state.speed + control.accel * dt, 0.0)
     travelled = 0.5 * (state.speed + speed) * dt
-    yaw = state.yaw + control.curvature * travelled
+    yaw = state.yaw + control.curvature * turning_way(travelled, walks, dt)
     mid = 0.5 * (state.yaw + yaw)
     return Motion(state.x + travelled * jnp.cos(mid), state.y + travelled * jnp.sin(mid), yaw, speed)
 
 
 @jax.custom_vjp
 def roll_out(
-    start: Motion, controls: Controls, moving: Bool[Array, "agent step"], dt: Float[Array, ""] | float
+    start: Motion,
+    controls: Controls,
+    moving: Bool[Array, "agent step"],
+    dt: Float[Array, ""] | float,
+    walks: Bool[Array, " agent"] | None = None,
 ) -> Motion:
-    """Motion [agent, step + 1] from `start` [agent] under `controls` [agent, step].
+    """Motion [agent, step + 1] from `start` [agent] under `controls` [agent, step]; None: no agent `walks`.
 
     While `moving` is False an agent waits at `start` with its speed kept: so an agent that
     enters late begins at its own first step. Equal to repeated `step` up to rounding.
     """
     speed = stopping_speed(start.speed, jnp.where(moving, controls.accel, 0.0) * dt)
     travelled = _travelled(speed, moving, dt)
-    yaw = accumulate(start.yaw, controls.curvature * travelled)
+    yaw = accumulate(start.yaw, controls.curvature * _turning(travelled, walks, moving, dt))
     mid = _between(yaw)
     x = accumulate(start.x, travelled * jnp.cos(mid))
     y = accumulate(start.y, travelled * jnp.sin(mid))
@@ -85,6 +101,7 @@ def pull_back(
     motion: Motion,
     heading: tuple[Float[Array, "agent time"], Float[Array, "agent time"]],
     gradient: Motion,
+    walks: Bool[Array, " agent"] | None = None,
 ) -> tuple[Motion, Controls]:
     """Gradients with respect to start [agent] and `controls`, of what has `gradient` with respect to `motion`.
 
@@ -98,36 +115,44 @@ def pull_back(
     later_x, later_y = _later(gradient.x), _later(gradient.y)
     turned = _spread(gradient.yaw, travelled * (cos * later_y - sin * later_x))
     later_yaw = _later(turned)
-    per_metre = jnp.where(moving, cos * later_x + sin * later_y + controls.curvature * later_yaw, 0.0)
+    bends = controls.curvature if walks is None else jnp.where(walks[:, None], 0.0, controls.curvature)
+    per_metre = jnp.where(moving, cos * later_x + sin * later_y + bends * later_yaw, 0.0)
     gained = _until_stop(_spread(gradient.speed, dt * per_metre), motion.speed, controls.accel * dt)
     start = Motion(gradient.x.sum(axis=1), gradient.y.sum(axis=1), turned.sum(axis=1), gained[:, 0])
-    return start, Controls(jnp.where(moving, gained[:, 1:] * dt, 0.0), travelled * later_yaw)
+    on_curvature = _turning(travelled, walks, moving, dt) * later_yaw
+    return start, Controls(jnp.where(moving, gained[:, 1:] * dt, 0.0), on_curvature)
 
 
 def _roll_out_forward(
-    start: Motion, controls: Controls, moving: Bool[Array, "agent step"], dt: Float[Array, ""] | float
+    start: Motion,
+    controls: Controls,
+    moving: Bool[Array, "agent step"],
+    dt: Float[Array, ""] | float,
+    walks: Bool[Array, " agent"] | None = None,
 ) -> tuple[Motion, Any]:
-    motion = roll_out(start, controls, moving, dt)
-    return motion, (controls, moving, dt, motion)
+    motion = roll_out(start, controls, moving, dt, walks)
+    return motion, (controls, moving, dt, motion, walks)
 
 
-def _roll_out_backward(kept: Any, gradient: Motion) -> tuple[Motion, Controls, None, None]:
-    controls, moving, dt, motion = kept
+def _roll_out_backward(kept: Any, gradient: Motion) -> tuple[Motion, Controls, None, None, None]:
+    controls, moving, dt, motion, walks = kept
     heading = jnp.cos(motion.yaw), jnp.sin(motion.yaw)
-    start, on_controls = pull_back(controls, moving, dt, motion, heading, gradient)
-    return start, on_controls, None, None
+    start, on_controls = pull_back(controls, moving, dt, motion, heading, gradient, walks)
+    return start, on_controls, None, None, None
 
 
 roll_out.defvjp(_roll_out_forward, _roll_out_backward)
 
 
-def controls_between(motion: Motion, dt: Float[Array, ""] | float) -> Controls:
+def controls_between(
+    motion: Motion, dt: Float[Array, ""] | float, walks: Bool[Array, " agent"] | None = None
+) -> Controls:
     """Controls [agent, step] that lead from each state of `motion` [agent, step + 1] to the next.
 
     Exact for motions of this model; for other tracks it is the local estimate of the ReGentS
     paper, section 3.1, from differences of speed and yaw. Standing vehicles have curvature 0.
     """
-    travelled = 0.5 * (motion.speed[:, :-1] + motion.speed[:, 1:]) * dt
+    travelled = turning_way(0.5 * (motion.speed[:, :-1] + motion.speed[:, 1:]) * dt, _column(walks), dt)
     turned = wrap(jnp.diff(motion.yaw, axis=1))
     curvature = jnp.where(travelled > _MIN_TRAVEL_M, turned / jnp.maximum(travelled, _MIN_TRAVEL_M), 0.0)
     return Controls(jnp.diff(motion.speed, axis=1) / dt, curvature)
@@ -141,6 +166,13 @@ def clip(controls: Controls, most_braking: float = ACCEL_LIMIT) -> Controls:
     )
 
 
+def turning_way(
+    travelled: Float[Array, "*axes"], walks: Bool[Array, "*#axes"] | None, dt: Float[Array, ""] | float
+) -> Float[Array, "*axes"]:
+    """The way [m] that turns an agent by its curvature: what it travelled, or for who `walks`, what the time makes."""
+    return travelled if walks is None else jnp.where(walks, TURN_PACE_M_S * dt, travelled)
+
+
 def wrap(angle: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
     """The same direction in [-pi, pi) [rad]."""
     return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
@@ -150,6 +182,20 @@ def _travelled(
     speed: Float[Array, "agent time"], moving: Bool[Array, "agent step"], dt: Float[Array, ""] | float
 ) -> Float[Array, "agent step"]:
     return jnp.where(moving, _between(speed) * dt, 0.0)
+
+
+def _turning(
+    travelled: Float[Array, "agent step"],
+    walks: Bool[Array, " agent"] | None,
+    moving: Bool[Array, "agent step"],
+    dt: Float[Array, ""] | float,
+) -> Float[Array, "agent step"]:
+    """`turning_way` of agents that wait while not `moving`."""
+    return travelled if walks is None else jnp.where(moving, turning_way(travelled, _column(walks), dt), 0.0)
+
+
+def _column(walks: Bool[Array, " agent"] | None) -> Bool[Array, "agent 1"] | None:
+    return None if walks is None else walks[:, None]
 
 
 def _between(values: Float[Array, "agent time"]) -> Float[Array, "agent step"]:

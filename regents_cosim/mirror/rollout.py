@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, clip
-from regents_cosim.mirror.dynamics import roll_out, step
+from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.reactions import LogProgress, begin, place, react
 from regents_cosim.mirror.world import World
 
@@ -54,7 +54,7 @@ class LoopPlanner(Protocol):
 
 def roll_out_background(world: World, controls: Controls) -> Motion:
     """Motion [agent, time] of all agents under open-loop `controls` [agent, step]; row 0 is not the ego's."""
-    return roll_out(world.dynamics, world.start, controls, world.moving, world.half_length, world.dt)
+    return world.mobility.roll_out(world.start, controls, world.moving, world.dt)
 
 
 class EgoTrack(eqx.Module):
@@ -188,7 +188,7 @@ def _limited(planner: LoopPlanner, control: Controls) -> Controls:
 
 def move_ego(world: World, ego: Motion, control: Controls) -> Motion:
     """The ego one step later."""
-    return step(world.dynamics, ego, control, world.half_length[0], world.dt)
+    return Mobility(world.half_length[0], dynamics=world.dynamics).step(ego, control, world.dt)
 
 
 def others(world: World, motion: Motion, valid: Bool[Array, "agent time"]) -> Traffic:

@@ -12,14 +12,17 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.geometry import boxes
+from regents_cosim.limits import MOST_SPEED_M_S
 from regents_cosim.maps.levels import contains, has_levels
+from regents_cosim.mirror import bicycle
 from regents_cosim.mirror.actions import FIT_PASSES, fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.levels import HeightMap, to_height_map
 from regents_cosim.mirror.road_field import RoadField, blur
 from regents_cosim.mirror.separation import Box
-from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Scenario, Tracks
+from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Kind, Scenario, Tracks
 
 AGENT_BUCKETS = (8, 16, 32, 64, 128)
 
@@ -49,14 +52,16 @@ class World(eqx.Module):
     half_width: Float[Array, " agent"]  # [m]
     vehicle: Bool[Array, " agent"]  # a motor vehicle, not a pedestrian or cyclist
     apart: Bool[Array, "agent agent"]  # not overlapping when both are first there
-    on_road: Bool[Array, "4 agent"]  # corners that are on the drivable area at the first valid step
+    on_road: Bool[Array, "4 agent"]  # corners that begin on the drivable area and are to stay there: none of who walks
     road: RoadField
-    top_speed: Float[Array, " agent"]  # [m/s] that an attack under the law takes no agent beyond; infinite at first
+    top_speed: Float[Array, " agent"]  # [m/s] that an attack takes no agent beyond; of vehicles under the law alone
     dt: Float[Array, ""]  # [s]
     heights: HeightMap | None = None  # in scenes with roads above each other
     own_road: RoadField | None = None  # of the one agent that an attack under the law moves; None: `road`
     bounds: DriveBounds | None = None  # of an attack that has any
     lanes: LaneCentres | None = None  # where an attack asks what a careful driver would see
+    walks: Bool[Array, " agent"] | None = None  # a pedestrian, which moves as a point mass; None: no agent is
+    cycles: Bool[Array, " agent"] | None = None  # a cyclist; None: no agent is
     dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # what the controls do
 
     def without_road(self) -> "World":
@@ -64,6 +69,16 @@ class World(eqx.Module):
         return dataclasses.replace(
             self, road=dataclasses.replace(self.road, cells=jnp.zeros((1, 4))), own_road=None, bounds=None, lanes=None
         )
+
+    @property
+    def mobility(self) -> Mobility:
+        """How its agents move."""
+        return Mobility(self.half_length, self.walks, self.dynamics)
+
+    @property
+    def slower_users(self) -> bool:
+        """Whether there are any with a top speed of their own, besides the law's."""
+        return self.walks is not None or self.cycles is not None
 
     @property
     def allowed(self) -> RoadField:
@@ -100,9 +115,9 @@ def to_world(
 ) -> World:
     """Move a Scenario to the device; controls are the smooth fit of its tracks (`actions`).
 
-    Vehicles move by `dynamics`, by default by the model that the scenario's controls belong to. There is `room` for so
-    many agents at least. `road` is the field of its map where that is known already, in the map's frame. The controls
-    are fitted in so many `passes`.
+    Agents move by `dynamics`, by default by the model that the scenario's controls belong to. Pedestrians walk, but for
+    highway-env's model, which is one of vehicles. There is `room` for so many agents at least. `road` is the field of
+    its map where that is known already, in the map's frame. The controls are fitted in so many `passes`.
     """
     dynamics = dynamics or scenario.dynamics
     tracks, origin = scenario.tracks, scene_origin(scenario)
@@ -121,6 +136,7 @@ def to_world(
     present = np.stack([filled.x, filled.y], axis=-1)[tracks.valid]
     sizes = np.array([(a.length, a.width) for a in scenario.agents] + [(1.0, 1.0)] * extra)
     half_length = jnp.asarray(0.5 * sizes[:, 0], jnp.float32)
+    walks = _who_are("pedestrian", scenario, padded) if dynamics == "bicycle" else None
     heights, levels = None, None
     if scenario.heights.stacked:
         way = [np.pad(values, ((0, extra), (0, 0))) for values in (filled.x, filled.y, filled.z)]
@@ -130,7 +146,7 @@ def to_world(
         log=motion,
         valid=jnp.asarray(valid),
         controls=fit_controls(
-            motion, jnp.asarray(valid), start, jnp.asarray(moving), dt, half_length, dynamics, passes
+            motion, jnp.asarray(valid), start, jnp.asarray(moving), dt, Mobility(half_length, walks, dynamics), passes
         ),
         start=start,
         moving=jnp.asarray(moving),
@@ -140,15 +156,36 @@ def to_world(
         apart=jnp.asarray(np.pad(_apart_at_first(scenario), (0, extra))),
         on_road=jnp.asarray(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra)))),
         road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin, levels) if road is None else road,
-        top_speed=jnp.full(padded, jnp.inf, jnp.float32),
+        top_speed=_top_speeds(scenario, padded),
         dt=dt,
         heights=heights,
+        walks=walks,
+        cycles=_who_are("bicycle", scenario, padded),
         dynamics=dynamics,
     )
 
 
+def _who_are(kind: Kind, scenario: Scenario, padded: int) -> Bool[Array, " agent"] | None:
+    """Which others are of a kind; None where there is none, so that traffic without them has no other program."""
+    alike = np.zeros(padded, bool)
+    alike[1 : len(scenario.agents)] = [agent.kind == kind for agent in scenario.agents[1:]]
+    return jnp.asarray(alike) if alike.any() else None
+
+
+def _top_speeds(scenario: Scenario, padded: int) -> Float[Array, " agent"]:
+    """How fast an attack lets agents get [m/s]: those with a limit of their own, or as fast as in their log."""
+    most = np.full(padded, np.inf, np.float32)
+    for index, agent in enumerate(scenario.agents):
+        if agent.kind in MOST_SPEED_M_S:
+            most[index] = max(MOST_SPEED_M_S[agent.kind], float(scenario.tracks.speed[index].max()))
+    return jnp.asarray(most)
+
+
 def to_tracks(motion: Motion, controls: Controls, scenario: Scenario) -> Tracks:
-    """Tracks of `scenario`'s agents along `motion`, in the map frame; absent where it has them absent."""
+    """Tracks of `scenario`'s agents along `motion`, in the map frame; absent where it has them absent.
+
+    On the host a curvature is that of the way, of pedestrians too.
+    """
     real, valid = len(scenario.agents), scenario.tracks.valid
     origin = scene_origin(scenario)
     x, y, yaw, speed = (
@@ -158,6 +195,10 @@ def to_tracks(motion: Motion, controls: Controls, scenario: Scenario) -> Tracks:
     accel, curvature = (
         np.where(held, np.asarray(v, np.float64)[:real], 0.0) for v in (controls.accel, controls.curvature)
     )
+    walking = np.array([agent.kind == "pedestrian" for agent in scenario.agents])[:, None]
+    if walking.any():
+        of_way = np.asarray(bicycle.controls_between(motion, scenario.dt).curvature, np.float64)[:real]
+        curvature = np.where(walking & held, of_way, curvature)
     tracks = Tracks(x + origin[0], y + origin[1], yaw, np.maximum(speed, 0.0), valid, accel, curvature)
     absent = {name: np.where(valid, getattr(tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
     return scenario.with_heights(dataclasses.replace(tracks, **absent))
@@ -175,7 +216,9 @@ def _apart_at_first(scenario: Scenario) -> Bool[np.ndarray, "agent agent"]:
 
 
 def _corners_on_road(scenario: Scenario) -> Bool[np.ndarray, "4 agent"]:
+    """At the first valid step; none of pedestrians, who may be anywhere."""
+    on_wheels = np.array([agent.kind != "pedestrian" for agent in scenario.agents])
     first = np.argmax(scenario.tracks.valid, axis=1)
     index = np.arange(len(scenario.agents))
     at_first = boxes.Boxes(*(v[index, first] for v in np.broadcast_arrays(*scenario.boxes)))
-    return contains(scenario.road, boxes.corners(at_first), np.asarray(at_first.z)[:, None]).T
+    return contains(scenario.road, boxes.corners(at_first), np.asarray(at_first.z)[:, None]).T & on_wheels

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.mirror import dynamics as models
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.reactions import LogProgress, begin
 from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, placed, reacted
 from regents_cosim.mirror.world import World, scene_origin
@@ -127,14 +127,14 @@ def control_between(world: World, ego: State, ahead: State) -> tuple[float, floa
 def _move(
     dynamics: Dynamics, ego: Float[Array, " 4"], control: Float[Array, " 2"], half_length: Array, dt: Array
 ) -> Float[Array, " 4"]:
-    ahead = models.step(dynamics, Motion(*ego), clip(Controls(*control)), half_length[0], dt)
+    ahead = Mobility(half_length[0], dynamics=dynamics).step(Motion(*ego), clip(Controls(*control)), dt)
     return jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
 
 
 @partial(jax.jit, static_argnums=0)
 def _between(dynamics: Dynamics, states: Float[Array, "2 4"], dt: Array) -> Float[Array, " 2"]:
     alone = Motion(*states.T[:, None])
-    found = clip(models.controls_between(dynamics, alone, dt))
+    found = clip(Mobility(jnp.zeros(1), dynamics=dynamics).controls_between(alone, dt))
     return jnp.stack([found.accel[0, 0], found.curvature[0, 0]])
 
 

@@ -8,6 +8,7 @@ from scenes import platoon, scene
 
 from regents_cosim.mirror.actions import fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, controls_between, roll_out
+from regents_cosim.mirror.dynamics import Mobility
 
 STEPS, DT = 80, jnp.float32(0.1)
 
@@ -30,7 +31,7 @@ def fit(log, start, valid=None, moving=None):
     agents = len(start.x)
     valid = jnp.ones((agents, STEPS + 1), bool) if valid is None else valid
     moving = jnp.ones((agents, STEPS), bool) if moving is None else moving
-    controls = fit_controls(log, valid, start, moving, DT, jnp.full(len(valid), 2.5), "bicycle")
+    controls = fit_controls(log, valid, start, moving, DT, Mobility(jnp.full(len(valid), 2.5)))
     return controls, roll_out(start, controls, moving, DT)
 
 

@@ -10,7 +10,6 @@ from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.dynamics import controls_between, roll_out
 from regents_cosim.mirror.world import World, to_tracks, to_world
 from regents_cosim.scenario import Scenario, Tracks
 
@@ -52,7 +51,7 @@ class WayBack:
 
 @compiled
 def _between(world: World, logged: World, shares: Controls) -> tuple[Motion, Controls]:
-    attacked = controls_between(world.dynamics, world.log, world.dt)
+    attacked = world.mobility.controls_between(world.log, world.dt)
     controls = jax.tree.map(lambda log, own, share: log + share * (own - log), logged.controls, attacked, shares)
     most = jnp.maximum(shares.accel, shares.curvature)
 
@@ -60,7 +59,7 @@ def _between(world: World, logged: World, shares: Controls) -> tuple[Motion, Con
         return log + most * (own - log)
 
     start = jax.tree.map(first, logged.start, world.start)
-    return roll_out(world.dynamics, start, controls, world.moving, world.half_length, world.dt), controls
+    return world.mobility.roll_out(start, controls, world.moving, world.dt), controls
 
 
 def _with_row(tracks: Tracks, other: Tracks, agent: int) -> Tracks:
