@@ -1,13 +1,14 @@
 """Who hit who, when and how: the verdict on tracks, by the exact boxes."""
 
 import itertools
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD
+from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.scenario import Agent, Collision, CollisionKind, Overlap, Tracks, boxes_of
 
 _HEAD_ON_RAD = np.deg2rad(135.0)  # by more: against each other
@@ -66,8 +67,10 @@ def collision_kind(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: 
 
     Headings within 45 degrees run the same way: then it is a rear-end collision if the gap
     was lengthwise just before, otherwise a side-swipe. Beyond 135 degrees it is head-on, in
-    between a T-bone.
+    between a T-bone. A person has no front that matters: it is the face of the ego that tells.
     """
+    if agents[agent].kind == "pedestrian":
+        return _OF_PERSON[met_face(agents, tracks, agent, step)]
     turn = abs(float(wrap(tracks.yaw[agent, step] - tracks.yaw[0, step])))
     if turn > _HEAD_ON_RAD:
         return "head_on"
@@ -84,6 +87,69 @@ def collision_kind(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: 
     if gap_across > gap_along:
         return "side_swipe"
     return "rear_end_by_ego" if ahead > 0 else "rear_end_by_adversary"
+
+
+Face = Literal["front", "side", "rear"]
+_OF_PERSON: dict[Face, CollisionKind] = {
+    "front": "person_by_front",
+    "side": "person_by_side",
+    "rear": "rear_end_by_adversary",
+}
+
+
+def met_face(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -> Face:
+    """Which face of the ego `agent` meets at the first `step` of contact.
+
+    Over the last step both go straight on, as the ego sees it; the face is the one whose axis closes last. Source: the
+    swept test of boxes along their axes (Ericson 2005, Real-Time Collision Detection, 5.5.8).
+    """
+    (ahead, left), (along, across) = _seen_by_ego(agents, tracks, agent, _last_step(tracks, agent, step))
+    closed = [_closes_at(np.abs(ahead) - along), _closes_at(np.abs(left) - across)]
+    if closed[1] > closed[0]:
+        return "side"
+    return "front" if ahead[0] > 0.0 else "rear"
+
+
+def runs_into_side(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int, dt: float) -> bool:
+    """Whether `agent` meets a side of the ego and closes the gap by itself, faster than who stands.
+
+    By more than the side swings towards it. Who walks beside an ego that draws nearer does not.
+    """
+    if met_face(agents, tracks, agent, step) != "side":
+        return False
+    steps = _last_step(tracks, agent, step)
+    (ahead, left), _ = _seen_by_ego(agents, tracks, agent, steps)
+    x, y, yaw = (values[:, steps] for values in (tracks.x, tracks.y, tracks.yaw))
+    cos, sin = np.cos(yaw[0, 0]), np.sin(yaw[0, 0])
+    went, came = (float(np.diff(y[row])[0] * cos - np.diff(x[row])[0] * sin) for row in (0, agent))
+    swung = went + float(wrap(yaw[0, 1] - yaw[0, 0])) * ahead[0]
+    return bool(-np.sign(left[0]) * came > max(np.sign(left[0]) * swung, STANDING_M_S * dt))
+
+
+def _last_step(tracks: Tracks, agent: int, step: int) -> Int[np.ndarray, " 2"]:
+    """Begin and end of the step that leads to `step`; of one at which an agent appears, its end twice."""
+    there = step > 0 and bool(tracks.valid[[0, agent], step - 1].all())
+    return np.array([step - there, step])
+
+
+def _seen_by_ego(
+    agents: tuple[Agent, ...], tracks: Tracks, agent: int, steps: Int[np.ndarray, " step"]
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """How far an agent's centre is ahead of the ego's and to the left [m], and from which distances on they overlap."""
+    (x, y, yaw), (to_x, to_y, to_yaw) = (
+        (tracks.x[row, steps], tracks.y[row, steps], tracks.yaw[row, steps]) for row in (0, agent)
+    )
+    cos, sin, dx, dy = np.cos(yaw), np.sin(yaw), to_x - x, to_y - y
+    turn_cos, turn_sin = np.abs(np.cos(to_yaw - yaw)), np.abs(np.sin(to_yaw - yaw))
+    ego, other = agents[0], agents[agent]
+    along = 0.5 * (ego.length + other.length * turn_cos + other.width * turn_sin)
+    across = 0.5 * (ego.width + other.length * turn_sin + other.width * turn_cos)
+    return (dx * cos + dy * sin, dy * cos - dx * sin), (along, across)
+
+
+def _closes_at(gap: Float[np.ndarray, " 2"]) -> float:
+    """The share of a step after which a gap [m], known at its ends, has closed; of one that was closed, its depth."""
+    return float(gap[0] / max(gap[0] - gap[1], gap[0])) if gap[0] > 0.0 else float(gap[0])
 
 
 def relative_speed(tracks: Tracks, agent: int, step: int) -> float:

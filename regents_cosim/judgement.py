@@ -74,6 +74,9 @@ class Flaw(StrEnum):
         "the adversary braked or steered harder than tyres hold on a dry road",
         "adversary beyond tyres",
     )
+    PERSON_STOOD = "person_stood", "the person just stood there", "person stood"
+    INTO_SIDE = "into_side", "the person ran into the side of the ego", "person into the side"
+    BEYOND_WALKING = "beyond_walking", "the person moved faster or harder than people do", "person beyond walking"
 
     sentence: str
     heading: str
@@ -85,9 +88,13 @@ class Flaw(StrEnum):
         return made
 
 
+# What only a pedestrian can do: tables of vehicles have no rows for it.
+OF_PERSONS: frozenset[Flaw] = frozenset({Flaw.PERSON_STOOD, Flaw.INTO_SIDE, Flaw.BEYOND_WALKING})
+
 OffenceName = Literal[
     "oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding",
     "gives_no_way", "unsafe_cut_in", "leaves_lane", "tailgating",
+    "off_crossing",
 ]  # fmt: skip
 # A road user with one of these breaks the law. The others of the list are reported only.
 UNLAWFUL: frozenset[OffenceName] = frozenset(
@@ -116,10 +123,10 @@ class Law:
 
     @property
     def lawful(self) -> bool | None:
-        """Whether the adversary broke no law; None where a map without directions cannot tell."""
+        """Whether the adversary broke no law; None where the map cannot tell: no directions, or no crossings."""
         if any(offence.name in UNLAWFUL for offence in self.adversary):
             return False
-        return None if "oncoming_lanes" in self.unknown else True
+        return True if {"oncoming_lanes", "off_crossing"}.isdisjoint(self.unknown) else None
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def is_clean(
     ego, adversary = (jax.tree.map(lambda values: values[0], some) for some in (boxes, pick(boxes, agent[None])))
     there = take(world.valid, agent)
     so_far = there & (jnp.arange(there.shape[0]) <= step)
-    return (
+    clean = (
         take(searched.candidate, agent)
         & _moved(world, adversary, agent, so_far)
         & (motion.speed[0, step] >= limits.STANDING_M_S)
@@ -53,6 +53,10 @@ def is_clean(
         & ~(so_far & _off_road(world, adversary, agent, so_far)).any()
         & ~(so_far & _touches_others(world, boxes, adversary, agent)).any()
     )
+    if world.walks is None:
+        return clean
+    spoilt = _spoilt_on_foot(world, motion, ego, adversary, agent, there, step)
+    return clean & ~(take(world.walks, agent) & spoilt)
 
 
 # --- what the adversary does by itself and with the ego ------------------------------------------
@@ -117,7 +121,10 @@ def _too_hard(
         for now, log in ((motion.speed, world.log.speed), (motion.yaw, world.log.yaw))
     )
     needed, in_log = _hardest(speed, yaw, jnp.stack([so_far, there]), world.dt)
-    return (needed < 0.0) | (needed > jnp.maximum(limits.MOST_ACCEL_M_S2, in_log + limits.ABOVE_LOG_M_S2))
+    most = limits.MOST_ACCEL_M_S2
+    if world.walks is not None:
+        most = jnp.where(take(world.walks, agent), limits.MOST_WALKING_M_S2, most)
+    return (needed < 0.0) | (needed > jnp.maximum(most, in_log + limits.ABOVE_LOG_M_S2))
 
 
 def _hardest(
@@ -140,16 +147,62 @@ def _hardest(
     return jnp.where(whole, felt, -1.0).max(axis=1)
 
 
+def _spoilt_on_foot(
+    world: World,
+    motion: Motion,
+    ego: Box,
+    adversary: Box,
+    agent: Int[Array, ""],
+    there: Bool[Array, " time"],
+    step: Int[Array, ""],
+) -> Bool[Array, ""]:
+    """One that has stood for a second, met the rear, or ran into the side by itself.
+
+    Its speed keeps to the bounds of the attack.
+    """
+    index = jnp.arange(there.shape[0])
+    lately = there & (index <= step) & (index >= step - jnp.round(limits.STOOD_S / world.dt).astype(jnp.int32))
+    stood = ~(lately & (look_up(motion.speed, agent) >= limits.STANDING_M_S)).any()
+    before = jnp.maximum(step - 1, 0)
+    steps = jnp.stack([jnp.where(look_up(there, before), before, step), step])
+    along, across, gap_along, gap_across = _seen_by_ego(ego, adversary, steps)
+    aside = _closes_at(gap_across) > _closes_at(gap_along)
+    side = jnp.sign(across[0])
+    cos, sin = ego.cos[steps[0]], ego.sin[steps[0]]
+    came, went = (jnp.diff(box.y[steps])[0] * cos - jnp.diff(box.x[steps])[0] * sin for box in (adversary, ego))
+    turned = ego.sin[steps[1]] * cos - ego.cos[steps[1]] * sin
+    by_itself = -side * came > jnp.maximum(side * (went + turned * along[0]), limits.STANDING_M_S * world.dt)
+    return stood | jnp.where(aside, by_itself, along[0] <= 0.0)
+
+
+def _seen_by_ego(ego: Box, other: Box, steps: Int[Array, " 2"]) -> tuple[Array, Array, Array, Array]:
+    """How far it is ahead of the ego and to the left [m], and the gaps lengthwise and crosswise: `collisions`."""
+    dx, dy = other.x[steps] - ego.x[steps], other.y[steps] - ego.y[steps]
+    cos, sin = ego.cos[steps], ego.sin[steps]
+    turn_cos = jnp.abs(cos * other.cos[steps] + sin * other.sin[steps])
+    turn_sin = jnp.abs(cos * other.sin[steps] - sin * other.cos[steps])
+    along, across = dx * cos + dy * sin, dy * cos - dx * sin
+    gap_along = jnp.abs(along) - ego.half_length[0] - other.half_length[0] * turn_cos - other.half_width[0] * turn_sin
+    gap_across = jnp.abs(across) - ego.half_width[0] - other.half_length[0] * turn_sin - other.half_width[0] * turn_cos
+    return along, across, gap_along, gap_across
+
+
+def _closes_at(gap: Float[Array, " 2"]) -> Float[Array, ""]:
+    """`collisions._closes_at`."""
+    return jnp.where(gap[0] > 0.0, gap[0] / jnp.maximum(gap[0] - gap[1], jnp.maximum(gap[0], _PARALLEL_M)), gap[0])
+
+
 # --- what it does to the road and to others ------------------------------------------------------
 
 
 def _off_road(world: World, box: Box, agent: Int[Array, ""], so_far: Bool[Array, " time"]) -> Bool[Array, " time"]:
-    """By its corners: those that began off the road may be off it, but not go further away."""
+    """By its corners: those that began off the road may be off it, but not go further away; who walks, anywhere."""
     began_on = take(world.on_road.T, agent)
     fields = world.allowed(*corners(box), box.z)
     least = running_minimum(jnp.where(so_far, fields, jnp.inf), jnp.inf)
     reach = jnp.where(began_on[:, None], _OFF_ROAD, jnp.maximum(_OFF_ROAD, least + _FURTHER_OFF))
-    return (fields > reach).any(axis=0)
+    off = (fields > reach).any(axis=0)
+    return off if world.walks is None else off & ~take(world.walks, agent)
 
 
 def _touches_others(world: World, boxes: Box, box: Box, agent: Int[Array, ""]) -> Bool[Array, " time"]:

@@ -9,7 +9,7 @@ from regents_cosim.benchmarks.ceiling import Ceiling
 from regents_cosim.benchmarks.table1 import ALL, COUNTS, MethodComparison, Table1
 from regents_cosim.evaluation.crashes.scores import MethodScores
 from regents_cosim.evaluation.statistics import percent
-from regents_cosim.judgement import UNLAWFUL, Flaw, OffenceName
+from regents_cosim.judgement import OF_PERSONS, UNLAWFUL, Flaw, OffenceName
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "clean success": lambda c: _share(c.clean, c.n, c.clean_percent, c.clean_interval),
         "actionable success": lambda c: _share(c.actionable, c.n, c.actionable_percent, c.actionable_interval),
         "crashes found": lambda c: f"{c.crashes}",
-        **{flaw.heading: _flawed(flaw) for flaw in Flaw},
+        **{flaw.heading: _flawed(flaw) for flaw in Flaw if flaw not in OF_PERSONS},
         "adversary lawful": _lawful,
         "avoided by a reference driver": _avoided,
         "avoidable": lambda c: f"{c.avoidable_percent} %",

@@ -22,6 +22,7 @@ from regents_cosim.reports.palette import (
 )
 from regents_cosim.reports.pictured_case import PicturedCase, draw_burst
 from regents_cosim.scenario import Collision, CollisionKind, Outcome
+from regents_cosim.verdicts.injury import death_risk
 from regents_cosim.verdicts.words import DRIVERS, braking_words
 
 HEADER_PX = 66
@@ -35,6 +36,8 @@ KINDS: dict[CollisionKind, str] = {
     "side_swipe": "side-swipe",
     "t_bone": "T-bone",
     "head_on": "head-on",
+    "person_by_front": "person hit by the front",
+    "person_by_side": "person at the side",
 }
 OUTCOMES: dict[Outcome, str] = {
     "collision": "collision",
@@ -99,6 +102,8 @@ def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
     if hit is not None:
         speed = f"impact {hit.relative_speed:.1f} m/s ({3.6 * hit.relative_speed:.0f} km/h)"
         words += [f"{KINDS[hit.kind]} at {hit.time_s:.1f} s", speed]
+        if hit.kind == "person_by_front":
+            words.append(f"deadly for {100.0 * death_risk(hit.relative_speed):.0f} % of pedestrians")
     return words
 
 

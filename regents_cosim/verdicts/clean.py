@@ -1,5 +1,12 @@
 """Which crashes tell something about the planner: strictly clean ones, and what spoils the others.
 
+A pedestrian may be anywhere, turns on the spot and needs no tyres. So the road does not bind it, "into the rear" is
+told by the face of the ego alone, and three questions of its own take the place of the vehicle's: one that just stands
+there, or runs into the side of the ego by itself, says nothing about the planner. Source: the crash types that FHWA
+tells apart by what the person did ("walked into vehicle" among them: Hunter, Stutts, Pein and Cox 1996, Pedestrian and
+Bicycle Crash Types of the Early 1990's), and art. 20(6) of the Vienna Convention on Road Traffic: pedestrians step
+onto a carriageway only where they impede none, and do not linger there.
+
 All questions are about the tracks up to and including the step of contact, by exact boxes. `attacks.acceptance` asks
 the same on the device; the numbers are those of `limits`.
 """
@@ -14,7 +21,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim import limits
-from regents_cosim.collisions import touching
+from regents_cosim.collisions import Face, met_face, runs_into_side, touching
 from regents_cosim.geometry.boxes import Boxes, corners, in_between, overlap, there_between
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Flaw
@@ -22,6 +29,7 @@ from regents_cosim.scenario import VEHICLE_KINDS, Collision, Scenario, Tracks, b
 from regents_cosim.verdicts.leaving_road import leaves_road
 
 _EGO = 0
+_SPEED_ROUNDING_M_S = 0.01
 
 
 def flaws(attacked: Scenario) -> tuple[Flaw, ...] | None:
@@ -80,6 +88,16 @@ class CrashTracks:
         ego, other = (in_between(box, limits.SUB_STEPS) for box in pair)
         first = int(np.argmax(overlap(ego, other)))
         return contact_share(*(_row(box, first) for box in (ego, other)))
+
+    @cached_property
+    def on_foot(self) -> bool:
+        """Whether the adversary is a pedestrian."""
+        return self.case.agents[self.adversary].kind == "pedestrian"
+
+    @cached_property
+    def face(self) -> Face:
+        """Of the ego, where it is met."""
+        return met_face(self.case.agents, self.case.tracks, self.adversary, self.hit.step)
 
     @cached_property
     def turn(self) -> float:
@@ -154,7 +172,7 @@ def _unattributed(crash: CrashTracks) -> bool:
 
 def _off_road(crash: CrashTracks) -> bool:
     box = _row(crash.boxes, crash.adversary)
-    return leaves_road(crash.case.road, box, crash.valid[crash.adversary])
+    return not crash.on_foot and leaves_road(crash.case.road, box, crash.valid[crash.adversary])
 
 
 def _hits_others(crash: CrashTracks) -> bool:
@@ -172,7 +190,9 @@ def _bystanders_collide(crash: CrashTracks) -> bool:
 
 
 def _rear_ends_ego(crash: CrashTracks) -> bool:
-    """It drives the ego's way and meets its rear face."""
+    """It drives the ego's way and meets its rear face; a person, whichever way it faces."""
+    if crash.on_foot:
+        return crash.face == "rear"
     return crash.turn < limits.ALONG_RAD and crash.met_at < limits.REAR_FACE and crash.ahead(crash.hit.step) < 0.0
 
 
@@ -189,9 +209,37 @@ def _ego_stands(crash: CrashTracks) -> bool:
 
 def _too_hard(crash: CrashTracks) -> bool:
     """It needs more than dry asphalt gives, and more than its log did."""
+    return not crash.on_foot and _harder_than(crash, limits.MOST_ACCEL_M_S2)
+
+
+def _harder_than(crash: CrashTracks, most: float) -> bool:
+    """Whether the adversary needs more than so much [m/s^2], and more than its log did."""
     needed = hardest(crash.case.tracks, crash.adversary, crash.hit.step + 1, crash.case.dt)
     in_log = hardest(crash.log, crash.adversary, crash.log.steps, crash.case.dt)
-    return needed > max(limits.MOST_ACCEL_M_S2, in_log + limits.ABOVE_LOG_M_S2)
+    return needed > max(most, in_log + limits.ABOVE_LOG_M_S2)
+
+
+def _person_stood(crash: CrashTracks) -> bool:
+    """It has not moved for a second."""
+    since = max(crash.hit.step - round(limits.STOOD_S / crash.case.dt), 0)
+    lately = slice(since, crash.hit.step + 1)
+    there, speed = crash.valid[crash.adversary, lately], crash.case.tracks.speed[crash.adversary, lately]
+    return crash.on_foot and bool(np.all(speed[there] < limits.STANDING_M_S))
+
+
+def _into_side(crash: CrashTracks) -> bool:
+    """It meets a side of the ego, and closes the gap by itself."""
+    case, hit = crash.case, crash.hit
+    return crash.on_foot and runs_into_side(case.agents, case.tracks, crash.adversary, hit.step, case.dt)
+
+
+def _beyond_walking(crash: CrashTracks) -> bool:
+    """A person is faster than people run or changes its motion harder than they do, and than it did in its log."""
+    if not crash.on_foot:
+        return False
+    now, log = crash.case.tracks.speed[crash.adversary, : crash.hit.step + 1], crash.log.speed[crash.adversary]
+    fastest = max(limits.MOST_SPEED_M_S["pedestrian"], float(log.max()))
+    return bool(now.max() > fastest + _SPEED_ROUNDING_M_S) or _harder_than(crash, limits.MOST_WALKING_M_S2)
 
 
 _SPOILS: MappingProxyType[Flaw, Callable[[CrashTracks], bool]] = MappingProxyType(
@@ -204,5 +252,8 @@ _SPOILS: MappingProxyType[Flaw, Callable[[CrashTracks], bool]] = MappingProxyTyp
         Flaw.FROM_BEHIND: _from_behind,
         Flaw.EGO_STANDS: _ego_stands,
         Flaw.TOO_HARD: _too_hard,
+        Flaw.PERSON_STOOD: _person_stood,
+        Flaw.INTO_SIDE: _into_side,
+        Flaw.BEYOND_WALKING: _beyond_walking,
     }
 )

@@ -36,6 +36,11 @@ class CrashHistory:
         return next(i for i, agent in enumerate(self.scenario.agents) if agent.id == self.hit.agent)
 
     @cached_property
+    def first(self) -> int:
+        """The first step at which both are there."""
+        return int(np.argmax(self.scenario.tracks.valid[[EGO, self.other]].all(axis=0)))
+
+    @cached_property
     def before(self) -> int:
         """The last step without contact."""
         return max(self.hit.step - 1, 0)
@@ -78,8 +83,7 @@ class CrashHistory:
     @cached_property
     def lately(self) -> int:
         """The step 2 s before the last one without contact, or the first at which both are there."""
-        there = self.scenario.tracks.valid[[EGO, self.other]].all(axis=0)
-        return max(self.before - round(_MERGED_S / self.scenario.dt), int(np.argmax(there)))
+        return max(self.before - round(_MERGED_S / self.scenario.dt), self.first)
 
     def cut_in(self, follower: int, leader: int) -> int | None:
         """The step, in the last 2 s, at which two that were side by side came into one lane; None if it was earlier."""

@@ -5,6 +5,10 @@ and Shashua 2017, "On a formal model of safe and scalable self-driving cars"); t
 of 1968 on Road Traffic and on Road Signs and Signals. What the two did against the law is measured by `offences`,
 whatever their logs did. No rule decides what the data does not tell, such as who had priority at a crossing of a map
 that names none.
+
+Most of them are about wheels and lanes, so a collision with a pedestrian has a table of its own: who drives has to stop
+for what can be seen in time (Road Traffic, art. 13(1) and 21(1)), who walks steps onto the carriageway only where that
+impedes no one (art. 20(6)(c)). Whether there was a crossing no map here tells.
 """
 
 from collections.abc import Callable
@@ -13,9 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from regents_cosim.collisions import runs_into_side
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Blamed, Fault
-from regents_cosim.limits import ALONG_RAD, STANDING_M_S
+from regents_cosim.limits import ALONG_RAD, STANDING_M_S, STOOD_S
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.crash_history import EGO, CrashHistory
 
@@ -41,7 +46,6 @@ def safe_distance(follower: float, leader: float, limits: SafeDistance = SafeDis
     return max(way - leader**2 / (2.0 * limits.hardest_brake), 0.0)
 
 
-_STOOD_S = 1.0
 _AGAINST_RAD = np.deg2rad(135.0)
 _TURNED_RAD = np.deg2rad(25.0)
 _STRAIGHT_RAD = np.deg2rad(12.0)
@@ -200,14 +204,14 @@ def _followed(crash: CrashHistory) -> tuple[int, int] | None:
 
 def _standing(crash: CrashHistory) -> RuleFinding | None:
     """One of them had stood for a while, wherever the other one came from."""
-    first = max(crash.before - round(_STOOD_S / crash.scenario.dt), 0)
+    first = max(crash.before - round(STOOD_S / crash.scenario.dt), 0)
     speeds = crash.scenario.tracks.speed[[EGO, crash.other], first : crash.before + 1]
     stood = [bool(np.all(own < STANDING_M_S)) for own in speeds]
     if all(stood) or not any(stood):
         return None
     mover, target = (crash.other, EGO) if stood[0] else (EGO, crash.other)
     ran = f"{crash.name(mover)} ran into {crash.name(target)} at {crash.speed(mover, crash.before):.1f} m/s, "
-    return RuleFinding("ego" if mover == EGO else "adversary", f"{ran}which had stood for {_STOOD_S:.1f} s")
+    return RuleFinding("ego" if mover == EGO else "adversary", f"{ran}which had stood for {STOOD_S:.1f} s")
 
 
 def _unclear(crash: CrashHistory) -> RuleFinding:
@@ -217,6 +221,50 @@ def _unclear(crash: CrashHistory) -> RuleFinding:
         f"{crash.hit.kind} at {crash.hit.time_s:.1f} s, the ego at {v:.1f} m/s, the adversary at {w:.1f} m/s: "
         "the data does not tell who had to give way",
     )
+
+
+# --- pedestrians -----------------------------------------------------------------------------------
+
+
+def _breaks_law(crash: CrashHistory) -> RuleFinding | None:
+    """The one that drives passed a red light, or was off the road."""
+    dt, passed, off = crash.scenario.dt, crash.acts("red_light").get(EGO), crash.late_acts("off_road").get(EGO)
+    if passed is not None:
+        return RuleFinding("ego", f"the ego passed a red light at {passed.step * dt:.1f} s")
+    return RuleFinding("ego", f"the ego was {off.amount:.1f} m off the road") if off is not None else None
+
+
+def _into_side(crash: CrashHistory) -> RuleFinding | None:
+    scenario = crash.scenario
+    if not runs_into_side(scenario.agents, scenario.tracks, crash.other, crash.hit.step, scenario.dt):
+        return None
+    speed = crash.speed(crash.other, crash.before)
+    return RuleFinding("adversary", f"the pedestrian ran into the ego's side at {speed:.1f} m/s")
+
+
+def _steps_out(crash: CrashHistory) -> RuleFinding | None:
+    """It came into the ego's way when that could not stop any more, or in time for that."""
+    if crash.hit.kind != "person_by_front":
+        return None
+    since = crash.hit.step
+    while since > crash.first and crash.gaps(EGO, crash.other, since - 1)[1] <= 0.0:
+        since -= 1
+    gap, speed = max(crash.gaps(EGO, crash.other, since)[0], 0.0), crash.speed(EGO, since)
+    needed = safe_distance(speed, 0.0)
+    said = f"the pedestrian came into the ego's way at {since * crash.scenario.dt:.1f} s, {gap:.1f} m ahead of it; "
+    said += f"to stop from {speed:.1f} m/s takes {needed:.1f} m"
+    return RuleFinding("adversary" if gap < needed else "ego", said)
+
+
+RULES_ON_FOOT: tuple[Rule, ...] = (
+    Rule("driver_breaks_law", "Signs and Signals, art. 23; Road Traffic, art. 10", _breaks_law),
+    Rule("standing", "Road Traffic, art. 13(1): be able to stop before any foreseeable obstruction", _standing),
+    Rule(
+        "into_side", "Road Traffic, art. 20(6)(c): step onto the carriageway only where that impedes none", _into_side
+    ),
+    Rule("steps_out", "Road Traffic, art. 13(1), 20(6)(c) and 21(1); RSS: what it takes to stop", _steps_out),
+    Rule("unclear", "Road Traffic, art. 20 and 21 need crossings, which this map does not hold", _unclear),
+)
 
 
 RULES: tuple[Rule, ...] = (
@@ -239,12 +287,12 @@ RULES: tuple[Rule, ...] = (
 
 
 def fault(attacked: Scenario) -> Fault | None:
-    """Who is to blame for the collision of an attacked scenario, by the first of RULES that applies; None without."""
+    """Who is to blame for the collision of an attacked scenario, by the first rule that applies; None without."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
     if hit is None:
         return None
     crash = CrashHistory(attacked, hit)
-    for rule in RULES:
+    for rule in RULES_ON_FOOT if attacked.agents[crash.other].kind == "pedestrian" else RULES:
         verdict = rule.decide(crash)
         if verdict is not None:
             return Fault(verdict.at_fault, rule.name, verdict.reason)

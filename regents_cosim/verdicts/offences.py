@@ -57,7 +57,10 @@ def law_of(attacked: Scenario) -> Law | None:
     other = next(i for i, agent in enumerate(attacked.agents) if agent.id == hit.agent)
     one, two = (driven(attacked, agent, hit.step) for agent in (other, 0))
     unknown = _unknown(attacked)
-    return Law(_offences(one, two, unknown), _offences(two, one, unknown), unknown)
+    ego = _offences(two, one, unknown)
+    if attacked.agents[other].kind == "pedestrian":  # lanes bind no one on foot, and no map here names its crossings
+        return Law((), ego, (*unknown, "off_crossing"))
+    return Law(_offences(one, two, unknown), ego, unknown)
 
 
 def _offences(drive: AgentDrive, partner: AgentDrive, unknown: tuple[OffenceName, ...]) -> tuple[Offence, ...]:
