@@ -1,7 +1,7 @@
 """KING, ReGentS and our own preset: values of one configuration."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -260,6 +260,13 @@ CMA_ES = replace(RANDOM, method="cma-es", optimiser="cma-es")
 STARTS = replace(REGENTS_FOCUSED, method="starts", optimiser="none", sampled=0)
 
 METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES)}
+
+
+def road_users(text: str) -> tuple[RoadUser, ...]:
+    """`vehicle,cyclist`. Raises RegentsError."""
+    kinds = tuple(kind.strip() for kind in text.split(","))
+    _check_kinds(kinds)
+    return cast(tuple[RoadUser, ...], kinds)
 
 
 def preset(method: str, **given: Any) -> AttackConfig:

@@ -172,12 +172,10 @@ class SearchOptions:
 
     def config(self, rules: SearchRules) -> "AttackConfig":
         """The preset with what was given in its place."""
-        from regents_cosim.attacks.presets import preset
+        from regents_cosim.attacks.presets import preset, road_users
 
-        given = vars(self)
-        if self.adversary_kinds is not None:
-            given = given | {"adversary_kinds": tuple(kind.strip() for kind in self.adversary_kinds.split(","))}
-        return preset(**given, **vars(rules))
+        kinds = None if self.adversary_kinds is None else road_users(self.adversary_kinds)
+        return preset(**(vars(self) | {"adversary_kinds": kinds}), **vars(rules))
 
 
 @Parameter(name="*")

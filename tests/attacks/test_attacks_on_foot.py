@@ -109,7 +109,8 @@ def test_whatever_a_search_asks_for_people_move_like_people(seed):
     logged = np.abs(world.controls.curvature[3]) * TURN_PACE_M_S
     most = np.maximum(PEDESTRIAN.lateral_accel / np.maximum(between, 1.0), logged)
     assert np.all(turning <= most + 1e-4)
-    assert float(jnp.abs(held.accel[3]).max()) <= max(PEDESTRIAN.braking, float(jnp.abs(world.controls.accel[3]).max()))
+    hardest = max(PEDESTRIAN.braking, float(jnp.abs(world.controls.accel[3]).max()))
+    assert float(jnp.abs(held.accel[3]).max()) <= hardest + 1e-4
 
 
 def test_those_who_are_slower_keep_to_their_bounds_however_vehicles_drive():
@@ -141,6 +142,7 @@ def test_starts_of_a_pedestrian_meet_the_ego_where_it_crosses_its_way():
         assert abs(one.x[one.meets] - 10.0 * TIME[one.meets]) < 4.0
 
 
+@pytest.mark.slow
 def test_a_pedestrian_walks_in_front_of_the_ego():
     made = walked(scene((0, 0, 8), (50, 0, 0)), 1, 40.0 - 1.3 * TIME, 0 * TIME - 3.0)
     (found,) = attack([made], replace(FOCUSED_COST, iterations=300), "log_replay")
