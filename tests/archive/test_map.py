@@ -138,10 +138,10 @@ def test_coverage_is_printed_drawn_and_asked_for(suite, tmp_path, capsys):
     axes = ["--axes", "kind,closing_speed"]
     assert run(["suite", "coverage", str(suite), "--json", *axes, "-o", str(tmp_path / "map.png")]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert (found["filled"], found["crashes"], found["cells"]) == (2, 3, 25)
+    assert (found["filled"], found["crashes"], found["cells"]) == (2, 3, 35)
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
     words = ["suite", "check", str(suite), "--quiet", *axes, "--min-cells"]
-    assert [run([*words, str(cells)]) for cells in (2, 3, 26)] == [0, 1, 2]
+    assert [run([*words, str(cells)]) for cells in (2, 3, 36)] == [0, 1, 2]
     capsys.readouterr()
     assert run(["suite", "coverage", str(suite), "--against", str(suite), *axes]) == 0
     printed = capsys.readouterr().out
