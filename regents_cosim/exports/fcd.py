@@ -1,6 +1,6 @@
 """A folder that plain `sumo-gui` opens: the network, vehicle types, the case as FCD, and a configuration.
 
-SUMO's own replayer (`--device.fcd-replay.files`, since 1.28) places every vehicle where the FCD has it;
+SUMO's own replayer (`--device.fcd-replay.files`, since 1.28) places every vehicle and person where the FCD has it;
 nothing of this package is needed to watch. It starts at time 0, and the lights show what they
 showed in the case.
 """
@@ -63,12 +63,13 @@ def _log(scenario: Scenario) -> ET.Element:
     instants = [
         ET.SubElement(root, "timestep", time=_number(step * scenario.dt)) for step in range(scenario.tracks.steps)
     ]
-    for step, vehicle in _vehicles(scenario):
-        instants[step].append(vehicle)
+    for step, entry in _entries(scenario):
+        instants[step].append(entry)
     return root
 
 
-def _vehicles(scenario: Scenario) -> Iterator[tuple[int, ET.Element]]:
+def _entries(scenario: Scenario) -> Iterator[tuple[int, ET.Element]]:
+    """Who is where, and at which step: pedestrians as persons, all others as vehicles."""
     lanes_there, names = lane_names(scenario.road), _names(scenario)
     first_lane: dict[int, str] = {}  # of an agent
     for stay in stays(scenario):
@@ -77,7 +78,9 @@ def _vehicles(scenario: Scenario) -> Iterator[tuple[int, ET.Element]]:
         points = np.stack([front.x, front.y], axis=-1)
         z = scenario.tracks.z[stay.index, stay.steps]
         lanes = lanes_along(scenario, points, z)
-        if not scenario.road.sumo_net:  # bare lanes lead nowhere, and the replayer makes a route of the log
+        on_foot = stay.agent.kind == "pedestrian"
+        # Bare lanes lead nowhere, and a person walks where no lane leads, but the replayer makes a route of the log.
+        if on_foot or not scenario.road.sumo_net:
             lanes = [first_lane.setdefault(stay.index, lanes[0])] * len(lanes)
         lines = [shapely.LineString(scenario.road.lane[lane].centre) for lane in lanes]
         along = shapely.line_locate_point(lines, shapely.points(points))
@@ -85,9 +88,11 @@ def _vehicles(scenario: Scenario) -> Iterator[tuple[int, ET.Element]]:
         if not scenario.tracks.flat:
             values["z"] = z
         for k, lane in enumerate(lanes):
-            entry = {"id": names[stay.agent.id], "type": _type_of(stay.agent), "lane": lanes_there[lane], "slope": "0"}
+            entry = {"id": names[stay.agent.id], "type": _type_of(stay.agent), "slope": "0"}
+            name = lanes_there[lane]
+            entry |= {"edge": name.rpartition("_")[0]} if on_foot else {"lane": name}
             numbers = {name: _number(column[k]) for name, column in values.items()}
-            yield stay.first + k, ET.Element("vehicle", entry | numbers)
+            yield stay.first + k, ET.Element("person" if on_foot else "vehicle", entry | numbers)
 
 
 def _names(scenario: Scenario) -> dict[str, str]:

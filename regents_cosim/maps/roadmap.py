@@ -11,6 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.checks.names import require_id
 from regents_cosim.errors import require
 from regents_cosim.geometry.prepared import prepared
+from regents_cosim.maps.walkways import Walkway, read_walkways
 
 MOST_COORDINATE_M = 2.1e7  # half way around the Earth, as in Web Mercator; UTM's northings end at 1e7
 
@@ -111,6 +112,11 @@ class RoadMap:
         for link in self.connections:
             found[link.source].append(link)
         return {source: tuple(links) for source, links in found.items()}
+
+    @cached_property
+    def walkways(self) -> tuple[Walkway, ...]:
+        """Where one walks, of maps that came from SUMO; others say nothing of it."""
+        return read_walkways(self.sumo_net)
 
     @cached_property
     def centre_lines(self) -> shapely.STRtree:

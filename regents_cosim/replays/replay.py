@@ -174,7 +174,13 @@ def _in_sumo(drive: SumoDrive) -> Replay:
     seen = drive_in_sumo(drive)
     found = compare(drive.scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
     unmatched = tuple(drive.scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven))
-    return replace(found, unmatched=unmatched)
+    return replace(found, unmatched=unmatched, as_vehicles=_as_vehicles(drive.scenario, seen))
+
+
+def _as_vehicles(scenario: Scenario, seen: SumoReplay) -> tuple[str, ...]:
+    """The pedestrians that were no persons in SUMO."""
+    on_foot = {index for index, agent in enumerate(scenario.agents) if index > 0 and agent.kind == "pedestrian"}
+    return tuple(scenario.agents[index].id for index in sorted(on_foot - seen.persons))
 
 
 def check(

@@ -48,6 +48,7 @@ class Replay:
     intended: Tracks | None = None  # those of the case
     driven: tuple[str, ...] = ()  # agents that the simulator itself drove
     unmatched: tuple[str, ...] = ()  # agents that it was to drive, without a route: they stayed on their tracks
+    as_vehicles: tuple[str, ...] = ()  # pedestrians that were vehicles in SUMO, whose own drivers brake for no others
     planner_failed: bool = False  # the reason is the planner's
     trace: str = ""  # of the planner that failed: its own
 

@@ -17,6 +17,7 @@ from regents_cosim.reports.palette import (
     MARKING,
     OTHER,
     PANEL,
+    PAVEMENT,
     ROAD,
     SECOND,
     SIGNAL_AMBER,
@@ -39,7 +40,7 @@ def _css(colours: dict[str, Colour]) -> dict[str, str]:
 LIGHT = _css(
     {
         "page": (250, 250, 248), "panel": PANEL, "hairline": HAIRLINE, "ink": INK, "faint": FAINT_INK,
-        "land": LAND, "road": ROAD, "kerb": KERB, "marking": MARKING, "other": OTHER,
+        "land": LAND, "road": ROAD, "kerb": KERB, "pavement": PAVEMENT, "marking": MARKING, "other": OTHER,
         "ego": EGO, "adversary": ADVERSARY, "second": SECOND, "evasion": EVASION,
         "ego-ink": mix(EGO, INK, 0.1), "adversary-ink": mix(ADVERSARY, INK, 0.35),
         "second-ink": mix(SECOND, INK, 0.25), "evasion-ink": mix(EVASION, INK, 0.2),
@@ -50,6 +51,7 @@ DARK = _css(
     {
         "page": _NIGHT, "panel": (25, 29, 36), "hairline": (48, 54, 64), "ink": (232, 235, 240),
         "faint": (160, 169, 181), "land": (22, 26, 31), "road": (50, 56, 66), "kerb": (78, 86, 98),
+        "pavement": (38, 43, 50),
         "marking": (120, 128, 140), "other": (128, 137, 150),
         "ego": mix(EGO, _WHITE, 0.3), "adversary": mix(ADVERSARY, _WHITE, 0.15),
         "second": mix(SECOND, _WHITE, 0.25), "evasion": mix(EVASION, _WHITE, 0.3),

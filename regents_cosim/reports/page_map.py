@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.cases.map_files import map_files
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.reports.packing import line
-from regents_cosim.reports.road import lights_of, markings, polygons, stop_bar
+from regents_cosim.reports.road import lights_of, markings, polygons, stop_bar, stripes
 from regents_cosim.scenario import Scenario
 
 _AROUND_M = 45.0  # of whatever moves
@@ -35,18 +35,29 @@ class PageMap:
         return shapely.union_all(self.places)
 
     def content(self) -> dict[str, Any]:
-        """Rings of the road, lines on it, and stop bars with their lights."""
-        near = shapely.intersection(self.road.drivable, self.area)
-        rings = [
-            ring for part in polygons(shapely.simplify(near, _DETAIL_M)) for ring in (part.exterior, *part.interiors)
-        ]
+        """Rings of the road, of where one walks, and of stripes; lines on the road, and stop bars with their lights."""
         dashed, solid = self._markings()
+        walks, crossings = self._walkways()
         return {
-            "rings": [line(shapely.get_coordinates(ring), self.origin) for ring in rings],
+            "rings": self._rings(self.road.drivable),
+            "walks": walks,
+            "stripes": crossings,
             "dashed": dashed,
             "solid": solid,
             "bars": list(self._bars()),
         }
+
+    def _rings(self, area: BaseGeometry) -> list[Any]:
+        near = shapely.simplify(shapely.intersection(area, self.area), _DETAIL_M)
+        rings = (ring for part in polygons(near) for ring in (part.exterior, *part.interiors))
+        return [line(shapely.get_coordinates(ring), self.origin) for ring in rings]
+
+    def _walkways(self) -> tuple[list[Any], list[Any]]:
+        """Rings of sidewalks and of the areas between them, and of the stripes of crossings."""
+        near = [walkway for walkway in self.road.walkways if walkway.area.intersects(self.area)]
+        crossings = [walkway for walkway in near if walkway.kind == "crossing"]
+        beside = shapely.union_all([walkway.area for walkway in near if walkway.kind != "crossing"])
+        return self._rings(beside), [line(one, self.origin) for crossing in crossings for one in stripes(crossing)]
 
     def _markings(self) -> tuple[list[Any], list[Any]]:
         kinds: tuple[list[Any], list[Any]] = ([], [])

@@ -14,6 +14,7 @@ Colour = tuple[int, int, int]
 LAND: Colour = (246, 245, 240)
 ROAD: Colour = (216, 220, 226)
 KERB: Colour = (176, 183, 193)
+PAVEMENT: Colour = (231, 230, 225)  # where one walks
 MARKING: Colour = (255, 255, 255)
 PANEL: Colour = (255, 255, 255)
 HAIRLINE: Colour = (225, 228, 232)
@@ -63,7 +64,8 @@ def gif_palette() -> Image.Image:
         *((BURST, INK), (BURST, ADVERSARY), (ROAD, MARKING), (PANEL, HAIRLINE)),
     ]
     colours: list[Colour] = []
-    for colour in (*grounds, *inks, HAIRLINE, *(mix(a, b, k / _RAMP) for a, b in pairs for k in range(1, _RAMP))):
+    shades = (mix(a, b, k / _RAMP) for a, b in pairs for k in range(1, _RAMP))
+    for colour in (*grounds, *inks, HAIRLINE, PAVEMENT, *shades):
         if all(max(abs(x - y) for x, y in zip(colour, kept, strict=True)) >= _APART for kept in colours):
             colours.append(colour)
     image = Image.new("P", (1, 1))

@@ -1,4 +1,4 @@
-"""The road as a picture: surface, lane markings, stop lines and the lights above them."""
+"""The road as a picture: surface, sidewalks, crossings, lane markings, stop lines and the lights above them."""
 
 import itertools
 from collections.abc import Iterator
@@ -7,14 +7,17 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
+from shapely.ops import substring
 
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.walkways import Walkway
 from regents_cosim.reports.camera import View
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import (
     KERB,
     LAND,
     MARKING,
+    PAVEMENT,
     ROAD,
     SIGNAL_AMBER,
     SIGNAL_GREEN,
@@ -30,6 +33,7 @@ MARKING_M = 0.16
 DASH_M, GAP_M = 3.0, 4.5
 _INSET_M = 0.25  # of solid lines, so that the edge of the road stays visible
 _BAR_M = 0.9  # thickness of a stop bar along the road
+STRIPE_M = 0.5  # of a crossing, and the gap to the next
 _LIGHTS: dict[str, Colour] = {
     "r": SIGNAL_RED, "s": SIGNAL_RED,
     "y": SIGNAL_AMBER, "Y": SIGNAL_AMBER, "u": SIGNAL_AMBER,
@@ -42,7 +46,8 @@ def draw_road(canvas: Canvas, view: View, road: RoadMap) -> None:
     area = shapely.clip_by_rect(road.drivable, *view.bounds(_AROUND_M))
     parts = sorted(polygons(area), key=lambda part: part.area, reverse=True)  # islands in a hole come last
     for polygon in parts:
-        _draw_polygon(canvas, view, polygon)
+        _draw_polygon(canvas, view, polygon, ROAD)
+    _draw_walkways(canvas, view, road)
     for lane in _visible(road, view):
         if not lane.junction:
             _draw_markings(canvas, view, lane)
@@ -66,11 +71,38 @@ def polygons(area: BaseGeometry) -> Iterator[shapely.Polygon]:
             yield from polygons(part)
 
 
-def _draw_polygon(canvas: Canvas, view: View, polygon: shapely.Polygon) -> None:
-    for ring, fill in [(polygon.exterior, ROAD), *((hole, LAND) for hole in polygon.interiors)]:
+def _draw_polygon(canvas: Canvas, view: View, polygon: shapely.Polygon, surface: Colour) -> None:
+    for ring, fill in [(polygon.exterior, surface), *((hole, LAND) for hole in polygon.interiors)]:
         points = view.pixels(shapely.get_coordinates(ring))
         canvas.polygon(points, fill)
         canvas.outline(points[:-1], KERB, 1.0)
+
+
+def _draw_walkways(canvas: Canvas, view: View, road: RoadMap) -> None:
+    """What one walks on beside the road, and the stripes of crossings."""
+    near = shapely.box(*view.bounds(_AROUND_M))
+    for walkway in road.walkways:
+        if not walkway.area.intersects(near):
+            continue
+        if walkway.kind == "crossing":
+            for stripe in stripes(walkway):
+                canvas.polygon(view.pixels(stripe), MARKING)
+        else:
+            for polygon in polygons(shapely.intersection(walkway.area, near)):
+                _draw_polygon(canvas, view, polygon, PAVEMENT)
+
+
+def stripes(crossing: Walkway) -> list[Float[np.ndarray, "corner 2"]]:
+    """The stripes of a crossing [m], each as wide as the crossing, one after the other along the way of who walks."""
+    line = shapely.LineString(crossing.shape)
+    count = max(round((line.length + STRIPE_M) / (2 * STRIPE_M)), 1)
+    begins = 0.5 * (line.length - (2 * count - 1) * STRIPE_M) + 2 * STRIPE_M * np.arange(count)
+    parts = (substring(line, max(begin, 0.0), min(begin + STRIPE_M, line.length)) for begin in begins.tolist())
+    return [
+        shapely.get_coordinates(one)
+        for part in parts
+        for one in polygons(part.buffer(0.5 * crossing.width, cap_style="flat"))
+    ]
 
 
 def _visible(road: RoadMap, view: View) -> list[Lane]:

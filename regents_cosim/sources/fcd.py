@@ -1,9 +1,9 @@
 """Scenarios from SUMO's fcd-output and a network, without running SUMO.
 
 A log holds no sizes: they come from the vTypes of route or additional files, and a type that
-is not found there counts as a car of 5.0 m x 1.8 m, with a warning. It holds no signals
-either. Write it with `--precision 6`: two decimals, SUMO's default, leave the speeds (which
-are derived from positions) an error of about 0.1 m/s.
+is not found there counts as a car of 5.0 m x 1.8 m, or for a person as SUMO's own of 0.215 m x 0.478 m,
+with a warning. It holds no signals either. Write it with `--precision 6`: two decimals, SUMO's
+default, leave the speeds (which are derived from positions) an error of about 0.1 m/s.
 """
 
 import csv
@@ -12,7 +12,7 @@ import itertools
 import math
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +31,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.motion import smooth_pieces
 from regents_cosim.sources.recording import ANY_EGO, DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_net import read_road_map
-from regents_cosim.sources.sumo_types import CAR, VehicleType, read_types
+from regents_cosim.sources.sumo_types import CAR, PEDESTRIAN, VehicleType, read_types
 from regents_cosim.sources.windows import Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
 from regents_cosim.sources.xml_input import children, unpacked_limit
 
@@ -60,7 +60,8 @@ def record_fcd(
 
     `routes_or_types` are route or additional files that define the vehicle types. Logs of another step,
     up to 1 s, are resampled to 0.1 s: straight between samples, turning the shorter way. Windows are picked as
-    by `windows.choose_windows`; persons are left out, which `tell` is told, as it is of types that are not known.
+    by `windows.choose_windows`; persons in vehicles are left out, which `tell` is told, as it is of types that are not
+    known.
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """
@@ -123,29 +124,53 @@ def _recordings(
             f"no window found: a horizon of {windows.horizon_s:g} s does not fit into {log.name}, which lasts "
             f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter --horizon"
         )
-    names, kinds = DistinctIds(), dict[str, str]()
+    names, found = DistinctIds(), dict[str, _Row]()
     slots = {
         i: GrowingRecording(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps, names=names, ego=windows.ego)
         for i in draw_slots(total, windows)
     }
-    for time, rows, persons in _instants(log):
+    for time, rows, riders in _instants(log):
         index, step = divmod(round((time - grid.begin_s) / grid.dt), steps)
         if index in slots:
-            slots[index].persons.update(persons)
-            for name, kind, x, y, angle, z, lane in rows:
-                one = slots[index].named(name, kind)
-                height = heights(x, y, lane) if z is None else z
-                slots[index].rows.append((one, step, x, y, angle, height))
-                kinds[one] = kind
-    unknown = sorted(set(kinds.values()) - set(known))
-    if unknown:
-        tell(
-            f"{log.name}: no vType for {', '.join(unknown[:5])}{' ...' * (len(unknown) > 5)}; taken as cars of "
-            f"{CAR.length} m x {CAR.width} m (name the files that define them with -r or -a)"
-        )
-    types = {name: known.get(kind, CAR) for name, kind in kinds.items()}
+            slots[index].riders.update(riders)
+            found |= _add(slots[index], step, rows, heights)
+    for line in _unknown(log, found.values(), known):
+        tell(line)
+    types = {name: _type_of(row, known) for name, row in found.items()}
     for slot in slots.values():
         yield slot.finish(types)
+
+
+def _add(slot: GrowingRecording, step: int, rows: "list[_Row]", heights: "_RoadHeights") -> "dict[str, _Row]":
+    """Put an instant into a slot; who is there, by id."""
+    there = dict[str, _Row]()
+    for row in rows:
+        height = heights(row)
+        if height is None:
+            slot.riders.add(row.name)
+            continue
+        one = slot.person(row.name, row.kind) if row.walks else slot.named(row.name, row.kind)
+        slot.rows.append((one, step, row.x, row.y, row.angle, height))
+        there[one] = row
+    return there
+
+
+def _unknown(log: Path, found: "Iterable[_Row]", known: dict[str, VehicleType]) -> Iterator[str]:
+    """What is said of types that are not known."""
+    missing = {(row.walks, row.kind) for row in found if row.kind not in known}
+    for walks, taken, usual in ((False, "cars", CAR), (True, "persons", PEDESTRIAN)):
+        names = sorted(kind for on_foot, kind in missing if on_foot == walks)
+        if names:
+            yield (
+                f"{log.name}: no vType for {', '.join(names[:5])}{' ...' * (len(names) > 5)}; taken as {taken} of "
+                f"{usual.length} m x {usual.width} m (name the files that define them with -r or -a)"
+            )
+
+
+def _type_of(row: "_Row", known: dict[str, VehicleType]) -> VehicleType:
+    if not row.walks:
+        return known.get(row.kind, CAR)
+    return replace(known.get(row.kind, PEDESTRIAN), kind="pedestrian", articulated=False)
 
 
 class _RoadHeights:
@@ -156,19 +181,24 @@ class _RoadHeights:
         self._points = surface_points(road.lanes)
         self._tree = KDTree(self._points[:, :2]) if road.raised else None
 
-    def __call__(self, x: float, y: float, lane: str) -> float:
-        """The height [m] of the road at a place. Raises LogError where there are two, and the log names no lane."""
-        if self._tree is None:
-            return 0.0
-        place = np.array([x, y])
-        if lane in self._road.lane:
-            return float(height_on(self._road.lane[lane], place))
-        if has_levels(self._road):
-            raise LogError(
-                f"{self._log}: the vehicle at x {x:.1f}, y {y:.1f} has neither a height nor a lane for cars, and roads "
-                "of the network lie above each other; expected z (--fcd-output.attributes x,y,z,angle,type,speed)"
-            )
-        return float(self._points[self._tree.query(place)[1], 2])
+    def __call__(self, row: "_Row") -> float | None:
+        """The height [m] of the road at a place. Where there are two, and the log names no lane: None for a person.
+
+        Raises LogError for a vehicle there.
+        """
+        if row.z is not None or self._tree is None:
+            return row.z or 0.0
+        place = np.array([row.x, row.y])
+        if row.lane in self._road.lane:
+            return float(height_on(self._road.lane[row.lane], place))
+        if not has_levels(self._road):
+            return float(self._points[self._tree.query(place)[1], 2])
+        if row.walks:
+            return None
+        raise LogError(
+            f"{self._log}: the vehicle at x {row.x:.1f}, y {row.y:.1f} has neither a height nor a lane for cars, and "
+            "roads of the network lie above each other; expected z (--fcd-output.attributes x,y,z,angle,type,speed)"
+        )
 
 
 def _check_place(log: Path, recordings: Sequence[Recording], road: RoadMap) -> None:
@@ -211,10 +241,21 @@ def _resampled(recording: Recording, windows: Windows) -> Recording:
 
 # --- reading ------------------------------------------------------------------------------------
 
-_Row = tuple[str, str, float, float, float, float | None, str]  # vehicle, type, x, y, angle, z, lane
+
+class _Row(NamedTuple):
+    """A vehicle, or a person who walks or waits, at one instant."""
+
+    name: str
+    kind: str  # its vType
+    x: float
+    y: float
+    angle: float
+    z: float | None
+    lane: str
+    walks: bool = False
 
 
-_Instant = tuple[float, list[_Row], list[str]]  # time [s], vehicles, persons
+_Instant = tuple[float, list[_Row], list[str]]  # time [s], who is where, persons who are left out
 
 
 def _instants(log: Path) -> Iterator[_Instant]:
@@ -245,14 +286,28 @@ def _from_xml(log: Path) -> Iterator[_Instant]:
         if root != "fcd-export":
             raise ValueError(f"the root element is <{root}>, not <fcd-export>")
         if element.tag == "timestep":
-            persons = [person.get("id", "") for person in element.iter("person")]
-            yield _seconds(_value(element, "time")), [_row(vehicle) for vehicle in element.iter("vehicle")], persons
+            walking, riding = _persons([dict(person.attrib) for person in element.iter("person")])
+            yield _seconds(_value(element, "time")), [*map(_row, element.iter("vehicle")), *walking], riding
 
 
 def _row(vehicle: ET.Element) -> _Row:
     x, y, angle = (_finite(_value(vehicle, name)) for name in ("x", "y", "angle"))
     z, kind = vehicle.get("z"), vehicle.get("type", "DEFAULT_VEHTYPE")
-    return _value(vehicle, "id"), kind, x, y, angle, None if z is None else _finite(z), vehicle.get("lane", "")
+    return _Row(_value(vehicle, "id"), kind, x, y, angle, None if z is None else _finite(z), vehicle.get("lane", ""))
+
+
+def _persons(entries: list[dict[str, str]]) -> tuple[list[_Row], list[str]]:
+    """Those who walk or wait, and the ids of the others: in vehicles, on stairs or in lifts, or without a place."""
+    walking, riding = list[_Row](), list[str]()
+    for entry in entries:
+        place = [entry.get(name, "") for name in ("x", "y", "angle")]
+        if not all(place) or entry.get("vehicle") or entry.get("stage") == "access":
+            riding.append(entry.get("id", ""))
+            continue
+        x, y, angle = map(_finite, place)
+        z, kind = entry.get("z"), entry.get("type") or "DEFAULT_PEDTYPE"
+        walking.append(_Row(entry.get("id", ""), kind, x, y, angle, _finite(z) if z else None, "", walks=True))
+    return walking, riding
 
 
 def _value(element: ET.Element, name: str) -> str:
@@ -290,8 +345,13 @@ def _from_csv(stream: BinaryIO) -> Iterator[_Instant]:
         for time, entries in itertools.groupby(rows, key=lambda entry: entry["timestep_time"]):
             # The vehicle's id is empty in a step without vehicles, and for persons.
             here = list(entries)
-            persons = [entry["person_id"] for entry in here if entry.get("person_id")]
-            yield _seconds(time), [_csv_row(entry) for entry in here if entry["vehicle_id"]], persons
+            walking, riding = _persons([_person_of(entry) for entry in here if entry.get("person_id")])
+            yield _seconds(time), [*(_csv_row(entry) for entry in here if entry["vehicle_id"]), *walking], riding
+
+
+def _person_of(entry: dict[str, str]) -> dict[str, str]:
+    """The columns of a person by the names of its XML."""
+    return {name.removeprefix(_PERSON): value for name, value in entry.items() if name.startswith(_PERSON)}
 
 
 def _named(columns: list[str], row: list[str]) -> dict[str, str]:
@@ -303,7 +363,8 @@ def _named(columns: list[str], row: list[str]) -> dict[str, str]:
 def _csv_row(entry: dict[str, str]) -> _Row:
     x, y, angle = (_finite(entry[f"vehicle_{name}"]) for name in ("x", "y", "angle"))
     z, kind = entry.get("vehicle_z", ""), entry.get("vehicle_type", "DEFAULT_VEHTYPE")
-    return entry["vehicle_id"], kind, x, y, angle, _finite(z) if z else None, entry.get("vehicle_lane", "")
+    return _Row(entry["vehicle_id"], kind, x, y, angle, _finite(z) if z else None, entry.get("vehicle_lane", ""))
 
 
+_PERSON = "person_"
 _COLUMNS = ("timestep_time", "vehicle_id", "vehicle_type", "vehicle_x", "vehicle_y", "vehicle_angle")

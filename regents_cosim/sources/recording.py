@@ -1,4 +1,4 @@
-"""Recording: what every vehicle did over one slot of time, as plain arrays.
+"""Recording: what every vehicle and every person on foot did over one slot of time, as plain arrays.
 
 Simulators and logs are turned into Recordings; `windows` makes Scenarios of them.
 """
@@ -20,7 +20,7 @@ _NOWHERE_M = 1e8  # SUMO puts a vehicle without a place beyond this
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Motion of all vehicles over consecutive instants, box centres, in the map's frame."""
+    """Motion of all vehicles and persons over consecutive instants, box centres, in the map's frame."""
 
     begin_s: float  # time of the first instant [s]
     dt: float  # [s]
@@ -33,12 +33,12 @@ class Recording:
     signals: tuple[Signal, ...] = ()
     speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] where the source's own agrees with its positions
     egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
-    persons: frozenset[str] = frozenset()  # who were there as well, and are left out
+    riders: frozenset[str] = frozenset()  # persons who are left out while they have no place of their own on the road
     z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
 
 
 class DistinctIds:
-    """Ids that tell apart vehicles which use one id one after the other, with other types: `car`, then `car#2`."""
+    """Ids that tell apart those which use one id one after the other, with other types: `car`, then `car#2`."""
 
     def __init__(self) -> None:
         self._kinds: dict[str, list[str]] = {}
@@ -67,10 +67,10 @@ class GrowingRecording:
     begin_s: float
     dt: float  # [s]
     steps: int
-    # Vehicle, step, front bumper x and y [m], degrees clockwise from north, height of the road [m].
+    # Vehicle or person, step, foremost x and y [m], degrees clockwise from north, height of the road [m].
     rows: list[tuple[str, int, float, float, float, float]] = field(default_factory=list)
     letters: dict[str, list[str]] = field(default_factory=dict)  # of every signal, per step
-    persons: set[str] = field(default_factory=set)
+    riders: set[str] = field(default_factory=set)
     names: DistinctIds = field(default_factory=DistinctIds)
     ego: str = ANY_EGO  # who may be the ego
     egos: set[str] = field(default_factory=set)
@@ -81,6 +81,10 @@ class GrowingRecording:
         if self.ego != ANY_EGO and is_called(self.ego, name, kind):
             self.egos.add(one)
         return one
+
+    def person(self, name: str, kind: str) -> str:
+        """The id of a person, who may be called like a vehicle and is never the ego."""
+        return self.names.of(name, f"person {kind}")
 
     def finish(self, types: dict[str, VehicleType]) -> Recording:
         """The Recording; `types` gives the type of every vehicle."""
@@ -113,7 +117,7 @@ class GrowingRecording:
             valid=valid,
             signals=signals,
             egos=None if self.ego == ANY_EGO else frozenset(self.egos),
-            persons=frozenset(self.persons),
+            riders=frozenset(self.riders),
             z=arrays["z"],
         )
 
@@ -126,11 +130,14 @@ def changes(letters: Sequence[str]) -> tuple[tuple[int, str], ...]:
 
 def left_out(recordings: Sequence[Recording]) -> list[str]:
     """What is said of traffic that is not recorded as it is."""
-    persons = frozenset[str]().union(*(one.persons for one in recordings))
+    riders = frozenset[str]().union(*(one.riders for one in recordings))
     hinged = {name for one in recordings for name, kind in zip(one.ids, one.types, strict=True) if kind.articulated}
     said = []
-    if persons:
-        said.append(f"{len(persons)} person{'s' * (len(persons) != 1)} left out: only vehicles are recorded")
+    if riders:
+        said.append(
+            f"{len(riders)} person{'s' * (len(riders) != 1)} left out while in a vehicle, on stairs or in a lift, or "
+            "where the log gives no place"
+        )
     if hinged:
         said.append(f"{len(hinged)} articulated vehicle{'s' * (len(hinged) != 1)} taken as rigid: one box each")
     return said

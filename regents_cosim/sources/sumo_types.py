@@ -11,7 +11,7 @@ from regents_cosim.sources.xml_input import children
 
 @dataclass(frozen=True)
 class VehicleType:
-    """What a vehicle looks like from above."""
+    """What a vehicle or a person looks like from above."""
 
     kind: Kind
     length: float  # [m]
@@ -34,15 +34,17 @@ _KINDS: dict[str, Kind] = {
 _SIZES: dict[str, tuple[float, float]] = {
     "truck": (7.1, 2.4), "trailer": (16.5, 2.55), "bus": (12.0, 2.5), "coach": (14.0, 2.6),
     "delivery": (6.5, 2.16), "emergency": (6.5, 2.16), "motorcycle": (2.2, 0.9), "moped": (2.1, 0.78),
-    "bicycle": (1.6, 0.65), "scooter": (1.2, 0.5),
+    "bicycle": (1.6, 0.65), "scooter": (1.2, 0.5), "pedestrian": (0.215, 0.478), "wheelchair": (1.2, 0.72),
 }  # fmt: skip
 CAR = VehicleType("car", 5.0, 1.8)
+PEDESTRIAN = VehicleType("pedestrian", *_SIZES["pedestrian"])
 _LEAST_M, _MOST_M = 0.05, 1000.0  # of a vehicle, trains included
 
 DEFAULT_TYPES: dict[str, VehicleType] = {
     "DEFAULT_VEHTYPE": CAR,
     "DEFAULT_TAXITYPE": CAR,
     "DEFAULT_BIKETYPE": VehicleType("bicycle", *_SIZES["bicycle"]),
+    "DEFAULT_PEDTYPE": PEDESTRIAN,
 }
 
 
@@ -66,7 +68,7 @@ def read_types(paths: tuple[Path, ...]) -> dict[str, VehicleType]:
 
 
 def require_size(whose: str, length: float, width: float) -> None:
-    """Raise SumoError for a vehicle that SUMO drives and no road carries: it takes any length, infinity as well."""
+    """Raise SumoError for a size that SUMO takes and no road carries: it takes any length, infinity as well."""
     for name, size in (("length", length), ("width", width)):
         require(
             _LEAST_M <= size <= _MOST_M,

@@ -19,6 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import platoon, scene
 from shipped_cases import QUICKSTART, crash_on, shipped_window
+from walking_town import make_town
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import RegentsError
@@ -32,6 +33,7 @@ from regents_cosim.scenario import Tracks
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.highway import record_highway
 from regents_cosim.sources.logs.record import scenes_of
+from regents_cosim.sources.record import record
 
 NEAR_M = 1e-3
 
@@ -46,6 +48,14 @@ def attacked():
 def recorded():
     """In SUMO, with lights."""
     return shipped_window("signals")
+
+
+@pytest.fixture(scope="module")
+def walking(tmp_path_factory):
+    """In SUMO, with persons."""
+    (found,) = record(make_town(tmp_path_factory.mktemp("town")), count=1, prefer="none", tell=lambda _: None)
+    assert any(agent.kind == "pedestrian" for agent in found.agents)
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +118,7 @@ def check_commonroad(case, folder):
     assert all((agent.length, agent.width) == sizes[names[number]] for number, agent in agents.items())
 
 
-@pytest.mark.parametrize("name", ["attacked", "recorded", "highway"])
+@pytest.mark.parametrize("name", ["attacked", "recorded", "highway", "walking"])
 def test_a_table_and_commonroad_come_back(name, request, tmp_path):
     case = request.getfixturevalue(name)
     export(case, "csv", tmp_path / "table")
@@ -156,7 +166,7 @@ def test_a_table_has_controls_where_they_are_known(attacked, tmp_path):
 # --- SUMO -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["attacked", "recorded", "highway"])
+@pytest.mark.parametrize("name", ["attacked", "recorded", "highway", "walking"])
 def test_our_own_reader_finds_the_case_in_the_fcd(name, request, tmp_path):
     case = request.getfixturevalue(name)
     export(case, "fcd", tmp_path / "out")
@@ -174,7 +184,7 @@ def test_our_own_reader_finds_the_case_in_the_fcd(name, request, tmp_path):
     assert turn < 1e-6
 
 
-@pytest.mark.parametrize("name", ["attacked", "recorded", "highway"])
+@pytest.mark.parametrize("name", ["attacked", "recorded", "highway", "walking"])
 def test_plain_sumo_plays_the_case(name, request, tmp_path):
     sumo = pytest.importorskip("sumo", "1.28", reason="needs eclipse-sumo 1.28, the first with device.fcd-replay.files")
     case = request.getfixturevalue(name)
@@ -196,6 +206,15 @@ def test_plain_sumo_plays_the_case(name, request, tmp_path):
             if tracks.valid[i, step] and not first[i, step]:  # SUMO begins with everyone in the middle of a lane
                 assert np.hypot(x - tracks.x[i, step], y - tracks.y[i, step]) < NEAR_M
     assert seen >= set(map(tuple, np.argwhere(tracks.valid).tolist()))
+
+
+def test_pedestrians_are_persons_in_the_fcd(walking, tmp_path):
+    export(walking, "fcd", tmp_path / "out")
+    with gzip.open(tmp_path / "out" / "fcd.xml.gz") as file:
+        root = ET.parse(file).getroot()
+    on_foot = {agent.id for agent in walking.agents if agent.kind == "pedestrian"}
+    assert {one.get("id") for one in root.iter("person")} == on_foot
+    assert {one.get("id") for one in root.iter("vehicle")} == {agent.id for agent in walking.agents} - on_foot
 
 
 def test_one_who_comes_back_on_another_lane_can_be_played(tmp_path):

@@ -76,4 +76,9 @@ def replay(
     at_the_wheel = "its evasion" if ego == "evasion" else driven_by or "its track"
     title = f"replayed in {where}, the ego driven by {at_the_wheel}"
     terminal.show(title, rows, replay_summary(found, ego == "evasion"), REPLAYED)
+    if on_wheels := sum(len(result.as_vehicles) for result in found):
+        terminal.say(
+            f"{on_wheels} pedestrian{'s' * (on_wheels != 1)} moved as vehicles: SUMO's drivers, who drive the others "
+            "here, do not see persons that are placed exactly"
+        )
     return exit_code(found, terminal)

@@ -38,6 +38,7 @@ def replay_in_sumo(
     ends; those without a route stay on their tracks. `seed` is for SUMO's dice. What `attach` returns is called after
     every step.
 
+    Pedestrians are persons in SUMO, unless it drives others (`persons`).
     A map that does not come from SUMO is a network of bare lanes there, without lights (`bare_network`).
     Raises ScenarioError where SUMO is to drive in such a one, SumoError with SUMO's own words where it
     refuses, PlannerError where the driver fails.

@@ -14,6 +14,7 @@ from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.sumo.bare_network import BARE_EDGE
 from regents_cosim.replays.sumo.drivers import DriverParameters, driven_type
+from regents_cosim.replays.sumo.persons import Persons, moved_as_persons
 from regents_cosim.replays.sumo.routes import edge_of
 from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_name
 from regents_cosim.replays.verify import ReportedCollision
@@ -35,6 +36,7 @@ class SumoReplay:
     collisions: tuple[ReportedCollision, ...]  # its own list, which never holds side-swipes
     signals: tuple[Signal, ...]
     driven: frozenset[int] = frozenset()  # agents that SUMO drove
+    persons: frozenset[int] = frozenset()  # agents that were persons in SUMO; all others were vehicles
 
 
 class Stage:
@@ -63,11 +65,13 @@ class Stage:
         self._signals = scenario.signals if scenario.road.sumo_net else ()  # bare lanes have no lights
         self._letters: dict[str, list[str]] = {signal.id: [] for signal in self._signals}
         self._check_signals()
+        self._walking = moved_as_persons(scenario, drivers)
+        self._persons = Persons(sumo, _some_edge(scenario))
         sumo.route.add("replay", [_some_edge(scenario)])
         for index, edges in routes.items():
             sumo.route.add(driven_type(index), edges)
         for index, agent in enumerate(scenario.agents):
-            add_type(sumo, type_name(index), agent)
+            add_type(sumo, type_name(index), agent, is_person=index in self._walking)
 
     @property
     def seen(self) -> Snapshot:
@@ -118,7 +122,7 @@ class Stage:
         columns = (np.stack(values, axis=1) for values in zip(*self._seen, strict=True))
         tracks = Tracks(**dict(zip(Snapshot._fields, columns, strict=True)))
         signals = tuple(Signal(name, _changes(letters)) for name, letters in self._letters.items())
-        return SumoReplay(tracks, tuple(self._collisions), signals, frozenset(self._drivers))
+        return SumoReplay(tracks, tuple(self._collisions), signals, frozenset(self._drivers), self._walking)
 
     def _place(self, index: int, step: int) -> None:
         vehicle = self._sumo.vehicle
@@ -126,6 +130,9 @@ class Stage:
             self._enter(index)
         name = self._names[index]
         x, y, angle = self._pose[:, index, step].tolist()
+        if index in self._walking:
+            self._persons.place(name, x, y, angle)
+            return
         vehicle.moveToXY(name, "", -1, x, y, angle, _EXACT_ON_ROUTE if index in self._drivers else EXACT)
         vehicle.setSpeed(name, float(self._speed[index, step]))
 
@@ -158,6 +165,10 @@ class Stage:
     def _enter(self, index: int) -> None:
         vehicle, agent = self._sumo.vehicle, self._scenario.agents[index]
         name = free_name(agent.id, self._agent)
+        self._names[index], self._agent[name] = name, index
+        if index in self._walking:
+            self._persons.enter(name, type_name(index), _COLOURS[agent.role])
+            return
         if index in self._drivers:
             vehicle.add(name, driven_type(index), driven_type(index))
         else:
@@ -165,19 +176,25 @@ class Stage:
         vehicle.setSpeedMode(name, 0)
         vehicle.setLaneChangeMode(name, 0)
         vehicle.setColor(name, _COLOURS[agent.role])
-        self._names[index], self._agent[name] = name, index
 
     def _remove(self, index: int) -> None:
         name = self._names.pop(index)
-        if name in self._sumo.vehicle.getIDList():
+        if index in self._walking:
+            self._persons.remove(name)
+        elif name in self._sumo.vehicle.getIDList():
             self._sumo.vehicle.remove(name)
 
     def _read(self, step: int) -> None:
         vehicle, agents = self._sumo.vehicle, self._scenario.agents
         states, valid = np.zeros((4, len(agents))), np.zeros(len(agents), bool)
-        there = set(vehicle.getIDList())
+        there, on_foot = set(vehicle.getIDList()), self._persons.there() if self._walking else set()
         for index, name in self._names.items():
-            if name in there:
+            if index in self._walking:
+                if name in on_foot:
+                    # SUMO works the speed of a person out by itself, in the first step from where it departed
+                    states[:, index] = *self._persons.pose(name, agents[index].length), self._speed[index, step]
+                    valid[index] = True
+            elif name in there:
                 if index not in self._driven:
                     # SUMO keeps the old speed, or says 0, where an agent enters or comes onto another lane:
                     # at 1.5 % of the steps of random drives around a crossing

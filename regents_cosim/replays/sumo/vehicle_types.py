@@ -18,10 +18,10 @@ _SHAPES = {
 }
 
 
-def add_type(sumo: ModuleType, name: str, agent: Agent | AgentState) -> None:
-    """A type of vehicle of the size and looks of `agent`."""
+def add_type(sumo: ModuleType, name: str, agent: Agent | AgentState, is_person: bool = False) -> None:
+    """A type of vehicle, or of person, of the size and looks of `agent`."""
     kinds = sumo.vehicletype
-    kinds.copy("DEFAULT_VEHTYPE", name)
+    kinds.copy("DEFAULT_PEDTYPE" if is_person else "DEFAULT_VEHTYPE", name)
     kinds.setLength(name, agent.length)
     kinds.setWidth(name, agent.width)
     kinds.setShapeClass(name, _SHAPES[agent.kind])

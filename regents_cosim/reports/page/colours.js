@@ -1,6 +1,6 @@
 // --- Colours: those of the style sheet, by day and by night ---
 
-const NAMES = ["page", "panel", "hairline", "ink", "faint", "land", "road", "kerb", "marking", "other", "ego", "adversary",
+const NAMES = ["page", "panel", "hairline", "ink", "faint", "land", "road", "kerb", "pavement", "marking", "other", "ego", "adversary",
   "second", "evasion", "ego-ink", "adversary-ink", "second-ink", "evasion-ink", "burst", "red", "amber", "green", "off"];
 const DRIVERS = ["ego", "second"]; // the colours of who drives the ego
 let colours = {};

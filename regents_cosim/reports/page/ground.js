@@ -1,10 +1,12 @@
-// --- Ground: road, markings, and the lights at stop lines ---
+// --- Ground: road, sidewalks, crossings, markings, and the lights at stop lines ---
 
 const LIGHTS = { r: "red", s: "red", y: "amber", Y: "amber", u: "amber", g: "green", G: "green" };
 
 class Ground {
   constructor(map) {
     this.road = pathOf(map.rings, true);
+    this.walks = pathOf(map.walks, true);
+    this.stripes = pathOf(map.stripes, true);
     this.dashed = pathOf(map.dashed, false);
     this.solid = pathOf(map.solid, false);
     this.bars = map.bars.map(({ signal, link, corners }) => ({ signal, link, shape: pathOf([corners], true) }));
@@ -17,6 +19,11 @@ class Ground {
     context.strokeStyle = colours.kerb;
     context.lineWidth = Math.max(0.12, pixel);
     context.stroke(this.road);
+    context.fillStyle = colours.pavement;
+    context.fill(this.walks, "evenodd");
+    context.stroke(this.walks);
+    context.fillStyle = colours.marking;
+    context.fill(this.stripes);
     context.strokeStyle = colours.marking;
     context.lineWidth = Math.max(0.16, pixel);
     context.stroke(this.solid);

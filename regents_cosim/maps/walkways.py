@@ -1,0 +1,114 @@
+"""Where one walks: sidewalks, the areas between them at junctions, and crossings, as a SUMO network has them.
+
+They are read from the network that a map keeps, when they are asked for: a map is the same with them and without.
+
+Source of the format: SUMO's documentation, "Pedestrians", "Network requirements".
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+from xml.parsers import expat
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from regents_cosim.checks.bounded import gunzip_bounded
+from regents_cosim.checks.xml_count import most_unpacked
+from regents_cosim.errors import InputError
+
+WalkwayKind = Literal["sidewalk", "walkingarea", "crossing"]
+
+_NET_BYTES = 512 << 20  # unpacked, of a city
+_FARTHEST_M = 1e8  # from the origin
+_WIDTH_M = 3.2  # SUMO's default of a lane
+_LEAST_POINTS: dict[WalkwayKind, int] = {"sidewalk": 2, "crossing": 2, "walkingarea": 3}
+
+
+@dataclass(frozen=True, eq=False)
+class Walkway:
+    """One place to walk."""
+
+    id: str  # of its lane in the network
+    kind: WalkwayKind
+    shape: Float[np.ndarray, "point 2"]  # [m] the line along which one walks; of a walking area the outline
+    width: float  # [m]
+    crosses: tuple[str, ...] = ()  # edges that a crossing leads over
+    signal: str | None = None  # id of the light of a crossing
+    link: int = 0  # index of its letter
+
+    @cached_property
+    def area(self) -> shapely.geometry.base.BaseGeometry:
+        """What it covers [m]."""
+        if self.kind == "walkingarea":
+            return shapely.Polygon(self.shape).buffer(0.0)  # outlines may cross themselves
+        return shapely.LineString(self.shape).buffer(0.5 * self.width, cap_style="flat")
+
+
+def read_walkways(sumo_net: bytes | None) -> tuple[Walkway, ...]:
+    """Of a network (gzip) in its order; none where there is no network, or nothing to walk on.
+
+    Raises InputError where the network is damaged.
+    """
+    if sumo_net is None:
+        return ()
+    content = gunzip_bounded(sumo_net, most_unpacked(len(sumo_net), _NET_BYTES))
+    if b"pedestrian" not in content and b"walkingarea" not in content and b"crossing" not in content:
+        return ()
+    reader = _Reader()
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = reader.begin
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, ValueError) as error:
+        raise InputError(f"SUMO network: {error}; expected walkways as netconvert writes them") from error
+    return tuple(reader.walkways())
+
+
+class _Reader:
+    """Collects lanes that one walks on, and the lights of crossings."""
+
+    def __init__(self) -> None:
+        self._function, self._crosses = "", ()
+        self._found: dict[str, Walkway] = {}
+        self._lights: dict[str, tuple[str, int]] = {}  # by the edge of the crossing
+
+    def begin(self, tag: str, attributes: dict[str, str]) -> None:
+        """An element of the network."""
+        if tag == "edge":
+            self._function = attributes.get("function", "")
+            self._crosses = tuple(attributes.get("crossingEdges", "").split())
+        elif tag == "lane" and (kind := self._kind(attributes)) is not None:
+            self._add(kind, attributes)
+        elif tag == "connection" and "tl" in attributes:
+            self._lights[attributes.get("to", "")] = attributes["tl"], int(attributes.get("linkIndex", "0"))
+
+    def walkways(self) -> Iterator[Walkway]:
+        """All of them, crossings with their lights."""
+        for one in self._found.values():
+            signal, link = self._lights.get(one.id.rpartition("_")[0], (None, 0))
+            yield replace(one, signal=signal, link=link) if one.kind == "crossing" else one
+
+    def _kind(self, lane: dict[str, str]) -> WalkwayKind | None:
+        if self._function == "crossing" or self._function == "walkingarea":
+            return self._function
+        walks = not self._function and _allows(lane, "pedestrian") and not _allows(lane, "passenger")
+        return "sidewalk" if walks else None
+
+    def _add(self, kind: WalkwayKind, lane: dict[str, str]) -> None:
+        points = [place.split(",")[:2] for place in lane.get("shape", "").split()]
+        shape, width = np.array(points, float).reshape(-1, 2), float(lane.get("width", _WIDTH_M))
+        name = lane.get("id", "")
+        if not (np.abs(shape) < _FARTHEST_M).all() or not 0 < width < _FARTHEST_M:
+            raise ValueError(f"lane {name!r} lies beyond {_FARTHEST_M:g} m or has no width")
+        if len(np.unique(shape, axis=0)) >= _LEAST_POINTS[kind]:  # netconvert writes some of one point doubled
+            self._found[name] = Walkway(name, kind, shape, width, self._crosses if kind == "crossing" else ())
+
+
+def _allows(lane: dict[str, str], vehicle_class: str) -> bool:
+    """SUMO's permissions: all classes that are listed, or all but those."""
+    if "allow" in lane:
+        return not {vehicle_class, "all"}.isdisjoint(lane["allow"].split())
+    return {vehicle_class, "all"}.isdisjoint(lane.get("disallow", "").split())
