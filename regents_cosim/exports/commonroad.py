@@ -1,4 +1,4 @@
-"""CommonRoad XML 2020a: lanelets, dynamic obstacles, and a planning problem for the ego.
+"""CommonRoad XML 2020a: lanelets, sidewalks and crosswalks too, dynamic obstacles, and a planning problem for the ego.
 
 Two files, as there are two uses: `planning.xml` has all but the ego, whose start and target are
 the planning problem; `recorded.xml` has the ego among the obstacles and no problem. CommonRoad knows
@@ -18,13 +18,15 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.exports.stays import Stay, poses, stays
-from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.maps.walkways import WalkwayKind
 from regents_cosim.scenario import Kind, Scenario
 
 _TYPES: dict[Kind, str] = {
     "car": "car", "truck": "truck", "bus": "bus", "motorcycle": "motorcycle", "bicycle": "bicycle",
     "pedestrian": "pedestrian", "other": "unknown",
 }  # fmt: skip
+_WALKED: dict[WalkwayKind, str] = {"sidewalk": "sidewalk", "crossing": "crosswalk"}  # the areas between have no sides
 _SHARPEST = 0.25  # cosine of half a bend at which a bound stops reaching out further
 _GOAL_M = (6.0, 3.0)  # length and width of the place to reach
 _LEAST_STEP_M = 1e-3  # lines with points closer than that have no direction there
@@ -34,10 +36,11 @@ def write_commonroad(scenario: Scenario, folder: Path) -> None:
     """Write `planning.xml`, `recorded.xml` and `ids.csv` into `folder`."""
     numbers = itertools.count(1)
     lanes = {lane.id: str(next(numbers)) for lane in scenario.road.lanes}
+    walkways = {one.id: str(next(numbers)) for one in scenario.road.walkways if one.kind in _WALKED}
     others = [(str(next(numbers)), stay) for stay in stays(scenario)]
     recorded, planning = _document(scenario, "recorded"), _document(scenario, "planning")
     for root in (recorded, planning):
-        root.extend(_lanelets(scenario.road, lanes))
+        root.extend([*_lanelets(scenario.road, lanes), *_walkways(scenario.road, walkways)])
     for number, stay in others:
         recorded.append(_obstacle(scenario, number, stay))
         if stay.index:
@@ -46,7 +49,7 @@ def write_commonroad(scenario: Scenario, folder: Path) -> None:
     for name, root in {"recorded": recorded, "planning": planning}.items():
         ET.indent(root)
         (folder / f"{name}.xml").write_bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
-    rows = [("lanelet", number, name, "") for name, number in lanes.items()]
+    rows = [("lanelet", number, name, "") for name, number in (lanes | walkways).items()]
     rows += [("obstacle", number, stay.agent.id, stay.agent.role) for number, stay in others]
     with (folder / "ids.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([("what", "number", "id", "role"), *rows])
@@ -83,9 +86,7 @@ def _lanelets(road: RoadMap, numbers: dict[str, str]) -> Iterator[ET.Element]:
     for link in road.connections:
         before[link.target].append(numbers[link.source])
     for lane in road.lanes:
-        element = ET.Element("lanelet", id=numbers[lane.id])
-        for side, bound in zip(("leftBound", "rightBound"), bounds(lane), strict=True):
-            _points(ET.SubElement(element, side), bound)
+        element = _lanelet(numbers[lane.id], lane.centre, lane.width)
         after = [numbers[link.target] for link in road.exits[lane.id]]
         for name, others in {"predecessor": before[lane.id], "successor": after}.items():
             for other in dict.fromkeys(others):
@@ -97,18 +98,36 @@ def _lanelets(road: RoadMap, numbers: dict[str, str]) -> Iterator[ET.Element]:
         yield element
 
 
-def bounds(lane: Lane) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2"]]:
+def _walkways(road: RoadMap, numbers: dict[str, str]) -> Iterator[ET.Element]:
+    for one in road.walkways:
+        if one.id in numbers:
+            element = _lanelet(numbers[one.id], one.shape, one.width)
+            ET.SubElement(element, "laneletType").text = _WALKED[one.kind]
+            yield element
+
+
+def _lanelet(number: str, centre: Float[np.ndarray, "point 2"], width: float) -> ET.Element:
+    """A lanelet with its bounds, and nothing else yet."""
+    element = ET.Element("lanelet", id=number)
+    for side, bound in zip(("leftBound", "rightBound"), bounds(centre, width), strict=True):
+        _points(ET.SubElement(element, side), bound)
+    return element
+
+
+def bounds(
+    line: Float[np.ndarray, "point 2"], width: float
+) -> tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]:
     """Left and right bound [m] of a lane: its centre line, half the width to each side, mitred at bends."""
-    steps = np.diff(lane.centre, axis=0)
+    steps = np.diff(line, axis=0)
     kept = np.hypot(*steps.T) > _LEAST_STEP_M
-    centre = lane.centre[np.concatenate([[True], kept])] if kept.any() else lane.centre[[0, -1]]
+    centre = line[np.concatenate([[True], kept])] if kept.any() else line[[0, -1]]
     along = np.diff(centre, axis=0)
     along /= np.maximum(np.hypot(*along.T), 1e-12)[:, None]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)
     both = np.concatenate([normal[:1], normal]) + np.concatenate([normal, normal[-1:]])
     length = np.hypot(*both.T)  # twice the cosine of half the bend
     across = both / np.maximum(length, 1e-12)[:, None] / np.maximum(0.5 * length, _SHARPEST)[:, None]
-    return centre + 0.5 * lane.width * across, centre - 0.5 * lane.width * across
+    return centre + 0.5 * width * across, centre - 0.5 * width * across
 
 
 def _points(parent: ET.Element, points: Iterable[Iterable[float]]) -> None:

@@ -28,7 +28,7 @@ from regents_cosim.exports.commonroad import bounds
 from regents_cosim.exports.export import export
 from regents_cosim.exports.stays import stays
 from regents_cosim.geometry.frames import SumoPose, from_sumo, wrap
-from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Tracks
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.highway import record_highway
@@ -343,10 +343,21 @@ def test_a_missing_package_is_named(attacked, tmp_path, monkeypatch):
 
 
 def test_a_lanelet_is_as_wide_as_its_lane():
-    bend = Lane("a", np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 0.0], [10.0, 10.0]]), 3.0, 10.0)
-    left, right = bounds(bend)
+    left, right = bounds(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 0.0], [10.0, 10.0]]), 3.0)
     np.testing.assert_allclose(left, [[0, 1.5], [8.5, 1.5], [8.5, 10]])
     np.testing.assert_allclose(right, [[0, -1.5], [11.5, -1.5], [11.5, 10]])
+
+
+def test_commonroad_has_pedestrians_sidewalks_and_crosswalks(walking, tmp_path):
+    export(walking, "commonroad", tmp_path / "out")
+    root = ET.parse(tmp_path / "out" / "recorded.xml").getroot()
+    kinds = [one.findtext("type") for one in root.iter("dynamicObstacle")]
+    assert kinds.count("pedestrian") == sum(agent.kind == "pedestrian" for agent in walking.agents)
+    found = [one.findtext("laneletType") for one in root.iter("lanelet")]
+    for ours, theirs in (("sidewalk", "sidewalk"), ("crossing", "crosswalk")):
+        assert found.count(theirs) == sum(one.kind == ours for one in walking.road.walkways) > 0
+    (read,) = [scene for _, _, scene in scenes_of(tmp_path / "out" / "recorded.xml")]
+    assert len(read.road.lanes) == len(walking.road.lanes)  # one drives on neither
 
 
 def test_the_problem_of_commonroad_is_the_ego_s(recorded, tmp_path):
