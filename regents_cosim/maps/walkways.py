@@ -100,6 +100,7 @@ class _Reader:
     def _add(self, kind: WalkwayKind, lane: dict[str, str]) -> None:
         points = [place.split(",")[:2] for place in lane.get("shape", "").split()]
         shape, width = np.array(points, float).reshape(-1, 2), float(lane.get("width", _WIDTH_M))
+        shape.setflags(write=False)
         name = lane.get("id", "")
         if not (np.abs(shape) < _FARTHEST_M).all() or not 0 < width < _FARTHEST_M:
             raise ValueError(f"lane {name!r} lies beyond {_FARTHEST_M:g} m or has no width")
