@@ -11,8 +11,7 @@ import io
 import itertools
 import math
 import warnings
-import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -286,34 +285,42 @@ def _from_xml(log: Path) -> Iterator[_Instant]:
         if root != "fcd-export":
             raise ValueError(f"the root element is <{root}>, not <fcd-export>")
         if element.tag == "timestep":
-            walking, riding = _persons([dict(person.attrib) for person in element.iter("person")])
-            yield _seconds(_value(element, "time")), [*map(_row, element.iter("vehicle")), *walking], riding
+            vehicles = [_row(vehicle.attrib) for vehicle in element.iter("vehicle")]
+            walking, riding = _persons([person.attrib for person in element.iter("person")], vehicles)
+            yield _seconds(_value(element.attrib, "time", "timestep")), [*vehicles, *walking], riding
 
 
-def _row(vehicle: ET.Element) -> _Row:
+def _row(vehicle: Mapping[str, str]) -> _Row:
     x, y, angle = (_finite(_value(vehicle, name)) for name in ("x", "y", "angle"))
     z, kind = vehicle.get("z"), vehicle.get("type", "DEFAULT_VEHTYPE")
-    return _Row(_value(vehicle, "id"), kind, x, y, angle, None if z is None else _finite(z), vehicle.get("lane", ""))
+    return _Row(_value(vehicle, "id"), kind, x, y, angle, _finite(z) if z else None, vehicle.get("lane", ""))
 
 
-def _persons(entries: list[dict[str, str]]) -> tuple[list[_Row], list[str]]:
-    """Those who walk or wait, and the ids of the others: in vehicles, on stairs or in lifts, or without a place."""
+def _persons(entries: Sequence[Mapping[str, str]], vehicles: list[_Row]) -> tuple[list[_Row], list[str]]:
+    """Those who walk or wait, and the ids of the others: in vehicles, on stairs or in lifts, or without a place.
+
+    By default a log does not say who rides, but has passengers exactly where their vehicle is.
+    """
     walking, riding = list[_Row](), list[str]()
+    taken = {(vehicle.x, vehicle.y) for vehicle in vehicles}
     for entry in entries:
         place = [entry.get(name, "") for name in ("x", "y", "angle")]
         if not all(place) or entry.get("vehicle") or entry.get("stage") == "access":
             riding.append(entry.get("id", ""))
             continue
         x, y, angle = map(_finite, place)
+        if (x, y) in taken:
+            riding.append(entry.get("id", ""))
+            continue
         z, kind = entry.get("z"), entry.get("type") or "DEFAULT_PEDTYPE"
         walking.append(_Row(entry.get("id", ""), kind, x, y, angle, _finite(z) if z else None, "", walks=True))
     return walking, riding
 
 
-def _value(element: ET.Element, name: str) -> str:
-    value = element.get(name)
+def _value(entry: Mapping[str, str], name: str, tag: str = "vehicle") -> str:
+    value = entry.get(name)
     if value is None:
-        raise ValueError(f"a <{element.tag}> has no {name}")
+        raise ValueError(f"a <{tag}> has no {name}")
     return value
 
 
@@ -338,20 +345,31 @@ def _from_csv(stream: BinaryIO) -> Iterator[_Instant]:
         header = text.readline(_LONGEST_LINE).strip()
         separator = next((mark for mark in ";,\t" if mark in header), ";")
         columns = [name.strip('"') for name in header.split(separator)]
-        missing = [name for name in _COLUMNS if name not in columns and name != "vehicle_type"]
-        if missing:
+        missing = [name for name in (_TIME, *(f"{_VEHICLE}{name}" for name in _PLACE)) if name not in columns]
+        if missing and not {_TIME, *(f"{_PERSON}{name}" for name in _PLACE)} <= set(columns):
             raise ValueError(f"neither XML nor a CSV header with {', '.join(missing)}")
         rows = (_named(columns, row) for row in csv.reader(text, delimiter=separator))
-        for time, entries in itertools.groupby(rows, key=lambda entry: entry["timestep_time"]):
-            # The vehicle's id is empty in a step without vehicles, and for persons.
-            here = list(entries)
-            walking, riding = _persons([_person_of(entry) for entry in here if entry.get("person_id")])
-            yield _seconds(time), [*(_csv_row(entry) for entry in here if entry["vehicle_id"]), *walking], riding
+        for time, entries in itertools.groupby(rows, key=lambda entry: entry[_TIME]):
+            on_wheels, on_foot = _csv_entries(entries)
+            vehicles = [_row(entry) for entry in on_wheels]
+            walking, riding = _persons(on_foot, vehicles)
+            yield _seconds(time), [*vehicles, *walking], riding
 
 
-def _person_of(entry: dict[str, str]) -> dict[str, str]:
-    """The columns of a person by the names of its XML."""
-    return {name.removeprefix(_PERSON): value for name, value in entry.items() if name.startswith(_PERSON)}
+def _csv_entries(rows: Iterable[dict[str, str]]) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
+    """Vehicles and persons by the names of their XML.
+
+    SUMO 1.28 names all columns after the first entry of the log, be it a vehicle or a person. What tells persons is
+    that they have an edge and no lane. Older logs have columns for both.
+    """
+    on_wheels, on_foot = list[dict[str, str]](), list[dict[str, str]]()
+    for row in rows:
+        for prefix in (_VEHICLE, _PERSON):
+            entry = {name.removeprefix(prefix): value for name, value in row.items() if name.startswith(prefix)}
+            if entry.get("id"):  # empty in a step without any
+                walks = not entry.get("lane") and (prefix == _PERSON or bool(entry.get("edge")))
+                (on_foot if walks else on_wheels).append(entry)
+    return on_wheels, on_foot
 
 
 def _named(columns: list[str], row: list[str]) -> dict[str, str]:
@@ -360,11 +378,5 @@ def _named(columns: list[str], row: list[str]) -> dict[str, str]:
     return dict(zip(columns, row, strict=True))
 
 
-def _csv_row(entry: dict[str, str]) -> _Row:
-    x, y, angle = (_finite(entry[f"vehicle_{name}"]) for name in ("x", "y", "angle"))
-    z, kind = entry.get("vehicle_z", ""), entry.get("vehicle_type", "DEFAULT_VEHTYPE")
-    return _Row(entry["vehicle_id"], kind, x, y, angle, _finite(z) if z else None, entry.get("vehicle_lane", ""))
-
-
-_PERSON = "person_"
-_COLUMNS = ("timestep_time", "vehicle_id", "vehicle_type", "vehicle_x", "vehicle_y", "vehicle_angle")
+_TIME, _VEHICLE, _PERSON = "timestep_time", "vehicle_", "person_"
+_PLACE = ("id", "x", "y", "angle")

@@ -15,11 +15,11 @@ _OPTIONS = (
 _STOPS = """<additional>
 <busStop id="here" lane="A0B0_1" startPos="10" endPos="30"><access lane="A0A1_0" pos="30" length="40"/></busStop>
 <busStop id="there" lane="B0right0_1" startPos="10" endPos="30"/></additional>"""
-# The passenger is called like the car that it rides in. It comes to the stop by a lift of 40 m.
+# The passenger is called like the car that it rides in. The lift at the stop saves persons 1, 5 and 9 a crossing.
 _TRAFFIC = """<routes><vType id="car" vClass="passenger"/><vType id="chair" vClass="wheelchair"/>
 {cars}
 <person id="taxi" depart="0" departPos="5"><walk from="A0A1" busStop="here"/><ride busStop="there" lines="taxi"/>
-<walk from="B0right0" arrivalPos="55"/></person>
+<walk edges="B0right0" arrivalPos="55"/></person>
 <person id="waits" depart="0" departPos="10"><stop lane="A0B0_0" duration="500"/></person>
 {persons}
 <vehicle id="taxi" type="car" depart="50" line="taxi" departPos="0"><route edges="left0A0 A0B0 B0right0"/>

@@ -25,6 +25,8 @@ def add_type(sumo: ModuleType, name: str, agent: Agent | AgentState, is_person: 
     kinds.setLength(name, agent.length)
     kinds.setWidth(name, agent.width)
     kinds.setShapeClass(name, _SHAPES[agent.kind])
+    if is_person:
+        kinds.setVehicleClass(name, "ignoring")  # a pedestrian departs only from an edge with room for pedestrians
 
 
 def type_name(index: int) -> str:
