@@ -8,7 +8,7 @@ that names none.
 
 Most of them are about wheels and lanes, so a collision with a pedestrian has a table of its own: who drives has to stop
 for what can be seen in time (Road Traffic, art. 13(1) and 21(1)), who walks steps onto the carriageway only where that
-impedes no one (art. 20(6)(c)). Whether there was a crossing no map here tells.
+impedes no one (art. 20(6)(c)). Whether there was a crossing is not asked yet.
 """
 
 from collections.abc import Callable

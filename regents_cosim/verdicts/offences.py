@@ -58,7 +58,7 @@ def law_of(attacked: Scenario) -> Law | None:
     one, two = (driven(attacked, agent, hit.step) for agent in (other, 0))
     unknown = _unknown(attacked)
     ego = _offences(two, one, unknown)
-    if attacked.agents[other].kind == "pedestrian":  # lanes bind no one on foot, and no map here names its crossings
+    if attacked.agents[other].kind == "pedestrian":  # lanes bind no one on foot; crossings are not asked for yet
         return Law((), ego, (*unknown, "off_crossing"))
     return Law(_offences(one, two, unknown), ego, unknown)
 
