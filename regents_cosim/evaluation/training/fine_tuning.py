@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 from regents_cosim.cases.suite import cases_of
-from regents_cosim.errors import MissingDependencyError, RegentsError
+from regents_cosim.errors import MissingDependencyError, RegentsError, require
 from regents_cosim.evaluation.drives.driving import Drive, score
 from regents_cosim.evaluation.training.before_after import BeforeAfterRow, before_after, hold_back
 from regents_cosim.evaluation.training.failed_drives import failed_drives, teachable
@@ -92,6 +92,7 @@ def finetune(
     ones, by default every fifth window of either, which is not taught; another fifth chooses the mixture. Needs torch.
     Raises RegentsError where there is nothing to learn from, MissingDependencyError.
     """
+    require(config.target is None, "--target with --finetune, expected the target of the weights", RegentsError)
     path = _weights(output)
     course = _course(cases_of(cases), cases_of(suite), held_out, ordinary)
     crashes = _crashes(weights, course.taught.adversarial, progress)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.geometry.rasters import MOST_CELLS
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
@@ -21,10 +21,11 @@ from regents_cosim.mirror.ground import CELL_M, Ground, draw_cells, stop_bars
 from regents_cosim.mirror.observe import REACH_M, Surroundings, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
+from regents_cosim.planners.aim_bev.way import OwnWay, together
 from regents_cosim.scenario import Scenario
 
 _AROUND_M = REACH_M + 20.0  # drawn around all tracks
-_MOST_CELLS = 2**31 - 1  # what an index of 32 bits reaches
+_MOST_INDEX = 2**31 - 1  # what an index of 32 bits reaches
 
 
 class Lesson(eqx.Module):
@@ -50,6 +51,7 @@ class Classroom(eqx.Module):
     road: Int[Array, " scene"]
     ground: Ground  # [road]
     bars: Box  # [scene bar]
+    way: OwnWay | None  # [scene] of the egos, where they are to follow their routes
     dt: float = eqx.field(static=True)
 
     @property
@@ -64,8 +66,9 @@ class Classroom(eqx.Module):
 
     @compiled
     def targets(self, lesson: Lesson) -> Float[Array, "batch 2"]:
-        """Where each of the taught is to go [m, its own frame]."""
-        return jax.vmap(to_frame)(lesson.goal[:, 0], lesson.goal[:, 1], lesson.state)
+        """Where each of the taught is to go [m, its own frame]: to its goal, or to a point of the ego's route."""
+        goal = lesson.goal if self.way is None else jax.vmap(self._ahead)(lesson)
+        return jax.vmap(to_frame)(goal[:, 0], goal[:, 1], lesson.state)
 
     @compiled
     def labels(self, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
@@ -76,6 +79,9 @@ class Classroom(eqx.Module):
             return expert_waypoints(log, self.last[one.scene, one.agent], one.step, one.state, self.dt)
 
         return jax.vmap(label)(lesson)
+
+    def _ahead(self, one: Lesson) -> Float[Array, " 2"]:
+        return jax.tree.map(lambda values: values[one.scene], self.way).target(one.state)
 
     def _view(self, one: Lesson) -> UInt8[Array, "192 192 3"]:
         now = jax.tree.map(lambda values: values[one.scene, :, one.step], self.log)
@@ -94,11 +100,14 @@ def to_frame(x: Float[Array, ""], y: Float[Array, ""], ego: Motion) -> Float[Arr
     return jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
 
 
-def gather(scenarios: Sequence[Scenario]) -> Classroom:
-    """All of `scenarios` on the device. Raises RegentsError where their horizons differ."""
+def gather(scenarios: Sequence[Scenario], follow_routes: bool = False) -> Classroom:
+    """All of `scenarios` on the device. Raises RegentsError where their horizons differ.
+
+    Where egos are to `follow_routes`, their targets and the lights shown are those of their own ways (`way`), and no
+    others can be taught: the ground is drawn around them alone.
+    """
     (count, dt), agents = common_horizon(scenarios), max(len(scenario.agents) for scenario in scenarios)
-    roads = list({id(scenario.road): scenario.road for scenario in scenarios}.values())
-    drawn = [_draw(road, [s for s in scenarios if s.road is road]) for road in roads]
+    patch, drawn = _patches(scenarios, follow_routes)
     tracks = [fill_gaps(scenario.tracks) for scenario in scenarios]
 
     def padded(values: Sequence[np.ndarray], dtype: type) -> np.ndarray:
@@ -110,7 +119,8 @@ def gather(scenarios: Sequence[Scenario]) -> Classroom:
     motion = [padded([getattr(t, name) for t in tracks], np.float32) for name in ("x", "y", "yaw", "speed")]
     valid = padded([t.valid for t in tracks], np.bool_)
     sizes = padded([np.array([(a.length, a.width) for a in s.agents]) for s in scenarios], np.float32)
-    bars, lights = _bars(scenarios, count)
+    way = together([OwnWay.of(scenario, np.zeros(2)) for scenario in scenarios]) if follow_routes else None
+    bars, lights = _bars(scenarios, count) if way is None else (way.bars, way.lights)
     return Classroom(
         log=Motion(*map(jnp.asarray, motion)),
         valid=jnp.asarray(valid),
@@ -119,9 +129,10 @@ def gather(scenarios: Sequence[Scenario]) -> Classroom:
         last=jnp.asarray(count - 1 - np.argmax(valid[..., ::-1], axis=-1)),
         target=jnp.array([scenario.target for scenario in scenarios], jnp.float32),
         lights=lights,
-        road=jnp.array([[road is s.road for road in roads].index(True) for s in scenarios]),
+        road=jnp.array(patch),
         ground=_together(drawn),
         bars=bars,
+        way=way,
         dt=dt,
     )
 
@@ -134,19 +145,47 @@ def common_horizon(scenarios: Sequence[Scenario]) -> tuple[int, float]:
     return found.pop()
 
 
-def _draw(road: RoadMap, scenarios: Sequence[Scenario]) -> tuple[np.ndarray, Float[np.ndarray, " 2"]]:
-    """Cells of the road around all tracks, and their lower left corner [m]."""
-    points = np.concatenate([np.stack([s.tracks.x, s.tracks.y], axis=-1)[s.tracks.valid] for s in scenarios])
-    low = points.min(axis=0) - _AROUND_M
-    return draw_cells(road, low, points.max(axis=0) + _AROUND_M), low
+_Patch = tuple[np.ndarray, Float[np.ndarray, " 2"]]  # cells, and their lower left corner [m]
+
+
+def _patches(scenarios: Sequence[Scenario], egos: bool) -> tuple[list[int], list[_Patch]]:
+    """Which patch of drawn ground each scenario is on, and all of them.
+
+    There is one for each map; where its windows are too far apart for that, one for all that have the same tracks.
+    Around all road users, or `egos` alone.
+    """
+    keys = [(id(scenario.road),) for scenario in scenarios]
+    for key in set(keys):
+        low, high = _around([s for s, own in zip(scenarios, keys, strict=True) if own == key], egos)
+        if np.prod((high - low) / CELL_M + 2.0) > MOST_CELLS:
+            keys = [(*own, id(s.tracks)) if own == key else own for s, own in zip(scenarios, keys, strict=True)]
+    found: dict[tuple[int, ...], list[Scenario]] = {}
+    for scenario, key in zip(scenarios, keys, strict=True):
+        found.setdefault(key, []).append(scenario)
+    number = {key: index for index, key in enumerate(found)}
+    return [number[key] for key in keys], [_draw(those, egos) for those in found.values()]
+
+
+def _draw(scenarios: Sequence[Scenario], egos: bool) -> _Patch:
+    """Cells of the road that scenarios share."""
+    low, high = _around(scenarios, egos)
+    return draw_cells(scenarios[0].road, low, high), low
+
+
+def _around(scenarios: Sequence[Scenario], egos: bool) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    """The corners [m] of what is drawn around all tracks, or those of egos alone."""
+    those = slice(1) if egos else slice(None)
+    positions = (np.stack([s.tracks.x[those], s.tracks.y[those]], axis=-1)[s.tracks.valid[those]] for s in scenarios)
+    points = np.concatenate(list(positions))
+    return points.min(axis=0) - _AROUND_M, points.max(axis=0) + _AROUND_M
 
 
 def _together(drawn: Sequence[tuple[np.ndarray, Float[np.ndarray, " 2"]]]) -> Ground:
     sizes = [cells.size for cells, _ in drawn]
     require(
-        sum(sizes) <= _MOST_CELLS,
+        sum(sizes) <= _MOST_INDEX,
         f"the cases cover {sum(sizes) * CELL_M**2 / 1e6:.1f} km^2 of maps, expected "
-        f"{_MOST_CELLS * CELL_M**2 / 1e6:.1f} at most (train on fewer or smaller maps)",
+        f"{_MOST_INDEX * CELL_M**2 / 1e6:.1f} at most (train on fewer or smaller maps)",
         RegentsError,
     )
     return Ground(

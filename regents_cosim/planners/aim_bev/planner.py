@@ -18,7 +18,8 @@ from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
 from regents_cosim.planners.aim_bev.network import NetworkWeights, to_network
 from regents_cosim.planners.aim_bev.recollection import Recollection, in_view
-from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
+from regents_cosim.planners.aim_bev.way import OwnWay
+from regents_cosim.planners.aim_bev.weights_file import FOLLOWS_ROUTE, SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
 _BEYOND_M = 30.0  # how far the ego may get away from its log and still see the road
@@ -30,7 +31,8 @@ class AimBevMemory(eqx.Module):
     ground: Ground
     bars: Box
     lights: UInt8[Array, "time bar"]
-    target: Float[Array, " 2"]  # [m]
+    target: Float[Array, " 2"]  # [m] the last logged position
+    way: OwnWay | None  # of weights that follow the route: gives their targets
     now: Int[Array, ""]
     errors: SpeedErrors
     recollection: Recollection
@@ -46,10 +48,15 @@ class AimBevSight(eqx.Module):
 
 
 class AimBev(JaxPlanner):
-    """Looks at its surroundings from above and drives to its last logged position. Source: ReGentS section 4, KING."""
+    """Looks at its surroundings from above and drives to its last logged position, or along its route.
+
+    Source: ReGentS section 4, KING, who give it the last logged position. Weights that `follows_route` tells were
+    trained for the other.
+    """
 
     network: NetworkWeights
     controller: Controller
+    follows_route: bool = eqx.field(static=True, default=False)
 
     def init(self, scene: LoopScene) -> AimBevMemory:
         """Draw the map around the logged track."""
@@ -58,12 +65,17 @@ class AimBev(JaxPlanner):
         track = np.stack([tracks.x[0], tracks.y[0]], axis=-1)
         low = track.min(axis=0) - REACH_M - _BEYOND_M
         cells = draw_cells(scenario.road, low, track.max(axis=0) + REACH_M + _BEYOND_M)
-        bars, lights = stop_bars(scenario.road, scenario.signals, scenario.tracks.steps, scene.origin)
+        way = OwnWay.of(scenario, scene.origin) if self.follows_route else None
+        if way is None:
+            bars, lights = stop_bars(scenario.road, scenario.signals, scenario.tracks.steps, scene.origin)
+        else:
+            bars, lights = way.bars, way.lights
         return AimBevMemory(
             ground=to_ground(cells, low, scene.origin),
             bars=bars,
             lights=lights,
             target=scene.on_device(np.array([scenario.target]))[0],
+            way=way,
             now=jnp.int32(0),
             errors=self.controller.begin(),
             recollection=Recollection.of_nothing(lights.shape[0], scene.world.valid.shape[0] - 1),
@@ -104,7 +116,8 @@ class AimBev(JaxPlanner):
 
     def plan(self, memory: AimBevMemory, view: Surroundings, ego: Motion) -> Float[Array, "waypoint 2"]:
         """Waypoints [m] in the ego's frame."""
-        dx, dy = memory.target - jnp.stack([ego.x, ego.y])
+        place = memory.target if memory.way is None else memory.way.target(ego)
+        dx, dy = place - jnp.stack([ego.x, ego.y])
         cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
         target = jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
         return self.network(observe(memory.ground, memory.bars, view, ego), ego.speed, target)
@@ -112,7 +125,8 @@ class AimBev(JaxPlanner):
 
 def with_weights(path: Path) -> AimBev:
     """AIM-BEV with the weights of a file. Raises RegentsError where it holds none."""
-    return AimBev(to_network(load_weights(path)), Controller())
+    weights = load_weights(path)
+    return AimBev(to_network(weights), Controller(), FOLLOWS_ROUTE in weights)
 
 
 def aim_bev(weights: str = "") -> AimBev:

@@ -18,7 +18,8 @@ from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, prac
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
 from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig, checkpoint_path
-from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
+from regents_cosim.planners.aim_bev.way import relit
+from regents_cosim.planners.aim_bev.weights_file import FOLLOWS_ROUTE, load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 
 _FROM_PRACTICE = 0.4  # share of the lessons, once there is any
@@ -38,6 +39,7 @@ class _ResumableTraining:
     known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, label
     teacher: Teacher | None  # who teaches; None: the log
     fine_tuning: bool  # its batch norms keep their statistics
+    follows_route: bool  # what it is shown: `way`
 
 
 def train(
@@ -53,22 +55,26 @@ def train(
 
     `resume` goes on from a checkpoint, or from weights alone (a warm start). Uninterrupted, the
     same scenarios, configuration and machine give the same weights; a resumed run begins with new
-    lessons. Raises RegentsError where the scenarios hold too few lessons, or their horizons differ.
+    lessons. Weights that follow the route are taught windows with lights three times: as they were, all lights red, and
+    all green. Raises RegentsError where the scenarios hold too few lessons, or their horizons differ.
 
     From `crashes` of the network that `resume` holds, each with the drive that avoids it, it learns to evade. Its
     batch norms keep their statistics. Such a fine-tuning begins again from a checkpoint, and writes none.
     """
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
+    course = _begin(config, resume, fine_tuning=bool(crashes))
     windows = [*scenarios, *(crash.evaded() for crash in crashes)]
-    room, teacher = gather(windows), Teacher.of(windows) if config.teacher == "idm" else None
+    if course.follows_route:
+        windows += [twin for scenario in scenarios for twin in relit(scenario)]
+    course.teacher = teacher = Teacher.of(windows) if config.teacher == "idm" else None
+    room = gather(windows, course.follows_route)
     curriculum = plan(
         room, {len(scenarios) + index: evading_steps(crash) for index, crash in enumerate(crashes)}, teacher is not None
     )
     total = sum(map(len, curriculum.rows.values()))
     require(total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError)
     taught, held_back = _split(curriculum)
-    course = _begin(config, resume, teacher, fine_tuning=bool(crashes))
     for epoch in range(len(course.done), config.epochs):
         rng = np.random.default_rng((config.seed, epoch))
         driven = (None, None)
@@ -78,7 +84,7 @@ def train(
         loss = _teach(course, rng, config, epoch)
         check = _check(course, room, held_back, config)
         course.done.append(Epoch(epoch, loss, check, *driven))
-        save_weights(_weights(course.network), output)
+        save_weights(_weights(course), output)
         if not course.fine_tuning:
             _save_checkpoint(course, output)
         yield list(course.done)
@@ -89,8 +95,8 @@ def drive_all(scenarios: Sequence[Scenario], weights: Path) -> Iterator[Tracks]:
 
     Raises RegentsError where the horizons differ, or these are no weights.
     """
-    room, at_once = gather(scenarios), min(_AT_ONCE, len(scenarios))
-    predict = _predict(_begin(TrainConfig(), weights).network)
+    begun, at_once = _begin(TrainConfig(teacher="idm"), weights), min(_AT_ONCE, len(scenarios))
+    room, predict = gather(scenarios, begun.follows_route), _predict(begun.network)
     for first in range(0, len(scenarios), at_once):
         scene = np.minimum(np.arange(first, first + at_once), len(scenarios) - 1)  # the last chunk keeps the shape
         driven = np.stack([known for _, known in drive(room, predict, Controller(), scene)], axis=-1)
@@ -235,30 +241,37 @@ def _with_ego(scenario: Scenario, driven: Float[np.ndarray, "4 time"]) -> Tracks
     return replace(scenario.tracks, **moved, accel=None, curvature=None)
 
 
-def _begin(
-    config: TrainConfig, resume: Path | None, teacher: Teacher | None = None, fine_tuning: bool = False
-) -> _ResumableTraining:
+def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) -> _ResumableTraining:
     network = AimBevNetwork()
     network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
     course = _ResumableTraining(
-        network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept), teacher, fine_tuning
-    )
+        network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept), None, fine_tuning,
+        follows_route=False,
+    )  # fmt: skip
     if resume is not None:
         saved = load_weights(resume)
         _restore(course, {n: v for n, v in saved.items() if n != "epochs"} if fine_tuning else saved)
+    if config.target is not None:
+        course.follows_route = config.target == "route"
+    require(
+        not course.follows_route or config.teacher == "idm",
+        "weights that follow the route (target route), expected the teacher idm: the log tells nothing of lights",
+        RegentsError,
+    )
     return course
 
 
-def _weights(network: AimBevNetwork) -> dict[str, np.ndarray]:
-    return {
-        name: values.detach().numpy() for name, values in network.state_dict().items() if values.is_floating_point()
-    }
+def _weights(course: _ResumableTraining) -> dict[str, np.ndarray]:
+    """By name; with a mark where they are to follow routes."""
+    state = course.network.state_dict().items()
+    found = {name: values.detach().numpy() for name, values in state if values.is_floating_point()}
+    return found | ({FOLLOWS_ROUTE: np.ones(1, np.float32)} if course.follows_route else {})
 
 
 def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
     """Weights, Adam's moments, the epochs so far and the states met in practice."""
-    saved = {f"network.{name}": values for name, values in _weights(course.network).items()}
+    saved = {f"network.{name}": values for name, values in _weights(course).items()}
     for index, state in course.adam.state_dict()["state"].items():
         saved |= {f"adam.{index}.{name}": np.asarray(value) for name, value in state.items()}
     saved["epochs"] = np.array([[np.nan if v is None else v for v in asdict(e).values()] for e in course.done])
@@ -268,6 +281,7 @@ def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
 
 def _restore(course: _ResumableTraining, saved: dict[str, np.ndarray]) -> None:
     own = {name.removeprefix("network."): torch.tensor(v) for name, v in saved.items() if not name.startswith("adam.")}
+    course.follows_route = FOLLOWS_ROUTE in own
     known = course.network.state_dict()
     missing = [name for name in known if name not in own and not name.endswith("num_batches_tracked")]
     require(not missing, f"the file to resume from lacks {len(missing)} weights, {missing[:1]} first", RegentsError)

@@ -22,6 +22,7 @@ class TrainConfig:
     warm_up: int = 3  # epochs before the network drives by itself, where it begins without weights
     drives: int = 40  # of the network by itself, per epoch
     teacher: Literal["log", "idm"] = "log"  # that, or who drives in the egos' places: `teacher`
+    target: Literal["end", "route"] | None = None  # the log's end, or a route point ahead: `way`; None: as the weights
     evading: float = 0.25  # share of the lessons and drives, where there are crashes to learn from
     threads: int = 2  # of torch
 
