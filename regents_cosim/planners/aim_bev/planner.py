@@ -116,11 +116,18 @@ class AimBev(JaxPlanner):
 
     def plan(self, memory: AimBevMemory, view: Surroundings, ego: Motion) -> Float[Array, "waypoint 2"]:
         """Waypoints [m] in the ego's frame."""
+        picture, target = self.shown(memory, view, ego)
+        return self.network(picture, ego.speed, target)
+
+    def shown(
+        self, memory: AimBevMemory, view: Surroundings, ego: Motion
+    ) -> tuple[UInt8[Array, "192 192 3"], Float[Array, " 2"]]:
+        """What the network is given to see, and where it is to go [m, the ego's frame]."""
         place = memory.target if memory.way is None else memory.way.target(ego)
         dx, dy = place - jnp.stack([ego.x, ego.y])
         cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
         target = jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
-        return self.network(observe(memory.ground, memory.bars, view, ego), ego.speed, target)
+        return observe(memory.ground, memory.bars, view, ego), target
 
 
 def with_weights(path: Path) -> AimBev:
