@@ -30,7 +30,8 @@ LIGHT = {"r": COLOURS[4], "G": COLOURS[5], "y": COLOURS[6]}
 def waiting(west="r", south="G"):
     """The ego's log stands before the line, which is 10 m before the middle of the crossroads, for the whole window."""
     made = moving(crossroads(west, south), 0, x=np.full(81, -18.0), speed=np.zeros(81))
-    return moving(made, 1, y=np.full(81, -60.0), speed=np.zeros(81))
+    made = moving(made, 1, y=np.full(81, -60.0), speed=np.zeros(81))
+    return replace(made, target=(-18.0, 0.0))
 
 
 def at(made, x=-18.0, speed=0.0):
@@ -111,6 +112,7 @@ def test_weights_carry_what_they_were_trained_with(tmp_path):
     assert with_weights(file).follows_route
 
 
+@pytest.mark.slow
 def test_the_log_is_no_teacher_of_lights(tmp_path, capsys):
     pytest.importorskip("torch", reason="torch is an extra")
     words = ["train", "aim-bev", "shipped:quickstart", "-o", str(tmp_path / "w.safetensors"), "--target", "route"]
