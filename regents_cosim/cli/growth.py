@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from regents_cosim.archive.axes import Axes
-    from regents_cosim.campaign.growing import Added, Budget, Growth
+    from regents_cosim.campaign.growing import Budget, Growth
+    from regents_cosim.campaign.intake import Added
     from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.scenario import Scenario
@@ -33,6 +34,7 @@ def grow_suite(
     from regents_cosim.archive.coverage import archive_of
     from regents_cosim.campaign.explored import open_explored
     from regents_cosim.campaign.growing import GrowingSuite
+    from regents_cosim.campaign.intake import SuiteIntake
     from regents_cosim.cases.manifest import find_cases, load_manifest
     from regents_cosim.cases.shipped import require_own
     from regents_cosim.cases.suite import SuiteWriter
@@ -45,8 +47,11 @@ def grow_suite(
     copy = None if output is None else SuiteWriter(output, given.traffic.seed).add
     key = run.identity({}, run.together()).key(*axes.names)
     explored = open_explored(suite, key, run.planner, run.config.label)
-    growing = GrowingSuite(suite, archive_of(find_cases(suite), axes), explored, run, still, copy)
-    growth = growing.grow(_traffic(given), lambda number: _round(given, number, terminal), budget)
+    picture = still if run.pictures else None
+    intake = SuiteIntake(suite, archive_of(find_cases(suite), axes), picture, run.verify, copy)
+    growth = GrowingSuite(intake, explored, run).grow(
+        _traffic(given), lambda number: _round(given, number, terminal), budget
+    )
     title = f"{len(growth.added)} cases added to {suite}, found in {growth.windows} windows"
     terminal.show(title, [_row(one, axes) for one in growth.added], _note(growth, run.planner), ("case", "why"))
     for error in growth.errors:

@@ -16,6 +16,7 @@ from regents_cosim.archive.coverage import archive_of
 from regents_cosim.attacks.presets import preset
 from regents_cosim.campaign.explored import open_explored
 from regents_cosim.campaign.growing import Budget, GrowingSuite
+from regents_cosim.campaign.intake import SuiteIntake
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.suite import SuiteWriter
@@ -31,9 +32,8 @@ NEVER = Budget(float("inf"))
 
 
 def growing(folder, search=RUN):
-    return GrowingSuite(
-        folder, archive_of(find_cases(folder), AXES), open_explored(folder, "key", "idm", "king"), search, repr
-    )
+    intake = SuiteIntake(folder, archive_of(find_cases(folder), AXES), None, verify=False)
+    return GrowingSuite(intake, open_explored(folder, "key", "idm", "king"), search)
 
 
 def record(number):

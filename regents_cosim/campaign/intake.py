@@ -1,0 +1,81 @@
+"""What a suite that grows takes in: crashes in cells of the map of behaviours that are empty, or better than the best.
+
+New is a crash in an empty cell, or one that is plainer or gentler than the best there. What is in the suite stays: its
+outcome may have been accepted. Every case is added whole or not at all, and one that is known is not added again, so
+that a run that was killed takes in what is missing.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from regents_cosim.archive.axes import Cell
+from regents_cosim.archive.crash import Crash, crash_of
+from regents_cosim.archive.elites import Archive
+from regents_cosim.campaign.attack_run import STILL
+from regents_cosim.campaign.window_job import Still
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_header
+from regents_cosim.cases.header import HEADER
+from regents_cosim.cases.manifest import add_case, load_manifest
+from regents_cosim.replays.replay import replay_each
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.interruption import keep, made_whole
+
+_HASH = 8  # letters of it, behind a name that is taken
+
+
+@dataclass(frozen=True)
+class Added:
+    """A crash that was added."""
+
+    crash: Crash
+    cell: Cell
+    why: str  # new cell, plainer or gentler
+    than: str  # the case that was the best of its cell; empty for a new cell
+
+
+@dataclass(frozen=True)
+class SuiteIntake:
+    """A suite, and what is asked of a crash that it is to take in."""
+
+    folder: Path
+    archive: Archive  # its crashes
+    still: Still | None  # draws a picture into every case; None: there are none
+    verify: bool = True  # only what SUMO confirms
+    copy: Callable[[Scenario], Path] | None = None  # saves what is added in a second place; its folder there
+
+    def take(self, crashes: Sequence[Scenario]) -> list[Added]:
+        """Add what is new of them."""
+        new = [case for case in crashes if (crash := crash_of(case)) and self.archive.improves(crash)]
+        if self.verify and new:
+            confirmed = {one.case for one in replay_each(new, "sumo") if one.verified}
+            new = [case for case in new if case.id in confirmed]
+        return [added for case in new if (added := self._add(case))]
+
+    def _add(self, case: Scenario) -> Added | None:
+        """Add a crash, unless another one of these has just filled its cell with a better one."""
+        case = self._with_free_name(case)
+        crash = crash_of(case)
+        why = self.archive.improves(crash) if crash else ""
+        if crash is None or not why:
+            return None
+        best = self.archive.elite(self.archive.axes.cell(crash))
+        with made_whole():
+            folder = add_case(case, self.folder, replace(load_manifest(self.folder), cases=()))
+            added = Added(crash, self.archive.add(crash), why, best.case if best else "")
+        keep(f"cases that are new are added to {self.folder}")
+        places = [folder, *([self.copy(case)] if self.copy else [])]
+        for place in places if self.still else []:
+            assert self.still is not None
+            write_atomic(place / STILL, self.still(case))
+        return added
+
+    def _with_free_name(self, case: Scenario) -> Scenario:
+        """With the hash behind its name, where the suite has another case of that name, which stays."""
+        digest = content_hash(case)
+        there = self.folder / case.id
+        if not (there / HEADER).is_file() or load_header(there).hash == digest:
+            return case
+        return replace(case, id=f"{case.id}-{digest[:_HASH]}")
