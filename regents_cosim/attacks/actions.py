@@ -30,10 +30,9 @@ def allowed(
     actions = jax.tree.map(lambda values: jnp.clip(values, -1.0, 1.0), actions)
     if config.law == "strict":
         actions = not_too_fast(actions, world, searched)
-    if world.bounds is not None:
-        actions = to_actions(within_bounds(world, searched, to_controls(actions)))
-    # Jerk eases accelerations off late: who is on foot or on a bicycle stops getting faster at once.
-    return not_too_fast(actions, world, searched) if world.slower_users else actions
+    if world.bounds is None:
+        return actions
+    return to_actions(within_bounds(world, searched, to_controls(actions)))
 
 
 def not_too_fast(actions: Controls, world: World, searched: SearchedAgents) -> Controls:

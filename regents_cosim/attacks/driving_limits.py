@@ -54,6 +54,11 @@ def within_bounds(world: World, searched: SearchedAgents, controls: Controls) ->
     bounds, logged, moving = rows(world.bounds), rows(world.controls), rows(world.moving)
     accel = _eased(controls.accel, logged.accel, moving, bounds, world.dt)
     speed = stopping_speed(rows(world.start.speed), jnp.where(moving, accel, 0.0) * world.dt)
+    if world.slower_users:  # those on foot or on a bicycle stop getting faster at once, however jerk eases it off
+        slower = jnp.minimum(speed, rows(world.top_speed)[:, None])
+        too_fast = moving & (speed[:, 1:] > slower[:, 1:])
+        accel = jnp.where(too_fast, jnp.minimum(accel, jnp.diff(slower) / world.dt), accel)
+        speed = slower
     tightest = _lateral(bounds, logged, rows(world.log.speed)) / jnp.maximum(_square(speed), _SLOWEST_M_S**2)
     if world.walks is not None:
         tightest = jnp.where(rows(world.walks)[:, None], _fastest_turn(bounds, logged, speed), tightest)
