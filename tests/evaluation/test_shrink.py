@@ -16,7 +16,6 @@ from regents_cosim.evaluation.reduction.shrink import shrink_at, size
 from regents_cosim.evaluation.reduction.way_back import WayBack
 from regents_cosim.judgement import UNLAWFUL
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
-from regents_cosim.mirror.dynamics import controls_between
 from regents_cosim.mirror.world import to_world
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.verdicts.judge import judge
@@ -95,7 +94,7 @@ def test_on_the_way_back_vehicles_move_as_they_can(attacked, part):
     for share in (1.0, 0.5, 0.0):
         case = way_back.at(share, part)
         world = to_world(case)
-        controls = controls_between(world.dynamics, world.log, world.dt)
+        controls = world.mobility.controls_between(world.log, world.dt)
         assert np.abs(controls.accel[agent]).max() <= ACCEL_LIMIT + 1e-2
         assert np.abs(controls.curvature[agent]).max() <= CURVATURE_LIMIT + 1e-2
         apart.append(np.hypot(case.tracks.x[agent] - log[0], case.tracks.y[agent] - log[1]).mean())
