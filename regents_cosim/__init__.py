@@ -36,6 +36,11 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.training.fine_tuning import FineTuned as FineTuned
     from regents_cosim.evaluation.training.fine_tuning import finetune as finetune
     from regents_cosim.evaluation.training.fine_tuning import train as train
+    from regents_cosim.evaluation.training.gate import Gate as Gate
+    from regents_cosim.evaluation.training.rounds import AdversariallyTrained as AdversariallyTrained
+    from regents_cosim.evaluation.training.rounds import train_adversarially as train_adversarially
+    from regents_cosim.evaluation.training.rounds_course import RoundRow as RoundRow
+    from regents_cosim.evaluation.training.rounds_settings import Rounds as Rounds
     from regents_cosim.exports.export import export as export
     from regents_cosim.judgement import Judgement as Judgement
     from regents_cosim.maps.roadmap import Lane as Lane
@@ -83,6 +88,10 @@ _NAMES = {
     "evaluation.suites.building": "Recipe build_suite",
     "evaluation.training.before_after": "BeforeAfterRow",
     "evaluation.training.fine_tuning": "FineTuned finetune train",
+    "evaluation.training.gate": "Gate",
+    "evaluation.training.rounds": "AdversariallyTrained train_adversarially",
+    "evaluation.training.rounds_course": "RoundRow",
+    "evaluation.training.rounds_settings": "Rounds",
     "exports.export": "export",
     "judgement": "Judgement",
     "maps.roadmap": "Lane RoadMap",

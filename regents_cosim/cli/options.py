@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cyclopts import Token
 
     from regents_cosim.attacks.presets import AttackConfig
+    from regents_cosim.evaluation.training.rounds_settings import Rounds
     from regents_cosim.planners.aim_bev.train_config import TrainConfig
 
 # On where it is not turned off: the only kind of option whose negation says something.
@@ -217,6 +218,50 @@ class FineTune:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
+class AdversarialRounds:
+    """Rounds of attack and training: what is attacked, how long, and where the crashes go."""
+
+    adversarial: Annotated[int | None, Parameter(validator=Number(gte=1, lte=1000))] = None
+    """so many rounds: attack the planner in fresh windows, let it learn from the crashes that a careful driver avoids
+    and that it can see coming, and attack what it has become; a round whose weights drive ordinary traffic worse than
+    those at the beginning does not count. The same command goes on after a stop"""
+    nets: Networks = ()
+    windows: Count = 24
+    """of each network that are attacked in each round"""
+    held_out_windows: Count = 24
+    """of each network, with a seed of their own, in which the weights before and after are attacked at the end"""
+    first_seed: Seed = 1
+    """of SUMO in the first round; each round takes the next, and the judgement the one after the last"""
+    method: Literal["focused", "regents", "king"] = "focused"
+    """who attacks, as in `regents attack`"""
+    into: Path | None = None
+    """a suite that grows by the crashes of new kinds that the rounds find; default OUTPUT.rounds/suite"""
+    neighbours: Switch = True
+    """teach the scene of each crash as well with so little of the attack left that nothing is to be feared"""
+    verify: Verify = True
+    pictures: Pictures = True
+
+    def settings(self, training: "TrainConfig") -> "Rounds":
+        """All that decides the rounds. Raises RegentsError."""
+        from regents_cosim.attacks.presets import preset
+        from regents_cosim.cases.shipped import NETWORKS
+        from regents_cosim.evaluation.training.rounds_settings import Rounds
+
+        return Rounds(
+            rounds=self.adversarial or 1,
+            nets=self.nets or NETWORKS,
+            windows=self.windows,
+            held_out=self.held_out_windows,
+            first_seed=self.first_seed,
+            attack=preset(self.method),
+            training=training,
+            neighbours=self.neighbours,
+            verify=self.verify,
+        )
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
 class TrainOptions:
     """How long, from what and how fast the network learns; what is not given is what the way to learn has."""
 
@@ -244,13 +289,13 @@ class TrainOptions:
     seed: Seed = 0
     """of everything that is drawn"""
 
-    def config(self, fine_tune: FineTune) -> "TrainConfig":
-        """The settings of training or of fine-tuning, with what was given in their place."""
+    def config(self, from_crashes: bool, evading: float | None) -> "TrainConfig":
+        """The settings of training or of learning from crashes, with what was given in their place."""
         from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig
 
-        given = vars(self) | {"evading": fine_tune.evading}
+        given = vars(self) | {"evading": evading}
         known = {name: value for name, value in given.items() if value is not None}
-        return replace(FINE_TUNING if fine_tune.finetune else TrainConfig(), **known)
+        return replace(FINE_TUNING if from_crashes else TrainConfig(), **known)
 
 
 @Parameter(name="*")

@@ -10,6 +10,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from blind_weights import save_blind
 from hypothesis import given
 from hypothesis import strategies as st
 from params import slow
@@ -22,13 +23,13 @@ from regents_cosim.errors import PlannerError, RegentsError, ScenarioError
 from regents_cosim.evaluation.drives.driving import Drive
 from regents_cosim.evaluation.training.before_after import before_after, hold_back
 from regents_cosim.evaluation.training.failed_drives import BRAKING, failed_drives, teachable
-from regents_cosim.evaluation.training.fine_tuning import learnt_path
+from regents_cosim.evaluation.training.learning import learnt_path
 from regents_cosim.evaluation.training.mixture import SHARES, Mixture, best, mixture
 from regents_cosim.planners.aim_bev.curriculum import EVADING, KINDS, evading_steps, plan
 from regents_cosim.planners.aim_bev.interpolate import interpolate
 from regents_cosim.planners.aim_bev.lessons import gather
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
-from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.verdicts.judge import judge
@@ -245,9 +246,7 @@ def folders(tmp_path_factory):
 @pytest.fixture(scope="module")
 def blind(tmp_path_factory):
     """Weights that see nothing: they plan to go straight on."""
-    path = tmp_path_factory.mktemp("weights") / "blind.safetensors"
-    save_weights({name: 0 * v if name.startswith("output.") else v for name, v in load_weights(SHIPPED).items()}, path)
-    return path
+    return save_blind(tmp_path_factory.mktemp("weights") / "blind.safetensors")
 
 
 def said(capsys):

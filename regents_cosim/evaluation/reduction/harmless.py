@@ -4,7 +4,11 @@ A suite of crashes alone gives its best score to a planner that always brakes. S
 nothing is to be feared: there a planner has to get on as well.
 """
 
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -36,6 +40,13 @@ def harmless_neighbour(crash: Scenario, careful: MirrorDriver) -> Scenario | Non
         if tracks is not None and _passes(drive) and _calm(tracks, scene.dt) and not _others_touch(scene):
             return replace(_noted(scene, crash, share, drive), tracks=tracks)
     return None
+
+
+def harmless_neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
+    """The harmless neighbours of those crashes that have one, by the crash."""
+    with MirrorDriver("careful") as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
+        return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}
 
 
 def _passes(drive: Drive) -> bool:

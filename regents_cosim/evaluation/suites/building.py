@@ -5,9 +5,7 @@ that is found for one of them is kept where all above it pass: so it shows what 
 one gets worse. Each crash brings its harmless neighbour (`evaluation.reduction.harmless`); one without is left out.
 """
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -30,13 +28,12 @@ from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import is_telling
 from regents_cosim.evaluation.drives.driving import Drive, drive_each
-from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
+from regents_cosim.evaluation.reduction.harmless import harmless_neighbours
 from regents_cosim.evaluation.suites.cards import CaseCard, card
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
@@ -117,7 +114,7 @@ def build(
     windows = [one for its in recorded_by_source for one in _spread(its, recipe.attacked)]
     crashes = _crashes(windows, recipe, tell, steps)
     ordinary = _collision_free([one for its in recorded_by_source for one in its], recipe)
-    neighbours = _neighbours(crashes) if recipe.harmless else {}
+    neighbours = harmless_neighbours(crashes) if recipe.harmless else {}
     met = [one for one in crashes if one.id in neighbours] if recipe.harmless else crashes
     adversarial = choose_adversarial(
         _cards(met), recipe.adversarial, recipe.unavoidable, recipe.seed, _best_of_cells(met, recipe)
@@ -254,13 +251,6 @@ def _collision_free(windows: Sequence[Scenario], recipe: Recipe) -> list[Scenari
     A test that they fail from the start teaches nothing.
     """
     return _passed_by([_CAREFUL, recipe.planners[0]], list(windows))
-
-
-def _neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
-    """The harmless neighbours of those crashes that have one, by the crash."""
-    with MirrorDriver(_CAREFUL) as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
-        return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}
 
 
 def _cards(scenarios: Sequence[Scenario]) -> list[CaseCard]:

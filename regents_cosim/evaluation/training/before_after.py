@@ -52,11 +52,19 @@ def before_after(cases: str, before: Sequence[Drive], after: Sequence[Drive]) ->
     return rows
 
 
-def hold_back(scenarios: Sequence[Scenario]) -> tuple[list[Scenario], list[Scenario]]:
-    """Those to train on, and those of every fifth window to judge by; no window is on both sides."""
-    windows = sorted({_window(scenario) for scenario in scenarios})
-    held = set(windows[_HELD_BACK - 1 :: _HELD_BACK])
+def hold_back(scenarios: Sequence[Scenario], after: int = 0) -> tuple[list[Scenario], list[Scenario]]:
+    """Those to train on, and those of every fifth window to judge by; no window is on both sides.
+
+    `after` is how many windows were divided before: they count as well.
+    """
+    windows = sorted(windows_among(scenarios))
+    held = {window for at, window in enumerate(windows, after + 1) if at % _HELD_BACK == 0}
     return [s for s in scenarios if _window(s) not in held], [s for s in scenarios if _window(s) in held]
+
+
+def windows_among(scenarios: Sequence[Scenario]) -> set[str]:
+    """The windows that they are of: of an attacked case, that which was attacked."""
+    return {_window(scenario) for scenario in scenarios}
 
 
 def _window(scenario: Scenario) -> str:

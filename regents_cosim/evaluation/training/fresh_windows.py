@@ -1,0 +1,84 @@
+"""Windows of traffic for every round of training, and to judge by: no seed is used twice, nor that of a case given."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from regents_cosim.campaign.steps import Steps
+from regents_cosim.campaign.traffic_files import traffic_digest
+from regents_cosim.campaign.window_job import AttackRun
+from regents_cosim.cases.provenance import sha256_of
+from regents_cosim.cases.shipped import network
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.scenario import Scenario
+from regents_cosim.sources.record import record
+from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.system.progress import Progress
+
+
+@dataclass(frozen=True)
+class FreshWindows:
+    """Recorded when they are asked for, and kept as steps on the way."""
+
+    nets: tuple[str, ...]  # shipped SUMO networks, or .sumocfg files
+    first_seed: int  # of round 1; each round takes the next
+    horizon_s: float
+    steps: Steps
+    progress: Progress
+
+    def __post_init__(self) -> None:
+        """Raises RegentsError where two networks have one name: their windows would have as well."""
+        names = [path.name for path in self._configs]
+        require(
+            len(set(names)) == len(names) > 0,
+            f"networks {', '.join(names) or 'none'}: expected at least one, each under a name of its own",
+            RegentsError,
+        )
+
+    def seed(self, round_number: int) -> int:
+        """Of SUMO, for the windows of a round."""
+        return self.first_seed + round_number - 1
+
+    def digests(self) -> list[str]:
+        """Of the files of each network. Raises RegentsError where one is missing."""
+        return [traffic_digest(SumoInput(config=path)) for path in self._configs]
+
+    def require_unseen(self, cases: Iterable[Scenario], rounds: int) -> None:
+        """Raise RegentsError where a case is of traffic that one of so many rounds records."""
+        configs = {sha256_of(path) for path in self._configs}
+        seeds = {self.seed(number + 1) for number in range(rounds)}
+        for case in cases:
+            made = case.provenance
+            require(
+                made.sha256 not in configs or made.seed not in seeds,
+                f"{case.id} is of {made.file} with seed {made.seed}; seeds {min(seeds)} to {max(seeds)} are those of "
+                "fresh windows: expected cases of other seeds (or another --first-seed)",
+                RegentsError,
+            )
+
+    def attacked(self, round_number: int, name: str, count: int, run: AttackRun) -> list[list[Scenario]]:
+        """What an attack finds in each window of a round; `name` tells it from other attacks there."""
+        found = []
+        for path, windows in self._recorded(round_number, count):
+            place, what = f"{name} of round {round_number} on {path.stem}", f"attacking {run.planner} on {path.stem}"
+            found += self.steps.attacked(
+                place, windows, run, lambda done, of, what=what: self.progress.each(done, what, of)
+            )
+        return found
+
+    def windows(self, round_number: int, count: int) -> list[Scenario]:
+        """Those of a round, so many of each network."""
+        return [window for _, windows in self._recorded(round_number, count) for window in windows]
+
+    def _recorded(self, round_number: int, count: int) -> Iterator[tuple[Path, list[Scenario]]]:
+        for path in self._configs:
+            settings = {"seed": self.seed(round_number), "windows": count, "horizon": self.horizon_s}
+            recorded = partial(record, path, count=count, seed=settings["seed"], horizon_s=self.horizon_s)
+            digest = traffic_digest(SumoInput(config=path))
+            place = f"windows of round {round_number} on {path.stem}"
+            yield path, self.steps.recorded(place, settings, digest, partial(recorded, tell=self.progress.say))
+
+    @property
+    def _configs(self) -> list[Path]:
+        return [network(name) for name in self.nets]

@@ -1,0 +1,66 @@
+"""The gate between two rounds of training: whether ordinary traffic is driven as well as before."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.statistics import mcnemar, mean_interval
+from regents_cosim.evaluation.training.mixture import AT_MOST_WORSE
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Ordinary cases driven before and after, pair by pair. The means decide; the interval says how sure they are."""
+
+    ordinary: int  # cases
+    routes_before_percent: float  # mean share of the route that is driven
+    routes_after_percent: float
+    lost_points: float  # of ordinary routes, mean over the cases
+    lost_interval_points: tuple[float, float] | None  # 95 %; None for fewer than two cases
+    collisions_before: int
+    collisions_after: int
+    p_value: float  # that both collide equally often (McNemar)
+    passed: bool  # at most 2 points of route are lost, and there are no more collisions
+
+    @property
+    def said(self) -> str:
+        """In words."""
+        low_high = self.lost_interval_points
+        sure = f" ({low_high[0]:g} to {low_high[1]:g})" if low_high else ""
+        return (
+            f"{self.ordinary} ordinary routes {self.routes_before_percent:g} % -> {self.routes_after_percent:g} %, "
+            f"{self.lost_points:g} points lost{sure}, collisions {self.collisions_before} -> {self.collisions_after}: "
+            f"{'passed' if self.passed else 'not passed, the weights stay'}"
+        )
+
+
+def gate(before: Sequence[Drive], after: Sequence[Drive]) -> Gate:
+    """Compare drives of the same cases in the same order. `before` are those of the planner that all began with.
+
+    So that what several rounds lose does not add up.
+    """
+    lost = [a.completion - b.completion for a, b in zip(before, after, strict=True)]
+    hits = [[drive.hits is not None for drive in drives] for drives in (before, after)]
+    return Gate(
+        ordinary=len(lost),
+        routes_before_percent=_points(fmean(drive.completion for drive in before)),
+        routes_after_percent=_points(fmean(drive.completion for drive in after)),
+        lost_points=_points(fmean(lost)),
+        lost_interval_points=_interval(lost),
+        collisions_before=sum(hits[0]),
+        collisions_after=sum(hits[1]),
+        p_value=round(mcnemar(*hits), 4),
+        passed=fmean(lost) <= AT_MOST_WORSE and sum(hits[1]) <= sum(hits[0]),
+    )
+
+
+def _interval(lost: Sequence[float]) -> tuple[float, float] | None:
+    if len(lost) < 2:
+        return None
+    low, high = mean_interval(lost)
+    return _points(low), _points(high)
+
+
+def _points(share: float) -> float:
+    return round(100.0 * share, 1)

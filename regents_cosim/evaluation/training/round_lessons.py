@@ -1,0 +1,40 @@
+"""What a round teaches: the crashes that a careful driver avoids and the planner can see coming, and their neighbours.
+
+A planner that learns from crashes alone learns to stand. So the scene of each crash is taught as well with so little of
+the attack left that nothing is to be feared (`evaluation.reduction.harmless`): there it is to get on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from regents_cosim.evaluation.reduction.harmless import harmless_neighbours
+from regents_cosim.evaluation.training.before_after import hold_back, windows_among
+from regents_cosim.evaluation.training.failed_drives import failed_drives, teachable
+from regents_cosim.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class RoundLessons:
+    """Of all rounds so far."""
+
+    crashes: tuple[Scenario, ...] = ()  # each with the drive that avoids it
+    harmless: tuple[Scenario, ...] = ()  # neighbours of these
+    chosen_by: tuple[Scenario, ...] = ()  # crashes in every fifth window: these choose how much is kept
+    windows: int = 0  # with crashes
+
+    @property
+    def are_enough(self) -> bool:
+        """Whether there is something to learn from, and something to choose by."""
+        return bool(self.crashes and self.chosen_by)
+
+    def with_round(self, crashes: Sequence[Scenario], planner: str, neighbours: bool) -> "RoundLessons":
+        """With what `planner` is to learn from the crashes that an attack on it found in one more round."""
+        taught, chosen_by = hold_back(crashes, self.windows)
+        found = teachable(list(failed_drives(taught, (case.tracks for case in taught), planner)))
+        beside = harmless_neighbours(found) if neighbours else {}
+        return RoundLessons(
+            (*self.crashes, *found),
+            (*self.harmless, *beside.values()),
+            (*self.chosen_by, *chosen_by),
+            self.windows + len(windows_among(crashes)),
+        )

@@ -1,0 +1,91 @@
+"""`train_adversarially`: attack the planner, let it learn from its crashes, attack what it has become, and so on.
+
+Every round has windows of its own, and so have the attacks that judge the last one. What a round has learnt counts
+only if ordinary traffic is driven as well as in the beginning; else the next round begins where this one did.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from regents_cosim.campaign.identity import identity
+from regents_cosim.campaign.ledger import open_ledger
+from regents_cosim.campaign.steps import Steps
+from regents_cosim.campaign.window_job import Still
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.manifest import MANIFEST, Suite, save_suite
+from regents_cosim.cases.provenance import made_by, sha256_of, versions
+from regents_cosim.cases.suite import SuiteWriter, cases_of
+from regents_cosim.errors import require_file
+from regents_cosim.evaluation.training.before_after import BeforeAfterRow
+from regents_cosim.evaluation.training.fine_tuning import AnyCases
+from regents_cosim.evaluation.training.fresh_windows import FreshWindows
+from regents_cosim.evaluation.training.learning import EachEpoch, parts, weights_file
+from regents_cosim.evaluation.training.rounds_course import OrdinaryCases, RoundRow, RoundsCourse
+from regents_cosim.evaluation.training.rounds_settings import Rounds
+from regents_cosim.planners.aim_bev.lessons import common_horizon
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED
+from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.progress import SILENT, Progress
+
+
+@dataclass(frozen=True)
+class AdversariallyTrained:
+    """What the rounds gave; the weights are in the file that was named."""
+
+    rounds: tuple[RoundRow, ...]
+    rows: tuple[BeforeAfterRow, ...]  # on windows that no round has seen: ordinary, with old attacks, with fresh ones
+    suite: Path  # with crashes of all rounds
+
+
+def train_adversarially(
+    cases: AnyCases,
+    output: Path | str,
+    rounds: Rounds | None = None,
+    *,
+    weights: Path = SHIPPED,
+    ordinary: AnyCases | None = None,
+    into: Path | None = None,
+    still: Still | None = None,
+    progress: Progress = SILENT,
+    each_epoch: EachEpoch = lambda done: None,
+) -> AdversariallyTrained:
+    """Let AIM-BEV learn, round by round, from attacks on what it has become; `output` (.safetensors) is the last of it.
+
+    `cases` are ordinary traffic, which is taught between the crashes. Every fifth window of it is driven at the gate,
+    or that of `ordinary`; another fifth chooses how much is kept. Crashes of new kinds join the suite `into` (default:
+    one beside `output`), with a picture each where `still` draws one.
+
+    What is done lies in `OUTPUT.rounds/`: the same call goes on after a stop, to the same bytes. Needs torch. Raises
+    RegentsError, MissingDependencyError.
+    """
+    path, rounds = weights_file(output), rounds or Rounds()
+    held = None if ordinary is None else cases_of(ordinary)
+    split = OrdinaryCases(*parts(cases_of(cases), held, "--ordinary"))
+    given = [*split.taught, *split.chosen_by, *split.judged_by]
+    steps, dt = common_horizon(given)
+    require_file(weights, "weights")
+    folder = rounds_folder(path)
+    traffic = FreshWindows(rounds.nets, rounds.first_seed, round((steps - 1) * dt, 6), Steps(folder), progress)
+    traffic.require_unseen(given, rounds.rounds + 1)
+    suite = _suite(into or folder / "suite", rounds.first_seed)
+    with open_ledger(folder, identity("train", rounds.settings() | {"into": suite}, {})) as ledger:
+        course = RoundsCourse(rounds, weights, split, traffic, folder, suite, still, ledger, progress, each_epoch)
+        course.plan(sha256_of(weights), *map(content_hash, given), *traffic.digests())
+        course.go()
+        write_atomic(path, course.last().read_bytes())
+        ledger.finish()
+        return AdversariallyTrained(tuple(course.rows()), tuple(course.held_out()), suite)
+
+
+def rounds_folder(output: Path) -> Path:
+    """Where the rounds of a training lie that writes its weights to `output`."""
+    return output.with_suffix(".rounds")
+
+
+def _suite(folder: Path, seed: int) -> Path:
+    """The suite that is to grow, with a manifest. Raises RegentsError where no suite can be."""
+    SuiteWriter(folder, seed)
+    if not (folder / MANIFEST).exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        save_suite(folder, Suite((), made_by(), seed, versions()))
+    return folder

@@ -1,0 +1,214 @@
+"""The rounds of a training against fresh attacks, one after the other, and what is known of them in the ledger.
+
+A round is done when its weights are on disk and the ledger says what came of it. Its windows and attacks are steps of
+their own (`campaign.steps`), so that a run that was killed does at most one training, and the windows at work, again.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import msgspec
+
+from regents_cosim.archive.coverage import archive_of
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.campaign.intake import SuiteIntake
+from regents_cosim.campaign.ledger import DoneUnit, Ledger, WorkUnit
+from regents_cosim.campaign.window_job import AttackRun, Still
+from regents_cosim.cases.manifest import find_cases
+from regents_cosim.cases.provenance import sha256_of
+from regents_cosim.evaluation.crashes.scores import count_windows, is_telling
+from regents_cosim.evaluation.training.before_after import BeforeAfterRow
+from regents_cosim.evaluation.training.fresh_windows import FreshWindows
+from regents_cosim.evaluation.training.gate import Gate, gate
+from regents_cosim.evaluation.training.held_out import Attacked, held_out_rows, telling_crashes
+from regents_cosim.evaluation.training.learning import AttackedAndOrdinary, EachEpoch, drives, learn
+from regents_cosim.evaluation.training.round_lessons import RoundLessons
+from regents_cosim.evaluation.training.rounds_settings import Rounds
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.progress import Progress
+
+_JUDGED = "held-out"
+
+
+@dataclass(frozen=True)
+class RoundRow:
+    """What came of a round."""
+
+    round: int
+    windows: int  # that were attacked
+    crashes: int  # of these, those with a crash that a careful driver avoids
+    learnt_from: int  # crashes of all rounds so far that could be seen coming; 0: too few, nothing was learnt
+    harmless: int  # neighbours of crashes that were taught as well
+    suite_cells: int  # of the map of behaviours that the suite fills by now
+    kept_percent: float  # of what was learnt
+    gate: Gate | None  # None where nothing was learnt, or kept
+
+    @property
+    def passed(self) -> bool:
+        """Whether the next round goes on from its weights."""
+        return self.gate is not None and self.gate.passed
+
+    @property
+    def said(self) -> str:
+        """In a line."""
+        found = f"round {self.round}: crashes in {self.crashes} of {self.windows} windows"
+        if not self.learnt_from:
+            return f"{found}, too few to learn from"
+        learnt = f"{found}, {self.learnt_from} to learn from and {self.harmless} harmless neighbours"
+        kept = f"{learnt}, {self.kept_percent:g} % kept"
+        return f"{kept}; {self.gate.said if self.gate else 'the weights stay'}"
+
+
+@dataclass(frozen=True)
+class OrdinaryCases:
+    """Recorded traffic: to train on, to choose how much is kept, and for the gate. No window is in two of them."""
+
+    taught: list[Scenario]
+    chosen_by: list[Scenario]
+    judged_by: list[Scenario]
+
+
+@dataclass(frozen=True)
+class RoundsCourse:
+    """Everything that the rounds need."""
+
+    rounds: Rounds
+    begun_with: Path  # weights
+    ordinary: OrdinaryCases
+    traffic: FreshWindows
+    folder: Path  # for the weights of each round
+    suite: Path  # that grows
+    still: Still | None
+    ledger: Ledger
+    progress: Progress
+    each_epoch: EachEpoch
+
+    def plan(self, *inputs: str) -> None:
+        """Note which rounds there are; `inputs` are digests of all that is given."""
+        names = [*(f"round-{number}" for number in self._numbers), _JUDGED]
+        key = self.ledger.record.begun.identity.key(*inputs)
+        self.ledger.plan("", [WorkUnit(name, key) for name in names])
+        self._forget_lost()
+
+    def go(self) -> None:
+        """Do what is missing."""
+        left = self.ledger.left()
+        if set(left) != {self._unit(_JUDGED)} & set(left):
+            self._go_through_rounds()
+        if left:
+            self._judge(self.last())
+
+    def _go_through_rounds(self) -> None:
+        """From the first: those that are done tell what the others are to learn."""
+        current, known = self.begun_with, RoundLessons()
+        for number in self._numbers:
+            attacked = self.traffic.attacked(number, "attacks", self.rounds.windows, self._run(current))
+            known = known.with_round(telling_crashes(attacked), planner_name(current), self.rounds.neighbours)
+            if not self.ledger.record.is_done(self._unit(number)):
+                cells = self._grow(attacked)
+                self._note(number, self._learn(number, current, known, attacked, cells))
+            current = self._weights(number) if self._row(number).passed else current
+
+    def rows(self) -> Iterator[RoundRow]:
+        """Of all rounds, once they are done."""
+        return map(self._row, self._numbers)
+
+    def held_out(self) -> list[BeforeAfterRow]:
+        """Whether it has paid, once that is known."""
+        return msgspec.convert(self.ledger.record.done[_JUDGED].said["rows"], list[BeforeAfterRow])
+
+    def last(self) -> Path:
+        """The weights of the last round that passed the gate."""
+        passed = [self._weights(row.round) for row in self.rows() if row.passed]
+        return passed[-1] if passed else self.begun_with
+
+    def _learn(self, number: int, current: Path, known: RoundLessons, attacked: Attacked, cells: int) -> RoundRow:
+        """Train on the lessons of all rounds so far."""
+        windows, crashes = len(attacked), count_windows(attacked, is_telling)
+        self.progress.say(f"round {number}: {planner_name(current)} crashes in {crashes} of {windows} windows")
+        if not known.are_enough:
+            self.progress.say("these are too few to learn from: more --windows find more")
+            return RoundRow(number, windows, crashes, 0, 0, cells, 0.0, None)
+        learnt = learn(
+            known.crashes,
+            [*self.ordinary.taught, *known.harmless],
+            AttackedAndOrdinary(list(known.chosen_by), self.ordinary.chosen_by),
+            current,
+            self._weights(number),
+            self.rounds.training,
+            self.progress,
+            self.each_epoch,
+        )
+        passed = self._gate(self._weights(number)) if learnt.kept else None
+        taught = len(known.crashes), len(known.harmless)
+        return RoundRow(number, windows, crashes, *taught, cells, round(100.0 * learnt.kept, 1), passed)
+
+    def _gate(self, weights: Path) -> Gate:
+        pairs = (drives(self.ordinary.judged_by, one, self.progress) for one in (self.begun_with, weights))
+        return gate(*pairs)
+
+    def _grow(self, attacked: Attacked) -> int:
+        """Let the suite take in what is new; the cells that it fills then."""
+        archive = archive_of(find_cases(self.suite), self.rounds.axes)
+        SuiteIntake(self.suite, archive, self.still, self.rounds.verify).take(telling_crashes(attacked))
+        return len(archive.elites)
+
+    def _judge(self, current: Path) -> None:
+        """Attack the weights before and after in windows that no round has seen."""
+        last = self.rounds.rounds + 1
+        attack = self.traffic.attacked
+        runs = [replace(self._run(one), config=self._one_crash()) for one in (self.begun_with, current)]
+        before = attack(last, "attacks on the weights before", self.rounds.held_out, runs[0])
+        after = before
+        if current != self.begun_with:
+            after = attack(last, "attacks on the weights after", self.rounds.held_out, runs[1])
+        windows = self.traffic.windows(last, self.rounds.held_out)
+        rows = held_out_rows(windows, (before, after), (self.begun_with, current), self.progress)
+        self.ledger.note(DoneUnit(self._unit(_JUDGED), (), {"rows": [asdict(row) for row in rows]}))
+
+    def _run(self, weights: Path) -> AttackRun:
+        return AttackRun(self.rounds.attack, planner_name(weights), verify=False, pictures=False)
+
+    def _one_crash(self) -> AttackConfig:
+        """Of a window that judges, one crash is enough to know."""
+        return replace(self.rounds.attack, adversaries="one")
+
+    def _note(self, number: int, row: RoundRow) -> None:
+        weights = self._weights(number)
+        said = {"row": asdict(row), "weights": sha256_of(weights) if row.passed else ""}
+        self.ledger.note(DoneUnit(self._unit(number), (), said))
+
+    def _row(self, number: int) -> RoundRow:
+        return msgspec.convert(self.ledger.record.done[self._unit(number).name].said["row"], RoundRow)
+
+    def _weights(self, number: int) -> Path:
+        return self.folder / f"round-{number}.safetensors"
+
+    def _unit(self, name: int | str) -> WorkUnit:
+        wanted = name if isinstance(name, str) else f"round-{name}"
+        return next(unit for unit in self.ledger.record.own if unit.name == wanted)
+
+    def _forget_lost(self) -> None:
+        """Let rounds be done again whose weights are gone or others, and all after them."""
+        lost = False
+        for number in (*self._numbers, _JUDGED):
+            unit = self._unit(number)
+            done = self.ledger.record.done.get(unit.name)
+            lost = lost or done is None or (isinstance(number, int) and not self._is_there(number, done))
+            if lost and done is not None:
+                self.ledger.forget(unit.name)
+
+    def _is_there(self, number: int, done: DoneUnit) -> bool:
+        noted, weights = done.said["weights"], self._weights(number)
+        return not noted or (weights.is_file() and sha256_of(weights) == noted)
+
+    @property
+    def _numbers(self) -> Sequence[int]:
+        return range(1, self.rounds.rounds + 1)
+
+
+def planner_name(weights: Path) -> str:
+    """As it is attacked."""
+    return "aim-bev" if weights == SHIPPED else f"aim-bev:{weights}"

@@ -1,0 +1,47 @@
+"""What decides the rounds of a training against fresh attacks."""
+
+from dataclasses import asdict, dataclass, field
+
+from regents_cosim.archive.axes import Axes
+from regents_cosim.attacks.presets import OURS, AttackConfig
+from regents_cosim.cases.shipped import NETWORKS
+from regents_cosim.checks.ranges import SEED, Range, check_ranges
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """How often, where and how long a planner is attacked, and how it learns from that."""
+
+    rounds: int = 3
+    nets: tuple[str, ...] = NETWORKS  # shipped SUMO networks, or .sumocfg files
+    windows: int = 24  # of each network, in each round
+    held_out: int = 24  # of each network, to judge by at the end
+    first_seed: int = 1  # of SUMO, in the first round; each takes the next, and the judgement the one after the last
+    attack: AttackConfig = OURS
+    training: TrainConfig = FINE_TUNING
+    neighbours: bool = True  # the scenes of crashes with so little of the attack left that nothing happens
+    verify: bool = True  # crashes that join the suite are replayed in SUMO
+    axes: Axes = field(default_factory=Axes)  # of the suite's map of behaviours
+
+    def __post_init__(self) -> None:
+        """Raises RegentsError."""
+        check_ranges(self, _RANGES)
+        require(
+            self.training.teacher == "idm",
+            "the log cannot teach what to do where nothing like it was logged: rounds need --teacher idm",
+            RegentsError,
+        )
+
+    def settings(self) -> dict[str, object]:
+        """All of it, by name, for the ledger."""
+        return asdict(self)
+
+
+_RANGES = {
+    "rounds": Range(1, 1000, "rounds of attack and training", whole=True),
+    "windows": Range(1, 1_000_000, "windows of each network in each round", whole=True),
+    "held_out": Range(1, 1_000_000, "windows of each network to judge by", whole=True),
+    "first_seed": SEED,
+}
