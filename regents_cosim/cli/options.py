@@ -263,7 +263,10 @@ class AdversarialRounds:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class TrainOptions:
-    """How long, from what and how fast the network learns; what is not given is what the way to learn has."""
+    """How long, from what and how fast the network learns; what is not given is what the way to learn has.
+
+    --adversarial has what --finetune has.
+    """
 
     epochs: Count | None = None
     """passes; the learning rate falls to a hundredth over them; 40, or 8 with --finetune"""

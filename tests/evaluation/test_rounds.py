@@ -135,9 +135,9 @@ def test_what_no_round_can_be_made_of_is_said_at_once(ordinary, tmp_path, capsys
 TINY = Rounds(
     rounds=2,
     nets=("crossing",),
-    windows=5,
+    windows=3,
     held_out=1,
-    attack=replace(METHODS["starts"], starts=4, nearest=2, adversaries="one"),
+    attack=replace(METHODS["starts"], nearest=4, adversaries="one"),
     training=replace(FINE_TUNING, epochs=1, lessons=64, drives=2, frozen=13),
     verify=False,
     axes=Axes(("closing_speed",)),
@@ -168,15 +168,15 @@ def test_killed_in_its_last_training_it_ends_with_the_same_bytes(tmp_path, monke
     pytest.importorskip("torch", reason="torch is an extra")
     monkeypatch.chdir(tmp_path)
     blind, output = save_blind(Path("blind.safetensors")), Path("tuned.safetensors")
-    standing = [scene((0, 0, 0.0), (30.0 + at, 3.2, 10.0), steps=51, name=f"stands{at}") for at in range(7)]
+    standing = [scene((0, 0, 0.0), (30.0 + at, 3.2, 10.0), name=f"stands{at}") for at in range(7)]
     copies = Copies()
     whole = train_adversarially(standing, output, TINY, weights=blind, progress=copies)
     first, second = whole.rounds
-    assert first.passed, first.said
-    assert (first.windows, second.windows) == (5, 5)
-    assert second.learnt_from > first.learnt_from > 0, "lessons add up"
-    assert output.read_bytes() != blind.read_bytes()
+    assert (first.windows, second.windows) == (3, 3)
+    assert first.learnt_from == 0, "three windows are too few"
+    assert second.learnt_from >= 4, "crashes of all rounds but those of every fifth window"
     assert len(find_cases(whole.suite)) >= second.suite_cells >= first.suite_cells > 0
+    assert (output.read_bytes() != blind.read_bytes()) == second.passed
     assert [(row.cases, row.weights, row.n) for row in whole.rows][-2:] == [
         ("attacks on each", "before", 1),
         ("attacks on each", "after", 1),
@@ -194,7 +194,7 @@ def test_killed_in_its_last_training_it_ends_with_the_same_bytes(tmp_path, monke
 
     output.unlink()
     assert train_adversarially(standing, output, TINY, weights=blind, progress=copies) == whole
-    assert len(copies.places) == 2, "nothing is trained twice"
+    assert len(copies.places) == 1, "nothing is trained twice"
     assert output.read_bytes() == weights
 
 
