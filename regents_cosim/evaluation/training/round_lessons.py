@@ -19,8 +19,8 @@ class RoundLessons:
 
     crashes: tuple[Scenario, ...] = ()  # each with the drive that avoids it
     harmless: tuple[Scenario, ...] = ()  # neighbours of these
-    chosen_by: tuple[Scenario, ...] = ()  # crashes in every fifth window: these choose how much is kept
-    windows: int = 0  # with crashes
+    chosen_by: tuple[Scenario, ...] = ()  # such crashes in every fifth window: these choose how much is kept
+    windows: int = 0  # in which there are any
 
     @property
     def are_enough(self) -> bool:
@@ -29,12 +29,12 @@ class RoundLessons:
 
     def with_round(self, crashes: Sequence[Scenario], planner: str, neighbours: bool) -> "RoundLessons":
         """With what `planner` is to learn from the crashes that an attack on it found in one more round."""
-        taught, chosen_by = hold_back(crashes, self.windows)
-        found = teachable(list(failed_drives(taught, (case.tracks for case in taught), planner)))
-        beside = harmless_neighbours(found) if neighbours else {}
+        found = teachable(list(failed_drives(crashes, (case.tracks for case in crashes), planner)))
+        taught, chosen_by = hold_back(found, self.windows)
+        beside = harmless_neighbours(taught) if neighbours else {}
         return RoundLessons(
-            (*self.crashes, *found),
+            (*self.crashes, *taught),
             (*self.harmless, *beside.values()),
             (*self.chosen_by, *chosen_by),
-            self.windows + len(windows_among(crashes)),
+            self.windows + len(windows_among(found)),
         )

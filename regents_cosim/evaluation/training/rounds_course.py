@@ -39,10 +39,10 @@ class RoundRow:
     round: int
     windows: int  # that were attacked
     crashes: int  # of these, those with a crash that a careful driver avoids
-    learnt_from: int  # crashes of all rounds so far that could be seen coming; 0: too few, nothing was learnt
-    harmless: int  # neighbours of crashes that were taught as well
+    teachable: int  # crashes of all rounds so far that it could see coming and brake for, to be taught
+    harmless: int  # neighbours of these
     suite_cells: int  # of the map of behaviours that the suite fills by now
-    kept_percent: float  # of what was learnt
+    kept_percent: float | None  # of what was learnt; None where there was too little to learn from
     gate: Gate | None  # None where nothing was learnt, or kept
 
     @property
@@ -53,12 +53,13 @@ class RoundRow:
     @property
     def said(self) -> str:
         """In a line."""
-        found = f"round {self.round}: crashes in {self.crashes} of {self.windows} windows"
-        if not self.learnt_from:
-            return f"{found}, too few to learn from"
-        learnt = f"{found}, {self.learnt_from} to learn from and {self.harmless} harmless neighbours"
-        kept = f"{learnt}, {self.kept_percent:g} % kept"
-        return f"{kept}; {self.gate.said if self.gate else 'the weights stay'}"
+        found = (
+            f"round {self.round}: crashes in {self.crashes} of {self.windows} windows; so far {self.teachable} could be "
+            f"seen coming and braked for, {self.harmless} harmless neighbours"
+        )
+        if self.kept_percent is None:
+            return f"{found}: too few to learn from"
+        return f"{found}, {self.kept_percent:g} % kept; {self.gate.said if self.gate else 'the weights stay'}"
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,7 @@ class RoundsCourse:
             if not self.ledger.record.is_done(self._unit(number)):
                 cells = self._grow(attacked)
                 self._note(number, self._learn(number, current, known, attacked, cells))
+                self.progress.say(self._row(number).said)
             current = self._weights(number) if self._row(number).passed else current
 
     def rows(self) -> Iterator[RoundRow]:
@@ -127,10 +129,9 @@ class RoundsCourse:
     def _learn(self, number: int, current: Path, known: RoundLessons, attacked: Attacked, cells: int) -> RoundRow:
         """Train on the lessons of all rounds so far."""
         windows, crashes = len(attacked), count_windows(attacked, is_telling)
-        self.progress.say(f"round {number}: {planner_name(current)} crashes in {crashes} of {windows} windows")
+        found = RoundRow(number, windows, crashes, len(known.crashes), len(known.harmless), cells, None, None)
         if not known.are_enough:
-            self.progress.say("these are too few to learn from: more --windows find more")
-            return RoundRow(number, windows, crashes, 0, 0, cells, 0.0, None)
+            return found
         learnt = learn(
             known.crashes,
             [*self.ordinary.taught, *known.harmless],
@@ -142,8 +143,7 @@ class RoundsCourse:
             self.each_epoch,
         )
         passed = self._gate(self._weights(number)) if learnt.kept else None
-        taught = len(known.crashes), len(known.harmless)
-        return RoundRow(number, windows, crashes, *taught, cells, round(100.0 * learnt.kept, 1), passed)
+        return replace(found, kept_percent=round(100.0 * learnt.kept, 1), gate=passed)
 
     def _gate(self, weights: Path) -> Gate:
         pairs = (drives(self.ordinary.judged_by, one, self.progress) for one in (self.begun_with, weights))
