@@ -54,8 +54,8 @@ class RoundRow:
     def said(self) -> str:
         """In a line."""
         found = (
-            f"round {self.round}: crashes in {self.crashes} of {self.windows} windows; so far {self.teachable} could be "
-            f"seen coming and braked for, {self.harmless} harmless neighbours"
+            f"round {self.round}: crashes in {self.crashes} of {self.windows} windows; so far {self.teachable} could "
+            f"be seen coming and braked for, {self.harmless} harmless neighbours"
         )
         if self.kept_percent is None:
             return f"{found}: too few to learn from"
