@@ -20,8 +20,8 @@ from regents_cosim.cli.application import app
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 BIN = Path(sys.executable).parent
 HOW_TO = sorted(
-    page.stem for page in (ROOT / "docs/how-to").glob("*.md") if page.stem != "aim-bev"
-)  # trains for minutes
+    page.stem for page in (ROOT / "docs/how-to").glob("*.md") if page.stem not in ("aim-bev", "rounds")
+)  # these train for minutes
 RUN = ["tutorial", "api", "file-formats", *(f"how-to/{name}" for name in HOW_TO)]
 
 

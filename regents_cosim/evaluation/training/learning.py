@@ -1,7 +1,6 @@
 """AIM-BEV learns: from recorded traffic, and from its crashes, as much of them as ordinary traffic bears.
 
-What `train`, `finetune` and the rounds of `train_adversarially` share. The only door to torch, which trains and drives
-many cases at once.
+What `train`, `finetune` and the rounds of `train_adversarially` share. Torch trains, and drives many cases at once.
 """
 
 from collections.abc import Callable, Iterator, Sequence
