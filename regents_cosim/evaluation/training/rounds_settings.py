@@ -33,6 +33,11 @@ class Rounds:
             "the log cannot teach what to do where nothing like it was logged: rounds need --teacher idm",
             RegentsError,
         )
+        require(
+            self.training.target is None,
+            "--target with --adversarial, expected the target of the weights",
+            RegentsError,
+        )
 
     def settings(self) -> dict[str, object]:
         """All of it, by name, for the ledger."""
