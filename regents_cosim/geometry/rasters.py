@@ -15,14 +15,16 @@ _WORD = 64
 MOST_CELLS = 2**26  # at cells of 0.2 m a square of 1.6 km; about 2 GB while it is made
 
 
-def grid_shape(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], cell_m: float) -> tuple[int, int]:
+def grid_shape(
+    low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], cell_m: float, most: int = MOST_CELLS
+) -> tuple[int, int]:
     """Rows and columns of cells from the centre `low` to `high` [m]. Raises ScenarioError for too many."""
     columns, rows = (np.ceil((high - low) / cell_m) + 1.0).tolist()
     wide, tall = ((high - low) / 1e3).tolist()
     require(
-        rows * columns <= MOST_CELLS,
+        rows * columns <= most,
         f"the road users are spread over {wide:.4g} km by {tall:.4g} km, expected at most "
-        f"{MOST_CELLS * cell_m**2 / 1e6:.1f} square kilometres (look for a position that is a mistake)",
+        f"{most * cell_m**2 / 1e6:.1f} square kilometres (look for a position that is a mistake)",
         ScenarioError,
     )
     return int(rows), int(columns)

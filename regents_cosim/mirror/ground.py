@@ -12,7 +12,7 @@ import shapely
 from jaxtyping import Array, Float, Int, UInt8
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.geometry.rasters import grid_shape, inside
+from regents_cosim.geometry.rasters import MOST_CELLS, grid_shape, inside
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.mirror.separation import Box
 from regents_cosim.scenario import Signal
@@ -40,16 +40,22 @@ class Ground(eqx.Module):
 
 
 def draw_cells(
-    road: RoadMap, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]
+    road: RoadMap, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], most: int = MOST_CELLS
 ) -> UInt8[np.ndarray, "row column"]:
-    """Cells of `road` between the corners `low` and `high` [m], whose lower left centre is at `low`."""
-    shape = grid_shape(low, high, CELL_M)
+    """Cells of `road` between the corners `low` and `high` [m], whose lower left centre is at `low`.
+
+    Drawn in strips, so that many take little memory on the way. Raises ScenarioError for more than `most`.
+    """
+    shape = grid_shape(low, high, CELL_M, most)
     window = (*(low - 1.0), *(high + 1.0))
     edges = shapely.clip_by_rect(road.drivable.boundary, *window).buffer(0.5 * EDGE_LINE_M)
     areas = ((SURFACE, road.drivable), (LANE_LINE, _lane_lines(road, window)), (EDGE_LINE, edges))
     cells = np.full(shape, LAND, np.uint8)
-    for kind, area in areas:  # what is drawn later has the greater number
-        np.maximum(cells, inside(area, low, shape, CELL_M) * np.uint8(kind), out=cells)
+    rows = max(MOST_CELLS // shape[1], 1)  # of a strip
+    for first in range(0, shape[0], rows):
+        strip, corner = cells[first : first + rows], low + np.array([0.0, first * CELL_M])
+        for kind, area in areas:  # what is drawn later has the greater number
+            np.maximum(strip, inside(area, corner, strip.shape, CELL_M) * np.uint8(kind), out=strip)
     cells[[0, -1], :] = cells[:, [0, -1]] = LAND
     return cells
 

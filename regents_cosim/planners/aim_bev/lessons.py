@@ -169,7 +169,7 @@ def _patches(scenarios: Sequence[Scenario], egos: bool) -> tuple[list[int], list
 def _draw(scenarios: Sequence[Scenario], egos: bool) -> _Patch:
     """Cells of the road that scenarios share."""
     low, high = _around(scenarios, egos)
-    return draw_cells(scenarios[0].road, low, high), low
+    return draw_cells(scenarios[0].road, low, high, _MOST_INDEX), low
 
 
 def _around(scenarios: Sequence[Scenario], egos: bool) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
