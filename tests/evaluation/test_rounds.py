@@ -133,9 +133,9 @@ def test_what_no_round_can_be_made_of_is_said_at_once(ordinary, tmp_path, capsys
 
 
 TINY = Rounds(
-    rounds=2,
+    rounds=1,
     nets=("crossing",),
-    windows=3,
+    windows=9,
     held_out=1,
     attack=replace(METHODS["starts"], nearest=4, adversaries="one"),
     training=replace(FINE_TUNING, epochs=1, lessons=64, drives=2, frozen=13),
@@ -171,12 +171,12 @@ def test_killed_in_its_last_training_it_ends_with_the_same_bytes(tmp_path, monke
     standing = [scene((0, 0, 0.0), (30.0 + at, 3.2, 10.0), name=f"stands{at}") for at in range(7)]
     copies = Copies()
     whole = train_adversarially(standing, output, TINY, weights=blind, progress=copies)
-    first, second = whole.rounds
-    assert (first.windows, second.windows) == (3, 3)
-    assert first.kept_percent is None, "three windows are too few"
-    assert second.teachable > first.teachable > 0, "crashes of all rounds"
-    assert len(find_cases(whole.suite)) >= second.suite_cells >= first.suite_cells > 0
-    assert (output.read_bytes() != blind.read_bytes()) == second.passed
+    (first,) = whole.rounds
+    assert first.windows == 9
+    assert first.teachable > 0
+    assert first.kept_percent is not None, "there is enough to learn from"
+    assert len(find_cases(whole.suite)) >= first.suite_cells > 0
+    assert (output.read_bytes() != blind.read_bytes()) == first.passed
     assert [(row.cases, row.weights, row.n) for row in whole.rows][-2:] == [
         ("attacks on each", "before", 1),
         ("attacks on each", "after", 1),
