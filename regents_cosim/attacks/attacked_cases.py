@@ -1,6 +1,5 @@
 """What the searches on a scenario found, as attacked cases."""
 
-import dataclasses
 from dataclasses import replace
 
 import jax
@@ -115,7 +114,7 @@ def failed_case(setup: AttackSetup, scenario: Scenario, failure: DriveError) -> 
 def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackRecord:
     """What is known of an attack before it has done anything."""
     config = replace(setup.config, dynamics=setup.dynamics(scenario))
-    settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in _SAID_ELSEWHERE}
+    settings = config.noted
     if _slower_may_attack(config, scenario):
         settings |= {"adversary_kinds": ",".join(config.adversary_kinds)}
     if isinstance(setup.planner, AttackedPlanners):
@@ -128,9 +127,6 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
         iterations=0,
         settings=settings,
     )
-
-
-_SAID_ELSEWHERE = ("method", "universal", "adversary_kinds")
 
 
 def _slower_may_attack(config: AttackConfig, scenario: Scenario) -> bool:

@@ -1,6 +1,6 @@
 """KING, ReGentS and our own preset: values of one configuration."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
@@ -124,18 +124,18 @@ class AttackConfig:
             RegentsError,
         )
         _check_kinds(self.adversary_kinds)
-        require(
-            self.adversary_kinds == ("vehicle",) or not self.as_published,
-            f"adversary kinds {','.join(self.adversary_kinds)}: the public code moves vehicles alone; as published, "
-            "take `vehicle`",
-            RegentsError,
-        )
         choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)
         ours = self.softmin_m > 0.0 or choices != ("joint", "log", "any", True, True)
         require(
             not (self.as_published and ours),
             "the public code has no soft minimum, no search per candidate and no reactive background, which are "
             "ours: as published, take method `regents` or `king` with search `joint` and background `log`",
+            RegentsError,
+        )
+        require(
+            self.adversary_kinds == ("vehicle",) or not self.as_published,
+            f"adversary kinds {','.join(self.adversary_kinds)}: the public code moves vehicles alone; as published, "
+            "take `vehicle`",
             RegentsError,
         )
 
@@ -179,9 +179,17 @@ class AttackConfig:
         return replace(self, **{name: getattr(other, name) for name in PROTOCOL})
 
     @property
+    def noted(self) -> dict[str, Any]:
+        """The settings that every case notes; those left out are said elsewhere in it, or only where they matter."""
+        return {name: value for name, value in asdict(self).items() if name not in _NOTED_ELSEWHERE}
+
+    @property
     def label(self) -> str:
         """The method, and whether it runs as published: what tables and ids say."""
         return f"{self.method}-published" if self.as_published else self.method
+
+
+_NOTED_ELSEWHERE = ("method", "universal", "adversary_kinds")
 
 
 def _check_kinds(kinds: tuple[str, ...]) -> None:

@@ -89,7 +89,6 @@ def case_of(
     hit = None
     if attacked.outcome == "collision" and contact is not None:
         hit = collision_at(agents, base.tracks, contact, dt, agents[contact[0]].id == attacked.adversary)
-    settings = {k: v for k, v in dataclasses.asdict(attacked.config).items() if k not in ("method", "universal")}
     record = AttackRecord(
         case=base.id,
         method=attacked.config.method,
@@ -98,7 +97,7 @@ def case_of(
         iterations=attacked.iterations,
         collision=hit,
         candidates=(attacked.adversary,),
-        settings=settings | {"live": True, "replan_s": attacked.replan_s},
+        settings=attacked.config.noted | {"live": True, "replan_s": attacked.replan_s},
         rollouts=attacked.rollouts,
     )
     name = file_name(base.id, attacked.config.method, word(attacked.planner.rpartition(":")[2], _LABEL))

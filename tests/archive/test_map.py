@@ -156,7 +156,7 @@ def test_coverage_is_printed_drawn_and_asked_for(suite, tmp_path, capsys):
         (["suite", "coverage", "shipped:quickstart", "-o", "map.gif"], "expected a name that ends in .png"),
         pytest.param(
             ["attack", "shipped:quickstart", "-o", "out", "--axes", "tag"],
-            "expected --archive as well",
+            "expected --archive or --into as well",
             marks=pytest.mark.slow,
         ),
         pytest.param(
