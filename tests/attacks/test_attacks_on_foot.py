@@ -95,6 +95,7 @@ def _held(world, actions):
     return held, roll_out_background(world, held)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.integers(0, 10_000))
 def test_whatever_a_search_asks_for_people_move_like_people(seed):

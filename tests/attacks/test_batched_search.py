@@ -16,6 +16,7 @@ SAME = [platoon(seed=seed) for seed in range(3)]
 MIXED = [HARD, platoon(seed=0), ALONE, platoon(seed=1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("config", "scenarios"),
     [

@@ -34,6 +34,7 @@ def on_device(attacked):
     )
 
 
+@pytest.mark.slow
 def test_it_agrees_on_cut_ins_and_leaders_that_brake():
     crashes = [cut_in(gap, lateral) for gap in (2.0, 18.0) for lateral in (1.0, 1.8)]
     crashes += [braking_lead(gap) for gap in (4.0, 35.4)]

@@ -152,6 +152,7 @@ def test_the_closest_pair_is_found_where_more_come_within_reach_than_there_are_a
     assert pair_proximity(world, boxes, searched, 9.0) == pytest.approx(-apart.min(), abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("agent", [1, 4, 8])
 def test_one_mover_costs_what_it_costs_among_all_rows(agent):
     world, boxes, among = prepared(platoon(), [agent])

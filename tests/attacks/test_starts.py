@@ -120,6 +120,7 @@ def driven(world, searched, actions):
     return roll_out_background(world, searched.put(world.controls, to_controls(actions)))
 
 
+@pytest.mark.slow
 def test_a_start_can_be_followed(found):
     made, drives = found
     world, origin = to_world(made), scene_origin(made)

@@ -35,5 +35,6 @@ def test_moments_at_which_one_is_not_there_do_not_count():
     assert 1.5 < float(when) < 2.0
 
 
+@pytest.mark.slow
 def test_the_gradient_is_that_of_finite_differences(x64):
     check_grads(approach, (jnp.asarray(-16.0), jnp.asarray(5.0)), order=1, modes=["rev"], eps=1e-5, rtol=1e-5)

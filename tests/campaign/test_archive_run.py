@@ -73,6 +73,7 @@ def test_what_is_kept_is_the_best_of_each_cell(whole):
     assert {header.id for header in headers} == best
 
 
+@pytest.mark.slow
 def test_stopped_anywhere_it_ends_the_same(whole, tmp_path):
     suite = tmp_path / "suite"
     for stop_after in (1, 0, 2):

@@ -78,6 +78,7 @@ def whole(cases, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_stopped_between_windows_it_goes_on_and_ends_the_same(cases, whole, tmp_path):
     suite = tmp_path / "suite"
     for stop_after in (1, 0, 2):

@@ -40,6 +40,7 @@ def test_no_name_leads_elsewhere(name):
         located(Path(f"shipped:{name}"))
 
 
+@pytest.mark.slow
 def test_commands_take_the_names(tmp_path, capsys):
     assert run(["record", "-c", "shipped:crossing", "--count", "1", "--end", "60", "-o", str(tmp_path / "out")]) == 0
     assert run(["suite", "check", "shipped:quickstart", "--quiet"]) == 0

@@ -43,6 +43,7 @@ SWEEPS = """for begin in np.random.random((5, 2)) * 400.0 - 200.0:
         leaves_road(road, box, there)"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ask", "times"), [(PLACES, 20), (SWEEPS, 12)], ids=["places", "sweeps"])
 def test_threads_that_ask_a_map_at_once_do_not_crash(ask, times):
     script = ASK.format(ask=ask, times=times, asked="leaves_road")

@@ -151,6 +151,7 @@ def test_sumo_is_recorded_with_heights(two_roads):
         np.testing.assert_allclose(known[case.tracks.valid], case.tracks.z[case.tracks.valid], atol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attributes", ["x,y,z,angle,type,lane", "x,y,angle,type,lane", "x,y,angle,type"])
 def test_an_fcd_output_has_them_itself_or_by_its_lanes(two_roads, tmp_path, attributes):
     config, _ = two_roads

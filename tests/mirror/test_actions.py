@@ -47,6 +47,7 @@ def test_motions_of_the_model_are_fitted_to_a_centimetre():
     assert miss(fit(log, start)[1], log).max() < 1e-2
 
 
+@pytest.mark.slow
 def test_a_noisy_log_is_smoothed_not_followed():
     start, controls = wavy()
     true = roll_out(start, controls, jnp.ones((12, STEPS), bool), DT)

@@ -17,6 +17,7 @@ def waves(values):
     return jnp.sin(values) * jnp.cos(values).sum()
 
 
+@pytest.mark.slow
 def test_many_shapes_take_no_more_than_half(monkeypatch):
     jax.clear_caches()
     granted = 2 * (maps_taken() + 50)

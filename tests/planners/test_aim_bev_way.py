@@ -69,6 +69,7 @@ def test_the_target_is_as_far_ahead_wherever_the_ego_is(x):
     assert np.asarray(room().targets(at(waiting(), x)))[0] == pytest.approx([AHEAD_M, 0.0], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_log_that_waits_has_a_target_beyond_the_line():
     made = waiting()
     _, end = seen(made, follows_route=False)
@@ -84,6 +85,7 @@ def test_the_light_of_the_own_way_is_in_view_and_no_other(letter):
         assert [shows(picture, one) for one in LIGHT] == [one == letter for one in LIGHT]
 
 
+@pytest.mark.slow
 def test_training_shows_what_the_planner_sees():
     for made in (waiting(), *relit(waiting())):
         taught = gather([made], follow_routes=True)

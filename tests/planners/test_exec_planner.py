@@ -173,6 +173,7 @@ def test_what_a_crash_leaves(planner, capfd):
     host.close()
 
 
+@pytest.mark.slow
 def test_one_that_hangs_is_ended_with_all_that_it_started(planner, tmp_path):
     lock, script, holds = tmp_path / "lock", tmp_path / "hangs.sh", tmp_path / "holds.py"
     holds.write_text(HOLDS)

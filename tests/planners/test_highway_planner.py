@@ -39,6 +39,7 @@ def process(request):
     hosted.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("process", ["highway:idm"], indirect=True)
 def test_it_drives_as_in_highway_env(process):
     for name in ("multilane", "roundabout"):

@@ -153,6 +153,7 @@ def test_one_that_fails_says_how(attribute, said, tmp_path):
     assert load_case(save_case(case, tmp_path)).attack == case.attack
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attribute", ["FailsInOneScene", "FailsInOneSceneInBatches"])
 def test_it_costs_its_own_case_only(attribute):
     scenes = [replace(BUSY, id="good"), replace(BUSY, id="bad"), replace(BUSY, id="fine")]

@@ -197,6 +197,7 @@ time.sleep(1000)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, slow(signal.SIGTERM)])
 def test_they_end_with_whoever_asked(how, tmp_path):
     code = OWNER.format(tests=[str(FILE.parent), str(Path(__file__).parent)])
@@ -226,6 +227,7 @@ def test_one_that_hangs_when_it_is_made_is_waited_for_once():
     assert "line" not in failure.value.trace
 
 
+@pytest.mark.slow
 def test_one_that_hangs_in_its_first_reset_is_waited_for_once(hosted):
     host = hosted("DeafInReset", reset_s=1.0)
     with pytest.raises(DriveError, match=r"gave no answer within 1 s in `reset`$") as failure:

@@ -115,6 +115,7 @@ def test_a_name_of_its_own_is_none_of_ours(name):
         PlannerUnderTest.of(Keeps(), name=name)
 
 
+@pytest.mark.slow
 def test_by_name_as_an_object_and_in_this_process_it_drives_the_same():
     by_name = replay_in_mirror(BUSY, "host_planners:Cautious")
     for planner in (host_planners.Cautious(), Locked(), local_class()()):

@@ -24,6 +24,7 @@ def cutting_in(gap, lateral=1.0, speed=12.0, other=7.0):
     return replace(made, tracks=aside(made, lateral, other))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_it_brakes_hard_for_a_cut_in_and_drives_on_as_idm_does_without(name):
     planner = find_attribute(name)()

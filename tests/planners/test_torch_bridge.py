@@ -56,6 +56,7 @@ def test_the_absent_are_not_seen_and_the_nearest_come_first():
     assert others[0, :, 1] == pytest.approx(56.0 + 8 * np.arange(16))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attribute", ["Careful", "READY"])
 def test_many_at_once_as_one_by_one(attribute):
     planner = TorchPlanner(f"{FILE}:{attribute}")
@@ -101,6 +102,7 @@ def test_translated_it_answers_the_same():
         assert np.asarray(answer) == pytest.approx(module(ego, others).numpy(), rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("attribute", "said"), [("Sorted", "aten.sort.default is not among"), ("Raises", "data-dependent")]
 )

@@ -115,6 +115,7 @@ def test_a_person_is_hit_at_the_same_step_and_sumo_does_not_notice(in_sumo):
     assert not result.reports_same_pair  # which is why our own boxes are the judge
 
 
+@pytest.mark.slow
 def test_where_sumo_drives_others_they_are_vehicles_and_it_is_said(in_sumo):
     made = stepping_out()
     found = in_sumo(made, released={1: SUMO_DRIVER})

@@ -355,6 +355,7 @@ def test_pairs_beside_each_other(tmp_path):
         assert ego.min() < 500 < ego.max()
 
 
+@pytest.mark.slow
 def test_equal_scenarios_give_equal_bytes(tmp_path):
     names = ("a.png", "b.png", "a.gif", "b.gif")
     for name in names:

@@ -140,6 +140,7 @@ def test_the_verdict_of_the_page_is_that_of_the_case():
             assert ending["impact"] == pytest.approx(hit.relative_speed, abs=0.006)
 
 
+@pytest.mark.slow
 def test_a_map_keeps_its_shape_around_the_cases():
     for one in report_of(CASES, {}).maps:
         content = one.content()
@@ -178,6 +179,7 @@ def test_what_cannot_be_seen_is_shown():
     assert not set(page) & set("\u202e\x1b\u2028\u2066")
 
 
+@pytest.mark.slow
 def test_no_command_of_a_file_is_offered_to_be_run():
     """Who attacked is a name in the case, and `exec:` or a path would run what it says."""
     for planner in ("exec:touch PWNED", "evil.py:Planner", "evil.module:Planner"):

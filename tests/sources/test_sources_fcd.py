@@ -64,6 +64,7 @@ def test_a_log_gives_what_the_run_itself_gives(logs):
             np.testing.assert_allclose(getattr(ours.tracks, name), getattr(theirs.tracks, name), atol=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.csv.gz", slow("a.xml.gz"), slow("a.csv")])
 def test_formats_agree(logs, name):
     if name.startswith("a.csv") and version("libsumo") < "1.27":

@@ -94,6 +94,7 @@ def test_sizes_and_kinds_come_from_the_vehicle_types(merge):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_and_survives_the_disk(merge, tmp_path):
     again = record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=1)
     assert [content_hash(s) for s in again] == [content_hash(s) for s in merge]

@@ -119,6 +119,7 @@ def test_what_cities_use_is_read(tmp_path):
     require_bounded((tmp_path / "b.add.xml",), ("0.8", "true", str(tmp_path / "tool.py"), "a" * 5000, "a\0b"))
 
 
+@pytest.mark.slow
 def test_sumo_takes_the_routes_that_a_file_includes(tmp_path):
     edge = next(lane.id.rpartition("_")[0] for lane in read_road_map(NET).lanes if not lane.id.startswith(":"))
     cars = "".join(

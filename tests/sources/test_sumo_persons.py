@@ -116,6 +116,7 @@ def test_a_window_holds_them_and_is_told_whom_it_lacks(town):
     assert all("left out while in a vehicle, on stairs or in a lift" in line for line in said if "person" in line)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [slow("log.xml"), slow("all.xml"), "log.csv"])
 def test_a_log_gives_the_persons_that_the_run_gives(town, logs, name):
     run = record_sumo(replace(town, ego="flow0"), count=2, prefer="none", tell=lambda _: None)

@@ -161,6 +161,7 @@ def turned(case: Scenario, angle: float, to: tuple[float, float]) -> Scenario:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(
     cut=CUT_IN,

@@ -198,6 +198,7 @@ def judged_track(judged, name):
     return next(case for case in judged if case.id == name).evasion.x[0]
 
 
+@pytest.mark.slow
 def test_an_evasion_that_collides_is_found_out(judged):
     case = judged[0]
     (replay,) = replay_each([replace(case, evasion=replace_ego(case)).evaded()], "mirror")

@@ -156,6 +156,7 @@ def test_every_rule_has_a_name_and_a_source():
     assert all(rule.source for rule in RULES)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.floats(-3.1, 3.1), st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.sampled_from([1, -1]), st.integers(0, 3))
 def test_neither_place_nor_direction_nor_side_matters(turn, dx, dy, side, which):

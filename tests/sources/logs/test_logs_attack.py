@@ -39,6 +39,7 @@ def attacked(scenario, config=REGENTS, planner="log_replay"):
     return next(attack([scenario], config, planner))
 
 
+@pytest.mark.slow
 def test_somebody_who_overlaps_the_ego_from_the_start_is_no_success(tmp_path):
     alone = attacked(logged(tmp_path, ahead_m=-3.0, speed=log_files.SPEED, others=False))
     assert (alone.attack.outcome, alone.attack.collision) == ("no_candidate", None)

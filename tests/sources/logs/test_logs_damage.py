@@ -166,6 +166,7 @@ def test_mutations_never_crash_a_reader(logs, name, seed, tmp_path_factory):
         path.write_bytes(kept)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [WITH_POLARS[0], *map(slow, WITH_POLARS[1:])])
 def test_damaged_parquet_and_feather(tmp_path, name, capfd):
     pytest.importorskip("polars")
