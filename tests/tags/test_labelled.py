@@ -1,4 +1,4 @@
-"""Tags against the words of people who looked at pictures of the crashes, without the tags in sight.
+"""Tags against labels that were given by looking at pictures of the crashes, without the tags in sight.
 
 `labelled.zip`: crashes on the shipped networks and on the made places of the docs, the last six seconds of those that
 are near, and `labels.json`. Those `with_a_say` were looked at while the definitions were made, the others were not.
@@ -21,7 +21,7 @@ LABELS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("begins", "at_least"), [("with_a_say", 0.95), ("without_a_say", 0.9)])
-def test_what_tags_say_is_what_people_see(tmp_path, begins, at_least):
+def test_what_tags_say_is_what_pictures_show(tmp_path, begins, at_least):
     with zipfile.ZipFile(Path(__file__).with_name("labelled.zip")) as packed:
         packed.extractall(tmp_path)
     labels = json.loads((tmp_path / "labels.json").read_text())
