@@ -1,4 +1,4 @@
-"""Scenes with somebody on foot or on a bicycle."""
+"""Scenes with a pedestrian or a cyclist."""
 
 from dataclasses import replace
 
