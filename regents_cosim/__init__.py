@@ -9,6 +9,8 @@ TYPE_CHECKING = False  # what type checkers take for true; `typing` takes a whil
 if TYPE_CHECKING:
     from typing import Any
 
+    from regents_cosim.attack_record import AttackRecord as AttackRecord
+    from regents_cosim.attack_record import Collision as Collision
     from regents_cosim.attacks.attack import attack as attack
     from regents_cosim.attacks.presets import KING as KING
     from regents_cosim.attacks.presets import REGENTS as REGENTS
@@ -63,8 +65,6 @@ if TYPE_CHECKING:
     from regents_cosim.replays.verify import Replay as Replay
     from regents_cosim.reports.report import report as report
     from regents_cosim.scenario import Agent as Agent
-    from regents_cosim.scenario import AttackRecord as AttackRecord
-    from regents_cosim.scenario import Collision as Collision
     from regents_cosim.scenario import Scenario as Scenario
     from regents_cosim.scenario import Tracks as Tracks
     from regents_cosim.sources.logs.formats import LogFormat as LogFormat
@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from regents_cosim.verdicts.judge import judge as judge
 
 _NAMES = {
+    "attack_record": "AttackRecord Collision",
     "attacks.attack": "attack",
     "attacks.presets": "AttackConfig KING REGENTS REGENTS_FOCUSED",
     "cases.files": "load_case save_case",
@@ -103,7 +104,7 @@ _NAMES = {
     "replays.replay": "replay",
     "replays.verify": "Replay",
     "reports.report": "report",
-    "scenario": "Agent AttackRecord Collision Scenario Tracks",
+    "scenario": "Agent Scenario Tracks",
     "sources.logs.formats": "LogFormat",
     "sources.logs.scene": "LoggedScene",
     "sources.record": "LogInput record",

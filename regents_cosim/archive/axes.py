@@ -9,8 +9,8 @@ from math import prod
 from typing import get_args
 
 from regents_cosim.archive.crash import Crash
+from regents_cosim.attack_record import CollisionKind
 from regents_cosim.errors import RegentsError
-from regents_cosim.scenario import CollisionKind
 from regents_cosim.tags.table import TAGS, About
 
 Cell = tuple[str, ...]  # a label on every axis

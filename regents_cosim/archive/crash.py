@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from regents_cosim.archive.measured import behaviour_of
+from regents_cosim.attack_record import CollisionKind
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Behaviour, Header
 from regents_cosim.judgement import Judgement
-from regents_cosim.scenario import CollisionKind, Scenario
+from regents_cosim.scenario import Scenario
 from regents_cosim.tags.table import tags_of
 
 Standing = Literal["crash", "clean", "actionable", "telling"]  # from the least to the best, each named by its best

@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 
+from regents_cosim.attack_record import ActTime, AttackRecord, Collision, Outcome
 from regents_cosim.attacks import published
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
@@ -20,15 +21,7 @@ from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import to_tracks
 from regents_cosim.planners.jax_planner import require_finite
-from regents_cosim.scenario import (
-    VEHICLE_KINDS,
-    ActTime,
-    AttackRecord,
-    Collision,
-    Outcome,
-    Scenario,
-    Tracks,
-)
+from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
 
 _LABEL = 40  # characters of a planner or an adversary in the id of a case
 _COST_TERMS = ("ego", "pair", "road")

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import RegentsError
@@ -12,7 +13,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import SumoDrive, at_hand, drive_in_sumo_each
 from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, DriverParameters
 from regents_cosim.replays.sumo.stage import SumoReplay
-from regents_cosim.scenario import VEHICLE_KINDS, AttackRecord, Scenario, Tracks
+from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
 
 METHOD = "sumo-aggressive"
 

@@ -5,11 +5,12 @@ from typing import Any
 
 import msgspec
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.header import header_of
 from regents_cosim.cases.map_files import map_files
 from regents_cosim.cases.track_files import arrays
 from regents_cosim.judgement import Judgement
-from regents_cosim.scenario import AttackRecord, Scenario
+from regents_cosim.scenario import Scenario
 
 
 def content_hash(scenario: Scenario) -> str:

@@ -26,6 +26,7 @@ from typing import Any, Literal
 import numpy as np
 from traci.step import StepListener
 
+from regents_cosim.attack_record import Outcome
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import RegentsError
@@ -44,7 +45,7 @@ from regents_cosim.live.settings import Keep, LiveSettings, live_config
 from regents_cosim.live.sumo_host import SumoHost
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
-from regents_cosim.scenario import Outcome, Scenario
+from regents_cosim.scenario import Scenario
 from regents_cosim.sources.windows import RecordingOrigin
 
 State = Literal["waiting", "watching", "attacking", "returning", "paused", "detached"]

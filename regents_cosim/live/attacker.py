@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from regents_cosim.attack_record import Outcome
 from regents_cosim.live.case import Forecast
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import touched
@@ -16,7 +17,6 @@ from regents_cosim.live.host import Host, VehicleControl
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.safety import braking, would_touch_others
-from regents_cosim.scenario import Outcome
 
 _MISSES = 3  # renewals that fail one after the other, after which a plan is given up
 _LATE_S = 1.0  # after it should have met the ego

@@ -4,6 +4,7 @@ import unicodedata
 
 import numpy as np
 
+from regents_cosim.attack_record import Collision, CollisionKind, Outcome
 from regents_cosim.judgement import Judgement, Manoeuvre
 from regents_cosim.reports.camera import View
 from regents_cosim.reports.canvas import Canvas, shorten, text_width
@@ -21,7 +22,6 @@ from regents_cosim.reports.palette import (
     shade,
 )
 from regents_cosim.reports.pictured_case import PicturedCase, draw_burst
-from regents_cosim.scenario import Collision, CollisionKind, Outcome
 from regents_cosim.verdicts.injury import death_risk
 from regents_cosim.verdicts.words import DRIVERS, braking_words
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.evaluation.crashes.verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
@@ -19,7 +20,7 @@ from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, ReportedCrash
 from regents_cosim.reports.packing import Spans, gaps, motion, packed, visible
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.pictured_case import contact_point
-from regents_cosim.scenario import AttackRecord, Collision, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.words import behind_words, drive_words, offences_words, telling_words
 

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import Manoeuvre
 from regents_cosim.reports.camera import View
@@ -14,7 +15,7 @@ from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import ADVERSARY, BURST, EGO, EVASION, INK, LAND, OTHER, PANEL, ROAD, Colour, mix
 from regents_cosim.reports.road import draw_road, draw_signals
 from regents_cosim.reports.vehicles import Pose, draw_ghost, draw_planned_way, draw_tail, draw_trail, draw_vehicle
-from regents_cosim.scenario import Agent, Collision, Scenario, Tracks
+from regents_cosim.scenario import Agent, Scenario, Tracks
 
 _AFTER_COLLISION_S = 1.0  # later motion means nothing: what a crash does is not computed
 _EVASION_S = 1.0  # between two outlines of an ego that evades

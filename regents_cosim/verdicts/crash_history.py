@@ -6,13 +6,14 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import OffenceName
 from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane
-from regents_cosim.scenario import Collision, Scenario
+from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.drive import OffendingAct, gaps
 from regents_cosim.verdicts.offences import acts
 

@@ -28,10 +28,11 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import Side
 from regents_cosim.routes.ego_route import plan_route
-from regents_cosim.scenario import Collision, Scenario
+from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.manoeuvres import ManoeuvreBank, ManoeuvreSet
 from regents_cosim.verdicts.obstacles import Obstacles
 from regents_cosim.verdicts.ways import lawful_area

@@ -23,13 +23,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool
 
+from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.limits import OFF_ROAD_M
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.planners.reference.parameters import CAREFUL
 from regents_cosim.planners.reference.reaction import careful_perceives, careful_reaction_steps
-from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.emergency_braking import Brakes, EgoPlaces, braked_speed, driven
 from regents_cosim.verdicts.foresight import risks

@@ -32,6 +32,7 @@ import shapely
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
+from regents_cosim.attack_record import Collision
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.geometry.frames import wrap
@@ -39,7 +40,7 @@ from regents_cosim.judgement import Avoidability
 from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M
 from regents_cosim.maps.levels import has_levels
 from regents_cosim.mirror.bicycle import CURVATURE_LIMIT
-from regents_cosim.scenario import Collision, Scenario
+from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.manoeuvres import GRAVITY
 
 FRICTION_AT_BEST = 0.9

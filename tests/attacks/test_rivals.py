@@ -8,6 +8,7 @@ from places import SUPPORT
 from scenes import platoon, scene
 from shipped_cases import shipped_window
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks import sampled_search
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
@@ -16,7 +17,6 @@ from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import rollouts_at_most
-from regents_cosim.scenario import AttackRecord
 
 HOST = SUPPORT / "host_planners.py"
 

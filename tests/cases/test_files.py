@@ -9,13 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
+from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.judgement import Avoidability, Fault, Judgement, Manoeuvre
-from regents_cosim.scenario import AttackRecord, Collision, Overlap, Signal, Tracks
+from regents_cosim.scenario import Overlap, Signal, Tracks
 
 
 def attacked():

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scenes import scene
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences, failure_reason, may_reach
 from regents_cosim.judgement import Avoidability, Flaw, Judgement, Law, Manoeuvre, Offence, ReferenceDrive
-from regents_cosim.scenario import AttackRecord, Tracks
+from regents_cosim.scenario import Tracks
 
 
 def attacked(*cars, outcome="no_collision", judgement=None, **record):

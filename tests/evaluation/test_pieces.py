@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import scene
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.evaluation.reduction.pieces import cut, without
-from regents_cosim.scenario import AttackRecord, Overlap, Signal
+from regents_cosim.scenario import Overlap, Signal
 
 MADE = scene(
     (0, 0, 10),

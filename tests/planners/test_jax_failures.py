@@ -7,6 +7,7 @@ from jax_planners import AT_STEP
 from places import SUPPORT
 from scenes import scene
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import METHODS, REGENTS
 from regents_cosim.errors import DriveError
@@ -15,7 +16,6 @@ from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.reports.report import drive_for_report, report_of
-from regents_cosim.scenario import AttackRecord
 
 FILE = SUPPORT / "jax_planners.py"
 FAILS, RAISES = (f"{FILE}:{name}" for name in ("FailsInOneCase", "RaisesInOneCase"))

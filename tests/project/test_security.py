@@ -14,6 +14,7 @@ import pytest
 from places import ROOT, SUPPORT
 from scenes import platoon, scene
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.cases.manifest import find_cases
@@ -31,7 +32,6 @@ from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.planners.find import find_attribute, make_planner
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
-from regents_cosim.scenario import AttackRecord
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from params import slow
 from places import ROOT
 
+from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NETWORKS, network_config
@@ -30,7 +31,7 @@ from regents_cosim.replays.replay import _in_sumo, replay, replay_each
 from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.verify import compare
-from regents_cosim.scenario import AttackRecord, Collision, Kind, Signal
+from regents_cosim.scenario import Kind, Signal
 from regents_cosim.simulators.sumo_process import load_libsumo
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from scenes import DT, scene, straight_road
 
+from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
 from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
@@ -33,7 +34,7 @@ from regents_cosim.reports.palette import (
 )
 from regents_cosim.reports.picture import STILL_SIZE, animate, animate_pair, draw_still
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
-from regents_cosim.scenario import AttackRecord, Collision, Scenario, Signal
+from regents_cosim.scenario import Scenario, Signal
 from regents_cosim.verdicts.judge import judge
 
 SHIFT_M = 3.2  # one lane

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
+from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.scenario import Agent, AttackRecord, Collision, Provenance, Scenario, Tracks
+from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
 
 DT = 0.1
 PROVENANCE = Provenance("test", "made by hand", "0" * 64, 0.0)

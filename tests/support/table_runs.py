@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 from scenes import scene
 
+from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.evaluation.crashes.scores import MethodRun
 from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
-from regents_cosim.scenario import AttackRecord, Collision, Tracks
+from regents_cosim.scenario import Tracks
 
 AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4), in_time=False)
 

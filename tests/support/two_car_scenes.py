@@ -6,9 +6,10 @@ import numpy as np
 import shapely
 from scenes import scene
 
+from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import AttackRecord, Collision, Signal
+from regents_cosim.scenario import Signal
 
 TIME = 0.1 * np.arange(81)
 

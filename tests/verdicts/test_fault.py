@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from scenes import scene, straight_road
 from two_car_scenes import TIME, crashed, crossroads, lane_change, moving, transformed
 
-from regents_cosim.scenario import AttackRecord, Signal
+from regents_cosim.attack_record import AttackRecord
+from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.fault import RULES, SafeDistance, fault, safe_distance
 
 

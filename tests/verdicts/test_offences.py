@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from scenes import DT, scene
 from two_car_scenes import crossroads, lane_change, moving, transformed
 
+from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.judgement import UNLAWFUL
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.scenario import AttackRecord, Collision, Signal
+from regents_cosim.scenario import Signal
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.verdicts.offences import MEASURES, law_of
 from regents_cosim.verdicts.right_of_way import priorities

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.evaluation.crashes.verdict import CrashVerdict
 from regents_cosim.judgement import Judgement
-from regents_cosim.scenario import AttackRecord, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import advice
 

@@ -10,6 +10,7 @@ from statistics import fmean
 import numpy as np
 from jaxtyping import Bool
 
+from regents_cosim.attack_record import CollisionKind
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, route_completion, share_of_way
@@ -21,7 +22,7 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Simulator, check, replay_each
-from regents_cosim.scenario import CollisionKind, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.logged import logged
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.drive import AgentDrive

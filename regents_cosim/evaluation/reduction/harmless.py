@@ -12,11 +12,12 @@ from functools import partial
 
 import numpy as np
 
+from regents_cosim.attack_record import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRecord
 from regents_cosim.checks.names import file_name
 from regents_cosim.evaluation.drives.driving import Drive, drive_and_keep
 from regents_cosim.evaluation.reduction.margin import weakened
 from regents_cosim.replays.mirror import MirrorDriver
-from regents_cosim.scenario import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRecord, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.clean import touches_in
 
 _SHARES = (0.75, 0.5, 0.25, 0.0)  # of the attack that is left; the nearest to the crash is taken

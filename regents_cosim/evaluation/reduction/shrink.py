@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from regents_cosim.attack_record import Collision
 from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
@@ -29,7 +30,7 @@ from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.replays.mirror import MirrorDriver
-from regents_cosim.scenario import Collision, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.deviation import deviation
 from regents_cosim.verdicts.judge import judge

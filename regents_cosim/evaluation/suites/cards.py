@@ -4,9 +4,10 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Header
-from regents_cosim.scenario import AttackRecord, Scenario
+from regents_cosim.scenario import Scenario
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.judgement import Flaw
 from regents_cosim.mirror.observe import VIEW_M
-from regents_cosim.scenario import AttackRecord, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.manoeuvres import BANK, ManoeuvreBank
 
