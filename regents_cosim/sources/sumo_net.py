@@ -1,7 +1,8 @@
 """A SUMO network becomes a RoadMap: the lanes for cars, how they connect, where one may drive.
 
 Lanes that a passenger car may not use (footpaths, tracks, bus lanes) and crossings are left
-out. Ways through junctions are lanes of their own, and may be chains of several.
+out. Ways through junctions are lanes of their own, and may be chains of several. Neighbours are
+lanes that a passenger car may change to: `changeLeft` and `changeRight` of a lane name who may.
 """
 
 import gzip
@@ -10,6 +11,7 @@ import xml.sax
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 from xml.sax.xmlreader import AttributesImpl
 
 import numpy as np
@@ -57,7 +59,7 @@ def _explained(path: Path) -> Iterator[None]:
         raise SumoError(f"{path}: damaged SUMO network ({type(error).__name__}: {error})") from error
 
 
-def _road_map(net: sumolib.net.Net, lefthand: bool, content: bytes, packed_bytes: int) -> RoadMap:
+def _road_map(net: sumolib.net.Net, sides: "_Sides", content: bytes, packed_bytes: int) -> RoadMap:
     require_network_alone(content, packed_bytes)
     lanes = {lane.getID(): lane for lane in _car_lanes(net)}
     if not lanes:
@@ -65,26 +67,37 @@ def _road_map(net: sumolib.net.Net, lefthand: bool, content: bytes, packed_bytes
             "no lane of this network allows passenger cars (expected at least one; see allow/disallow of its lanes)"
         )
     return RoadMap(
-        lanes=tuple(_lane(lane, lanes, lefthand) for lane in lanes.values()),
+        lanes=tuple(_lane(lane, lanes, sides) for lane in lanes.values()),
         connections=tuple(dict.fromkeys(link for lane in lanes.values() for link in _connections(lane, net, lanes))),
         drivable=_drivable(net, list(lanes.values())),
         sumo_net=gzip.compress(content, mtime=0),  # no time stamp: equal networks give equal bytes
     )
 
 
+class _Sides(NamedTuple):
+    """What sumolib does not read: on which side one drives, and where a car may not change lanes."""
+
+    lefthand: bool
+    solid: frozenset[tuple[str, str]]  # a lane and `changeLeft` or `changeRight`, seen along the lane in both traffics
+
+
 class _Reader(sumolib.net.NetReader):
-    """sumolib's reader, and the side of the road that one drives on; None for a file that is no network."""
+    """sumolib's reader, and what `_Sides` holds; `lefthand` is None for a file that is no network."""
 
     lefthand: bool | None = None
 
     def __init__(self, count: ElementCount) -> None:
         super().__init__(withInternal=True)
         self._count = count
+        self.solid: set[tuple[str, str]] = set()
 
     def startElement(self, name: str, attrs: AttributesImpl) -> None:  # noqa: N802
         self._count.open()
         if name == "net":
             self.lefthand = attrs.get("lefthand") == "true"
+        if name == "lane":
+            forbidden = (side for side in ("changeLeft", "changeRight") if not _for_cars(attrs.get(side, "all")))
+            self.solid.update((attrs.get("id", ""), side) for side in forbidden)
         super().startElement(name, attrs)
 
     def endElement(self, name: str) -> None:  # noqa: N802
@@ -92,12 +105,17 @@ class _Reader(sumolib.net.NetReader):
         super().endElement(name)
 
 
-def _parse(content: bytes, path: Path) -> tuple[sumolib.net.Net, bool]:
+def _for_cars(classes: str) -> bool:
+    """Whether a list of vehicle classes holds passenger cars."""
+    return not {"all", "passenger"}.isdisjoint(classes.split())
+
+
+def _parse(content: bytes, path: Path) -> tuple[sumolib.net.Net, _Sides]:
     reader = _Reader(ElementCount(path.stat().st_size))
     xml.sax.parseString(content, reader)
     if reader.lefthand is None:
         raise SumoError("not a SUMO network (expected the root element <net>, as netconvert writes it)")
-    return reader.getNet(), reader.lefthand
+    return reader.getNet(), _Sides(reader.lefthand, frozenset(reader.solid))
 
 
 # --- lanes ------------------------------------------------------------------------------------
@@ -115,9 +133,8 @@ def _has_direction(lane: sumolib.net.lane.Lane) -> bool:
     return shapely.LineString(shape).length > _LEAST_LENGTH_M
 
 
-def _lane(lane: sumolib.net.lane.Lane, lanes: dict[str, sumolib.net.lane.Lane], lefthand: bool) -> Lane:
-    inward = _neighbour(lane, 1, lanes)  # lane 0 is the outermost
-    outward = _neighbour(lane, -1, lanes)
+def _lane(lane: sumolib.net.lane.Lane, lanes: dict[str, sumolib.net.lane.Lane], sides: _Sides) -> Lane:
+    left = -1 if sides.lefthand else 1  # lane 0 is the outermost
     shape = np.array(lane.getShape3D())
     return Lane(
         id=lane.getID(),
@@ -126,8 +143,8 @@ def _lane(lane: sumolib.net.lane.Lane, lanes: dict[str, sumolib.net.lane.Lane], 
         width=lane.getWidth(),
         speed_limit=lane.getSpeed(),
         junction=lane.getEdge().getFunction() == "internal",
-        left=outward if lefthand else inward,
-        right=inward if lefthand else outward,
+        left=None if (lane.getID(), "changeLeft") in sides.solid else _neighbour(lane, left, lanes),
+        right=None if (lane.getID(), "changeRight") in sides.solid else _neighbour(lane, -left, lanes),
     )
 
 

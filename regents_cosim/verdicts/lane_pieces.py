@@ -138,9 +138,12 @@ def _line(lane: Lane) -> Float[np.ndarray, "point 3"]:
 
 @functools.lru_cache(maxsize=64)
 def neighbours(road: RoadMap) -> dict[str, tuple[str, ...]]:
-    """For every lane those that one may change to, of the same direction; found by place where a map names none."""
+    """For every lane those that one may change to, of the same direction.
+
+    Found by place where a map names none, unless it is a SUMO network, which names all there are.
+    """
     named = {lane.id: tuple(filter(None, (lane.left, lane.right))) for lane in road.lanes}
-    if not any(named.values()):
+    if road.sumo_net is None and not any(named.values()):
         return _beside(road)
     return {
         name: tuple(b for b in others if _same_way(road.lane[name], road.lane[b])) for name, others in named.items()

@@ -34,7 +34,7 @@ from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.verdicts.judge import judge
 
 FEW = replace(REGENTS_FOCUSED, iterations=40, nearest=2, starts=6)
-TURN = straight("a", 60.0, 1.7, np.pi, 12.0)  # on the inner of two lanes to the west, beside the ego's road
+TURN = straight("a", 60.0, 1.7, np.pi, 12.0)  # on the inner of two lanes to the west, a solid line between
 
 
 def lawful_world(made, agent=1):
@@ -49,11 +49,11 @@ def turning_world():
 # --- the map and the top speed of one candidate --------------------------------------------------
 
 
-def test_its_map_ends_at_the_centre_line_and_leaves_the_road_as_it_was():
+def test_its_map_ends_at_the_centre_line_and_at_a_solid_line_and_leaves_the_road_as_it_was():
     world, origin = turning_world(), scene_origin(scenario(EGO, TURN))
     x = jnp.full((1, 3), 50.0 - origin[0], jnp.float32)
     y = jnp.array([[1.7, 4.9, -1.7]], jnp.float32) - jnp.float32(origin[1])
-    assert (np.asarray(world.own_road(x, y, None))[0] < 0.5).tolist() == [True, True, False]
+    assert (np.asarray(world.own_road(x, y, None))[0] < 0.5).tolist() == [True, False, False]
     assert (np.asarray(world.road(x, y, None))[0] < 0.5).all()
 
 

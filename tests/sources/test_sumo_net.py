@@ -11,6 +11,7 @@ from places import ROOT
 
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.sources.sumo_net import read_road_map
+from regents_cosim.verdicts.lane_pieces import neighbours
 
 NETS = ROOT / "sumo_nets"
 NAMES = ["merge", "crossing", "signals", "roundabout", "grid", "multilane"]
@@ -75,6 +76,45 @@ def test_neighbours_lie_on_the_side_they_are_called_by(tmp_path, side):
         ahead = lane.centre[-1] - lane.centre[0]
         aside = other.centre[0] - lane.centre[0]
         assert sign * (ahead[0] * aside[1] - ahead[1] * aside[0]) > 0
+
+
+@pytest.mark.parametrize(
+    ("classes", "allowed", "side"),
+    [("bus passenger", True, ()), ("authority emergency", False, ()), ("emergency", False, ("--lefthand",))],
+)
+def test_cars_change_lanes_only_where_the_network_lets_them(tmp_path, classes, allowed, side):
+    path = generate(tmp_path, "--grid", "--grid.number", "2", "--grid.length", "100", "-L", "2", *side)
+    before = read_road_map(path)
+    at_left = {lane.id for lane in before.lanes if lane.right}
+    marked = re.sub(
+        r'(<lane id="([^":]+)" )',
+        lambda lane: f'{lane[1]}change{"Right" if lane[2] in at_left else "Left"}="{classes}" ',
+        path.read_text(),
+    )
+    path.write_text(marked)
+    after = read_road_map(path)
+    assert any(before.lane[name].right for name in before.lane)
+    for lane in after.lanes:
+        named = before.lane[lane.id]
+        assert (lane.left, lane.right) == ((named.left, named.right) if allowed else (None, None))
+    assert any(neighbours(after).values()) == allowed
+
+
+@pytest.mark.parametrize("name", ["crossing", "signals"])
+def test_no_lane_is_changed_over_the_solid_lines_of_the_shipped_networks(name):
+    road = read_road_map(net_file(name))
+    stops = [lane for lane in road.lanes if "_stop_" in lane.id]
+    assert stops
+    assert not any(lane.left or lane.right for lane in stops)
+    assert any(lane.left for lane in road.lanes)
+
+
+def test_one_may_leave_a_lane_over_a_line_that_keeps_others_from_coming_in(tmp_path):
+    path = generate(tmp_path, "--grid", "--grid.number", "2", "--grid.length", "100", "-L", "2")
+    path.write_text(path.read_text().replace('<lane id="A0A1_0" ', '<lane id="A0A1_0" changeLeft="emergency" '))
+    road = read_road_map(path)
+    assert road.lane["A0A1_0"].left is None
+    assert road.lane["A0A1_1"].right == "A0A1_0"
 
 
 def test_footpaths_and_crossings_are_left_out(tmp_path):
