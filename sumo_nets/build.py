@@ -13,7 +13,7 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import sumo  # SUMO_HOME of this wheel; the environment variable may point at another installation
@@ -36,13 +36,24 @@ class Vehicle:
 
 
 @dataclass(frozen=True)
+class Walker:
+    """One kind of person on foot and how often it comes; sizes are SUMO's."""
+
+    share: float
+    speed: float  # [m/s]
+    speed_factor: str = "normc(1,0.12,0.75,1.25)"
+
+
+@dataclass(frozen=True)
 class Network:
-    """How one network is made and what drives on it."""
+    """How one network is made and what drives and walks on it."""
 
     tool: str  # netconvert or netgenerate
     options: str
     vehicles: dict[str, Vehicle]  # by SUMO vehicle class
     flows: dict[str, float]  # "from to" (edges) -> vehicles per hour
+    rides: dict[str, float] = field(default_factory=dict)  # "from to" (edges) -> bicycles per hour
+    walks: dict[str, float] = field(default_factory=dict)  # "from to" (edges) -> persons per hour
 
     def command(self, name: str) -> list[str]:
         """Say what to run inside the network's folder; the output file is left to the caller."""
@@ -74,21 +85,58 @@ def net_xml(command: list[str], folder: Path) -> str:
 def route_lines(network: Network) -> Iterator[str]:
     """Vehicle types and Poisson flows; SUMO finds the routes itself, on departure."""
     yield "<routes>"
+    yield from vehicle_lines(network)
+    if network.walks:
+        yield from person_lines(network)
+    yield "</routes>"
+
+
+def vehicle_lines(network: Network) -> Iterator[str]:
+    """Kinds of vehicles and Poisson flows of them, bicycles in flows of their own."""
     yield '    <vTypeDistribution id="traffic">'
     for kind, v in network.vehicles.items():
-        # EIDM accelerates smoothly at 10 Hz; SUMO's default, Krauss, jitters and brakes hard at right-before-left
+        yield f'        <vType id="{kind}" vClass="{kind}" probability="{v.share}"{driving(v)}/>'
+    yield "    </vTypeDistribution>"
+    yield from (flow_line("traffic", "", *one) for one in network.flows.items())
+    if network.rides:
+        yield f'    <vType id="bicycle" vClass="bicycle"{driving(BICYCLE)}/>'
+        yield from (flow_line("bicycle", ".riding", *one) for one in network.rides.items())
+
+
+def driving(vehicle: Vehicle) -> str:
+    """The attributes of a kind of vehicle."""
+    # EIDM accelerates smoothly at 10 Hz; SUMO's default, Krauss, jitters and brakes hard at right-before-left
+    return (
+        f' length="{vehicle.length}" width="{vehicle.width}" accel="{vehicle.accel}" decel="{vehicle.decel}"'
+        f' carFollowModel="EIDM" speedFactor="{vehicle.speed_factor}"'
+    )
+
+
+def flow_line(kind: str, suffix: str, ends: str, per_hour: float) -> str:
+    """A Poisson flow."""
+    start, end = ends.split()
+    return (
+        f'    <flow id="{start}.{end}{suffix}" type="{kind}" from="{start}" to="{end}" begin="0" end="{DURATION}"'
+        f' period="exp({per_hour / 3600:.4f})" departLane="best" departSpeed="max"/>'
+    )
+
+
+def person_lines(network: Network) -> Iterator[str]:
+    """Kinds of persons and Poisson flows of them, each from somewhere along an edge to somewhere along another."""
+    yield '    <vTypeDistribution id="persons">'
+    for kind, walker in WALKERS.items():
         yield (
-            f'        <vType id="{kind}" vClass="{kind}" probability="{v.share}" length="{v.length}" width="{v.width}"'
-            f' accel="{v.accel}" decel="{v.decel}" carFollowModel="EIDM" speedFactor="{v.speed_factor}"/>'
+            f'        <vType id="{kind}" vClass="pedestrian" probability="{walker.share}"'
+            f' desiredMaxSpeed="{walker.speed}" speedFactor="{walker.speed_factor}"/>'
         )
     yield "    </vTypeDistribution>"
-    for ends, per_hour in network.flows.items():
-        start, end = ends.split()
+    for way, per_hour in network.walks.items():
+        start, end = way.split()
         yield (
-            f'    <flow id="{start}.{end}" type="traffic" from="{start}" to="{end}" begin="0" end="{DURATION}"'
-            f' period="exp({per_hour / 3600:.4f})" departLane="best" departSpeed="max"/>'
+            f'    <personFlow id="{start}.{end}.on_foot" type="persons" begin="0" end="{DURATION}"'
+            f' period="exp({per_hour / 3600:.4f})" departPos="random">'
+            f'<walk from="{start}" to="{end}" arrivalPos="random"/></personFlow>'
         )
-    yield "</routes>"
 
 
 CONFIGURATION = """\
@@ -122,6 +170,9 @@ URBAN = {
     "bus": Vehicle(0.04, 12.0, 2.5, "normc(0.9,0.05,0.8,1)", accel=1.2, decel=4.0),
     "motorcycle": Vehicle(0.07, 2.2, 0.9, "normc(1.05,0.1,0.8,1.2)", accel=3.5),
 }
+TOWN = {kind: URBAN[kind] for kind in ("passenger", "delivery", "motorcycle")}
+BICYCLE = Vehicle(1.0, 1.8, 0.65, "normc(1,0.1,0.8,1.2)", accel=1.2, decel=3.0)
+WALKERS = {"adult": Walker(0.7, 1.4), "hurried": Walker(0.2, 2.0), "elderly": Walker(0.1, 0.9)}
 MOTORWAY = {
     "passenger": Vehicle(0.70, 4.8, 1.8, "normc(1,0.12,0.75,1.3)"),
     "delivery": Vehicle(0.12, 6.0, 2.0, "normc(0.92,0.08,0.75,1.1)", accel=2.2),
@@ -138,7 +189,16 @@ def turns(arms: str, straight: float, left: float, right: float) -> dict[str, fl
         f"{arm}_in {around[(around.index(arm) + k) % 4]}_out": per_hour
         for arm in arms.split()
         for k, per_hour in ((1, right), (2, straight), (3, left))
+        if per_hour
     }
+
+
+def along(street: str, side: str, straight: float, turning: float) -> dict[str, float]:
+    """Flows along a street from each of its two ends to the other, and between them and side streets."""
+    ends, sides = street.split(), side.split()
+    flows = {f"{a}_in {b}_out": straight for a in ends for b in ends if a != b}
+    flows |= {f"{a}_in {b}_out": turning for a in ends for b in sides}
+    return flows | {f"{b}_in {a}_out": turning for a in ends for b in sides}
 
 
 def across(straight: float, shifted: float) -> dict[str, float]:
@@ -190,6 +250,44 @@ NETWORKS = {
         "-x multilane.con.xml",
         MOTORWAY,
         {"main exit": 2500, "main off": 550, "on exit": 500, "on off": 50},
+    ),
+    "town": Network(
+        "netconvert",
+        "-x town.con.xml --walkingareas --default.junctions.radius 6 --tls.cycle.time 70 --tls.allred.time 3",
+        TOWN,
+        turns("west east north south", straight=130, left=30, right=45),
+        turns("west east north south", straight=50, left=0, right=15),
+        {
+            "west_in north_out": 60,
+            "west_out south_out": 60,
+            "south_out east_in": 60,
+            "north_in east_out": 60,
+            "south_in north_out": 60,
+            "north_out south_out": 60,
+            "west_in west_leave": 50,
+            "west_out west_stop": 50,
+            "east_in east_leave": 50,
+            "east_out east_stop": 50,
+        },
+    ),
+    "street": Network(
+        "netconvert",
+        "-x street.con.xml --walkingareas --default.junctions.radius 5",
+        TOWN,
+        along("west east", "south north", straight=230, turning=40),
+        {"west_in east_out": 70, "east_in west_out": 70, "south_in east_out": 20, "north_in west_out": 20},
+        {
+            "west_mid west_back": 60,
+            "west_back west_mid": 60,
+            "east_mid east_back": 60,
+            "east_back east_mid": 60,
+            "west_in west_back": 40,
+            "west_out south_in": 40,
+            "south_out west_mid": 40,
+            "east_in east_mid": 40,
+            "east_out north_in": 40,
+            "north_out east_back": 40,
+        },
     ),
 }
 

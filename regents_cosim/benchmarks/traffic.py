@@ -19,7 +19,7 @@ def traffic_of(
     prefer: Prefer = "conflicts",
     progress: Progress = SILENT,
 ) -> list[list[Scenario]]:
-    """Windows of networks and of logs, place by place: of all shipped networks where neither is named."""
+    """Windows of networks and of logs, place by place: of the six shipped networks where neither is named."""
     networks = network_traffic(nets, count, seed, prefer, progress) if nets or not logs else {}
     recordings = logged_traffic(logs, count, seed, prefer, progress) if logs else {}
     return [found for found in (*networks.values(), *recordings.values()) if found] or [[]]
@@ -28,7 +28,7 @@ def traffic_of(
 def network_traffic(
     nets: Sequence[str], count: int, seed: int, prefer: Prefer = "conflicts", progress: Progress = SILENT
 ) -> dict[str, list[Scenario]]:
-    """Windows of SUMO networks, by network: of all shipped ones where none is named."""
+    """Windows of SUMO networks, by network: of the six shipped ones of vehicles where none is named."""
     configs = {net: network(net) for net in nets or NETWORKS}
     return {
         net: record(config, count=count, seed=seed, prefer=prefer)

@@ -4,7 +4,9 @@ from pathlib import Path
 
 from regents_cosim.errors import RegentsError
 
-NETWORKS = ("merge", "crossing", "signals", "roundabout", "grid", "multilane")
+NETWORKS = ("merge", "crossing", "signals", "roundabout", "grid", "multilane")  # taken where none is named
+WITH_PERSONS = ("town", "street")  # pedestrians and cyclists too; taken where they are named
+ALL_NETWORKS = NETWORKS + WITH_PERSONS
 SUITES = ("standard", "quickstart")
 _PREFIX = "shipped:"
 
@@ -20,8 +22,8 @@ def shipped(folder: str) -> Path:
 
 def network_config(name: str) -> Path:
     """The .sumocfg of a shipped network."""
-    if name not in NETWORKS:
-        raise RegentsError(f"network {name!r} does not exist, expected one of {', '.join(NETWORKS)}")
+    if name not in ALL_NETWORKS:
+        raise RegentsError(f"network {name!r} does not exist, expected one of {', '.join(ALL_NETWORKS)}")
     return shipped("sumo_nets") / name / f"{name}.sumocfg"
 
 
@@ -42,11 +44,11 @@ def located(path: Path) -> Path:
     if not str(path).startswith(_PREFIX):
         return path
     name, *case = Path(str(path).removeprefix(_PREFIX)).parts or ("",)
-    if name in NETWORKS and not case:
+    if name in ALL_NETWORKS and not case:
         return network_config(name)
     if name in SUITES and ".." not in case:
         return suite_folder(name).joinpath(*case)
-    raise RegentsError(f"{path} does not exist, expected one of {', '.join((*names(SUITES), *names(NETWORKS)))}")
+    raise RegentsError(f"{path} does not exist, expected one of {', '.join((*names(SUITES), *names(ALL_NETWORKS)))}")
 
 
 def names(of: tuple[str, ...]) -> list[str]:

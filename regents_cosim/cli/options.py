@@ -39,7 +39,7 @@ ActTimeout = Annotated[
 ]
 Executor = Annotated[str, Parameter(help="who does the work: local, dask (a worker for each core), or dask:ADDRESS")]
 Networks = Annotated[
-    tuple[str, ...], Parameter(help="shipped networks, or .sumocfg files; all shipped ones by default")
+    tuple[str, ...], Parameter(help="shipped networks, or .sumocfg files; by default the six of vehicles alone")
 ]
 MapAxes = Annotated[
     str,
@@ -64,7 +64,8 @@ class TrafficOptions:
     """Ordinary traffic, in SUMO's own option names, and the windows to cut out of it."""
 
     config: Annotated[Path | None, Parameter(["--configuration-file", "-c"])] = None
-    """SUMO configuration (.sumocfg), or shipped:NETWORK: merge, crossing, signals, roundabout, grid, multilane"""
+    """SUMO configuration (.sumocfg), or shipped:NETWORK: merge, crossing, signals, roundabout, grid, multilane, town or
+    street"""
     net: Annotated[Path | None, Parameter(["--net-file", "-n"])] = None
     """SUMO network (.net.xml, .net.xml.gz)"""
     routes: Annotated[str, Parameter(["--route-files", "-r"])] = ""

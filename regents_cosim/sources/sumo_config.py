@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from regents_cosim.cases.shipped import NETWORKS, located, names
+from regents_cosim.cases.shipped import ALL_NETWORKS, located, names
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import SumoError, require_file
 from regents_cosim.sources.recording import ANY_EGO
@@ -122,7 +122,7 @@ def _read_config(path: Path) -> dict[str, str]:
     if not path.exists():
         raise SumoError(
             f"SUMO configuration not found: {path} (check the path; networks that come with regents_cosim: "
-            f"{', '.join(names(NETWORKS))})"
+            f"{', '.join(names(ALL_NETWORKS))})"
         )
     root = read_tree(path, "SUMO configuration", SumoError)
     if root.tag not in ("configuration", "sumoConfiguration", "sumo-configuration"):

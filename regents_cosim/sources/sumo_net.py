@@ -1,8 +1,9 @@
 """A SUMO network becomes a RoadMap: the lanes for cars, how they connect, where one may drive.
 
 Lanes that a passenger car may not use (footpaths, tracks, bus lanes) and crossings are left
-out. Ways through junctions are lanes of their own, and may be chains of several. Neighbours are
-lanes that a passenger car may change to: `changeLeft` and `changeRight` of a lane name who may.
+out; bicycle lanes are no lanes either, but one may drive there. Ways through junctions are lanes
+of their own, and may be chains of several. Neighbours are lanes that a passenger car may change
+to: `changeLeft` and `changeRight` of a lane name who may.
 """
 
 import gzip
@@ -193,12 +194,22 @@ def _ways_through(link: sumolib.net.connection.Connection, net: sumolib.net.Net)
 
 
 def _drivable(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> BaseGeometry:
-    """Lanes and junctions in one, gaps up to 0.4 m closed."""
-    centre_lines = [shapely.LineString(lane.getShape()) for lane in lanes]
-    half_widths = [0.5 * lane.getWidth() for lane in lanes]
+    """Lanes, the bicycle lanes of their roads, and junctions in one, gaps up to 0.4 m closed."""
+    on_wheels = [*lanes, *_bicycle_lanes(lanes)]
+    centre_lines = [shapely.LineString(lane.getShape()) for lane in on_wheels]
+    half_widths = [0.5 * lane.getWidth() for lane in on_wheels]
     strips = shapely.buffer(centre_lines, half_widths, cap_style="flat")
     area = shapely.union_all([*strips, *_junctions(net, lanes)])
     return area.buffer(_CLOSE_M, join_style="mitre").buffer(-_CLOSE_M, join_style="mitre")
+
+
+def _bicycle_lanes(lanes: list[sumolib.net.lane.Lane]) -> Iterator[sumolib.net.lane.Lane]:
+    """Lanes for bicycles, not for walking, beside lanes for cars: a cyclist there is on the road."""
+    for edge in dict.fromkeys(lane.getEdge() for lane in lanes):
+        for lane in edge.getLanes():
+            rides = lane.allows("bicycle") and not lane.allows("passenger") and not lane.allows("pedestrian")
+            if rides and _has_direction(lane):
+                yield lane
 
 
 def _junctions(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> Iterator[BaseGeometry]:

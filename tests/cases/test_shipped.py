@@ -9,7 +9,7 @@ import pytest
 from shipped_cases import QUICKSTART, crash_on
 
 from regents_cosim.cases.manifest import find_cases
-from regents_cosim.cases.shipped import NETWORKS, SUITES, located, network, network_config, shipped
+from regents_cosim.cases.shipped import ALL_NETWORKS, SUITES, located, network, network_config, shipped
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.sources.sumo_config import SumoInput, read_input
@@ -25,7 +25,7 @@ def said(capsys, *words):
 
 
 def test_every_name_leads_to_what_it_says():
-    for name in NETWORKS:
+    for name in ALL_NETWORKS:
         assert located(Path(f"shipped:{name}")) == network_config(name) == network(name) == network(f"shipped:{name}")
         assert read_input(SumoInput(Path(f"shipped:{name}"))) == read_input(SumoInput(network_config(name)))
     for name in SUITES:
@@ -53,7 +53,7 @@ def test_commands_take_the_names(tmp_path, capsys):
 def test_they_are_listed(capsys):
     assert run(["suite", "list", "--shipped", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert [row["name"] for row in rows] == [f"shipped:{name}" for name in (*SUITES, *NETWORKS)]
+    assert [row["name"] for row in rows] == [f"shipped:{name}" for name in (*SUITES, *ALL_NETWORKS)]
     assert "--shipped" in said(capsys, "suite", "list")
 
 

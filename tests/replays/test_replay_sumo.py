@@ -20,7 +20,7 @@ from places import ROOT
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
-from regents_cosim.cases.shipped import NETWORKS, network_config
+from regents_cosim.cases.shipped import ALL_NETWORKS, network_config
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, SumoError
 from regents_cosim.geometry.frames import wrap
@@ -128,7 +128,7 @@ def test_other_step_lengths(in_sumo, dt):
     assert_same(in_sumo(made).tracks, made.tracks)
 
 
-@pytest.mark.parametrize("net", [NETWORKS[0], *map(slow, NETWORKS[1:])])
+@pytest.mark.parametrize("net", [ALL_NETWORKS[0], *map(slow, ALL_NETWORKS[1:])])
 def test_recorded_windows_of_every_network_are_reproduced(net, in_sumo):
     for made in record(SumoInput(network_config(net), end_s=120.0), count=2):
         found = in_sumo(made)

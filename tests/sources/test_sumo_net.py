@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from params import slow
 from places import ROOT
 
 from regents_cosim.errors import RegentsError, SumoError
@@ -14,7 +15,7 @@ from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.verdicts.lane_pieces import neighbours
 
 NETS = ROOT / "sumo_nets"
-NAMES = ["merge", "crossing", "signals", "roundabout", "grid", "multilane"]
+NAMES = ["merge", "crossing", "signals", "roundabout", "grid", "multilane", *map(slow, ["town", "street"])]
 
 
 def net_file(name: str) -> Path:
@@ -80,7 +81,7 @@ def test_neighbours_lie_on_the_side_they_are_called_by(tmp_path, side):
 
 @pytest.mark.parametrize(
     ("classes", "allowed", "side"),
-    [("bus passenger", True, ()), ("authority emergency", False, ()), ("emergency", False, ("--lefthand",))],
+    [slow("bus passenger", True, ()), ("authority emergency", False, ()), ("emergency", False, ("--lefthand",))],
 )
 def test_cars_change_lanes_only_where_the_network_lets_them(tmp_path, classes, allowed, side):
     path = generate(tmp_path, "--grid", "--grid.number", "2", "--grid.length", "100", "-L", "2", *side)
@@ -100,7 +101,7 @@ def test_cars_change_lanes_only_where_the_network_lets_them(tmp_path, classes, a
     assert any(neighbours(after).values()) == allowed
 
 
-@pytest.mark.parametrize("name", ["crossing", "signals"])
+@pytest.mark.parametrize("name", ["crossing", slow("signals")])
 def test_no_lane_is_changed_over_the_solid_lines_of_the_shipped_networks(name):
     road = read_road_map(net_file(name))
     stops = [lane for lane in road.lanes if "_stop_" in lane.id]

@@ -7,12 +7,18 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+import numpy as np
 import pytest
 import sumolib
+from params import slow
 from places import ROOT
 
+from regents_cosim.sources.sumo_net import read_road_map
+
 NETS = ROOT / "sumo_nets"
-NAMES = ["merge", "crossing", "signals", "roundabout", "grid", "multilane"]
+VEHICLES_ONLY = ["merge", "crossing", "signals", "roundabout", "grid", "multilane"]
+WITH_PERSONS = ["town", "street"]
+NAMES = VEHICLES_ONLY + WITH_PERSONS
 MADE = [".net.xml", ".rou.xml", ".sumocfg"]  # what build.py writes
 
 # libsumo holds one simulation per process, so each run gets its own.
@@ -26,7 +32,9 @@ for _ in range(600):
     libsumo.simulationStep()
     lights |= {libsumo.trafficlight.getRedYellowGreenState(i) for i in libsumo.trafficlight.getIDList()}
 moving = sum(libsumo.vehicle.getSpeed(v) > 1 for v in libsumo.vehicle.getIDList())
-print(json.dumps({"time": libsumo.simulation.getTime(), "moving": moving, "lights": len(lights)}))
+walking = sum(libsumo.person.getSpeed(p) > 0.5 for p in libsumo.person.getIDList())
+seen = {"time": libsumo.simulation.getTime(), "moving": moving, "walking": walking, "lights": len(lights)}
+print(json.dumps(seen))
 libsumo.close()
 """
 
@@ -54,7 +62,7 @@ def test_configuration_names_files_beside_it(name):
     assert not [tag for tag in value if "output" in tag]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", VEHICLES_ONLY)
 def test_network_has_passenger_and_internal_lanes(name):
     net = sumolib.net.readNet(str(NETS / name / f"{name}.net.xml"), withInternal=True)
     edges = net.getEdges(withInternal=True)
@@ -62,6 +70,21 @@ def test_network_has_passenger_and_internal_lanes(name):
     lanes = [lane for edge in edges for lane in edge.getLanes()]
     assert all(lane.allows("passenger") for lane in lanes)
     assert all(3.2 <= lane.getWidth() <= 3.5 for lane in lanes)
+
+
+@pytest.mark.parametrize("name", [WITH_PERSONS[0], slow(WITH_PERSONS[1])])
+def test_network_has_places_for_all_who_walk_and_ride(name):
+    road = read_road_map(NETS / name / f"{name}.net.xml")
+    crossings = [one for one in road.walkways if one.kind == "crossing"]
+    assert sum(one.signal is None for one in crossings) >= 2
+    assert sum(one.signal is not None for one in crossings) == (4 if name == "town" else 0)
+    net = sumolib.net.readNet(str(NETS / name / f"{name}.net.xml"))
+    for edge in net.getEdges():
+        lanes = edge.getLanes()  # from the kerb inwards
+        may = [[kind for kind in ("pedestrian", "bicycle", "passenger") if lane.allows(kind)] for lane in lanes]
+        assert may == [["pedestrian"], ["bicycle"], ["passenger"]]
+        middles = [np.mean(lane.getShape(), axis=0)[None] for lane in lanes]
+        assert [bool(road.contains(middle)[0]) for middle in middles] == [False, True, True]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -85,7 +108,8 @@ def test_traffic_is_lively_after_a_minute(name, options):
     seen = run_a_minute(name, *options)
     assert seen["time"] == pytest.approx(60)
     assert seen["moving"] >= 6
-    assert name != "signals" or seen["lights"] >= 3
+    assert name not in ("signals", "town") or seen["lights"] >= 3
+    assert name not in WITH_PERSONS or seen["walking"] >= 4
 
 
 @pytest.mark.slow

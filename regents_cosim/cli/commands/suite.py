@@ -64,7 +64,8 @@ def build(
     output
         folder for the suite
     nets
-        SUMO networks, separated by commas: all, none, names of shipped ones, or .sumocfg files
+        SUMO networks, separated by commas: all (the six shipped ones of vehicles alone), none, names of shipped ones,
+        or .sumocfg files
     highway
         environments of highway-env, separated by commas, e.g. merge-v1,roundabout-v1
     windows
