@@ -114,6 +114,12 @@ def test_who_follows():
 # --- building ---------------------------------------------------------------------------------
 
 
+def test_a_recipe_asks_for_adversaries_that_there_are():
+    assert Recipe(adversary_kinds=("cyclist",)).adversary_kinds == ("cyclist",)
+    with pytest.raises(RegentsError, match="expected one or more of vehicle,cyclist,pedestrian, each once"):
+        Recipe(adversary_kinds=("cyclist", "cyclist"))
+
+
 @pytest.mark.slow
 def test_the_same_recipe_gives_the_same_suite(tmp_path):
     counts = {"windows": 1, "adversarial": 2, "unavoidable": 2, "ordinary": 1}

@@ -9,10 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 import sumolib
 from params import slow
 from places import ROOT
 
+from regents_cosim.cases.shipped import network_config
+from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_net import read_road_map
 
 NETS = ROOT / "sumo_nets"
@@ -110,6 +113,24 @@ def test_traffic_is_lively_after_a_minute(name, options):
     assert seen["moving"] >= 6
     assert name not in ("signals", "town") or seen["lights"] >= 3
     assert name not in WITH_PERSONS or seen["walking"] >= 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WITH_PERSONS)
+def test_windows_hold_persons_who_cross_and_cyclists(name):
+    made = record(network_config(name), count=3)
+    crossings = shapely.union_all([one.area for one in made[0].road.walkways if one.kind == "crossing"])
+    for case in made:
+        kinds = {agent.kind for agent in case.agents}
+        assert {"car", "pedestrian", "bicycle"} <= kinds
+        assert case.ego.kind not in ("pedestrian", "bicycle")
+    crossed = [
+        shapely.contains_xy(crossings, case.tracks.x[row], case.tracks.y[row]).any()
+        for case in made
+        for row, agent in enumerate(case.agents)
+        if agent.kind == "pedestrian"
+    ]
+    assert sum(crossed) >= 3
 
 
 @pytest.mark.slow

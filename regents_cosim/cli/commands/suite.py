@@ -49,6 +49,7 @@ def build(
     harmless: Switch = True,
     planner: tuple[str, ...] = ("idm",),
     method: Literal["regents", "king", "focused"] = "focused",
+    adversary_kinds: str | None = None,
     min_cells: CountOrZero = 0,
     axes: MapAxes = "",
     seed: Seed = 0,
@@ -90,6 +91,8 @@ def build(
         one, and show when that gets worse. The first has to drive the ordinary cases without a collision
     method
         of the attack
+    adversary_kinds
+        who may attack, with commas between: vehicle, cyclist, pedestrian (focused: all; king, regents: vehicle)
     min_cells
         of the map of behaviours that the crashes have to fill (`regents suite coverage`): the best crash of each cell
         comes before all others
@@ -98,6 +101,7 @@ def build(
     """
     from regents_cosim.archive.axes import parse_axes
     from regents_cosim.archive.coverage import archive_of
+    from regents_cosim.attacks.presets import road_users
     from regents_cosim.cases.manifest import MANIFEST, find_cases
     from regents_cosim.cases.shipped import NETWORKS
     from regents_cosim.evaluation.suites.building import Recipe, build_suite
@@ -118,6 +122,7 @@ def build(
         harmless=harmless,
         planners=planner,
         method=method,
+        adversary_kinds=None if adversary_kinds is None else road_users(adversary_kinds),
         seed=seed,
         min_cells=min_cells,
         axes=parse_axes(axes),

@@ -18,7 +18,7 @@ from regents_cosim.archive.coverage import require_cells
 from regents_cosim.archive.crash import crash_of
 from regents_cosim.archive.elites import Archive
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import METHODS
+from regents_cosim.attacks.presets import AttackConfig, preset
 from regents_cosim.campaign.steps import Steps
 from regents_cosim.campaign.traffic_files import traffic_digest
 from regents_cosim.campaign.window_job import AttackRun
@@ -34,7 +34,7 @@ from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_
 from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import RoadUser, Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.verdicts.judge import judge_each
@@ -74,6 +74,7 @@ class Recipe:
     harmless: bool = True  # crashes that have a neighbour in which nothing is to be feared, each with it
     planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
     method: str = "focused"
+    adversary_kinds: tuple[RoadUser, ...] | None = None  # who may attack; None: as the method has it
     seed: int = 0
     min_cells: int = 0  # the best crash of each of so many cells of the map comes before all others
     axes: Axes = field(default_factory=Axes)
@@ -81,6 +82,7 @@ class Recipe:
     def __post_init__(self) -> None:
         """Raises RegentsError."""
         check_ranges(self, _RANGES)
+        _config(self)
         require_cells(self.axes, self.min_cells)
 
 
@@ -190,7 +192,7 @@ def _crashes(
     kept: list[Scenario] = []
     above = [PlannerUnderTest.of(_CAREFUL)]
     for planner in map(PlannerUnderTest.of, recipe.planners):
-        kept += _passed_by(above, _found(windows, planner, recipe.method, tell, steps))
+        kept += _passed_by(above, _found(windows, planner, recipe, tell, steps))
         names = " and ".join(one.name for one in above)
         tell(f"kept {len(kept)} crashes, which {names} pass{'es' if len(above) == 1 else ''}")
         above.append(planner)
@@ -200,24 +202,28 @@ def _crashes(
 def _found(
     windows: Sequence[Scenario],
     planner: PlannerUnderTest,
-    method: str,
+    recipe: Recipe,
     tell: Callable[[str], None],
     steps: Steps | None,
 ) -> list[Scenario]:
     """The crashes that an attack finds for one planner, judged."""
-    watch = partial(_told, planner.name, tell)
+    watch, config = partial(_told, planner.name, tell), _config(recipe)
     if steps is None or planner.source != planner.name:  # an object has no files by which to tell whether it changed
-        runs = list(watch(attack_each(windows, METHODS[method], planner), len(windows)))
+        runs = list(watch(attack_each(windows, config, planner), len(windows)))
         runs = [list(judge_each(results)) for results in runs]
     else:
-        run = AttackRun(METHODS[method], planner.name, verify=False, pictures=False)
-        runs = steps.attacked(f"{method} against {planner.name}", windows, run, watch)
+        run = AttackRun(config, planner.name, verify=False, pictures=False)
+        runs = steps.attacked(f"{recipe.method} against {planner.name}", windows, run, watch)
     records = [case.attack for results in runs for case in results if case.attack]
     lost = [record for record in records if record.planner_error]
     if lost:
         first = lost[0].planner_error.partition("\n")[0]
         tell(f"a planner failed in {len(lost)} windows, the first is {lost[0].case}: {first}")
     return [case for results in runs for case in results if case.attack and case.attack.outcome == "collision"]
+
+
+def _config(recipe: Recipe) -> AttackConfig:
+    return preset(recipe.method, adversary_kinds=recipe.adversary_kinds)
 
 
 def _told(planner: str, tell: Callable[[str], None], runs: Iterator[_T], total: int) -> Iterator[_T]:
