@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import scene
+from scenes import DT, scene
 from usual_scenes import STEPS, driven, traffic
+from walkers import walked
 
 from regents_cosim.benchmarks.table1 import table1
 from regents_cosim.benchmarks.table_files import write_table
@@ -67,11 +68,11 @@ def test_the_same_moment_has_the_same_continuations():
     assert rank_of(made) == rank_of(replace(made, id="another-name"))
 
 
-@pytest.mark.parametrize("change", ["pedestrian", "short"])
+@pytest.mark.parametrize("change", ["bicycle", "short"])
 def test_what_cannot_be_told_is_not_known(change):
     made = traffic()
-    if change == "pedestrian":
-        agents = tuple(replace(a, kind="pedestrian") if i == 3 else a for i, a in enumerate(made.agents))
+    if change == "bicycle":
+        agents = tuple(replace(a, kind="bicycle") if i == 3 else a for i, a in enumerate(made.agents))
         assert rank(replace(made, agents=agents), made.tracks, 3, made.tracks, STEPS) is None
     else:
         assert rank(made, made.tracks, 3, made.tracks, 15) is None
@@ -82,6 +83,18 @@ def test_alone_it_is_compared_with_its_kind():
     steady, braking = (rank_of(driven(alone, 1, np.full(STEPS - 1, by)), 1, alone) for by in (0.0, -6.0))
     assert steady == 100.0
     assert braking < 25.0
+
+
+def test_who_walks_is_compared_with_those_who_walk():
+    time = DT * np.arange(STEPS)
+    made = scene(*((40.0 * i, 0.0, 12.0) for i in range(9)), steps=STEPS)
+    for walker in range(1, 9):
+        made = walked(made, walker, (1.2 + 0.05 * walker) * time + 0.1 * np.sin(time + walker), 9.0 + walker + 0 * time)
+    steady = 30.0 + 1.3 * time
+    darts = np.where(time < 3.0, steady, steady + 1.2 * np.clip(time - 3.0, 0.0, 1.0) ** 2)
+    usual_walk, dart = (rank_of(walked(made, 1, x, 8.0 + 0 * time), 1, made) for x in (steady, darts))
+    assert usual_walk == 100.0
+    assert dart < 20.0
 
 
 def test_a_judged_case_keeps_it_and_an_older_one_has_none(tmp_path):
