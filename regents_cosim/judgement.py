@@ -94,11 +94,14 @@ OF_PERSONS: frozenset[Flaw] = frozenset({Flaw.PERSON_STOOD, Flaw.INTO_SIDE, Flaw
 OffenceName = Literal[
     "oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding",
     "gives_no_way", "unsafe_cut_in", "leaves_lane", "tailgating",
-    "off_crossing",
+    "off_crossing", "steps_out",
 ]  # fmt: skip
+# What only a pedestrian can do: tables of vehicles have no rows for it.
+OFFENCES_ON_FOOT: frozenset[OffenceName] = frozenset({"off_crossing", "steps_out"})
 # A road user with one of these breaks the law. The others of the list are reported only.
-UNLAWFUL: frozenset[OffenceName] = frozenset(
-    {"oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding"}
+UNLAWFUL: frozenset[OffenceName] = (
+    frozenset({"oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding"})
+    | OFFENCES_ON_FOOT
 )
 
 

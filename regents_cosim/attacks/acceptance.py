@@ -196,13 +196,16 @@ def _closes_at(gap: Float[Array, " 2"]) -> Float[Array, ""]:
 
 
 def _off_road(world: World, box: Box, agent: Int[Array, ""], so_far: Bool[Array, " time"]) -> Bool[Array, " time"]:
-    """By its corners: those that began off the road may be off it, but not go further away; who walks, anywhere."""
+    """By its corners: those that began off the road may be off it, but not go further away.
+
+    Who walks may be anywhere, or wherever its own map lets it.
+    """
     began_on = take(world.on_road.T, agent)
     fields = world.allowed(*corners(box), box.z)
     least = running_minimum(jnp.where(so_far, fields, jnp.inf), jnp.inf)
     reach = jnp.where(began_on[:, None], _OFF_ROAD, jnp.maximum(_OFF_ROAD, least + _FURTHER_OFF))
     off = (fields > reach).any(axis=0)
-    return off if world.walks is None else off & ~take(world.walks, agent)
+    return off if world.walks is None or world.own_road is not None else off & ~take(world.walks, agent)
 
 
 def _touches_others(world: World, boxes: Box, box: Box, agent: Int[Array, ""]) -> Bool[Array, " time"]:

@@ -60,8 +60,8 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
     if ego is None:
         return [_candidate(setup, scenario, world, memory, agent, ()) for agent in nearest[: setup.config.nearest]]
     kinds = [agent.kind for agent in scenario.agents]
-    most = setup.config.starts
-    found = {agent: starts(scenario, agent, ego, most, limits[kinds[agent]]) for agent in nearest}
+    most, lawful = setup.config.starts, setup.config.law == "strict"
+    found = {agent: starts(scenario, agent, ego, most, limits[kinds[agent]], lawful) for agent in nearest}
     chosen = sorted(nearest, key=lambda agent: -max((one.promise for one in found[agent]), default=-np.inf))
     return [_candidate(setup, scenario, world, memory, agent, found[agent]) for agent in chosen[: setup.config.nearest]]
 

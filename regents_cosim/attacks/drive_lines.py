@@ -51,6 +51,8 @@ class DriveLine:
     limit: float  # [m/s] where it begins
     shows_m: float = 0.0  # so far along, a change of lane can be noticed
     stop_lines: tuple[LightOnLine, ...] = ()
+    lawful_m: float = np.inf  # further along who walks breaks the law
+    kerbs_m: tuple[float, ...] = ()  # who walks steps onto the carriageway, with no light that lets it
 
     def at(self, way: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Places [m, m] and headings [rad] so many metres along."""

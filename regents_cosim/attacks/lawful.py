@@ -2,7 +2,7 @@
 
 The road cost of the paper keeps corners on the drivable area. On a map that ends at the centre line, at the ways that
 begin at the candidate's approach and at the lanes that run its way, the same cost keeps it lawful, with the same
-gradient.
+gradient. That of who walks ends at the kerb, but for crossings.
 """
 
 from dataclasses import dataclass, replace
@@ -17,6 +17,7 @@ from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.mirror.road_field import MARGIN_M, RoadField, blur_areas
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.walking_ground import ground_of
 from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
 _AROUND_EGO_M = 40.0  # of its track: a candidate that is further away is no danger yet
@@ -34,15 +35,22 @@ class LawfulRoad:
 def lawful_road(scenario: Scenario, agent: int, room: int = 0) -> LawfulRoad | None:
     """Where `agent` may drive, with `room` for so many cells at least.
 
-    None where the map does not tell, where roads lie above each other, and for who walks: there the road of all holds,
-    which binds no pedestrian.
+    None where the map does not tell, and where roads lie above each other: there the road of all holds, which binds no
+    pedestrian.
     """
-    walks = scenario.agents[agent].kind == "pedestrian"
-    area = None if walks or scenario.heights.stacked else lawful_area(scenario, agent)
+    area = None if scenario.heights.stacked else _area(scenario, agent)
     if area is None or area.is_empty:
         return None
     origin = scene_origin(scenario)
     return LawfulRoad(area, blur_areas([area], *_bounds(scenario, area), origin, room=room), origin)
+
+
+def _area(scenario: Scenario, agent: int) -> BaseGeometry | None:
+    """Where `agent` may drive or walk [m]; None where the map does not tell."""
+    if scenario.agents[agent].kind != "pedestrian":
+        return lawful_area(scenario, agent)
+    ground = ground_of(scenario)
+    return None if ground is None else ground.allowed(*_around_ego(scenario), ground.off_in_log_m(scenario, agent))
 
 
 def under_the_law(world: World, scenario: Scenario, agent: int, road: LawfulRoad | None) -> World:
@@ -64,11 +72,15 @@ def _top_speed(scenario: Scenario, agent: int) -> float:
 
 def _bounds(scenario: Scenario, area: BaseGeometry) -> tuple[np.ndarray, np.ndarray]:
     """The part of the area near the ego [m], with room to see that it ends."""
-    own = np.stack([scenario.tracks.x[0], scenario.tracks.y[0]])
-    bounds = np.reshape(area.bounds, (2, 2))
-    low = np.maximum(bounds[0], own.min(axis=1) - _AROUND_EGO_M)
-    high = np.minimum(bounds[1], own.max(axis=1) + _AROUND_EGO_M)
+    bounds, (low, high) = np.reshape(area.bounds, (2, 2)), _around_ego(scenario)
+    low, high = np.maximum(bounds[0], low), np.minimum(bounds[1], high)
     return low - MARGIN_M, np.maximum(high, low) + MARGIN_M
+
+
+def _around_ego(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds [m] beyond which a candidate is no danger yet."""
+    own = np.stack([scenario.tracks.x[0], scenario.tracks.y[0]])
+    return own.min(axis=1) - _AROUND_EGO_M, own.max(axis=1) + _AROUND_EGO_M
 
 
 def _began_on(scenario: Scenario, agent: int, area: BaseGeometry) -> np.ndarray:

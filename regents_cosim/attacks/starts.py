@@ -34,6 +34,7 @@ from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.planners.reference.parameters import FORESIGHT
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits
+from regents_cosim.verdicts.safe_distance import safe_distance
 
 _EARLIEST_S = 1.5  # a crash before that is none that anyone could react to
 _NEEDED_S = 3.0  # a careful driver who sees it coming for so long avoids it
@@ -94,13 +95,15 @@ def _allowed(world: World, searched: SearchedAgents, fitted: Controls) -> Contro
     return jax.vmap(lambda own: within_bounds(world, searched, jax.tree.map(lambda values: values[None], own)))(fitted)
 
 
-def starts(scenario: Scenario, agent: int, ego: Tracks, most: int, limits: DrivingLimits) -> list[Start]:
+def starts(
+    scenario: Scenario, agent: int, ego: Tracks, most: int, limits: DrivingLimits, lawful: bool = True
+) -> list[Start]:
     """At most `most` drives of `agent` that meet the `ego` [1, time] on its track, the most promising first.
 
-    They keep to the `limits`.
+    They keep to the `limits`. Those on foot need not be `lawful`; of vehicles all are.
     """
     pair = _Pair.of(scenario, agent, ego)
-    drives = _drives(scenario, agent, pair, limits)
+    drives = _drives(scenario, agent, pair, limits, lawful)
     if drives is None:
         return []
     contact = np.column_stack([(pair.first + drives.meets) * scenario.dt, _contact(drives, pair.own)])
@@ -205,10 +208,10 @@ def _within(
     return ((values > own.min() - reach) & (values < own.max() + reach)).any(axis=1)
 
 
-def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits) -> _Drives | None:
+def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits, lawful: bool) -> _Drives | None:
     """Those along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
     near = Near.to(pair.own[0], pair.own[1], pair.reach_m)
-    marked = [(line, _touched(line, pair)) for line in _lines(scenario, agent, near)]
+    marked = [(line, _touched(line, pair)) for line in _lines(scenario, agent, near, lawful)]
     marked = [(line, touched) for line, touched in marked if touched.any()]
     if not marked:
         return None
@@ -226,11 +229,11 @@ def _drives(scenario: Scenario, agent: int, pair: _Pair, limits: DrivingLimits) 
     return _Drives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Drives)))
 
 
-def _lines(scenario: Scenario, agent: int, near: Near) -> Iterator[DriveLine]:
+def _lines(scenario: Scenario, agent: int, near: Near, lawful: bool) -> Iterator[DriveLine]:
     """What its kind may drive or walk along, no faster than an attack lets it get."""
     kind = scenario.agents[agent].kind
     if kind == "pedestrian":
-        return walked_lines(scenario, agent, near)
+        return walked_lines(scenario, agent, near, lawful)
     most = MOST_SPEED_M_S.get(kind, np.inf) / OVER_LIMIT
     return (replace(line, limit=min(line.limit, most)) for line in lines_ahead(scenario, agent, near))
 
@@ -275,6 +278,10 @@ def _along(
     drives = _Drives(meets, shows_s, accel, x, y, yaw, speed)
     kept = hits.any(axis=1) & ((pair.first + meets) * dt >= _EARLIEST_S)
     kept &= ~_runs_red(line, travelled + 0.5 * pair.mine[0], meets, pair.first)
+    kept &= travelled[np.arange(len(meets)), meets] <= line.lawful_m
+    if line.kerbs_m:
+        walked = zip(travelled[kept], meets[kept], strict=True)
+        kept[kept] = [not _steps_out(line, way, int(step), pair.own, dt) for way, step in walked]
     return _kept(drives, kept)
 
 
@@ -297,6 +304,18 @@ def _runs_red(
         passes = (front[:, 1:] > stop.at_m) & (front[:, :-1] <= stop.at_m)
         run[:, 1:] |= passes & stop.red[first + 1 : first + front.shape[1]]
     return (run & (np.arange(front.shape[1]) <= meets[:, None])).any(axis=1)
+
+
+def _steps_out(
+    line: DriveLine, travelled: Float[np.ndarray, " time"], meets: int, own: tuple[np.ndarray, ...], dt: float
+) -> bool:
+    """Whether who walks comes onto the carriageway nearer than the ego needs to stop (`verdicts.offences_on_foot`)."""
+    stepped = [int(np.searchsorted(travelled, kerb_m)) for kerb_m in line.kerbs_m]
+    stepped = [step for step in stepped if 0 < step <= meets]
+    if not stepped:
+        return False
+    moved = np.hypot(np.diff(own[0]), np.diff(own[1]))
+    return float(moved[max(stepped) : meets].sum()) < safe_distance(float(moved[max(stepped) - 1]) / dt, 0.0)
 
 
 def _hardest_turn(drives: _Drives, dt: float) -> Float[np.ndarray, " drive"]:

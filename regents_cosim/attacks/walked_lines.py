@@ -1,16 +1,22 @@
-"""The lines that a pedestrian may walk along to meet the ego: its log's, and from it straight across the ego's way."""
+"""The lines that a pedestrian may walk along to meet the ego: its log's, from it straight across, and over crossings.
+
+Where the map tells the law of who walks, they carry what it asks: how far along they keep it, where a light has to be
+waited for, and where the carriageway begins.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from regents_cosim.attacks.drive_lines import DriveLine, Near, line_through, prolonged
-from regents_cosim.limits import MOST_SPEED_M_S, OVER_LIMIT
+from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, LightOnLine, Near, line_through, prolonged
+from regents_cosim.attacks.walked_routes import Routes
+from regents_cosim.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.routes.ego_route import logged_path
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import RED, Scenario
+from regents_cosim.verdicts.walking_ground import WalkingGround, ground_of, letter_at
 
 _LEAVES_S = (0.0, 1.5, 3.0)  # its logged path, after so long
 _AIMS = 8  # places of the ego's way that are walked to from there
@@ -19,20 +25,27 @@ _BEYOND_M = 10.0  # it walks on behind the ego's way
 _LIMIT_M_S = MOST_SPEED_M_S["pedestrian"] / OVER_LIMIT  # drives may exceed the limits of lines by as much
 
 
-def walked_lines(scenario: Scenario, agent: int, near: Near) -> Iterator[DriveLine]:
-    """The logged path and on, and those that leave it for a place near which the ego passes."""
-    tracks = scenario.tracks
+def walked_lines(scenario: Scenario, agent: int, near: Near, lawful: bool) -> Iterator[DriveLine]:
+    """The logged path and on, and those that leave it for a place near which the ego passes, or for a crossing."""
+    tracks, ground = scenario.tracks, ground_of(scenario) if lawful else None
     seconds = (tracks.steps - 1) * scenario.dt
     reach_m = seconds * MOST_SPEED_M_S["pedestrian"] + _BEYOND_M
     path = prolonged(logged_path(tracks, agent), reach_m)
-    yield line_through(path, _LIMIT_M_S)
+    off_m = 0.0 if ground is None else max(OFF_ROAD_M, ground.off_in_log_m(scenario, agent))
+    routes = None if ground is None else Routes(scenario.road, ground, path[0], reach_m, off_m)
+    ways = [(0.0, path)]
     there = np.flatnonzero(tracks.valid[agent])
     for leaves_s in _LEAVES_S:
         step = there[min(round(leaves_s / scenario.dt), len(there) - 1)]
         gone_m = float(np.hypot(*np.diff(np.stack([tracks.x, tracks.y])[:, agent, there[0] : step + 1])).sum())
         left_m = MOST_SPEED_M_S["pedestrian"] * (seconds - step * scenario.dt)
-        for aim in _aims(near, np.array([tracks.x[agent, step], tracks.y[agent, step]]), left_m):
-            yield _leaving(path, gone_m, aim, reach_m)
+        place = np.array([tracks.x[agent, step], tracks.y[agent, step]])
+        onward = [aim[None] for aim in _aims(near, place, left_m)]
+        onward += [] if routes is None else list(routes.over_crossings(place, near, left_m))
+        ways += [(gone_m, _leaving(path, gone_m, points, reach_m)) for points in onward]
+    for gone_m, points in ways:
+        line = replace(line_through(points, _LIMIT_M_S), shows_m=gone_m)
+        yield line if ground is None else _under_the_law(scenario, agent, ground, line, off_m)
 
 
 def _aims(near: Near, place: Float[np.ndarray, " 2"], reach_m: float) -> Float[np.ndarray, "aim 2"]:
@@ -45,10 +58,30 @@ def _aims(near: Near, place: Float[np.ndarray, " 2"], reach_m: float) -> Float[n
 
 
 def _leaving(
-    path: Float[np.ndarray, "point 2"], gone_m: float, aim: Float[np.ndarray, " 2"], reach_m: float
-) -> DriveLine:
-    """Along the path for so many metres, then straight to a place and on."""
+    path: Float[np.ndarray, "point 2"], gone_m: float, onward: Float[np.ndarray, "further 2"], reach_m: float
+) -> Float[np.ndarray, "whole 2"]:
+    """Along the path for so many metres, then straight to one place after the other and on."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     leaves = np.array([np.interp(gone_m, along, path[:, axis]) for axis in (0, 1)])
-    points = prolonged(np.vstack([path[along < gone_m - _NEAREST_M], leaves, aim]), reach_m)
-    return replace(line_through(points, _LIMIT_M_S), shows_m=gone_m)
+    return prolonged(np.vstack([path[along < gone_m - _NEAREST_M], leaves, onward]), reach_m)
+
+
+def _under_the_law(scenario: Scenario, agent: int, ground: WalkingGround, line: DriveLine, off_m: float) -> DriveLine:
+    """The line with what `verdicts.offences_on_foot` asks of who walks along it, `off_m` being allowed."""
+    beyond, street = np.flatnonzero(ground.off_m(line.points) > off_m), ground.on_carriageway(line.points)
+    lit = [way for way in ground.around(line.points) if letter_at(scenario, way, 0) != "-"]
+    on_lit, lights = np.zeros(len(street), bool), list[LightOnLine]()
+    for way in lit:
+        on = street & shapely.contains_xy(way.area, *line.points.T)
+        on_lit |= on
+        red = np.array([letter_at(scenario, way, step) in RED for step in range(scenario.tracks.steps)])
+        front_m = 0.5 * scenario.agents[agent].length  # the law asks for its centre
+        lights += [LightOnLine(at * SPACING_M + front_m, red) for first in _entered(on) for at in (first - 1, first)]
+    kerbs = [at * SPACING_M for at in _entered(street) if not on_lit[at]]
+    lawful_m = (beyond[0] - 1) * SPACING_M if len(beyond) else np.inf
+    return replace(line, lawful_m=float(lawful_m), kerbs_m=tuple(kerbs), stop_lines=tuple(lights))
+
+
+def _entered(on: Bool[np.ndarray, " point"]) -> list[int]:
+    """The points of a line that are the first on something."""
+    return (np.flatnonzero(on[1:] & ~on[:-1]) + 1).tolist()

@@ -9,7 +9,7 @@ from regents_cosim.benchmarks.ceiling import Ceiling
 from regents_cosim.benchmarks.table1 import ALL, COUNTS, MethodComparison, Table1
 from regents_cosim.evaluation.crashes.scores import MethodScores
 from regents_cosim.evaluation.statistics import percent
-from regents_cosim.judgement import OF_PERSONS, UNLAWFUL, Flaw, OffenceName
+from regents_cosim.judgement import OF_PERSONS, OFFENCES_ON_FOOT, UNLAWFUL, Flaw, OffenceName
 
 
 @dataclass(frozen=True)
@@ -173,6 +173,8 @@ def _offences(columns: Sequence[MethodScores]) -> list[list[str]]:
     order = sorted(get_args(OffenceName), key=lambda name: name not in UNLAWFUL)
     rows = [["crashes", *(str(c.crashes) for c in columns)]]
     for name in order:
+        if name in OFFENCES_ON_FOOT and not any(c.offences_told.get(name) for c in columns):
+            continue
         words = name.replace("_", " ") + ("" if name in UNLAWFUL else " (reported only)")
         rows.append([words, *(_told(c.offences, name, c) for c in columns)])
     rows.append(["none that breaks the law", *map(_lawful, columns)])

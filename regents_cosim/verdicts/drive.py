@@ -1,5 +1,6 @@
 """What one road user did, up to an instant: its steps, where they were in the lanes, and what lay in between two."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -43,6 +44,11 @@ class AgentDrive:
     def steps(self) -> Int[np.ndarray, " time"]:
         """At which it is there."""
         return np.flatnonzero(self.tracks.valid[self.agent, : self.last + 1])
+
+    @property
+    def on_foot(self) -> bool:
+        """Whether it is a pedestrian."""
+        return self.scenario.agents[self.agent].kind == "pedestrian"
 
     @cached_property
     def box(self) -> Boxes:
@@ -128,6 +134,20 @@ class AgentDrive:
             return 0, 0
         which = int(np.argmax(end - begin))
         return int(begin[which]), int(end[which])
+
+    def lasting(
+        self, holds: Bool[np.ndarray, " time"], amount: Float[np.ndarray, " time"], steps: int
+    ) -> OffendingAct | None:
+        """The worst of what holds, where it does so for `steps` on end."""
+        begin, end = self.longest(holds)
+        if not end or end - begin < steps:
+            return None
+        return OffendingAct(int(self.steps[begin]), end - begin, float(amount[begin:end].max()))
+
+
+Measure = Callable[
+    [AgentDrive, AgentDrive | None], OffendingAct | None
+]  # of a drive, and of the one that it met; None: nothing
 
 
 def driven(attacked: Scenario, agent: int, last: int, since: int = 0) -> AgentDrive:

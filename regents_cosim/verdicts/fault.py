@@ -7,8 +7,8 @@ whatever their logs did. No rule decides what the data does not tell, such as wh
 that names none.
 
 Most of them are about wheels and lanes, so a collision with a pedestrian has a table of its own: who drives has to stop
-for what can be seen in time (Road Traffic, art. 13(1) and 21(1)), who walks steps onto the carriageway only where that
-impedes no one (art. 20(6)(c)). Whether there was a crossing is not asked yet.
+for what can be seen in time (Road Traffic, art. 13(1) and 21), who walks keeps to crossings and their lights, and steps
+onto the carriageway only where that impedes no one (art. 20(6)).
 """
 
 from collections.abc import Callable
@@ -23,28 +23,7 @@ from regents_cosim.judgement import Blamed, Fault
 from regents_cosim.limits import ALONG_RAD, STANDING_M_S, STOOD_S
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.crash_history import EGO, CrashHistory
-
-
-@dataclass(frozen=True)
-class SafeDistance:
-    """RSS's parameters: the reaction time and accelerations that a careful driver may be expected to have."""
-
-    response_s: float = 0.5  # how long the follower may go on accelerating before it brakes
-    accel: float = 2.0  # [m/s^2] the follower's meanwhile
-    brake: float = 4.0  # [m/s^2] that the follower is at least capable of
-    hardest_brake: float = 8.0  # [m/s^2] of the leader
-
-
-def safe_distance(follower: float, leader: float, limits: SafeDistance = SafeDistance()) -> float:
-    """The gap [m] that a follower needs at these speeds [m/s] so as never to touch a leader that brakes its hardest.
-
-    Source: RSS, Definition 1 and Lemma 2: v t + a t^2 / 2 + (v + a t)^2 / (2 b) - w^2 / (2 c), at least 0, with the
-    response time t, the follower's speed v, acceleration a and braking b, the leader's speed w and braking c.
-    """
-    t, gained = limits.response_s, follower + limits.response_s * limits.accel
-    way = follower * t + 0.5 * limits.accel * t**2 + gained**2 / (2.0 * limits.brake)
-    return max(way - leader**2 / (2.0 * limits.hardest_brake), 0.0)
-
+from regents_cosim.verdicts.safe_distance import safe_distance
 
 _AGAINST_RAD = np.deg2rad(135.0)
 _TURNED_RAD = np.deg2rad(25.0)
@@ -227,11 +206,24 @@ def _unclear(crash: CrashHistory) -> RuleFinding:
 
 
 def _breaks_law(crash: CrashHistory) -> RuleFinding | None:
-    """The one that drives passed a red light, or was off the road."""
-    dt, passed, off = crash.scenario.dt, crash.acts("red_light").get(EGO), crash.late_acts("off_road").get(EGO)
-    if passed is not None:
-        return RuleFinding("ego", f"the ego passed a red light at {passed.step * dt:.1f} s")
-    return RuleFinding("ego", f"the ego was {off.amount:.1f} m off the road") if off is not None else None
+    """The one that drives passed a red light or was off the road, or the one that walks crossed on red, or both."""
+    dt, off = crash.scenario.dt, crash.late_acts("off_road").get(EGO)
+    said = {} if off is None else {EGO: f"was {off.amount:.1f} m off the road"}
+    for agent, act in crash.acts("red_light").items():
+        what = "passed a red light" if agent == EGO else "stepped onto the crossing on red"
+        said[agent] = f"{what} at {act.step * dt:.1f} s"
+    return _by_each(crash, said)
+
+
+def _gives_way_on_foot(crash: CrashHistory) -> RuleFinding | None:
+    """One of them had to give way on a crossing; a driver not to one who stepped out too near."""
+    failed, dt = crash.acts("gives_no_way"), crash.scenario.dt
+    if EGO in failed and crash.other in crash.acts("steps_out"):
+        return None
+    said = {EGO: "drove onto", crash.other: "stepped onto"}
+    return _by_each(
+        crash, {a: f"had to give way and {said[a]} the crossing at {act.step * dt:.1f} s" for a, act in failed.items()}
+    )
 
 
 def _into_side(crash: CrashHistory) -> RuleFinding | None:
@@ -243,7 +235,7 @@ def _into_side(crash: CrashHistory) -> RuleFinding | None:
 
 
 def _steps_out(crash: CrashHistory) -> RuleFinding | None:
-    """It came into the ego's way when that could not stop any more, or in time for that."""
+    """It came into the ego's way when that could not stop any more, or in time for that; both, away from a crossing."""
     if crash.hit.kind != "person_by_front":
         return None
     since = crash.hit.step
@@ -251,20 +243,23 @@ def _steps_out(crash: CrashHistory) -> RuleFinding | None:
         since -= 1
     gap, speed = max(crash.gaps(EGO, crash.other, since)[0], 0.0), crash.speed(EGO, since)
     needed = safe_distance(speed, 0.0)
-    said = f"the pedestrian came into the ego's way at {since * crash.scenario.dt:.1f} s, {gap:.1f} m ahead of it; "
-    said += f"to stop from {speed:.1f} m/s takes {needed:.1f} m"
-    return RuleFinding("adversary" if gap < needed else "ego", said)
+    said = f"the pedestrian came into the ego's way at {since * crash.scenario.dt:.1f} s, {gap:.1f} m ahead of it"
+    off = crash.other in crash.acts("off_crossing")
+    said += f"{', not on the crossing nearby' * off}; to stop from {speed:.1f} m/s takes {needed:.1f} m"
+    return RuleFinding("adversary" if gap < needed else "both" if off else "ego", said)
 
 
 RULES_ON_FOOT: tuple[Rule, ...] = (
-    Rule("driver_breaks_law", "Signs and Signals, art. 23; Road Traffic, art. 10", _breaks_law),
+    Rule("breaks_law", "Signs and Signals, art. 23 and 24; Road Traffic, art. 10 and 20(6)(b)(i)", _breaks_law),
     Rule("standing", "Road Traffic, art. 13(1): be able to stop before any foreseeable obstruction", _standing),
     Rule(
         "into_side", "Road Traffic, art. 20(6)(c): step onto the carriageway only where that impedes none", _into_side
     ),
-    Rule("steps_out", "Road Traffic, art. 13(1), 20(6)(c) and 21(1); RSS: what it takes to stop", _steps_out),
-    Rule("unclear", "Road Traffic, art. 20 and 21 need crossings, which this map does not hold", _unclear),
-)
+    Rule("gives_way", "Road Traffic, art. 21(2): give way on crossings; the network's own right of way",
+         _gives_way_on_foot),
+    Rule("steps_out", "Road Traffic, art. 13(1), 20(6) and 21(1); RSS: what it takes to stop", _steps_out),
+    Rule("unclear", "Road Traffic, art. 20 and 21 need crossings, which were not used here or are not known", _unclear),
+)  # fmt: skip
 
 
 RULES: tuple[Rule, ...] = (

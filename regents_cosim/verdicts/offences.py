@@ -5,8 +5,6 @@ distance), 18 (giving way); Convention on Road Signs and Signals, art. 23 (light
 `limits` or stand beside their measures. What a road user did in its log to the same degree is no offence.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
@@ -18,8 +16,9 @@ from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import RED, Scenario
-from regents_cosim.verdicts.drive import AgentDrive, OffendingAct, driven, gaps, logged
+from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
+from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT, unknown_on_foot
 from regents_cosim.verdicts.oncoming import oncoming
 from regents_cosim.verdicts.priority import gives_no_way
 from regents_cosim.verdicts.right_of_way import priorities
@@ -44,11 +43,6 @@ _FOLLOW_M_S = 5.0
 _SAME = 1e-6
 
 
-Measure = Callable[
-    [AgentDrive, AgentDrive | None], OffendingAct | None
-]  # of a drive, and of the one that it met; None: nothing
-
-
 def law_of(attacked: Scenario) -> Law | None:
     """The offences of adversary and ego up to the step of contact, as far as the map tells; None without a crash."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
@@ -56,17 +50,14 @@ def law_of(attacked: Scenario) -> Law | None:
         return None
     other = next(i for i, agent in enumerate(attacked.agents) if agent.id == hit.agent)
     one, two = (driven(attacked, agent, hit.step) for agent in (other, 0))
-    unknown = _unknown(attacked)
-    ego = _offences(two, one, unknown)
-    if attacked.agents[other].kind == "pedestrian":  # lanes bind no one on foot; crossings are not asked for yet
-        return Law((), ego, (*unknown, "off_crossing"))
-    return Law(_offences(one, two, unknown), ego, unknown)
+    its, own = _unknown(attacked, other), _unknown(attacked)
+    return Law(_offences(one, two, its), _offences(two, one, own), tuple(dict.fromkeys((*own, *its))))
 
 
 def _offences(drive: AgentDrive, partner: AgentDrive, unknown: tuple[OffenceName, ...]) -> tuple[Offence, ...]:
     log, found = logged(drive.scenario, drive.agent), list[Offence]()
     dt = drive.scenario.dt
-    for name, (measure, unit) in MEASURES.items():
+    for name, (measure, unit) in _measures(drive.scenario, drive.agent).items():
         act = None if name in unknown else measure(drive, partner)
         if act is None:
             continue
@@ -81,18 +72,28 @@ def acts(
 ) -> dict[int, OffendingAct]:
     """What each of two that met at `step` did of one kind, whatever their logs did, and not before the step `since`.
 
-    Empty where that is not known.
+    Empty where that is not known, and for whom there is no such offence.
     """
-    if name in _unknown(attacked):
-        return {}
     one, two = (driven(attacked, agent, step, since) for agent in agents)
-    measure, _ = MEASURES[name]
-    found = {agent: measure(*drives) for agent, drives in zip(agents, ((one, two), (two, one)), strict=True)}
+    found = {agent: _act(name, *drives) for agent, drives in zip(agents, ((one, two), (two, one)), strict=True)}
     return {agent: act for agent, act in found.items() if act is not None}
 
 
-def _unknown(attacked: Scenario) -> tuple[OffenceName, ...]:
-    """What the map and the signals do not tell."""
+def _act(name: OffenceName, drive: AgentDrive, partner: AgentDrive) -> OffendingAct | None:
+    measure, _ = _measures(drive.scenario, drive.agent).get(name, (None, ""))
+    known = measure is not None and name not in _unknown(drive.scenario, drive.agent)
+    return measure(drive, partner) if known else None
+
+
+def _measures(attacked: Scenario, agent: int) -> dict[OffenceName, tuple[Measure, str]]:
+    """The law of its kind: lanes bind no one on foot."""
+    return MEASURES_ON_FOOT if attacked.agents[agent].kind == "pedestrian" else MEASURES
+
+
+def _unknown(attacked: Scenario, agent: int = 0) -> tuple[OffenceName, ...]:
+    """What the map and the signals do not tell of an agent."""
+    if attacked.agents[agent].kind == "pedestrian":
+        return unknown_on_foot(attacked)
     road = attacked.road
     without_lanes: list[OffenceName] = ["oncoming_lanes", "against_direction", "leaves_lane"]
     names = list[OffenceName]() if road.lanes else without_lanes
@@ -126,7 +127,7 @@ def _limit(road: RoadMap, lane: Lane) -> float:
 def _oncoming_lanes(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Its body on lanes that run only the other way: more than 17 % at 2 steps or more, or 5 % in a head-on crash."""
     share = drive.oncoming_share
-    act = _lasting(drive, share > _BODY_SHARE, share, _STEPS)
+    act = drive.lasting(share > _BODY_SHARE, share, _STEPS)
     if act is not None or partner is None or share[-1] <= _HEAD_ON_SHARE:
         return act
     if _turn(drive, partner) <= _HEAD_ON_RAD or partner.oncoming_share[-1] > _NONE_SHARE:
@@ -154,22 +155,12 @@ def against_direction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
     return oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z), drive.lawful)
 
 
-def _lasting(
-    drive: AgentDrive, holds: Bool[np.ndarray, " time"], amount: np.ndarray, steps: int
-) -> OffendingAct | None:
-    """The worst of what holds, where it does so for `steps` on end."""
-    begin, end = drive.longest(holds)
-    if not end or end - begin < steps:
-        return None
-    return OffendingAct(int(drive.steps[begin]), end - begin, float(amount[begin:end].max()))
-
-
 def _off_road(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """A corner that has been on the road is more than 0.3 m off it."""
     beyond = beyond_road(drive.scenario.road, corners(drive.box), np.asarray(drive.box.z)[:, None])
     was_on = np.logical_or.accumulate(beyond <= OFF_ROAD_M, axis=0)
     worst = np.where(was_on, beyond, 0.0).max(axis=1)
-    return _lasting(drive, worst > OFF_ROAD_M, worst, 1)
+    return drive.lasting(worst > OFF_ROAD_M, worst, 1)
 
 
 def _leaves_way(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
@@ -182,7 +173,7 @@ def _leaves_way(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct |
     lines = lane_lines(drive.scenario.road)
     own = shapely.MultiLineString([lines[name] for name in sorted(drive.lawful)])
     off = np.where(inside, shapely.distance(own, shapely.points(drive.centre)), 0.0)
-    return _lasting(drive, off > OFF_WAY_M, off, int(_OFF_WAY_S / drive.scenario.dt) + 1)
+    return drive.lasting(off > OFF_WAY_M, off, int(_OFF_WAY_S / drive.scenario.dt) + 1)
 
 
 def _inside_junction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
@@ -220,7 +211,7 @@ def _speeding(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | N
     """Faster than 1.2 times the limit; the amount is what it is over the limit by."""
     over = drive.speed - _limits(drive)
     holds = drive.speed > OVER_LIMIT * _limits(drive)
-    return _lasting(drive, holds, over, 1)
+    return drive.lasting(holds, over, 1)
 
 
 def _limits(drive: AgentDrive) -> Float[np.ndarray, " time"]:

@@ -106,7 +106,7 @@ def test_a_picture_says_how_deadly_it_is():
 # --- law and fault -------------------------------------------------------------------------------
 
 
-def test_the_law_of_pedestrians_is_not_known():
+def test_the_law_of_pedestrians_is_not_known_without_crossings():
     found = law_of(crossing(36.0))
     assert found.lawful is None
     assert "off_crossing" in found.unknown

@@ -20,6 +20,7 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.verdicts.offences import MEASURES, law_of
+from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT
 from regents_cosim.verdicts.right_of_way import priorities
 
 TIME = DT * np.arange(81)
@@ -248,7 +249,7 @@ def test_tailgating():
 
 def test_no_crash_no_law_and_every_measure_has_a_name():
     assert law_of(scene((0, 0, 10), (50, 0, 10))) is None
-    assert MEASURES.keys() > UNLAWFUL
+    assert MEASURES.keys() | MEASURES_ON_FOOT.keys() > UNLAWFUL
 
 
 @settings(max_examples=25)

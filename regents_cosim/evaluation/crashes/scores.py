@@ -11,7 +11,7 @@ from regents_cosim.evaluation.crashes.failures import count_reasons, failing_off
 from regents_cosim.evaluation.crashes.realism import realism
 from regents_cosim.evaluation.drives.driving import driving_row, score
 from regents_cosim.evaluation.statistics import percent, percent_interval
-from regents_cosim.judgement import OffenceName
+from regents_cosim.judgement import OFFENCES_ON_FOOT, OffenceName
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.deviation import deviation
 
@@ -271,9 +271,11 @@ def ego_offences(case: Scenario) -> set[str]:
 
 
 def told_offences(case: Scenario) -> set[str]:
-    """The offences that the data of a crash can tell of."""
+    """The offences of its adversary's kind that the data of a crash can tell of."""
     law = case.judgement.law if case.judgement else None
-    return set(get_args(OffenceName)) - set(law.unknown) if law else set()
+    on_foot = any(agent.role == "adversary" and agent.kind == "pedestrian" for agent in case.agents)
+    never = frozenset() if on_foot else OFFENCES_ON_FOOT
+    return set(get_args(OffenceName)) - set(law.unknown) - never if law else set()
 
 
 def _unknown(results: Results) -> bool:

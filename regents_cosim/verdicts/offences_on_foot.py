@@ -1,0 +1,78 @@
+"""What a pedestrian did against the law, each by one small measure.
+
+Source: Vienna Convention on Road Traffic (1968), art. 20(6): to use a crossing where there is one nearby (a), to obey
+its lights (b)(i), and not to step onto the carriageway without regard to the distance and speed of those who come
+(b)(iii), or so that they are impeded (c). To impede is to make them brake abruptly (art. 1(z) of who gives way): here,
+harder than RSS expects of a careful driver.
+"""
+
+import numpy as np
+
+from regents_cosim.judgement import OffenceName
+from regents_cosim.limits import OFF_ROAD_M
+from regents_cosim.scenario import RED, Scenario
+from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct
+from regents_cosim.verdicts.priority import gives_no_way
+from regents_cosim.verdicts.safe_distance import safe_distance
+from regents_cosim.verdicts.walking_ground import (
+    ground_of,
+    has_green,
+    knows_crossing_lights,
+    letter_at,
+    steppings,
+)
+
+
+def unknown_on_foot(attacked: Scenario) -> tuple[OffenceName, ...]:
+    """What the map and the signals do not tell of who walks."""
+    ground = ground_of(attacked)
+    if ground is None:
+        return ("off_crossing", "steps_out", "red_light", "gives_no_way")
+    return () if knows_crossing_lights(attacked, ground) else ("red_light",)
+
+
+def _off_crossing(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
+    """Its centre is more than 0.3 m into the carriageway near a crossing, and on none."""
+    ground = ground_of(drive.scenario)
+    if ground is None:
+        return None
+    off = ground.off_m(drive.centre)
+    return drive.lasting(off > OFF_ROAD_M, off, 1)
+
+
+def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
+    """It steps onto a crossing whose light is red; the amount is for how long it had been red."""
+    ground, scenario = ground_of(drive.scenario), drive.scenario
+    for step, crossing in [] if ground is None else steppings(ground, drive):
+        if letter_at(scenario, crossing, step) in RED:
+            since = step
+            while since > 0 and letter_at(scenario, crossing, since - 1) in RED:
+                since -= 1
+            return OffendingAct(step, 1, (step - since + 1) * scenario.dt)
+    return None
+
+
+def _steps_out(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
+    """It steps onto the carriageway, or a crossing without a green light, nearer than the other needs to stop.
+
+    Asked of the last time before they meet; the way is the one that the other then drives. The amount: metres too few.
+    """
+    ground = ground_of(drive.scenario)
+    if ground is None or partner is None:
+        return None
+    on = ground.on_carriageway(drive.centre)
+    stepped = np.flatnonzero(on[1:] & ~on[:-1]) + 1
+    step = int(drive.steps[stepped[-1]]) if len(stepped) else -1
+    if step < partner.steps[0] or has_green(drive.scenario, ground, drive.centre[stepped[-1]], step):
+        return None
+    since = int(np.searchsorted(partner.steps, step))
+    short = safe_distance(float(partner.speed[since]), 0.0) - float(partner.moved_m[since + 1 :].sum())
+    return OffendingAct(step, drive.last - step + 1, short) if short > 0.0 else None
+
+
+MEASURES_ON_FOOT: dict[OffenceName, tuple[Measure, str]] = {
+    "off_crossing": (_off_crossing, "m"),
+    "red_light": (_red_light, "s of red"),
+    "steps_out": (_steps_out, "m too near"),
+    "gives_no_way": (gives_no_way, "s ahead of the other"),
+}

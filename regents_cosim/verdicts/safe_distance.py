@@ -1,0 +1,28 @@
+"""The distance that keeps a follower from ever touching who brakes ahead of it, by RSS.
+
+Source: Responsibility-Sensitive Safety (Shalev-Shwartz, Shammah and Shashua 2017, "On a formal model of safe and
+scalable self-driving cars").
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SafeDistance:
+    """RSS's parameters: the reaction time and accelerations that a careful driver may be expected to have."""
+
+    response_s: float = 0.5  # how long the follower may go on accelerating before it brakes
+    accel: float = 2.0  # [m/s^2] the follower's meanwhile
+    brake: float = 4.0  # [m/s^2] that the follower is at least capable of
+    hardest_brake: float = 8.0  # [m/s^2] of the leader
+
+
+def safe_distance(follower: float, leader: float, limits: SafeDistance = SafeDistance()) -> float:
+    """The gap [m] that a follower needs at these speeds [m/s] so as never to touch a leader that brakes its hardest.
+
+    Source: RSS, Definition 1 and Lemma 2: v t + a t^2 / 2 + (v + a t)^2 / (2 b) - w^2 / (2 c), at least 0, with the
+    response time t, the follower's speed v, acceleration a and braking b, the leader's speed w and braking c.
+    """
+    t, gained = limits.response_s, follower + limits.response_s * limits.accel
+    way = follower * t + 0.5 * limits.accel * t**2 + gained**2 / (2.0 * limits.brake)
+    return max(way - leader**2 / (2.0 * limits.hardest_brake), 0.0)

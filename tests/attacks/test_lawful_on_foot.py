@@ -1,0 +1,116 @@
+"""Pedestrians who attack under the law: starts, costs and acceptance ask what the verdict on the host asks."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import crash, scene
+from walkers import moved_through, walked, zebra
+
+from regents_cosim.attacks.acceptance import ego_contacts, is_clean
+from regents_cosim.attacks.costs import road_deviation
+from regents_cosim.attacks.lawful import lawful_road, under_the_law
+from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.starts import starts
+from regents_cosim.collisions import first_contact
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.world import scene_origin, to_world
+from regents_cosim.scenario import Signal
+from regents_cosim.verdicts.clean import flaws
+from regents_cosim.verdicts.offences import law_of
+from regents_cosim.verdicts.ordinary import PEDESTRIAN
+
+TIME = 0.1 * np.arange(81)
+
+
+def street(x, y, light="", speed=0.0, ego=8.0):
+    """An ego to the east, and a person beside the street (y < -1.6 or y > 4.8) that stands or walks along it."""
+    signals = (Signal("J", ((0, light),)),) * bool(light)
+    made = scene((0, 0, ego), (80, 3.2, 0), road=zebra(light=bool(light)), signals=signals)
+    return walked(made, 1, x + speed * TIME, y + 0 * TIME)
+
+
+def found(made, most=12, lawful=True):
+    names = ("x", "y", "yaw", "speed", "valid", "z")
+    ego = replace(made.tracks, **{name: getattr(made.tracks, name)[:1] for name in names})
+    return starts(made, 1, ego, most, PEDESTRIAN, lawful)
+
+
+def as_crash(made, start):
+    values = {name: np.array(getattr(made.tracks, name)) for name in ("x", "y", "yaw", "speed")}
+    for name, track in values.items():
+        track[1] = getattr(start, name)
+    return crash(made, replace(made.tracks, **values))
+
+
+def test_starts_keep_the_law():
+    rng = np.random.default_rng(0)
+    tried = 0
+    for light in ("", "rG", "Gr"):
+        for _ in range(3):
+            made = street(rng.uniform(28, 46), rng.choice([-2.6, 5.8]), light, rng.choice([0.0, 1.2, -1.2]))
+            for start in found(made):
+                law = law_of(as_crash(made, start))
+                assert law.lawful, law.adversary
+                assert light != "Gr"
+                tried += 1
+    assert tried >= 8
+
+
+def test_without_the_law_people_cross_anywhere():
+    made = street(30.0, 5.8)
+    assert any(law_of(as_crash(made, start)).lawful is False for start in found(made, lawful=False))
+
+
+def test_where_the_map_holds_no_crossing_there_is_none_to_keep_to():
+    assert lawful_road(replace(street(40.0, 5.8), road=scene((0, 0, 1)).road), 1) is None
+
+
+@compiled
+def _seen(world, driven, searched):
+    boxes = world.boxes(driven)
+    hits = ego_contacts(world, boxes)
+    return is_clean(world, searched, driven, boxes, hits), road_deviation(world, boxes, searched)
+
+
+def _on_device(world, made, tracks):
+    origin, extra = scene_origin(made), (0, len(world.valid) - len(made.agents))
+    values = (tracks.x - origin[0], tracks.y - origin[1], np.unwrap(tracks.yaw), tracks.speed)
+    return Motion(*(jnp.asarray(np.pad(v, (extra, (0, 0))), jnp.float32) for v in values))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("jaywalks", [False, True])
+def test_the_device_keeps_to_the_ground_of_the_verdict(jaywalks):
+    """Walks across at any place and angle, by one whose log keeps to its side, or crosses away from the crossing."""
+    rng = np.random.default_rng(1)
+    made = street(30.0, 5.8)
+    if jaywalks:
+        made = walked(made, 1, 30.0 + 0 * TIME, 5.8 - 1.4 * np.maximum(TIME - 5.0, 0.0))
+    world = to_world(made)
+    world = under_the_law(world, made, 1, lawful_road(made, 1))
+    searched, verdicts = SearchedAgents.only(1, len(world.valid)), []
+    while len(verdicts) < 60:
+        way, speed = rng.uniform(-0.75, -0.25) * np.pi, rng.uniform(0.6, 2.4)
+        paces = np.clip(TIME - rng.uniform(0.0, 2.0), 0.0, speed)
+        gone = np.cumsum(paces) * 0.1
+        tracks = moved_through(made.tracks, 1, rng.uniform(25, 50) + gone * np.cos(way), 5.8 + gone * np.sin(way))
+        if first_contact(made.agents, tracks) is None:
+            continue
+        hit = crash(made, tracks)
+        kept = "off_crossing" not in {offence.name for offence in law_of(hit).adversary}
+        accepted, cost = _seen(world, _on_device(world, made, tracks), searched)
+        verdicts.append((kept, bool(flaws(hit)), bool(accepted), float(cost)))
+    assert not [1 for kept, _, accepted, _ in verdicts if accepted and not kept]
+    clean = [(kept, accepted) for kept, spoilt, accepted, _ in verdicts if not spoilt]
+    assert any(accepted for _, accepted in clean)
+    assert sum(accepted for kept, accepted in clean if kept) >= 0.7 * sum(kept for kept, _ in clean)
+    if not jaywalks:
+        low, high = ([cost for kept, _, accepted, cost in verdicts if chosen(kept, accepted)] for chosen in _PARTS)
+        assert max(low) < np.median(high)
+        assert min(high) > 0.0
+
+
+_PARTS = (lambda kept, accepted: accepted, lambda kept, accepted: not kept)

@@ -1,0 +1,93 @@
+"""The law of who walks, on a street with one crossing: where, on which light, and with what regard to others."""
+
+import numpy as np
+import pytest
+from scenes import crash, scene
+from walkers import moved_through, walked, zebra
+
+from regents_cosim.judgement import OFFENCES_ON_FOOT
+from regents_cosim.scenario import Signal
+from regents_cosim.verdicts.fault import fault
+from regents_cosim.verdicts.offences import law_of
+
+TIME = 0.1 * np.arange(81)
+GREEN, RED = (Signal("J", ((0, letters),)) for letters in ("rG", "Gr"))
+FAR = 4.8 + 0.7  # beside the street, across the lane that leads back
+NEAR = -1.6 - 0.7
+
+
+def crossing(at_m, begins_s, speed=1.4, from_y=FAR, log_y=None, **changes):
+    """An ego at 10 m/s, and a person that walks across at a place; in its log it stands, or goes through `log_y`."""
+    made = scene((at_m - 40.0, 0, 10), (80, 3.2, 0), **{"road": zebra(), **changes})
+    made = walked(made, 1, 0 * TIME + at_m, from_y + 0 * TIME if log_y is None else log_y)
+    y = from_y - np.sign(from_y) * speed * np.maximum(TIME - begins_s, 0.0)
+    return crash(made, moved_through(made.tracks, 1, 0 * TIME + at_m, y))
+
+
+def names(offences):
+    return {offence.name for offence in offences}
+
+
+def test_over_the_crossing_in_time_is_lawful():
+    law = law_of(crossing(40.0, 0.3))
+    assert law.lawful is True
+    assert law.adversary == ()
+    assert OFFENCES_ON_FOOT.isdisjoint(law.unknown)
+    assert names(law.ego) == {"gives_no_way"}
+
+
+def test_beside_a_crossing_nearby_is_not():
+    law = law_of(crossing(30.0, 0.3))
+    assert names(law.adversary) == {"off_crossing"}
+    assert law.lawful is False
+
+
+def test_far_from_any_crossing_one_may_cross():
+    assert law_of(crossing(110.0, 0.3)).lawful is True
+    assert names(law_of(crossing(80.0, 0.3)).adversary) == {"off_crossing"}
+
+
+def test_what_its_log_did_is_no_offence():
+    across = FAR - 1.4 * np.maximum(TIME - 4.0, 0.0)  # behind the ego
+    assert law_of(crossing(30.0, 0.3, log_y=across)).lawful is True
+
+
+def test_to_step_out_too_near_is_an_offence_but_on_green():
+    assert names(law_of(crossing(40.0, 2.6, from_y=NEAR)).adversary) == {"steps_out"}
+    lit = zebra(light=True)
+    assert law_of(crossing(40.0, 2.6, from_y=NEAR, road=lit, signals=(GREEN,))).lawful is True
+
+
+def test_on_red():
+    law = law_of(crossing(40.0, 0.3, road=zebra(light=True), signals=(RED,)))
+    assert names(law.adversary) == {"red_light"}
+    assert law.lawful is False
+
+
+def test_what_a_map_does_not_tell():
+    assert law_of(crossing(40.0, 0.3, road=zebra(light=True))).unknown == ("red_light",)
+    bare = law_of(crossing(40.0, 0.3, road=scene((0, 0, 1)).road))
+    assert bare.lawful is None
+    assert set(bare.unknown) >= OFFENCES_ON_FOOT
+    assert bare.adversary == ()
+
+
+def test_who_gives_way_is_told_by_the_network():
+    assert "gives_no_way" in names(law_of(crossing(40.0, 0.3, road=zebra(person_first=False))).adversary)
+
+
+@pytest.mark.parametrize(
+    ("hit", "rule", "blamed"),
+    [
+        (crossing(40.0, 0.3), "gives_way", "ego"),
+        (crossing(40.0, 0.3, road=zebra(person_first=False)), "gives_way", "adversary"),
+        (crossing(40.0, 2.6, from_y=NEAR), "steps_out", "adversary"),
+        (crossing(40.0, 0.3, road=zebra(light=True), signals=(RED,)), "breaks_law", "adversary"),
+        (crossing(40.0, 0.3, road=zebra(light=True), signals=(GREEN,)), "breaks_law", "ego"),
+        (crossing(30.0, 0.1, speed=0.8, from_y=NEAR), "steps_out", "both"),
+        (crossing(30.0, 0.3), "steps_out", "adversary"),
+    ],
+)
+def test_fault_with_crossings(hit, rule, blamed):
+    found = fault(hit)
+    assert (found.rule, found.at_fault) == (rule, blamed), found.reason
