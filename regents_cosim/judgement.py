@@ -160,6 +160,7 @@ class Judgement:
     drivers: tuple[ReferenceDrive, ...] = ()
     unavoidable: bool | None = None  # proven: no drive from `perceived_step` on avoids it; False: one does
     usual: float | None = None  # [percent] of continuations of the moment, that take at least the adversary's effort
+    death_risk: float | None = None  # share of pedestrians who die of such an impact; None: the front hit none
 
     @property
     def clean(self) -> bool:

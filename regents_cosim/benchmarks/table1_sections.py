@@ -81,6 +81,7 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "usual (percentile, median)": _usual,
         "kinds": lambda c: ", ".join(f"{n} {kind.replace('_', ' ')}" for kind, n in sorted(c.kinds.items())) or "-",
         "impact": lambda c: _unit(c.impact_m_s, "m/s"),
+        **({_DEADLY: lambda c: _unit(c.death_risk_percent, "%")} if _hits_persons(columns) else {}),
         "at fault": lambda c: ", ".join(f"{who} {n}" for who, n in sorted(c.at_fault.items())) or "-",
         "deviation": lambda c: _unit(c.deviation_m, "m"),
         "distance to traffic": lambda c: ", ".join(f"{q} {d:g}" for q, d in c.realism_distance.items()) or "-",
@@ -91,6 +92,13 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "time": lambda c: f"{c.seconds:.0f} s",
     }
     return [[name, *(show(column) for column in columns)] for name, show in rows.items()]
+
+
+_DEADLY = "deadly for pedestrians hit by the front (mean)"
+
+
+def _hits_persons(columns: Sequence[MethodScores]) -> bool:
+    return any(column.death_risk_percent is not None for column in columns)
 
 
 def _said(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:

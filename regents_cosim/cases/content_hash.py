@@ -43,7 +43,7 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
 def _judgement_content(judgement: Judgement) -> bytes:
     """What is hashed of a judgement: what older cases do not say, only where it is known."""
     values = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
-    _drop_unknown(values, ("law", "drivers", "unavoidable", "usual"))
+    _drop_unknown(values, ("law", "drivers", "unavoidable", "usual", "death_risk"))
     for drive in values.get("drivers", ()):
         _drop_unknown(drive, ("rear_ended_by",))
     if (avoidability := values.get("avoidability")) is not None:

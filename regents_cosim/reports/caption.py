@@ -22,7 +22,7 @@ from regents_cosim.reports.palette import (
     shade,
 )
 from regents_cosim.reports.pictured_case import PicturedCase, draw_burst
-from regents_cosim.verdicts.injury import death_risk
+from regents_cosim.verdicts.injury import death_risk_of
 from regents_cosim.verdicts.words import DRIVERS, braking_words
 
 HEADER_PX = 66
@@ -102,9 +102,14 @@ def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
     if hit is not None:
         speed = f"impact {hit.relative_speed:.1f} m/s ({3.6 * hit.relative_speed:.0f} km/h)"
         words += [f"{KINDS[hit.kind]} at {hit.time_s:.1f} s", speed]
-        if hit.kind == "person_by_front":
-            words.append(f"deadly for {100.0 * death_risk(hit.relative_speed):.0f} % of pedestrians")
+        if (risk := death_risk_of(hit)) is not None:
+            words.append(deadly_words(risk))
     return words
+
+
+def deadly_words(risk: float) -> str:
+    """How deadly an impact is."""
+    return f"deadly for {100.0 * risk:.0f} % of pedestrians"
 
 
 def way_out(judgement: Judgement, dt: float) -> str:

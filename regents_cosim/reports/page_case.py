@@ -15,7 +15,7 @@ from regents_cosim.evaluation.crashes.verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import Escape, Judgement
 from regents_cosim.planners.names import is_built_in
-from regents_cosim.reports.caption import KINDS, OUTCOMES, manoeuvre_words
+from regents_cosim.reports.caption import KINDS, OUTCOMES, deadly_words, manoeuvre_words
 from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, ReportedCrash
 from regents_cosim.reports.packing import Spans, gaps, motion, packed, visible
 from regents_cosim.reports.page_map import PageMap
@@ -294,6 +294,8 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
             ("Ego against the law", offences_words(law.ego)),
         ]
         said += [("Cannot be told", ", ".join(name.replace("_", " ") for name in law.unknown))] if law.unknown else []
+    if judgement.death_risk is not None:
+        said.append(("Impact", f"{deadly_words(judgement.death_risk)} (Rosén and Sander 2009)"))
     if judgement.drivers:
         said.append(("Reference drivers", "; ".join(map(drive_words, judgement.drivers))))
     if (found := judgement.avoidability) is not None:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from regents_cosim.attack_record import Collision
+
 
 def death_risk(impact_m_s: float) -> float:
     """The share of adult pedestrians who die when the front of a car hits them at so many m/s.
@@ -11,3 +13,8 @@ def death_risk(impact_m_s: float) -> float:
     v in km/h.
     """
     return float(1.0 / (1.0 + np.exp(6.9 - 0.090 * 3.6 * impact_m_s)))
+
+
+def death_risk_of(hit: Collision) -> float | None:
+    """The same of a collision; None where the ego's front hit no pedestrian, which is what the source is about."""
+    return round(death_risk(hit.relative_speed), 4) if hit.kind == "person_by_front" else None

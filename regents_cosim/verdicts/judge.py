@@ -9,6 +9,7 @@ from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.fault import fault
+from regents_cosim.verdicts.injury import death_risk_of
 from regents_cosim.verdicts.manoeuvres import ManoeuvreBank
 from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.reference_drivers import careful_drive, reference_drives
@@ -25,6 +26,7 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
     found = flaws(attacked)
     if found is None:
         return attacked
+    hit = attacked.attack.collision if attacked.attack else None
     avoidable, evasion = way_out(attacked) if bank is None else avoidability(attacked, bank)
     judgement = Judgement(
         flaws=found,
@@ -34,6 +36,7 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
         drivers=reference_drives(attacked),
         unavoidable=unavoidable(attacked, avoidable),
         usual=usual(attacked),
+        death_risk=death_risk_of(hit) if hit else None,
     )
     return replace(attacked, judgement=judgement, evasion=evasion)
 

@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 from scenes import crash, scene
 from walkers import moved_through, walked
 
+from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.reports.caption import ending
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.fault import RULES_ON_FOOT, fault
 from regents_cosim.verdicts.injury import death_risk
+from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.offences import law_of
 
 TIME = 0.1 * np.arange(81)
@@ -101,6 +103,14 @@ def test_how_deadly_an_impact_is(km_h, percent):
 def test_a_picture_says_how_deadly_it_is():
     assert ending("collision", crossing(36.0).attack.collision)[-1] == "deadly for 1 % of pedestrians"
     assert "deadly" not in ending("collision", crossing(26.0).attack.collision)[-1]
+
+
+def test_a_judgement_keeps_how_deadly_it_is(tmp_path):
+    judged = judge(crossing(36.0))
+    assert judged.judgement.death_risk == pytest.approx(death_risk(5.0), abs=1e-4)
+    kept = load_case(save_case(judged, tmp_path))
+    assert kept.judgement.death_risk == judged.judgement.death_risk
+    assert judge(crossing(26.0)).judgement.death_risk is None
 
 
 # --- law and fault -------------------------------------------------------------------------------

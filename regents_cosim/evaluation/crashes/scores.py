@@ -14,6 +14,7 @@ from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.judgement import OFFENCES_ON_FOOT, OffenceName
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.deviation import deviation
+from regents_cosim.verdicts.injury import death_risk_of
 
 Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
 Interval = tuple[float, float]
@@ -80,6 +81,7 @@ class MethodScores:
     crashes: int
     kinds: dict[str, int]
     impact_m_s: float | None  # mean relative speed at the contact
+    death_risk_percent: float | None  # mean over the pedestrians whom the ego's front hit; None: there were none
     flaws: dict[str, int]  # crashes that each of them spoils
     avoidable_percent: float
     avoidable_in_time_percent: float  # also by an answer to what was to be seen, 0.75 s after it was
@@ -179,6 +181,7 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
         "crashes": len(crashes),
         "kinds": dict(Counter(hit.kind for hit in hits)),
         "impact_m_s": _mean([hit.relative_speed for hit in hits]),
+        "death_risk_percent": _mean([100.0 * risk for hit in hits if (risk := death_risk_of(hit)) is not None]),
         "flaws": _count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),
         "avoidable_percent": percent(sum(_avoidable(case) for case in crashes), len(crashes)),
         "avoidable_in_time_percent": percent(in_time, len(crashes)),
