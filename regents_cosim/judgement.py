@@ -99,9 +99,8 @@ OffenceName = Literal[
 # What only a pedestrian can do: tables of vehicles have no rows for it.
 OFFENCES_ON_FOOT: frozenset[OffenceName] = frozenset({"off_crossing", "steps_out"})
 # A road user with one of these breaks the law. The others of the list are reported only.
-UNLAWFUL: frozenset[OffenceName] = (
-    frozenset({"oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding"})
-    | OFFENCES_ON_FOOT
+UNLAWFUL: frozenset[OffenceName] = frozenset(
+    {"oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding", *OFFENCES_ON_FOOT}
 )
 
 

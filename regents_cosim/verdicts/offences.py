@@ -80,9 +80,10 @@ def acts(
 
 
 def _act(name: OffenceName, drive: AgentDrive, partner: AgentDrive) -> OffendingAct | None:
-    measure, _ = _measures(drive.scenario, drive.agent).get(name, (None, ""))
-    known = measure is not None and name not in _unknown(drive.scenario, drive.agent)
-    return measure(drive, partner) if known else None
+    measures = _measures(drive.scenario, drive.agent)
+    if name not in measures or name in _unknown(drive.scenario, drive.agent):
+        return None
+    return measures[name][0](drive, partner)
 
 
 def _measures(attacked: Scenario, agent: int) -> dict[OffenceName, tuple[Measure, str]]:

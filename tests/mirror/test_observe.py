@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 from scenes import scene
+from walkers import walked
 
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
@@ -128,6 +129,16 @@ def test_it_shows_what_the_slow_raster_shows(name):
         pose = x + rng.uniform(-3, 3), y + rng.uniform(-3, 3), yaw + rng.uniform(-0.5, 0.5)
         same = (eye.sees(step, *pose) == slow_raster(made, step, *pose)).all(axis=-1)
         assert same.mean() > 0.99
+
+
+def test_people_are_shown_as_large_as_they_are():
+    time = 0.1 * np.arange(81)
+    made = walked(scene((0, 0, 0), (80, 0, 0)), 1, 0 * time + 12.0, 1.4 * np.minimum(time, 5.0) - 3.0)
+    for step, marks in ((20, 8), (70, 1)):
+        seen = Eye(made).sees(step, 0.0, 0.0, 0.0)
+        shown = {what: int((seen == COLOURS[what]).all(axis=-1).sum()) for what in (OTHER, MARK)}
+        assert shown[OTHER] + shown[MARK] >= 6
+        assert shown[MARK] >= marks
 
 
 def test_lights_are_shown_in_their_colour():
