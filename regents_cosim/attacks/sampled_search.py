@@ -24,7 +24,7 @@ from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import descend, set_up
 from regents_cosim.attacks.search_state import SearchResult
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.scenario import Scenario
@@ -170,14 +170,24 @@ def _end(
 def changed(descent: Descent, change: Float[Array, " coordinate"]) -> Controls:
     """What the search begins with plus `change` [2 * KNOTS], within the bounds of the configuration and of the law."""
     first = descent.first()
+    units = _UNIT[0] * _pace(descent), _UNIT[1]
     steps = first.accel.shape[1]
     knots, times = jnp.linspace(0.0, steps - 1.0, KNOTS), jnp.arange(steps)
     moved = Controls(
         *(
             own + unit * jnp.interp(times, knots, part)
             for own, unit, part in zip(
-                (first.accel, first.curvature), _UNIT, (change[:KNOTS], change[KNOTS:]), strict=True
+                (first.accel, first.curvature), units, (change[:KNOTS], change[KNOTS:]), strict=True
             )
         )
     )
     return descent.allowed(moved)
+
+
+def _pace(descent: Descent) -> Float[Array, "searched 1"] | float:
+    """How hard each of the searched moves at most, as a share of what a coordinate of 1 stands for; cars: 1."""
+    world, searched = descent.world, descent.searched
+    if world.walks is None or world.bounds is None:
+        return 1.0
+    walks, most = searched.rows(world.walks), searched.rows(world.bounds.accel)
+    return jnp.where(walks, most / (_UNIT[0] * ACCEL_LIMIT), 1.0)[:, None]

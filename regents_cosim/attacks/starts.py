@@ -44,6 +44,9 @@ _SEEN_S = 2.0  # before the crash: what a careful driver needs to see, to decide
 _SIDEWAYS_S = 0.5  # over which turning is taken: lines have kinks
 _ROUNDING_M = 1e-3
 _ALIKE = np.array([0.6, 2.0, np.deg2rad(30.0)])  # contacts that differ by less are alike: s, m, rad
+_ALIKE_ON_FOOT = np.array([0.3, 0.7, np.deg2rad(30.0)])
+_MARGIN_M = 0.3  # beside the ego: who walks there is in its way
+_LINGERS_S = 1.5  # in its way: after so long any planner sees it
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +110,9 @@ def starts(
     if drives is None:
         return []
     contact = np.column_stack([(pair.first + drives.meets) * scenario.dt, _contact(drives, pair.own)])
-    promise = _promise(drives, pair.own, scenario)
+    promise, alike = _promise(drives, pair.own, scenario), _ALIKE
+    if scenario.agents[agent].kind == "pedestrian":
+        promise, alike = promise + _promise_on_foot(drives, pair, scenario.dt), _ALIKE_ON_FOOT
     others, chosen, left = _Others(scenario, agent), list[Start](), np.ones(len(promise), bool)
     for row in np.argsort(-promise, kind="stable").tolist():
         if len(chosen) == most:
@@ -115,7 +120,7 @@ def starts(
         start = _start(drives, row, pair.first, contact[row], float(promise[row])) if left[row] else None
         if start is not None and others.left_alone_by(start):
             chosen.append(start)
-            left &= (np.abs(contact - contact[row]) > _ALIKE).any(axis=1)
+            left &= (np.abs(contact - contact[row]) > alike).any(axis=1)
     return chosen
 
 
@@ -358,6 +363,17 @@ def _promise(drives: _Drives, own: tuple[np.ndarray, ...], scenario: Scenario) -
     leads = ~crossing & (ahead > _LEADS * scenario.ego.length)
     foreseen = np.clip(_foreseen_s(drives, own, scenario) / _NEEDED_S, 0.0, 1.0)
     return 1.5 * foreseen - 0.1 * drives.gentle + 0.5 * crossing - 1.0 * unseen - 0.4 * leads
+
+
+def _promise_on_foot(drives: _Drives, pair: _Pair, dt: float) -> Float[np.ndarray, " drive"]:
+    """What speaks against a walk: long in the ego's way before, where any planner sees it, and into its side."""
+    x, y, yaw = pair.own
+    left = (drives.y - y) * np.cos(yaw) - (drives.x - x) * np.sin(yaw)
+    in_way = np.abs(left) < 0.5 * (pair.its[1] + pair.mine[1]) + _MARGIN_M
+    before = drives.meets[:, None] - np.arange(in_way.shape[1])
+    lingers_s = ((before > 0) & (before * dt <= _LINGERS_S) & in_way).sum(axis=1) * dt
+    ahead = _ahead(drives, drives.meets, pair.own)
+    return -1.0 * lingers_s / _LINGERS_S - 1.0 * (ahead < 0.5 * pair.its[0])
 
 
 def _foreseen_s(drives: _Drives, own: tuple[np.ndarray, ...], scenario: Scenario) -> Float[np.ndarray, " drive"]:

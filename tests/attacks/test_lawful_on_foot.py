@@ -59,6 +59,15 @@ def test_starts_keep_the_law():
     assert tried >= 8
 
 
+def test_those_come_first_that_are_hit_by_the_front_and_are_not_long_in_the_way():
+    for place in (36.0, 40.0):
+        made = street(place, 5.8)
+        first = found(made)[0]
+        across = np.abs(first.y[: first.meets])
+        assert first.contact[1] > 2.2
+        assert 0.1 * np.sum(across < 1.5) < 1.0
+
+
 def test_without_the_law_people_cross_anywhere():
     made = street(30.0, 5.8)
     assert any(law_of(as_crash(made, start)).lawful is False for start in found(made, lawful=False))
