@@ -76,8 +76,8 @@ class LoopDriver:
         east, north = self._scene.origin
         missing = self._world.valid.shape[0] - len(seen.x)
         states = (np.pad(values, (0, missing)) for values in (seen.x - east, seen.y - north, seen.yaw, seen.speed))
-        motion = Motion(*(jnp.asarray(values, jnp.float32)[:, None] for values in states))
-        present = jnp.asarray(np.pad(seen.valid, (0, missing)))[:, None]
+        motion = Motion(*(jnp.asarray(values[:, None].astype(np.float32)) for values in states))
+        present = jnp.asarray(np.pad(seen.valid, (0, missing))[:, None])
         with foreign(self._name, self._scene.scenario.id, f"at step {step}"):
             moved = _move(self._loop, self._memory, self._world, motion, present)
             ego, control, self._memory = jax.block_until_ready(moved)

@@ -8,6 +8,8 @@ against every agent whose box reaches into the corridor ahead and against red li
 one counts. Steering is pure pursuit (Coulter 1992) on the route.
 """
 
+from math import sqrt
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -160,9 +162,9 @@ class IDM(JaxPlanner):
         window = 5  # points: single kinks of a polyline are no curves
         curvature = np.abs(np.gradient(np.convolve(np.pad(angle, window, "edge"), np.ones(window) / window, "same")))
         bend = np.sqrt(self.lateral_accel / np.maximum(curvature[window:-window] / SPACING_M, 1e-3))
-        speed = np.minimum(_extend(route.speed_limit), bend)
+        speed = np.minimum(_extend(route.speed_limit), bend).tolist()
         for index in range(_POINTS - 2, -1, -1):
-            speed[index] = min(speed[index], np.sqrt(speed[index + 1] ** 2 + 2.0 * self.max_accel * SPACING_M))
+            speed[index] = min(speed[index], sqrt(speed[index + 1] ** 2 + 2.0 * self.max_accel * SPACING_M))
         return np.minimum(speed, 60.0)
 
 

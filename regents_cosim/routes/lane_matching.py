@@ -35,10 +35,16 @@ def match_lanes(
     ]
     best = [cost for _, cost in options[0]]
     came_from: list[list[int]] = []
+    costs: dict[tuple[tuple[Lane | None, ...], ...], list[list[float]]] = {}  # most points have the lanes of the last
     for before, now in itertools.pairwise(options):
-        moves = np.array([[_move_cost(a, b, road) for a, _ in before] for b, _ in now]) + best
-        came_from.append(moves.argmin(axis=1).tolist())
-        best = moves.min(axis=1) + [cost for _, cost in now]
+        pair = tuple(lane for lane, _ in before), tuple(lane for lane, _ in now)
+        if pair not in costs:
+            costs[pair] = [[_move_cost(a, b, road) for a in pair[0]] for b in pair[1]]
+        # A handful of numbers a point: NumPy takes longer.
+        moves = [[cost + known for cost, known in zip(row, best, strict=True)] for row in costs[pair]]
+        least = [min(row) for row in moves]
+        came_from.append([row.index(value) for row, value in zip(moves, least, strict=True)])
+        best = [value + cost for value, (_, cost) in zip(least, now, strict=True)]
     chosen = [int(np.argmin(best))]
     for back in reversed(came_from):
         chosen.append(back[chosen[-1]])

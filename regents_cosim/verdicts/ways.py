@@ -75,6 +75,7 @@ def lawful_lanes(scenario: Scenario, agent: int) -> tuple[Lane, ...] | None:
     return None if start is None else tuple(scenario.road.lane[name] for name in _reached(scenario.road, start))
 
 
+@lru_cache(maxsize=16)  # one search asks for the same agent again and again
 def _start(scenario: Scenario, agent: int) -> _Start | None:
     tracks = scenario.tracks if scenario.original is None else scenario.original
     there = np.flatnonzero(tracks.valid[agent])
@@ -253,6 +254,7 @@ def _heading(line: shapely.LineString, place: shapely.Point) -> float:
 # --- the ways ----------------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=16)
 def ways_ahead(scenario: Scenario, agent: int, reach_m: float | None = None, most: int = MOST_WAYS) -> tuple[Way, ...]:
     """The ways that an agent may take from where it is first seen, `reach_m` long or as far as it could come.
 
