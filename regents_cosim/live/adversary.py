@@ -37,11 +37,12 @@ from regents_cosim.live.fork import Fork
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import History
 from regents_cosim.live.moments import Moments
+from regents_cosim.live.plan import Plan
 from regents_cosim.live.predict import Mirror, Predictor
 from regents_cosim.live.reading import Reader
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.search import Search
-from regents_cosim.live.settings import Keep, LiveSettings, live_config
+from regents_cosim.live.settings import HORIZON_S, Keep, LiveSettings, live_config
 from regents_cosim.live.sumo_host import SumoHost
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
@@ -67,7 +68,7 @@ class Adversary(StepListener):
         method: str | AttackConfig = "focused",
         *,
         replan_s: float = 0.5,
-        horizon_s: float = 5.0,
+        horizon_s: float = HORIZON_S,
         radius_m: float = 100.0,
         attack_when: When = None,
         output: Path | str | None = None,
@@ -78,6 +79,7 @@ class Adversary(StepListener):
         judged: bool = True,
         seed: int = 0,
         act_timeout_s: float = ACT_TIMEOUT_S,
+        plan: Plan | None = None,
         tell: Callable[[str], None] | None = None,
     ) -> None:
         """`connection` is libsumo, traci, or one of traci's connections.
@@ -85,7 +87,8 @@ class Adversary(StepListener):
         `ego` is the id of a vehicle, which is waited for, a vehicle type or a flow, or a function of the connection.
         `planner` is how it is expected to react: what `regents attack` takes, or `observed`. `attack_when` is
         None for always, a time [s] from which on, or a function of the connection. A planner outside JAX that takes
-        longer than `act_timeout_s` over one decision has failed. Raises RegentsError for values that cannot be meant.
+        longer than `act_timeout_s` over one decision has failed. `plan` is what it begins with, such as that of a case
+        (`plan_of_case`); it is changed where it would miss. Raises RegentsError for values that cannot be meant.
         """
         self._settings = LiveSettings(replan_s, horizon_s, radius_m, keep, judged, seed)
         self._sumo, self._when, self._called = connection, attack_when, source
@@ -94,6 +97,7 @@ class Adversary(StepListener):
         self._search = Search(planner, live_config(method), act_timeout_s)
         self._moments = Moments(predictor or Mirror(), horizon_s)
         folder = Path(output) if output is not None else None
+        self._first = plan
         self._keeper = CaseKeeper(self._settings, self._search.planner_name, self._search.config, folder)
         self._finder = EgoFinder(connection, ego)
         self._ego_is = ego
@@ -214,7 +218,8 @@ class Adversary(StepListener):
         host = SumoHost(self._sumo, reader)
         self._history = History(self._settings.horizon_s, reader.step_s)
         self._replanner = Replanner(host, self._search, self._moments, self._history)
-        return Attacker(host, self._replanner, self._settings.replan_s, self.tally, self._keep)
+        first, self._first = self._first, None
+        return Attacker(host, self._replanner, self._settings.replan_s, self.tally, self._keep, first)
 
     def _wanted(self) -> bool:
         if self._when is None:

@@ -63,7 +63,11 @@ Over = Callable[[Frame, Attack, Outcome], None]
 class Attacker:
     """Call `step` with every frame. `over` is told of every attack that ends in sight of the ego."""
 
-    def __init__(self, host: Host, replanner: Replanner, replan_s: float, tally: Tally, over: Over) -> None:
+    def __init__(
+        self, host: Host, replanner: Replanner, replan_s: float, tally: Tally, over: Over, first: Plan | None = None
+    ) -> None:
+        """`first` is carried out as soon as its vehicle is there, and looked at again like any other plan."""
+        self._first = first
         self._host, self._replanner, self._replan_s = host, replanner, replan_s
         self._tally, self._over = tally, over
         self.attack: Attack | None = None
@@ -85,6 +89,8 @@ class Attacker:
             self._watch(frame, self.attack)
         elif self._home is not None:
             self._come_home(frame, self._home)
+        elif self._first is not None and self._first.adversary in frame.number and wanted():
+            self._begin_with(frame, self._first)
         elif not self._is_time(frame):
             self._replanner.prepare(frame)
         elif wanted():
@@ -122,7 +128,15 @@ class Attacker:
         found = self._replanner.fresh(frame, self._barred.keys() | at_stops)
         if found is None:
             return
-        plan, before = found
+        self._take(frame, *found)
+
+    def _begin_with(self, frame: Frame, plan: Plan) -> None:
+        """Take the vehicle of a plan that was given."""
+        self._first, self._next_s = None, frame.time_s + self._replan_s
+        self._take(frame, plan, self._replanner.forecast(frame))
+
+    def _take(self, frame: Frame, plan: Plan, before: Forecast) -> None:
+        """Take the vehicle of a plan; `before` is what was predicted without it."""
         control = self._host.take(plan.adversary, frame.types[frame.number[plan.adversary]].length)
         control.follow_route_of(plan)
         self.attack = Attack(

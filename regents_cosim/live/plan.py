@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from regents_cosim.errors import RegentsError
 from regents_cosim.live.moments import DT_S, Drive
+from regents_cosim.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,3 +35,21 @@ class Plan:
     def rest(self, time_s: float, steps: int) -> Drive:
         """What is left of it from a time on, as long as `steps` instants."""
         return np.array([self.at(time_s + step * DT_S) for step in range(steps)]).T
+
+
+def plan_of_case(case: Scenario, begun_s: float) -> Plan:
+    """What the adversary of a case does, whose first step is at `begun_s` of the simulation.
+
+    Raises RegentsError for a case without a crash.
+    """
+    hit = case.attack.collision if case.attack is not None else None
+    if hit is None:
+        raise RegentsError(f"case {case.id}: no crash, expected one whose adversary can be followed")
+    row = next(index for index, agent in enumerate(case.agents) if agent.id == hit.agent)
+    tracks, there = case.tracks, np.flatnonzero(case.tracks.valid[row])
+    at = np.arange(round((there[-1] - there[0]) * case.dt / DT_S) + 1) * DT_S
+    own = slice(there[0], there[-1] + 1)
+    rows = tracks.x[row, own], tracks.y[row, own], np.unwrap(tracks.yaw[row, own]), tracks.speed[row, own]
+    x, y, yaw, speed = (np.interp(at, np.arange(len(one)) * case.dt, one) for one in rows)
+    begun = begun_s + there[0] * case.dt
+    return Plan(hit.agent, begun, x, y, yaw, speed, begun_s + hit.time_s)

@@ -55,11 +55,12 @@ class Replanner:
         x, y, yaw, speed = (v[index, :there] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed))
         return Plan(name, frame.time_s, x, y, np.unwrap(yaw), speed, meets_s=np.inf)
 
-    def forecast(self, frame: Frame, plan: Plan, seconds: float) -> Forecast:
-        """What all do from now on, if the adversary follows its plan."""
-        traffic, steps = self._traffic(frame), round(seconds / DT_S) + 1
-        known = {plan.adversary: plan.rest(frame.time_s, steps)}
-        tracks = with_drives(self._moments.predictor.predict(traffic, DT_S, steps), traffic, known)
+    def forecast(self, frame: Frame, plan: Plan | None = None, seconds: float | None = None) -> Forecast:
+        """What all do from now on, for so long or as far as plans reach; the adversary by its plan, if there is one."""
+        traffic, steps = self._traffic(frame), self._moments.steps if seconds is None else round(seconds / DT_S) + 1
+        tracks = self._moments.predictor.predict(traffic, DT_S, steps)
+        if plan is not None:
+            tracks = with_drives(tracks, traffic, {plan.adversary: plan.rest(frame.time_s, steps)})
         return Forecast(frame.time_s, DT_S, tuple(user.agent.id for user in traffic.users), tracks)
 
     def _traffic(self, frame: Frame) -> TrafficState:

@@ -10,6 +10,8 @@ from regents_cosim.errors import RegentsError, require
 
 Keep = Literal["crashes", "near-misses"]
 
+HORIZON_S = 5.0  # unless another is given
+
 _STARTS, _ITERATIONS = 4, 15  # live: there is half a second, and another moment after it
 _LEARNING_RATE = 5e-3  # as far in so few iterations as offline in its median of 75
 _RANGES = {
@@ -24,7 +26,7 @@ class LiveSettings:
     """Raises RegentsError for values that cannot be meant."""
 
     replan_s: float = 0.5
-    horizon_s: float = 5.0
+    horizon_s: float = HORIZON_S
     radius_m: float = 100.0
     keep: Keep = "crashes"
     judged: bool = True  # cases are judged when they are kept

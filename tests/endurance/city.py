@@ -32,6 +32,7 @@ class Seen:
     crashes: int = 0
     told: list[str] = field(default_factory=list)
     vehicles: list[int] = field(default_factory=list)
+    left: dict[str, str] = field(default_factory=dict)  # of those that attacked and are still there: where, and how
 
 
 def run(config: Path, after_s: float, minutes: float, longest_s: float = 900.0) -> dict[str, Any]:
@@ -45,6 +46,7 @@ def run(config: Path, after_s: float, minutes: float, longest_s: float = 900.0) 
         "given back": len(with_us.attacked),
         "arrive without us": len(would),
         "arrive with us": len(would & with_us.arrived),
+        "do not": {name: with_us.left.get(name, "gone") for name in sorted(would - with_us.arrived)},
         "told": with_us.told,
     }
 
@@ -68,8 +70,17 @@ def _drive(config: Path, after_s: float, lasting_s: float, longest_s: float, att
         if adversary is not None:
             adversary.step()
             seen.attacked.update(filter(None, [adversary.adversary]))
+    seen.left = {name: _where(sumo, name) for name in seen.attacked & set(sumo.vehicle.getIDList())}
     sumo.close()
     return seen
+
+
+def _where(sumo: Any, name: str) -> str:
+    """Where a vehicle is, what it does there, and how far it has come on its route."""
+    vehicle = sumo.vehicle
+    on = f"{vehicle.getRouteIndex(name) + 1} of {len(vehicle.getRoute(name))} edges"
+    waited = f"{vehicle.getSpeed(name):.1f} m/s, waited {vehicle.getAccumulatedWaitingTime(name):.0f} s of late"
+    return f"{vehicle.getLaneID(name)} at {vehicle.getLanePosition(name):.0f} m, {on}, {waited}"
 
 
 def _next(sumo: Any, last: Adversary | None, egos: Iterator[str | None], seen: Seen, wanted: bool) -> Adversary | None:

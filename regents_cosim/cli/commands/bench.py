@@ -22,7 +22,7 @@ from regents_cosim.cli.options import (
     Seed,
 )
 from regents_cosim.cli.shared import open_terminal
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 bench = App(name="bench", help="Measure, and print the tables of the documentation.")
@@ -175,6 +175,62 @@ def transfer(cases: Cases, *, planner: PlannerOfCase = None, talk: OutputOptions
         replays = {"replays": [dataclasses.asdict(report) for report in reports]} if talk.json else {}
         rows.append(dataclasses.asdict(row) | replays)
     terminal.show(f"transfer of {cases}", rows, essential=TRANSFERRED)
+    return 0
+
+
+@bench.command
+def live(
+    cases: Cases,
+    *,
+    planner: PlannerName = "idm",
+    expected: str = "",
+    method: Literal["focused", "regents", "king"] = "focused",
+    crashes: bool = False,
+    recorded: bool = False,
+    seed: Seed = 0,
+    output: OutputIfAny = None,
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """How often an adversary that aims anew crashes the planner among SUMO's live traffic, in windows of a folder.
+
+    Each begins as the case did before its attack; from there on SUMO drives all but the ego, which the planner does,
+    left alone once and attacked once.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases recorded in SUMO; shipped:standard and shipped:quickstart come with the package
+    expected
+        how the adversary expects the ego to react, where that is not its planner; observed: it keeps to its route at
+        its recent speed and brakes for leaders
+    method
+        preset of the search
+    crashes
+        only those that are crashes
+    recorded
+        the adversary begins as the crash has it, and aims again as the run goes on
+    seed
+        of SUMO's dice in the first; one more in each after it
+    output
+        folder for the crashes
+    """
+    from regents_cosim.benchmarks.live_windows import drive_windows, live_rows
+    from regents_cosim.cases.suite import SuiteWriter, load_suite
+    from regents_cosim.evaluation.crashes.scores import is_crash
+    from regents_cosim.reports.tables import LIVE_WINDOWS
+
+    terminal = open_terminal(talk)
+    found = [case for case in load_suite(cases) if case.road.sumo_net and (is_crash(case) or not (crashes or recorded))]
+    require(bool(found), f"{cases}: no such case that was recorded in SUMO", RegentsError)
+    writer = None if output is None else SuiteWriter(output, seed)
+    ends = drive_windows(found, planner, expected, method, seed, recorded, terminal)
+    for case, (_, attacked) in zip(found, ends, strict=True):
+        for line in [str(attacked)] if isinstance(attacked, RegentsError) else attacked.told:
+            terminal.say(f"{case.id}: {line}")
+        if writer is not None and not isinstance(attacked, RegentsError) and attacked.case is not None:
+            writer.add(attacked.case)
+    rows = [dataclasses.asdict(row) for row in live_rows(found, ends)]
+    terminal.show(f"{method} against {planner} in {len(found)} windows that go on live", rows, essential=LIVE_WINDOWS)
     return 0
 
 

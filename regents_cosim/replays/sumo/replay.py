@@ -36,7 +36,7 @@ def replay_in_sumo(
     scenario; at step 0 the ego is always at its track. Agents that are `released` (by index) are
     placed once, where and as fast as they first are, and then driven by SUMO until their route
     ends; those without a route stay on their tracks. `seed` is for SUMO's dice. What `attach` returns is called after
-    every step.
+    every step; the ego then has the route of its track, which the attached code may read.
 
     Pedestrians are persons in SUMO, unless it drives others (`persons`).
     A map that does not come from SUMO is a network of bare lanes there, without lights (`bare_network`).
@@ -53,7 +53,7 @@ def replay_in_sumo(
     routes = {index: route for index in released or {} if (route := route_of(scenario, index)) is not None}
     drivers = {index: (released or {})[index] for index in routes}
     with _files(scenario, drivers) as files, running_sumo(_options(scenario, files, gui, seed), gui) as sumo:
-        stage = Stage(sumo, scenario, routes, drivers)
+        stage = Stage(sumo, scenario, routes, drivers, route_of(scenario, 0) if attach is not None else None)
         watch: Callable[[], object] = _watch_nothing
         for step in range(scenario.tracks.steps):
             stage.play(step)

@@ -48,11 +48,14 @@ class Stage:
         scenario: Scenario,
         routes: Mapping[int, list[str]],
         drivers: Mapping[int, DriverParameters],
+        ego_route: list[str] | None = None,
     ) -> None:
+        """`ego_route` is what others are to expect of the ego; without it, its way ends with its edge."""
         self._sumo = sumo
         self._scenario = scenario
         self._drivers = drivers
         self._waiting = set(routes)  # to be driven by SUMO, once they are there
+        self._on_route = {*drivers, *([0] if ego_route else [])}
         self._driven: set[int] = set()
         track = scenario.tracks
         self._size = np.array([[agent.length, agent.width] for agent in scenario.agents]).T  # [2, agent]
@@ -68,7 +71,7 @@ class Stage:
         self._walking = moved_as_persons(scenario, drivers)
         self._persons = Persons(sumo, _some_edge(scenario))
         sumo.route.add("replay", [_some_edge(scenario)])
-        for index, edges in routes.items():
+        for index, edges in (dict(routes) | ({0: ego_route} if ego_route else {})).items():
             sumo.route.add(driven_type(index), edges)
         for index, agent in enumerate(scenario.agents):
             add_type(sumo, type_name(index), agent, is_person=index in self._walking)
@@ -133,7 +136,7 @@ class Stage:
         if index in self._walking:
             self._persons.place(name, x, y, angle)
             return
-        vehicle.moveToXY(name, "", -1, x, y, angle, _EXACT_ON_ROUTE if index in self._drivers else EXACT)
+        vehicle.moveToXY(name, "", -1, x, y, angle, _EXACT_ON_ROUTE if index in self._on_route else EXACT)
         vehicle.setSpeed(name, float(self._speed[index, step]))
 
     def _may_enter(self, index: int, step: int) -> bool:
@@ -169,10 +172,8 @@ class Stage:
         if index in self._walking:
             self._persons.enter(name, type_name(index), _COLOURS[agent.role])
             return
-        if index in self._drivers:
-            vehicle.add(name, driven_type(index), driven_type(index))
-        else:
-            vehicle.add(name, "replay", type_name(index))
+        route = driven_type(index) if index in self._on_route else "replay"
+        vehicle.add(name, route, driven_type(index) if index in self._drivers else type_name(index))
         vehicle.setSpeedMode(name, 0)
         vehicle.setLaneChangeMode(name, 0)
         vehicle.setColor(name, _COLOURS[agent.role])
