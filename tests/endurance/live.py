@@ -22,12 +22,16 @@ MOST_KB_PER_ITEM = 20.0
 _NETS = ("crossing", "merge")
 
 
-def run(count: int, every: int = 25, check_memory: bool = True, longest_s: float = 8.0) -> dict[str, Any]:
+def run(
+    count: int, every: int = 25, check_memory: bool = True, longest_s: float = 8.0, talk: bool = False
+) -> dict[str, Any]:
     """`count` episodes; the report says how they ended and what has grown."""
     begun, ends = time.monotonic(), Counter[str]()
     with gauge() as seen:
         for ended in watched(_episodes(count, longest_s), seen, min(2 * every, max(count // 2, 1)), every):
             ends[ended] += 1
+            if ends.total() % every == 0 and talk:
+                print(f"{ends.total()} of {count}: {dict(ends)}", file=sys.stderr, flush=True)
         seen.take(count)
         summary = seen.summary()
         summary["grown"] = seen.growth(MOST_KB_PER_ITEM if check_memory else None)
@@ -49,7 +53,7 @@ def main() -> int:
     """The command; 1 where something failed or has grown."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=1000)
-    found = run(parser.parse_args().count)
+    found = run(parser.parse_args().count, talk=True)
     print(json.dumps(found))
     return int(bool(found["failures"] or found["grown"]))
 
