@@ -1,5 +1,6 @@
 """What the searches on a scenario found, as attacked cases."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax
@@ -7,6 +8,7 @@ import numpy as np
 
 from regents_cosim.attack_record import ActTime, AttackRecord, Collision, Outcome
 from regents_cosim.attacks import published
+from regents_cosim.attacks.attempts import Candidate
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import DriveRequest, in_compiled_loop
@@ -28,14 +30,13 @@ _COST_TERMS = ("ego", "pair", "road")
 
 
 def cases_of(
-    setup: AttackSetup, scenario: Scenario, jobs: list[SearchJob], ended: list[SearchEnd | None]
+    setup: AttackSetup, scenario: Scenario, candidates: Sequence[Candidate], ended: list[SearchEnd | None]
 ) -> list[Scenario]:
-    """What the descents found, as cases."""
-    made = [(job, one) for job, one in zip(jobs, ended, strict=True) if one]
+    """What the searches found, as cases."""
+    made = [(candidate.job, one) for candidate, one in zip(candidates, ended, strict=True) if one]
     failures = [failure for _, one in made if (failure := _failure(setup.planner_name, scenario.id, one))]
-    cases = (
-        [failed_case(setup, scenario, failures[0])] if failures else _distinct(setup, scenario, made, len(jobs) == 1)
-    )
+    joint = len(candidates) == 1
+    cases = [failed_case(setup, scenario, failures[0])] if failures else _distinct(setup, scenario, made, joint)
     time = _act_time([second for _, one in made for second in one.seconds])
     made_of_them = sum(
         one.looks + one.earlier + int(one.found.iterations) for _, one in made if isinstance(one.found, SearchResult)

@@ -8,7 +8,8 @@ with fewer roll-outs. So they come first.
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 from regents_cosim.attacks.job import SearchEnd, SearchJob
@@ -29,12 +30,37 @@ class Searchers(NamedTuple):
     sample: RunSearches  # for the first of the attempts, `AttackConfig.sampled`
 
 
-class Candidate(NamedTuple):
-    """What may be searched for one candidate, or for all of them together."""
+class Prepared(NamedTuple):
+    """What a search needs to know of a candidate."""
 
-    scenario: Scenario
     job: SearchJob  # that begins with the log
     starts: tuple[Controls, ...] = ()  # actions [searched step] to begin with instead, the most promising first
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What may be searched for one candidate, or for all of them together.
+
+    It is prepared when its turn comes: where one adversary is enough, that of many never does.
+    """
+
+    scenario: Scenario
+    prepare: Callable[[], Prepared]
+    looks: int = 0  # how many starts it has
+
+    @cached_property
+    def _prepared(self) -> Prepared:
+        return self.prepare()
+
+    @property
+    def job(self) -> SearchJob:
+        """The search that begins with the log."""
+        return self._prepared.job
+
+    @property
+    def starts(self) -> tuple[Controls, ...]:
+        """What it may begin with instead."""
+        return self._prepared.starts
 
 
 class _Candidates:
@@ -47,7 +73,7 @@ class _Candidates:
 
     def look(self, rank: int, some: list[int]) -> None:
         """Look at the start of that rank of some candidates."""
-        some = [index for index in some if rank < len(self._all[index].starts)]
+        some = [index for index in some if rank < self._all[index].looks]
         begun = {index: self._all[index].starts[rank] for index in some}
         for index, seen in self._searched(self._searchers.descend, begun, 0):
             self._after(index, seen)
@@ -134,7 +160,7 @@ def attempt(candidates: Sequence[Candidate], searchers: Searchers, config: Attac
     that succeeds no more is searched: those are None.
     """
     found = _Candidates(candidates, searchers, config)
-    looks = max((len(one.starts) for one in candidates), default=0)
+    looks = max((one.looks for one in candidates), default=0)
     for make, ranks in ((found.look, looks), (found.search, config.attempts)):
         for rank in range(ranks):
             for turn in found.unsettled():

@@ -1,7 +1,9 @@
 """Which agents of a scenario a search may move, and the drives that each search begins with."""
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -10,11 +12,11 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks import published
 from regents_cosim.attacks.actions import to_actions
-from regents_cosim.attacks.attempts import Candidate
+from regents_cosim.attacks.attempts import Candidate, Prepared
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
 from regents_cosim.attacks.job import SearchJob
-from regents_cosim.attacks.lawful import lawful_road, under_the_law
+from regents_cosim.attacks.lawful import lawful_road, road_near_ego, under_the_law
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops
 from regents_cosim.attacks.replanned import BackgroundTraffic
@@ -32,7 +34,9 @@ from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import World, scene_origin, to_tracks, to_world
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.ordinary import DrivingLimits
 
+_LANES_AROUND_EGO_M = 60.0  # of its track: a candidate that is further away is no risk to it yet
 _CONSIDERED = 3  # times the candidates that are searched: so many are asked for ways that meet the ego
 
 
@@ -42,11 +46,8 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
         raise RegentsError(
             f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
         )
-    world = to_world(scenario, setup.dynamics(scenario))
-    if setup.config.accept == "telling":
-        world = replace(world, lanes=lane_centres(scenario, scene_origin(scenario)))
     limits = limits_by_kind(scenario, setup.config)
-    world = with_bounds(world, scenario, setup.config, limits)
+    world = _world(setup, scenario, limits)
     memory = None
     if isinstance(setup.planner, JaxPlanner):
         scene = LoopScene(scenario, world)
@@ -54,16 +55,42 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
         memory = setup.planner.init(scene) if several else start(setup.planner, scene, setup.planner_name)
     allowed = np.asarray(_candidates(world, setup.config))
     if setup.config.search == "joint" or not allowed.any():
-        return [Candidate(scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
+        return [_together(setup, scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
     nearest = _nearest(world, allowed, setup.config)
     ego = _unattacked(setup, scenario, world, memory, drives) if setup.config.starts else None
-    if ego is None:
-        return [_candidate(setup, scenario, world, memory, agent, ()) for agent in nearest[: setup.config.nearest]]
-    kinds = [agent.kind for agent in scenario.agents]
-    most, lawful = setup.config.starts, setup.config.law == "strict"
-    found = {agent: starts(scenario, agent, ego, most, limits[kinds[agent]], lawful) for agent in nearest}
-    chosen = sorted(nearest, key=lambda agent: -max((one.promise for one in found[agent]), default=-np.inf))
-    return [_candidate(setup, scenario, world, memory, agent, found[agent]) for agent in chosen[: setup.config.nearest]]
+    found: dict[int, list[Start]] = defaultdict(list)
+    if ego is not None:
+        kinds, strict = [agent.kind for agent in scenario.agents], setup.config.law == "strict"
+        for agent in nearest:
+            found[agent] = starts(scenario, agent, ego, setup.config.starts, limits[kinds[agent]], strict)
+        nearest.sort(key=lambda agent: -max((one.promise for one in found[agent]), default=-np.inf))
+    return [
+        Candidate(scenario, partial(_prepared, setup, scenario, world, memory, agent, found[agent]), len(found[agent]))
+        for agent in nearest[: setup.config.nearest]
+    ]
+
+
+def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingLimits]) -> World:
+    """The scene on the device, with what the configuration asks of it: of the road no more than is around the ego."""
+    strict = setup.config.law == "strict"
+    world = to_world(scenario, setup.dynamics(scenario), road=road_near_ego(scenario) if strict else None)
+    if setup.config.accept == "telling":
+        lanes = lane_centres(scenario, scene_origin(scenario), around_ego_m=_LANES_AROUND_EGO_M)
+        world = replace(world, lanes=lanes)
+    return with_bounds(world, scenario, setup.config, limits)
+
+
+def _together(setup: AttackSetup, scenario: Scenario, job: SearchJob) -> Candidate:
+    """One search for all candidates. Where there is none, by the program of a search for one: it makes just a look."""
+    if setup.config.search == "per-candidate":
+        none = replace(SearchedAgents.only(0, len(job.world.valid)), candidate=job.searched.candidate)
+        job = _from_log(setup, job._replace(world=under_the_law(job.world, scenario, 0, None), searched=none))
+    return Candidate(scenario, lambda: Prepared(job))
+
+
+def _from_log(setup: AttackSetup, job: SearchJob) -> SearchJob:
+    """The log given as a start as well, where there are starts: one compiled program for all searches."""
+    return job._replace(start=job.searched.rows(to_actions(job.world.controls))) if setup.config.starts else job
 
 
 def candidates_or_failure(
@@ -76,18 +103,14 @@ def candidates_or_failure(
         return failure
 
 
-def _candidate(
+def _prepared(
     setup: AttackSetup, scenario: Scenario, world: World, memory: Any, agent: int, found: Sequence[Start]
-) -> Candidate:
+) -> Prepared:
     """What may be searched for one agent: from each of the starts `found`, and from the log."""
     if setup.config.law == "strict":
         world = under_the_law(world, scenario, agent, lawful_road(scenario, agent))
-    job = SearchJob(world, memory, SearchedAgents.only(agent, len(world.valid)))
-    if not setup.config.starts:
-        return Candidate(scenario, job)
-    # The log is given as a start as well: one compiled program for all searches.
-    job = job._replace(start=job.searched.rows(to_actions(world.controls)))
-    return Candidate(scenario, job, tuple(followed(scenario, job, found, setup.config.starts)))
+    job = _from_log(setup, SearchJob(world, memory, SearchedAgents.only(agent, len(world.valid))))
+    return Prepared(job, tuple(followed(scenario, job, found, setup.config.starts)))
 
 
 def _unattacked(

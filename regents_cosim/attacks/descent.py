@@ -21,7 +21,7 @@ from regents_cosim.attacks.actions import allowed, to_actions, to_controls
 from regents_cosim.attacks.costs import Costs, total_cost
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
-from regents_cosim.attacks.search_state import Rollout, SearchResult, SearchState
+from regents_cosim.attacks.search_state import Looks, Rollout, SearchResult, SearchState
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.rollout import LoopPlanner, drive, drive_among_reacting, roll_out_background, with_ego
@@ -77,6 +77,46 @@ class Descent(eqx.Module):
             history=jnp.zeros((self.config.iterations, 3), jnp.float32),
             least=jnp.float32(jnp.inf),
             least_at=jnp.int32(0),
+        )
+
+    def look_and_advance(
+        self, starts: Controls, count: Int[Array, ""], passes: Int[Array, ""]
+    ) -> tuple[SearchState, Looks]:
+        """Look at the first `count` of some actions, up to one that is accepted; then so many updates of the last.
+
+        `starts` are actions [start searched step]. Looks and updates take turns in one loop, and so share the code of a
+        roll-out and of its judgement, which is most of the program.
+        """
+        room = starts.accel.shape[0]
+        unseen = Looks(jnp.full(room, jnp.inf), jnp.zeros((room, 3), jnp.float32), jnp.zeros(room, bool))
+
+        def goes_on(now: tuple[SearchState, Looks, Array]) -> Array:
+            search, _, looked = now
+            updates = self.goes_on(search) & (search.iterations < passes)
+            return jnp.where(looked < count, ~search.accepted, updates)
+
+        def turn(now: tuple[SearchState, Looks, Array]) -> tuple[SearchState, Looks, Array]:
+            search, looks, looked = now
+            looking = looked < count
+            search = jax.lax.cond(
+                looking,
+                lambda: replace(search, actions=jax.tree.map(lambda actions: actions[looked], starts)),
+                lambda: self.update(search),
+            )
+            search = self.seeing(search)
+            looks = jax.lax.cond(looking, lambda: self.noted(looks, looked, search), lambda: looks)
+            return search, looks, looked + looking
+
+        search, looks, _ = jax.lax.while_loop(goes_on, turn, (self.begin(), unseen, jnp.int32(0)))
+        return search, looks
+
+    def noted(self, looks: Looks, index: Int[Array, ""], search: SearchState) -> Looks:
+        """The same with what the search has just seen."""
+        total, costs = self.cost(search.seen.boxes, search.seen.motion, search.actions)
+        return Looks(
+            looks.cost.at[index].set(jnp.where(jnp.isfinite(total), total, jnp.inf)),
+            looks.terms.at[index].set(jnp.stack([costs.ego, costs.pair, costs.road])),
+            looks.accepted.at[index].set(search.accepted),
         )
 
     def advance(self, search: SearchState, passes: int | Int[Array, ""]) -> SearchState:

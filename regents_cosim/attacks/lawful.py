@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.limits import OVER_LIMIT
-from regents_cosim.mirror.road_field import MARGIN_M, RoadField, blur_areas
+from regents_cosim.mirror.road_field import MARGIN_M, ROOM, RoadField, blur_areas
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.walking_ground import ground_of
@@ -32,8 +32,16 @@ class LawfulRoad:
     origin: Float[np.ndarray, " 2"]  # [m, map frame]
 
 
-def lawful_road(scenario: Scenario, agent: int, room: int = 0) -> LawfulRoad | None:
-    """Where `agent` may drive, with `room` for so many cells at least.
+def road_near_ego(scenario: Scenario) -> RoadField | None:
+    """The road of all around the ego, in the mirror's coordinates; None where roads lie above each other."""
+    if scenario.heights.stacked:
+        return None
+    area = scenario.road.drivable
+    return blur_areas([area], *_bounds(scenario, area), scene_origin(scenario), room=ROOM, open_ended=True)
+
+
+def lawful_road(scenario: Scenario, agent: int) -> LawfulRoad | None:
+    """Where `agent` may drive.
 
     None where the map does not tell, and where roads lie above each other: there the road of all holds, which binds no
     pedestrian.
@@ -42,7 +50,8 @@ def lawful_road(scenario: Scenario, agent: int, room: int = 0) -> LawfulRoad | N
     if area is None or area.is_empty:
         return None
     origin = scene_origin(scenario)
-    return LawfulRoad(area, blur_areas([area], *_bounds(scenario, area), origin, room=room), origin)
+    field = blur_areas([area], *_bounds(scenario, area), origin, room=ROOM, open_ended=True)
+    return LawfulRoad(area, field, origin)
 
 
 def _area(scenario: Scenario, agent: int) -> BaseGeometry | None:
@@ -54,11 +63,11 @@ def _area(scenario: Scenario, agent: int) -> BaseGeometry | None:
 
 
 def under_the_law(world: World, scenario: Scenario, agent: int, road: LawfulRoad | None) -> World:
-    """The same world with a top speed for `agent` alone, and with a `road` of its own if it has one."""
+    """The same world with a top speed for `agent` alone, and with a `road` of its own; that of all if it has none."""
     limited = world.top_speed.at[agent].min(_top_speed(scenario, agent))
     world = replace(world, top_speed=limited)
     if road is None:
-        return world
+        return replace(world, own_road=world.road)  # for the same program as with another one
     on_road = world.on_road.at[:, agent].set(_began_on(scenario, agent, road.area))
     return replace(world, own_road=road.field.seen_from(scene_origin(scenario) - road.origin), on_road=on_road)
 

@@ -17,21 +17,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from cmaes import CMA
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
-from regents_cosim.attacks.descent import PROGRESS, Descent, ExtraCost
+from regents_cosim.attacks.actions import allowed, to_actions
+from regents_cosim.attacks.descent import PROGRESS, ExtraCost
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.search import descend, set_up
-from regents_cosim.attacks.search_state import SearchResult
+from regents_cosim.attacks.search import LOOKED_AT, descend, look_and_descend, shared
+from regents_cosim.attacks.search_state import Looks, SearchResult
+from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
+from regents_cosim.mirror.world import World
 from regents_cosim.scenario import Scenario
 
 KNOTS = 5
 _UNIT = (0.4, 0.06)  # shares of the limits that a coordinate of 1 stands for: 2.4 m/s^2, 0.018 1/m
-_BATCH = 10  # roll-outs between two looks; CMA-ES's own choice for ten coordinates
 
 
 class Sampler(Protocol):
@@ -54,7 +56,7 @@ class AtRandom:
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
         """Some changes to try."""
-        return self._rng.normal(size=(_BATCH, 2 * KNOTS))
+        return self._rng.normal(size=(LOOKED_AT, 2 * KNOTS))
 
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
         """Nothing is learnt."""
@@ -64,11 +66,11 @@ class ByEvolution:
     """CMA-ES, from the log."""
 
     def __init__(self, seed: int) -> None:
-        self._cma = CMA(mean=np.zeros(2 * KNOTS), sigma=0.5, population_size=_BATCH, seed=seed)
+        self._cma = CMA(mean=np.zeros(2 * KNOTS), sigma=0.5, population_size=LOOKED_AT, seed=seed)
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
         """A generation."""
-        return np.stack([self._cma.ask() for _ in range(_BATCH)])
+        return np.stack([self._cma.ask() for _ in range(LOOKED_AT)])
 
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
         """The generation's costs."""
@@ -94,86 +96,75 @@ def _search(
     most: int,
     extra_cost: ExtraCost | None,
 ) -> SearchResult:
-    compiled = config.compiled()
-    # A look is that of our descent, by the same program: a planner that collides in the log is not attacked.
-    looks = replace(compiled, optimiser="adam")
-    begun = descend(job.world, planner, job.memory, looks, job.searched, jnp.int32(0), job.start, extra_cost)
+    begun = descend(job, planner, config, 0, extra_cost)
     if most == 0 or config.optimiser == "none" or bool(begun.accepted) or not bool(begun.any_candidate):
         return begun
     seed = zlib.crc32(f"{scenario.id} {int(job.searched.first)}".encode())
     sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
-    history = np.zeros((compiled.iterations, 3), np.float32)
-    best, least, tried, done = np.zeros(2 * KNOTS), np.inf, 0, False
+    history = np.zeros(begun.history.shape, np.float32)
+    best, least, tried = np.zeros(2 * KNOTS), np.inf, 0
     nearest, nearest_at = np.inf, 0  # the ego's cost when it last came down, and the roll-out of that
-    while not done and tried < most and (not config.patience or tried - nearest_at <= config.patience):
+    while tried < most and (not config.patience or tried - nearest_at <= config.patience):
         changes = sampler.ask()[: most - tried]
-        padded = np.pad(changes, ((0, _BATCH - len(changes)), (0, 0)))
-        totals, terms, accepted = (
-            np.asarray(values)[: len(changes)]
-            for values in _try(job, planner, compiled, extra_cost, jnp.asarray(padded, jnp.float32))
-        )
-        done = bool(accepted.any())
-        chosen = int(np.argmax(accepted)) if done else int(np.argmin(totals))
-        if done or totals[chosen] < least:
-            best, least = changes[chosen], float(totals[chosen])
-        made = chosen + 1 if done else len(changes)
+        found, looks = _look(job, planner, config, extra_cost, changes)
+        seen = (looks.cost, looks.terms, looks.accepted)
+        costs, terms, accepted = (np.asarray(values)[: len(changes)] for values in seen)
+        made = int(np.argmax(accepted)) + 1 if accepted.any() else len(changes)
         history[tried : tried + made] = terms[:made]
         tried += made
-        if terms[:made, 0].min() < (1.0 - PROGRESS) * nearest:
-            nearest, nearest_at = float(terms[:made, 0].min()), tried
-        if len(changes) == _BATCH:
-            sampler.tell(changes, totals)
-    return _end(
-        job, planner, compiled, extra_cost, jnp.asarray(best, jnp.float32), jnp.int32(tried), jnp.asarray(history)
-    )
+        if accepted.any():
+            return _after(found, tried, history)
+        if costs.min() < least:
+            best, least = changes[np.argmin(costs)], float(costs.min())
+        if terms[:, 0].min() < (1.0 - PROGRESS) * nearest:
+            nearest, nearest_at = float(terms[:, 0].min()), tried
+        if len(changes) == LOOKED_AT:
+            sampler.tell(changes, costs)
+    found, _ = _look(job, planner, config, extra_cost, best[None])
+    return _after(found, tried, history)
 
 
-@compiled
-def _try(
+def _look(
     job: SearchJob,
     planner: LoopPlanner,
     config: AttackConfig,
     extra_cost: ExtraCost | None,
-    changes: Float[Array, "change coordinate"],
-) -> tuple[Float[Array, " change"], Float[Array, "change term"], Bool[Array, " change"]]:
-    """Cost, its terms, and whether it is accepted, of every change.
+    changes: Float[np.ndarray, "change coordinate"],
+) -> tuple[SearchResult, Looks]:
+    """What changes do, up to the first that is accepted, and the last of these as a search that ended with it."""
+    padded = np.pad(changes, ((0, LOOKED_AT - len(changes)), (0, 0)), mode="edge")
+    bare = replace(job.world.without_road(), bounds=job.world.bounds)
+    starts = _changed(job._replace(world=bare, memory=None), shared(config), jnp.asarray(padded, jnp.float32))
+    return look_and_descend(
+        job.world, planner, job.memory, shared(config), job.searched, starts, jnp.int32(len(changes)), jnp.int32(0),
+        extra_cost,
+    )  # fmt: skip
 
-    One after the other: side by side, all would be judged for the sake of the few that crash.
-    """
-    descent = set_up(job.world, planner, job.memory, config, job.searched, job.start, extra_cost)
-    begun = descent.begin()
 
-    def one(change: Float[Array, " coordinate"]) -> tuple[Array, Array, Array]:
-        search = descent.seeing(replace(begun, actions=changed(descent, change)))
-        total, costs = descent.cost(search.seen.boxes, search.seen.motion, search.actions)
-        terms = jnp.stack([costs.ego, costs.pair, costs.road])
-        return jnp.where(jnp.isfinite(total), total, jnp.inf), terms, search.accepted
-
-    return jax.lax.map(one, changes)
+def _after(found: SearchResult, tried: int, history: Float[np.ndarray, "iteration term"]) -> SearchResult:
+    """The same as the end of so many roll-outs."""
+    return replace(found, iterations=jnp.int32(tried), history=jnp.asarray(history))
 
 
 @compiled
-def _end(
-    job: SearchJob,
-    planner: LoopPlanner,
-    config: AttackConfig,
-    extra_cost: ExtraCost | None,
-    change: Float[Array, " coordinate"],
-    tried: Int[Array, ""],
-    history: Float[Array, "iteration term"],
-) -> SearchResult:
-    descent = set_up(job.world, planner, job.memory, config, job.searched, job.start, extra_cost)
-    search = descent.seeing(replace(descent.begin(), actions=changed(descent, change)))
-    return descent.result(replace(search, iterations=tried, history=history))
+def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change coordinate"]) -> Controls:
+    """The actions [change searched step] of some changes, as far as the configuration and the law allow them."""
+    logged = job.searched.rows(to_actions(job.world.controls))
+    first = logged if job.start is None else job.start
+    at_its_pace = pace(job.world, job.searched)
+    return jax.vmap(
+        lambda change: allowed(changed(first, change, at_its_pace), logged, job.world, job.searched, config)
+    )(changes)
 
 
-def changed(descent: Descent, change: Float[Array, " coordinate"]) -> Controls:
-    """What the search begins with plus `change` [2 * KNOTS], within the bounds of the configuration and of the law."""
-    first = descent.first()
-    units = _UNIT[0] * _pace(descent), _UNIT[1]
+def changed(
+    first: Controls, change: Float[Array, " coordinate"], at_its_pace: Float[Array, "searched 1"] | float
+) -> Controls:
+    """Actions [searched step] plus a change [2 * KNOTS], of who moves `at_its_pace`."""
+    units = _UNIT[0] * at_its_pace, _UNIT[1]
     steps = first.accel.shape[1]
     knots, times = jnp.linspace(0.0, steps - 1.0, KNOTS), jnp.arange(steps)
-    moved = Controls(
+    return Controls(
         *(
             own + unit * jnp.interp(times, knots, part)
             for own, unit, part in zip(
@@ -181,12 +172,10 @@ def changed(descent: Descent, change: Float[Array, " coordinate"]) -> Controls:
             )
         )
     )
-    return descent.allowed(moved)
 
 
-def _pace(descent: Descent) -> Float[Array, "searched 1"] | float:
+def pace(world: World, searched: SearchedAgents) -> Float[Array, "searched 1"] | float:
     """How hard each of the searched moves at most, as a share of what a coordinate of 1 stands for; cars: 1."""
-    world, searched = descent.world, descent.searched
     if world.walks is None or world.bounds is None:
         return 1.0
     walks, most = searched.rows(world.walks), searched.rows(world.bounds.accel)

@@ -1,19 +1,27 @@
 """One search, compiled as a whole: of the method as its papers have it, or as its public code does."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
+import jax
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Int
 
 from regents_cosim.attacks.descent import Descent, ExtraCost
+from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.published import PublishedDescent
-from regents_cosim.attacks.search_state import SearchResult
+from regents_cosim.attacks.search_state import Looks, SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.universal import AttackedPlanners, UniversalDescent
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.mirror.world import World
+
+LOOKED_AT = 10  # drives at once: a generation of CMA-ES (`sampled_search`)
 
 
 def set_up(
@@ -32,20 +40,55 @@ def set_up(
 
 
 @compiled
-def descend(
+def look_and_descend(
     world: World,
     planner: LoopPlanner,
     memory: Any,
     config: AttackConfig,
     searched: SearchedAgents,
+    starts: Controls | None,
+    count: Int[Array, ""],
     iterations: Int[Array, ""],
-    start: Controls | None = None,
     extra_cost: ExtraCost | None = None,
-) -> SearchResult:
-    """Attack `planner` in `world` with the controls of `searched`, up to a collision or the last of `iterations`.
+) -> tuple[SearchResult, Looks]:
+    """Look at the first `count` of some drives, up to one that is accepted, and search from the last of them.
 
-    The search begins with the actions `start` [searched step], or with the logged ones. `config` is what
+    `planner` is attacked in `world` with the controls of `searched`. `starts` are actions [start searched step]; None:
+    the logged ones. The search ends at a collision, or after `iterations` updates. `config` is what
     `AttackConfig.compiled` leaves, so that the number of iterations needs no program of its own.
     """
-    descent = set_up(world, planner, memory, config, searched, start, extra_cost)
-    return descent.result(descent.advance(descent.begin(), iterations))
+    descent = set_up(world, planner, memory, config, searched, None, extra_cost)
+    given = jax.tree.map(lambda actions: actions[None], descent.logged()) if starts is None else starts
+    search, looks = descent.look_and_advance(given, count, iterations)
+    return descent.result(search), looks
+
+
+def descend(
+    job: SearchJob,
+    planner: LoopPlanner,
+    config: AttackConfig,
+    iterations: int,
+    extra_cost: ExtraCost | None = None,
+) -> SearchResult:
+    """A search that begins with what its job does, of at most `iterations` updates.
+
+    Where `config` looks at starts, it is by the program that looks at several of them.
+    """
+    starts = None if job.start is None else with_room([job.start], config)
+    found, _ = look_and_descend(
+        job.world, planner, job.memory, shared(config), job.searched, starts, jnp.int32(1), jnp.int32(iterations),
+        extra_cost,
+    )  # fmt: skip
+    return found
+
+
+def with_room(starts: Sequence[Controls], config: AttackConfig) -> Controls:
+    """Actions [start searched step] of one or more starts; the last fills the room that a program has for them."""
+    room = max(LOOKED_AT if config.starts else 1, len(starts))
+    filled = [*starts, *[starts[-1]] * (room - len(starts))]
+    return jax.tree.map(lambda *actions: jnp.asarray(np.stack(actions)), *filled)
+
+
+def shared(config: AttackConfig) -> AttackConfig:
+    """Of a configuration what its program depends on: searches without gradients look by that of the descent."""
+    return replace(config.compiled(), optimiser="adam")

@@ -24,6 +24,14 @@ class SearchResult(eqx.Module):
     history: Float[Array, "iteration term"]  # ego, pair and road cost before each update
 
 
+class Looks(eqx.Module):
+    """What was seen of drives that a search looked at, up to the first that is accepted."""
+
+    cost: Float[Array, " start"]  # infinite where it is not finite, or none was looked at
+    terms: Float[Array, "start term"]  # ego, pair and road cost
+    accepted: Bool[Array, " start"]
+
+
 class Rollout(eqx.Module):
     """What a roll-out shows."""
 

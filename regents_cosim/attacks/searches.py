@@ -68,7 +68,7 @@ def _search(
     return [
         [failed_case(setup, scenario, mine)]
         if isinstance(mine, DriveError)
-        else cases_of(setup, scenario, [one.job for one in mine], list(itertools.islice(ended, len(mine))))
+        else cases_of(setup, scenario, mine, list(itertools.islice(ended, len(mine))))
         for scenario, mine in zip(scenarios, jobs, strict=True)
     ]
 
@@ -111,11 +111,8 @@ def _if_telling(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: S
 def descents(setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int) -> list[SearchEnd]:
     """One descent after the other, with a planner in JAX that drives in every iteration."""
     assert isinstance(setup.planner, JaxPlanner)
-    planner, config, most = setup.planner, setup.config.compiled(), jnp.int32(iterations)
-    return [
-        SearchEnd(descend(job.world, planner, job.memory, config, job.searched, most, job.start, setup.extra_cost))
-        for _, job in jobs
-    ]
+    planner = setup.planner
+    return [SearchEnd(descend(job, planner, setup.config, iterations, setup.extra_cost)) for _, job in jobs]
 
 
 def sampled_searches(

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from regents_cosim.attacks.descent import Descent
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.sampled_search import changed
+from regents_cosim.attacks.sampled_search import changed, pace
 from regents_cosim.attacks.search import set_up
 from regents_cosim.attacks.search_state import SearchResult, SearchState
 from regents_cosim.mirror.bicycle import Controls, Motion
@@ -48,7 +48,7 @@ def look_around(
     search = _seen(descent, change)
 
     def rows(change: Float[Array, " coordinate"]) -> Float[Array, " row"]:
-        actions = changed(descent, change)
+        actions = _changed(descent, change)
         motion = descent.searched.put(search.seen.motion, descent.own_motion(actions))
         return _rows(descent, motion, actions)
 
@@ -69,7 +69,11 @@ def _descent(job: SearchJob, planner: JaxPlanner, config: AttackConfig) -> Desce
 
 
 def _seen(descent: Descent, change: Float[Array, " coordinate"]) -> SearchState:
-    return descent.seeing(replace(descent.begin(), actions=changed(descent, change)))
+    return descent.seeing(replace(descent.begin(), actions=_changed(descent, change)))
+
+
+def _changed(descent: Descent, change: Float[Array, " coordinate"]) -> Controls:
+    return descent.allowed(changed(descent.first(), change, pace(descent.world, descent.searched)))
 
 
 def _rows(descent: Descent, motion: Motion, actions: Controls) -> Float[Array, " row"]:

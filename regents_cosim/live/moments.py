@@ -28,7 +28,6 @@ from regents_cosim.scenario import Provenance, Scenario, Signal, Tracks
 
 DT_S = 0.1  # of predictions and plans, whatever the simulation's step
 MOST_AGENTS = 32
-CELLS = 2**20  # room of every road field
 FIT_PASSES = 3  # of predictions and drives, which are smooth
 _LANE_POINTS = 2**12
 _TILE_M = 80.0  # the road is known so far around the middle of a tile ...

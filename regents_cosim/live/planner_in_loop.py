@@ -5,7 +5,6 @@ from functools import cached_property
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 
 from regents_cosim.attacks.driving_limits import limits_by_kind
 from regents_cosim.attacks.job import SearchEnd, SearchJob
@@ -65,10 +64,7 @@ class PlannerInLoop:
         """A search of so many iterations at most. Raises DriveError."""
         loop = self._loop
         if loop is not None:
-            found = descend(
-                job.world, loop, job.memory, config.compiled(), job.searched, jnp.int32(iterations), job.start
-            )
-            return SearchEnd(jax.block_until_ready(found))
+            return SearchEnd(jax.block_until_ready(descend(job, loop, config, iterations)))
         (ended,) = pursue([(self.moment.scenario, job)], config, max(iterations, 1), self._drives, iterations)
         if isinstance(ended.found, DriveError):
             raise ended.found

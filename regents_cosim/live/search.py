@@ -25,7 +25,7 @@ from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
-from regents_cosim.live.moments import CELLS, DT_S, FIT_PASSES, Moment
+from regents_cosim.live.moments import DT_S, FIT_PASSES, Moment
 from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.planner_in_loop import PlannerInLoop
@@ -172,7 +172,7 @@ class Search:
         name, now = moment.scenario.agents[agent].id, moment.traffic.time_s
         known, since, road = self._road
         if name != known or not 0.0 <= now - since <= _ROAD_LASTS_S:
-            road = lawful_road(moment.scenario, agent, CELLS)
+            road = lawful_road(moment.scenario, agent)
             self._road = name, now, road
         return road
 

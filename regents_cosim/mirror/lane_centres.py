@@ -14,7 +14,7 @@ from regents_cosim.scenario import Scenario
 _SPACING_M = 1.0
 _MARGIN_M = 10.0  # around the tracks of a scene
 _REACH_M = 2.0
-_SIZES = tuple(2**power for power in range(10, 18))  # points; few shapes, few compilations
+_SIZES = tuple(2**power for power in (11, 12, 14, 16))  # points; few shapes, few compilations
 _FAR_M = 1e6
 _SAME_WAY = np.float32(np.cos(ALONG_RAD))
 
@@ -38,15 +38,21 @@ class LaneCentres(eqx.Module):
         return jnp.where(runs & (off <= _REACH_M), off, _FAR_M).min(axis=-1)
 
 
-def lane_centres(scenario: Scenario, origin: Float[np.ndarray, " 2"], room: int = 0) -> LaneCentres:
+def lane_centres(
+    scenario: Scenario, origin: Float[np.ndarray, " 2"], room: int = 0, around_ego_m: float | None = None
+) -> LaneCentres:
     """The centre lines of lanes near the scene's tracks, on all levels, in the map's coordinates less `origin` [m].
 
-    There is `room` for so many points at least.
+    There is `room` for so many points at least. With `around_ego_m` only those are there that are so near to a box
+    around the ego's track.
     """
     tracks = scenario.tracks
     points, direction = _along_lanes(scenario.road)
     placed = np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid]
-    low, high = placed.min(axis=0) - _MARGIN_M, placed.max(axis=0) + _MARGIN_M
+    margin_m = _MARGIN_M
+    if around_ego_m is not None:
+        placed, margin_m = np.stack([tracks.x[0], tracks.y[0]], axis=-1), around_ego_m
+    low, high = placed.min(axis=0) - margin_m, placed.max(axis=0) + margin_m
     near = ((points >= low) & (points <= high)).all(axis=1)
     points, direction = points[near] - origin, direction[near]
     size = next((size for size in _SIZES if size >= max(len(points), room)), len(points))

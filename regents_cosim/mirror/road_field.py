@@ -25,6 +25,7 @@ CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (si
 SIGMA_M = 0.5
 MARGIN_M = 12.0  # how far beyond the tracks the field reaches; outside it is constant
 _SIZES = tuple(2**power for power in (18, 20, 22, 24))  # cells; few shapes, few compilations
+ROOM = 2**20  # cells: 200 m x 200 m, what is around an ego in nearly every scene
 
 
 class RoadField(eqx.Module):
@@ -110,16 +111,19 @@ def blur_areas(
     origin: Float[np.ndarray, " 2"],
     bands: LevelBands | None = None,
     room: int = 0,
+    open_ended: bool = False,
 ) -> RoadField:
     """The field of areas in which one may drive, one for each level, over the bounds `low`..`high` [m, map frame].
 
-    There is `room` for so many cells at least.
+    There is `room` for so many cells at least. `open_ended`: beyond the bounds all is road, as nothing is known there.
     """
     # Centres at odd tenths of a metre: edges of lanes lie at even ones (a width of 3.2 m), and would tie.
     low = (np.floor(low / CELL_M) + 0.5) * CELL_M
     rows, columns = grid_shape(low, high, CELL_M)
     off_road = (~inside(area, low, (rows, columns), CELL_M) for area in areas)
     field = np.stack([gaussian_filter(off.astype(np.float32), SIGMA_M / CELL_M, mode="nearest") for off in off_road])
+    if open_ended:  # beyond the border the field is what it is there
+        field[:, [0, -1]] = field[:, :, [0, -1]] = 0.0
     size = next((size for size in _SIZES if size >= max(field.size, room)), field.size)
     return RoadField(
         jnp.asarray(_with_neighbours(field, size)),

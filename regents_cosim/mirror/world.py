@@ -24,7 +24,7 @@ from regents_cosim.mirror.road_field import RoadField, blur
 from regents_cosim.mirror.separation import Box
 from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Kind, Scenario, Tracks
 
-AGENT_BUCKETS = (8, 16, 32, 64, 128)
+AGENT_BUCKETS = (16, 32, 64, 128)
 
 
 class DriveBounds(eqx.Module):
@@ -117,7 +117,7 @@ def to_world(
 
     Agents move by `dynamics`, by default by the model that the scenario's controls belong to. Pedestrians walk, but for
     highway-env's model, which is one of vehicles. There is `room` for so many agents at least. `road` is the field of
-    its map where that is known already, in the map's frame. The controls are fitted in so many `passes`.
+    its map where that is known already, in the mirror's coordinates. The controls are fitted in so many `passes`.
     """
     dynamics = dynamics or scenario.dynamics
     tracks, origin = scenario.tracks, scene_origin(scenario)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import pytest
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks.attempts import Candidate, Searchers, attempt
+from regents_cosim.attacks.attempts import Candidate, Prepared, Searchers, attempt
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.search_state import SearchResult
@@ -39,7 +39,8 @@ def made(config, starts=STARTS, crashing=()):
 
         return search
 
-    candidate = Candidate(shipped_window("crossing"), SearchJob(None, None, None, LOG), starts)
+    prepared = Prepared(SearchJob(None, None, None, LOG), starts)
+    candidate = Candidate(shipped_window("crossing"), lambda: prepared, len(starts))
     (ended,) = attempt([candidate], Searchers(by("descent"), by("samples")), config)
     assert not ended.accepted
     assert ended.earlier == 5 * (len(searched) - 1)

@@ -11,11 +11,13 @@ sys.path.append(str(Path(__file__).parents[1] / "support"))
 from timing import dense_traffic, job
 
 from regents_cosim.attacks.presets import KING
-from regents_cosim.attacks.search import descend
+from regents_cosim.attacks.search import look_and_descend
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
 keep_compiled_programs()
 planner, wanted = job(dense_traffic(32), "idm")
 begin = perf_counter()
-descend.lower(wanted.world, planner, wanted.memory, KING.compiled(), wanted.searched, jnp.int32(500)).compile()
+look_and_descend.lower(
+    wanted.world, planner, wanted.memory, KING.compiled(), wanted.searched, None, jnp.int32(1), jnp.int32(500)
+).compile()
 print(perf_counter() - begin)

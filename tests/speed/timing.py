@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from scenes import scene
 
@@ -43,9 +42,7 @@ def job(scenario: Scenario, planner: str) -> tuple[Any, SearchJob]:
 
 def attack(planner: Any, wanted: SearchJob, config: AttackConfig = STILL) -> Any:
     """One search to its end."""
-    return jax.block_until_ready(
-        descend(wanted.world, planner, wanted.memory, config.compiled(), wanted.searched, jnp.int32(config.iterations))
-    )
+    return jax.block_until_ready(descend(wanted, planner, config, config.iterations))
 
 
 def seconds(work: Callable[[], Any], rounds: int = 7) -> float:
