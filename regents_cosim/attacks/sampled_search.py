@@ -134,7 +134,9 @@ def _look(
     """What changes do, up to the first that is accepted, and the last of these as a search that ended with it."""
     padded = np.pad(changes, ((0, LOOKED_AT - len(changes)), (0, 0)), mode="edge")
     bare = replace(job.world.without_road(), bounds=job.world.bounds)
-    starts = _changed(job._replace(world=bare, memory=None), shared(config), jnp.asarray(padded, jnp.float32))
+    made = _changed(job._replace(world=bare, memory=None), shared(config), jnp.asarray(padded, jnp.float32))
+    # What another program returns is bound to its device: to JAX an input of another kind, with a program of its own.
+    starts = jax.tree.map(lambda actions: jnp.asarray(np.asarray(actions)), made)
     return look_and_descend(
         job.world, planner, job.memory, shared(config), job.searched, starts, jnp.int32(len(changes)), jnp.int32(0),
         extra_cost,

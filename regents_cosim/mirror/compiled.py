@@ -10,6 +10,7 @@ position at 100 m would be off by 5 cm.
 
 from collections.abc import Callable, Mapping
 from functools import partial, wraps
+from threading import RLock
 from typing import Any
 
 import equinox as eqx
@@ -22,6 +23,8 @@ from regents_cosim.mirror.traces import traced
 COMPILER_OPTIONS: Mapping[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_prefer_vector_width": 512}
 
 _new: list[str] = []  # programs traced since there was last looked for room
+_made: set[Any] = set()  # programs, by function and shapes, that are there
+_turn = RLock()
 
 
 def compiled(function: Any = None, **how: Any) -> Any:
@@ -38,8 +41,15 @@ def compiled(function: Any = None, **how: Any) -> Any:
     def run(*given: Any, **named: Any) -> Any:
         if _new:
             _new.clear()
-            make_room()
-        return program(*given, **named)
+            if make_room():
+                _made.clear()
+        wanted = (function, *(getattr(leaf, "shape", None) for leaf in jax.tree.leaves((given, named))))
+        if wanted in _made:
+            return program(*given, **named)
+        with _turn:  # of threads that want the same new program one makes it, and the others wait for it
+            result = program(*given, **named)
+        _made.add(wanted)
+        return result
 
     vars(run)["lower"] = program.lower  # to look at what is compiled
     return run
