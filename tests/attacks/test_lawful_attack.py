@@ -51,10 +51,11 @@ def turning_world():
 
 def test_its_map_ends_at_the_centre_line_and_at_a_solid_line_and_leaves_the_road_as_it_was():
     world, origin = turning_world(), scene_origin(scenario(EGO, TURN))
-    x = jnp.full((1, 3), 50.0 - origin[0], jnp.float32)
     y = jnp.array([[1.7, 4.9, -1.7]], jnp.float32) - jnp.float32(origin[1])
-    assert (np.asarray(world.own_road(x, y, None))[0] < 0.5).tolist() == [True, False, False]
-    assert (np.asarray(world.road(x, y, None))[0] < 0.5).all()
+    near, far = (jnp.full((1, 3), x - origin[0], jnp.float32) for x in (15.0, 50.0))
+    assert (np.asarray(world.own_road(near, y, None))[0] < 0.5).tolist() == [True, False, False]
+    assert (np.asarray(world.own_road(far, y, None))[0] < 0.01).all()  # far from the ego all is road
+    assert (np.asarray(world.road(near, y, None))[0] < 0.5).all()
 
 
 def test_without_lanes_its_map_is_the_road():

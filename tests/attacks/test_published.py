@@ -152,12 +152,12 @@ def test_fillers_count_as_places():
 def test_a_step_of_adam_moves_far_by_steering_and_hardly_by_accelerating():
     """The end point after 9 s at 7.4 m/s: 4 cm and 2.2 m, of which ReGentS takes half."""
     world = replace(to_world(scene((0, 0, 7.4), (50, 0, 7.4), (90, 6.4, 7.4))), dt=jnp.float32(9 / 80))
-    logged = roll_out_published(world, Controls(jnp.zeros((8, 80)), jnp.zeros((8, 80))))
+    logged = roll_out_published(world, Controls(jnp.zeros((16, 80)), jnp.zeros((16, 80))))
     moved = []
     for config in (KING, REGENTS):
         step = published.in_physical_units(Controls(jnp.float32(1e-3), jnp.float32(1e-3)), config)
         accel, curvature = step.accel * ACCEL_LIMIT, step.curvature * CURVATURE_LIMIT
-        controls = Controls(jnp.zeros((8, 80)).at[1].set(accel), jnp.zeros((8, 80)).at[2].set(curvature))
+        controls = Controls(jnp.zeros((16, 80)).at[1].set(accel), jnp.zeros((16, 80)).at[2].set(curvature))
         motion = roll_out_published(world, controls)
         moved += [motion.x[1, -1] - logged.x[1, -1], motion.y[2, -1] - logged.y[2, -1]]
     assert moved == pytest.approx([0.0405, 2.22, 0.0405, 1.11], rel=0.02)
@@ -165,7 +165,7 @@ def test_a_step_of_adam_moves_far_by_steering_and_hardly_by_accelerating():
 
 def test_braking_past_standstill_creeps_backwards():
     world = to_world(scene((0, 0, 10), (50, 0, 2)))
-    controls = Controls(jnp.zeros((8, 80)).at[1].set(-1.0), jnp.zeros((8, 80)))
+    controls = Controls(jnp.zeros((16, 80)).at[1].set(-1.0), jnp.zeros((16, 80)))
     motion = roll_out_published(world, controls)
     assert motion.speed[1, [20, 80]] == pytest.approx([0.0, -6.0], abs=1e-4)
     assert motion.x[1, 80] - motion.x[1, 0] == pytest.approx(2 * 8 - 0.5 * 8**2, abs=1e-3)
