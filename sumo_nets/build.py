@@ -258,16 +258,15 @@ NETWORKS = {
         turns("west east north south", straight=130, left=30, right=45),
         turns("west east north south", straight=50, left=0, right=15),
         {
-            "west_in north_out": 60,
-            "west_out south_out": 60,
-            "south_out east_in": 60,
-            "north_in east_out": 60,
-            "south_in north_out": 60,
-            "north_out south_out": 60,
-            "west_in west_leave": 50,
-            "west_out west_stop": 50,
-            "east_in east_leave": 50,
-            "east_out east_stop": 50,
+            **dict.fromkeys(("west_in north_out", "west_out south_out", "south_out east_in", "north_in east_out"), 60),
+            **dict.fromkeys(("south_in north_out", "north_out south_out"), 60),
+            **dict.fromkeys(
+                ("west_in west_leave", "west_out west_stop", "east_in east_leave", "east_out east_stop"), 50
+            ),
+            **dict.fromkeys(
+                ("west_in west_stop", "west_leave west_out", "east_in east_stop", "east_leave east_out"), 90
+            ),
+            **dict.fromkeys(("west_in south_out", "south_in east_out", "east_in north_out", "north_in west_out"), 60),
         },
     ),
     "street": Network(
@@ -277,16 +276,15 @@ NETWORKS = {
         along("west east", "south north", straight=230, turning=40),
         {"west_in east_out": 70, "east_in west_out": 70, "south_in east_out": 20, "north_in west_out": 20},
         {
-            "west_mid west_back": 60,
-            "west_back west_mid": 60,
-            "east_mid east_back": 60,
-            "east_back east_mid": 60,
-            "west_in west_back": 40,
-            "west_out south_in": 40,
-            "south_out west_mid": 40,
-            "east_in east_mid": 40,
-            "east_out north_in": 40,
-            "north_out east_back": 40,
+            **dict.fromkeys(
+                ("west_mid west_back", "west_back west_mid", "east_mid east_back", "east_back east_mid"), 60
+            ),
+            **dict.fromkeys(("west_in west_back", "west_out south_in", "south_out west_mid"), 40),
+            **dict.fromkeys(("east_in east_mid", "east_out north_in", "north_out east_back"), 40),
+            **dict.fromkeys(
+                ("west_out east_back", "east_back west_out", "west_mid east_out", "east_out west_mid"), 110
+            ),
+            **dict.fromkeys(("west_in south_out", "south_in west_mid", "north_in east_back", "east_in north_out"), 60),
         },
     ),
 }
