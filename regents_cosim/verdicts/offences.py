@@ -18,7 +18,7 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
-from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT, unknown_on_foot
+from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT, stepped_in_log, unknown_on_foot
 from regents_cosim.verdicts.oncoming import oncoming
 from regents_cosim.verdicts.priority import gives_no_way
 from regents_cosim.verdicts.right_of_way import priorities
@@ -59,7 +59,7 @@ def _offences(drive: AgentDrive, partner: AgentDrive, unknown: tuple[OffenceName
     dt = drive.scenario.dt
     for name, (measure, unit) in _measures(drive.scenario, drive.agent).items():
         act = None if name in unknown else measure(drive, partner)
-        if act is None:
+        if act is None or (name == "steps_out" and stepped_in_log(drive, act)):
             continue
         before = measure(log, None)
         if before is None or act.amount > before.amount + _SAME:

@@ -9,7 +9,7 @@ harder than RSS expects of a careful driver.
 import numpy as np
 
 from regents_cosim.judgement import OffenceName
-from regents_cosim.limits import OFF_ROAD_M
+from regents_cosim.limits import MOVED_M, OFF_ROAD_M
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct
 from regents_cosim.verdicts.priority import gives_no_way
@@ -58,7 +58,7 @@ def _steps_out(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | 
     Asked of the last time before they meet; the way is the one that the other then drives. The amount: metres too few.
     """
     ground = ground_of(drive.scenario)
-    if ground is None or partner is None:
+    if ground is None or partner is None:  # of a log there is no partner: `stepped_in_log`
         return None
     on = ground.on_carriageway(drive.centre)
     stepped = np.flatnonzero(on[1:] & ~on[:-1]) + 1
@@ -68,6 +68,16 @@ def _steps_out(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | 
     since = int(np.searchsorted(partner.steps, step))
     short = safe_distance(float(partner.speed[since]), 0.0) - float(partner.moved_m[since + 1 :].sum())
     return OffendingAct(step, drive.last - step + 1, short) if short > 0.0 else None
+
+
+def stepped_in_log(drive: AgentDrive, act: OffendingAct) -> bool:
+    """Whether it had come so in its log, up to the step at which it stepped out."""
+    log, upto = drive.scenario.original, slice(act.step + 1)
+    if log is None:
+        return True
+    own = drive.agent
+    away = np.hypot(drive.tracks.x[own, upto] - log.x[own, upto], drive.tracks.y[own, upto] - log.y[own, upto])
+    return not np.any(away > MOVED_M)
 
 
 MEASURES_ON_FOOT: dict[OffenceName, tuple[Measure, str]] = {

@@ -1,11 +1,14 @@
 """The law of who walks, on a street with one crossing: where, on which light, and with what regard to others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import crash, scene
 from walkers import moved_through, walked, zebra
 
-from regents_cosim.judgement import OFFENCES_ON_FOOT
+from regents_cosim.evaluation.crashes.scores import told_offences
+from regents_cosim.judgement import OFFENCES_ON_FOOT, Judgement
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.fault import fault
 from regents_cosim.verdicts.offences import law_of
@@ -50,6 +53,25 @@ def test_far_from_any_crossing_one_may_cross():
 def test_what_its_log_did_is_no_offence():
     across = FAR - 1.4 * np.maximum(TIME - 4.0, 0.0)  # behind the ego
     assert law_of(crossing(30.0, 0.3, log_y=across)).lawful is True
+
+
+def test_who_walks_as_in_its_log_does_nothing_against_the_law():
+    """Off the crossing, too near; and one that only changes after it has stepped out."""
+    walk = NEAR + 1.4 * np.maximum(TIME - 2.6, 0.0)
+    hit = crossing(30.0, 2.6, from_y=NEAR, log_y=walk)
+    slower = np.array(hit.tracks.y)
+    slower[1] = np.where(TIME > 3.6, walk[36] + 0.7 * (TIME - 3.6), walk)
+    for made in (hit, crash(hit.before_attack(), replace(hit.tracks, y=slower))):
+        assert law_of(made).adversary == ()
+
+
+def test_tables_count_the_law_of_the_kind():
+    hit = crossing(40.0, 0.3)
+    on_foot = replace(hit, judgement=Judgement((), law=law_of(hit)))
+    agents = tuple(replace(one, kind="car") if i else one for i, one in enumerate(hit.agents))
+    driven = replace(on_foot, agents=agents)
+    assert told_offences(on_foot) >= OFFENCES_ON_FOOT
+    assert told_offences(driven).isdisjoint(OFFENCES_ON_FOOT)
 
 
 def test_to_step_out_too_near_is_an_offence_but_on_green():
