@@ -125,7 +125,7 @@ class SearchRules:
     accept: Literal["any", "clean", "telling"] | None = None
     """which collisions end a search: any, one that nothing spoils, or only one that a careful driver avoids as well"""
     law: Literal["any", "strict"] | None = None
-    """strict: the adversary keeps to its own lanes and turns, to lights and to the speed limit"""
+    """strict: the adversary keeps to its own lanes and turns, to lights and to the speed limit; on foot to crossings"""
     starts: int | None = None
     """drives on other ways, timed to meet the ego, that are tried for each candidate before it is searched"""
     attempts: int | None = None
