@@ -5,6 +5,7 @@ import sys
 import hypothesis
 import jax
 import pytest
+from quick_xla import QUICK_XLA
 
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
@@ -31,13 +32,9 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("shared")
 
 
-# XLA's passes take half of the default suite. With the slow tests it runs as for users.
-QUICK_XLA = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
-
-
 def pytest_configure(config):
-    """Before JAX compiles the first program, and for the commands that tests start."""
-    if config.option.markexpr == "not slow":
+    """Before JAX compiles the first program, and for the commands that tests start; `make bench` asks for speed."""
+    if not config.option.benchmark_only:
         os.environ["XLA_FLAGS"] = f"{QUICK_XLA} {os.environ.get('XLA_FLAGS', '')}".strip()
 
 

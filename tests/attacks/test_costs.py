@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 from params import slow
+from quick_xla import ALL_PASSES
 from scenes import platoon, scene
 
 from regents_cosim.attacks import costs
@@ -14,6 +16,7 @@ from regents_cosim.attacks.presets import KING
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.geometry import boxes as host
 from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.compiled import COMPILER_OPTIONS
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.separation import distance
 from regents_cosim.mirror.world import to_world
@@ -215,10 +218,7 @@ def test_masked_agents_send_no_gradient():
 
 @pytest.mark.slow
 def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
-    """A minimum that XLA computes twice and rounds differently once lost the gradient of every tenth step.
-
-    With the slow tests, which XLA compiles with all its passes.
-    """
+    """A minimum that XLA computes twice and rounds differently once lost the gradient of every tenth step."""
     world, _, searched = prepared(scene((0, 0, 10), (20, 2.9, 9), (50, 3.2, 10)), [1])
     noise = 0.03 * np.random.default_rng(0).normal(size=(2, *world.controls.accel.shape)).astype(np.float32)
     controls = Controls(world.controls.accel + 6.0 * noise[0], world.controls.curvature + 0.3 * noise[1])
@@ -227,7 +227,7 @@ def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
     def moved(own):
         return world.boxes(with_ego(roll_out_background(world, own), jax.tree.map(lambda v: v[0], world.log)))
 
-    @eqx.filter_jit
+    @partial(eqx.filter_jit, compiler_options=COMPILER_OPTIONS | ALL_PASSES)
     def compiled(at):
         return jax.grad(lambda boxes: costs.total_cost(world, boxes, searched, KING).ego)(at)
 

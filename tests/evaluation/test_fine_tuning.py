@@ -14,6 +14,7 @@ from blind_weights import save_blind
 from hypothesis import given
 from hypothesis import strategies as st
 from params import slow
+from quick_xla import as_users_have_it
 from scenes import crash, platoon, scene
 
 from regents_cosim.cases.suite import SuiteWriter
@@ -318,7 +319,7 @@ def test_fine_tuning_from_the_command_line(folders, blind, tmp_path):
     pytest.importorskip("torch", reason="torch is an extra")
     out = tmp_path / "weights.safetensors"
     words = fine_tune(folders, "hard", out, "--resume", blind, "--json")
-    done = subprocess.run([REGENTS, *words], capture_output=True, text=True)
+    done = subprocess.run([REGENTS, *words], capture_output=True, text=True, env=as_users_have_it())
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)
     assert [(row["cases"], row["weights"], row["n"]) for row in rows] == [

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from places import ROOT
+from quick_xla import as_users_have_it
 from shipped_cases import crash_on
 
 from regents_cosim.cases.files import load_case
@@ -24,7 +25,7 @@ def blocks(language: str) -> list[str]:
 
 
 def run(command, folder):
-    environment = os.environ | {"PATH": f"{BIN}:{os.environ['PATH']}"}
+    environment = as_users_have_it() | {"PATH": f"{BIN}:{os.environ['PATH']}"}
     done = subprocess.run(command, shell=True, cwd=folder, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     return done.stdout
