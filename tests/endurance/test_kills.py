@@ -15,8 +15,3 @@ def kills(count, jobs, tmp_path):
 @pytest.mark.slow
 def test_killed_at_any_moment_nothing_is_lost_and_nothing_keeps_running(tmp_path):
     kills(4, [job for job in JOBS if job.name in ("record", "suite merge")], tmp_path)
-
-
-@pytest.mark.slow
-def test_every_command_may_be_killed(tmp_path):
-    kills(5 * len(JOBS), JOBS, tmp_path)

@@ -1,11 +1,6 @@
 """Short forms of the endless runs of tests/endurance: thousands of items are for their commands."""
 
-import json
-import subprocess
-import sys
-
 import pytest
-from params import slow
 
 from tests.endurance import live
 from tests.endurance.attacks import run
@@ -40,7 +35,7 @@ def test_memory_that_grows_is_found(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("where", [slow("sumo"), "highway"])
+@pytest.mark.parametrize("where", ["sumo", "highway"])
 def test_replays_leave_nothing(where):
     found = play(8, where, every=2, check_memory=False)
     assert (found["count"], found["failures"], found["grown"]) == (8, {}, [])
@@ -57,14 +52,3 @@ def test_attacks_leave_nothing():
 def test_live_episodes_leave_nothing():
     found = live.run(6, every=2, check_memory=False)
     assert (found["count"], found["failures"], found["grown"]) == (6, 0, [])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("words", ["replays --count 400 --where sumo", "replays --count 400 --where highway",
-                                   "attacks --count 200", "live --count 60"])  # fmt: skip
-def test_long_runs_keep_no_memory(words):
-    """In a process of its own, whose threads share one heap from the beginning."""
-    name, *options = words.split()
-    done = subprocess.run([sys.executable, "-m", f"tests.endurance.{name}", *options], capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert json.loads(done.stdout)["grown"] == []

@@ -6,11 +6,8 @@ from tests.endurance.writers import run
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("rounds", "writers", "adds"), [(1, 3, 4), pytest.param(10, 4, 25, marks=pytest.mark.slow, id="long")]
-)
-def test_what_several_processes_write_at_once_is_all_there(rounds, writers, adds, tmp_path):
-    tally = run(rounds, writers, adds, tmp_path)
+def test_what_several_processes_write_at_once_is_all_there(tmp_path):
+    tally = run(1, 3, 4, tmp_path)
     assert not tally.failures, tally.problems
-    assert tally.cases_saved == rounds * (writers * adds + 1)
+    assert tally.cases_saved == 3 * 4 + 1
     assert tally.reads
