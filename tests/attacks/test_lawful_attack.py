@@ -34,6 +34,7 @@ from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.verdicts.judge import judge
 
 FEW = replace(REGENTS_FOCUSED, iterations=40, nearest=2, starts=6)
+WINDOWS = ("crossing", "signals")
 TURN = straight("a", 60.0, 1.7, np.pi, 12.0)  # on the inner of two lanes to the west, a solid line between
 
 
@@ -147,29 +148,32 @@ def check_telling(cases):
     return len(crashes)
 
 
-@pytest.mark.slow
-def test_what_a_search_under_the_law_accepts_tells_something():
-    windows = [shipped_window(name) for name in ("crossing-1", "signals")]
-    assert check_telling(attack(windows, replace(FEW, iterations=100, nearest=8, starts=12), "idm")) > 0
+def searched(engine="threads"):
+    windows = [shipped_window(name) for name in WINDOWS]
+    return [case for some in attack_each(windows, FEW, "idm", batch=4, engine=engine) for case in some]
+
+
+@pytest.fixture(scope="module")
+def threads():
+    return searched()
 
 
 @pytest.mark.slow
-def test_the_same_search_finds_the_same():
-    windows = [shipped_window(name) for name in ("crossing", "signals-1")]
-    for one, other in zip(*(list(attack(windows, FEW, "idm")) for _ in range(2)), strict=True):
+def test_what_a_search_under_the_law_accepts_tells_something(threads):
+    assert check_telling(threads) > 0
+
+
+@pytest.mark.slow
+def test_the_same_search_finds_the_same(threads):
+    for one, other in zip(threads, searched(), strict=True):
         assert one.attack == other.attack
         for name in ("x", "y", "yaw", "speed"):
             np.testing.assert_array_equal(getattr(one.tracks, name), getattr(other.tracks, name))
 
 
 @pytest.mark.slow
-def test_threads_and_lanes_search_under_the_law_alike():
-    windows = [shipped_window(name) for name in ("crossing", "signals-1")]
-    threads, lanes = (
-        [case for some in attack_each(windows, FEW, "idm", batch=4, engine=engine) for case in some]
-        for engine in ("threads", "batched")
-    )
-    check_telling(threads)
+def test_threads_and_lanes_search_under_the_law_alike(threads):
+    lanes = searched("batched")
     check_telling(lanes)
     assert {case.attack.case for case in threads} == {case.attack.case for case in lanes}
     outcomes = [{(c.attack.case, c.attack.outcome) for c in found} for found in (threads, lanes)]
@@ -178,8 +182,8 @@ def test_threads_and_lanes_search_under_the_law_alike():
 
 @pytest.mark.slow
 def test_without_the_law_adversaries_break_it():
-    windows = [shipped_window(name) for name in ("crossing", "crossing-1", "signals-1")]
-    free = replace(FEW, law="any", accept="clean", starts=0, attempts=1, iterations=150, nearest=5)
+    windows = [shipped_window(name) for name in WINDOWS]
+    free = replace(FEW, law="any", accept="clean", starts=0, attempts=1, sampled=0, iterations=150, nearest=4)
     laws = [judge(case).judgement.law for case in attack(windows, free, "idm") if case.attack.collision]
     assert any(law.lawful is False for law in laws)
 

@@ -178,9 +178,9 @@ def test_bars_are_as_high_as_their_shares(tmp_path):
 
 @pytest.mark.slow
 def test_our_preset_finds_more_telling_crashes_than_those_of_the_papers(tmp_path):
-    """The table of the README on a few windows of two networks, one of which had no say in any choice."""
+    """The table of the README on a few windows of a network that had no say in any choice."""
     program = Path(sys.executable).parent / "regents"
-    small = ["--nets", "crossing", "--nets", "merge", "--count", "4", "--seed", "3", "--adversaries", "one"]
+    small = ["--nets", "merge", "--count", "4", "--seed", "3", "--adversaries", "one"]
     done = subprocess.run(
         [str(program), "bench", "table1", *small, "-o", str(tmp_path), "--quiet"], capture_output=True, text=True
     )
@@ -188,7 +188,7 @@ def test_our_preset_finds_more_telling_crashes_than_those_of_the_papers(tmp_path
     table = json.loads((tmp_path / "table1.json").read_text())
     found = {row["method"]: row for row in table["scores"]}
     assert set(found) == {"king", "regents", "focused"}
-    assert found["focused"]["n"] >= 6
+    assert found["focused"]["n"] >= 3
     assert found["focused"]["telling_percent"] >= 50.0
     assert not found["focused"]["flaws"]
     against = [c for c in table["comparisons"] if (c["second"], c["count"]) == ("focused", "telling")]

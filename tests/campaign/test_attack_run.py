@@ -186,10 +186,10 @@ def undisturbed(tmp_path_factory):
 
 @pytest.mark.slow
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(undisturbed, tmp_path):
-    """Killed while it records, searches the first window, the second and the fourth: none of them is the last line."""
+    """Killed while it records and while it searches the second window."""
     rng = random.Random(0)
     ledger = tmp_path / "other" / ".run" / "ledger.jsonl"
-    for lines in (1, 2, 3, 5):
+    for lines in (1, 3):
         assert not regents(*COMMAND, "other", cwd=tmp_path, killed=begun(ledger, lines, rng.uniform(0.0, 0.1)))
     assert regents(*COMMAND, "other", cwd=tmp_path)
     assert tree(tmp_path / "other") == tree(undisturbed)

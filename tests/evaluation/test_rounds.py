@@ -167,6 +167,7 @@ def test_killed_in_its_last_training_it_ends_with_the_same_bytes(tmp_path, monke
     """Egos that stand have nothing to lose at the gate, so that what a blind planner learns is kept."""
     pytest.importorskip("torch", reason="torch is an extra")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("regents_cosim.evaluation.training.learning.SHARES", (1.0,))  # fewer drives to choose by
     blind, output = save_blind(Path("blind.safetensors")), Path("tuned.safetensors")
     standing = [scene((0, 0, 0.0), (30.0 + at, 3.2, 10.0), name=f"stands{at}") for at in range(7)]
     copies = Copies()
