@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 from places import ROOT
+from short_searches import short_commands, short_script
 
 import regents_cosim
 from regents_cosim.cases.manifest import load_manifest
@@ -112,12 +113,6 @@ def a_suite(folder: Path) -> None:
 BEFORE = {"how-to/sumo": sumo_files, "how-to/live": sumo_files, "how-to/logs": a_table, "file-formats": a_suite}
 
 
-def shortened(text: str) -> str:
-    """Commands for two windows and half a minute, where a page asks for more of the same."""
-    text = re.sub(r"--count (\d+)", lambda asked: f"--count {min(int(asked[1]), 2)}", text)
-    return re.sub(r"--minutes \d+", "--minutes 0.5", text)
-
-
 def shell(text: str, folder: Path) -> None:
     environment = os.environ | {"PATH": f"{BIN}:{os.environ['PATH']}"}
     done = subprocess.run(["bash", "-euc", text], cwd=folder, capture_output=True, text=True, env=environment)
@@ -140,9 +135,9 @@ def run_page(page: Path, folder: Path) -> None:
         if "CASE" in text:
             text = text.replace("CASE", load_manifest(folder / "suite").cases[0].case)
         if block.language == "bash":
-            shell(shortened(text), folder)
+            shell(short_commands(text), folder)
         elif block.language == "python" and not file_of(block):
-            (folder / "example.py").write_text(text)
+            (folder / "example.py").write_text(short_script(text))
             shell("python example.py", folder)
 
 
