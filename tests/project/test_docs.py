@@ -76,7 +76,7 @@ def named_file(name: str) -> Path:
 
 @pytest.mark.parametrize("page", NAMED)
 def test_files_that_it_names_exist(page):
-    for name in re.findall(r"`((?:\w+/)+\w+\.(?:py|yml|toml))`", (ROOT / page).read_text()):
+    for name in re.findall(r"`((?:[\w-]+/)+[\w-]+\.(?:py|yml|toml|md|js))`", (ROOT / page).read_text()):
         assert "yours" in name or named_file(name).is_file(), f"{page}: {name}"
 
 
