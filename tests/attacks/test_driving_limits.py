@@ -173,7 +173,7 @@ def felt(tracks, agent, dt, end):
 @pytest.mark.parametrize("name", ["crossing"])
 def test_the_adversary_of_a_crash_drives_as_hard_as_the_traffic(name):
     made = shipped_window(name)
-    few = replace(REGENTS_FOCUSED, iterations=100)
+    few = replace(REGENTS_FOCUSED, iterations=40, nearest=3)
     crashes = [case for case in attack([made], few, "idm") if case.attack.outcome == "collision"]
     for case in crashes:
         hit = case.attack.collision
