@@ -10,6 +10,7 @@ import pytest
 from places import ROOT
 from quick_xla import as_users_have_it
 from shipped_cases import crash_on
+from short_searches import short_commands, short_script
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
@@ -52,7 +53,7 @@ def test_a_planner_of_your_own(tmp_path):
 @pytest.mark.slow
 def test_in_python(tmp_path):
     (example,) = (block for block in blocks("python") if "for attacked in attack" in block)
-    (tmp_path / "example.py").write_text(example)
+    (tmp_path / "example.py").write_text(short_script(example))
     said = run(f"{BIN}/python example.py", tmp_path).split()
     assert "collision" in said
     assert said.count("True") == said.count("collision")
@@ -76,7 +77,7 @@ def test_on_your_own_traffic(tmp_path):
     (tmp_path / "your.sumocfg").symlink_to(net / "grid.sumocfg")
     (block,) = (block for block in blocks("bash") if "your.sumocfg --planner" in block)
     lines = [line.split("#")[0].strip() for line in block.splitlines() if line.startswith("regents")]
-    run(f"{lines[0]} --count 1", tmp_path)
+    run(short_commands(f"{lines[0]} --count 1"), tmp_path)
     case = load_manifest(tmp_path / "suite").cases[0].case
     for line in lines[1:]:
         run(line.replace("CASE", case), tmp_path)
