@@ -53,7 +53,9 @@ def main() -> int:
     """The command; 1 where something failed or has grown."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=1000)
-    found = run(parser.parse_args().count, talk=True)
+    parser.add_argument("--longest", type=float, default=8.0, help="seconds after which an episode ends")
+    asked = parser.parse_args()
+    found = run(asked.count, longest_s=asked.longest, talk=True)
     print(json.dumps(found))
     return int(bool(found["failures"] or found["grown"]))
 

@@ -2,9 +2,10 @@
 
     python tests/speed/live_looks.py ../shared/data/sumo/bologna_acosta/run.sumocfg --after 600 --count 100
 
-At each look there are 31 others within 100 m, and the ego is another one, far from the one before: nothing is known
-of the road there. Each is timed three times, of which the least counts. A table of percentiles is printed, and a digest
-of all plans, by which two versions are compared.
+At each look there are 31 others within 100 m, and the ego is another one, far from the one before. The road around it
+is prepared in a step before the look, as it is in a run; not for an ego's very first look (`--first`). Each look is
+timed three times, of which the least counts. A table of percentiles is printed, and a digest of all plans, by which two
+versions are compared.
 """
 
 import argparse
@@ -35,8 +36,8 @@ _MOVING_M_S, _FAR_M = 3.0, 80.0
 class _Looks:
     """Looks in one simulation."""
 
-    def __init__(self, sumo: Any, planner: str) -> None:
-        self._sumo, self._reader = sumo, Reader(sumo, _RADIUS_M)
+    def __init__(self, sumo: Any, planner: str, first: bool) -> None:
+        self._sumo, self._reader, self._first = sumo, Reader(sumo, _RADIUS_M), first
         self._search = Search(planner, live_config("focused"))
         self._last = np.full(2, np.inf)
         self._had: set[str] = set()
@@ -58,6 +59,8 @@ class _Looks:
             self._search.forget()
             moments = Moments(Mirror(), _HORIZON_S)
             replanner = Replanner(SumoHost(self._sumo, self._reader), self._search, moments, history)
+            if not self._first:
+                replanner.prepare(frame)
             begun = time.process_time()
             found = replanner.fresh(frame, ())
             took.append(1e3 * (time.process_time() - begun))
@@ -79,14 +82,14 @@ class _Looks:
         return None
 
 
-def measure(config: Path, after_s: float, count: int, planner: str) -> _Looks:
+def measure(config: Path, after_s: float, count: int, planner: str, first: bool = False) -> _Looks:
     """So many looks, after one that compiles all programs."""
     keep_compiled_programs()
     options = {"step-length": "0.1", "seed": "11", **CRASHES_STAY}
     with running_sumo(["-c", str(config), *(w for k, v in options.items() for w in (f"--{k}", v))]) as sumo:
         begin = float(sumo.simulation.getTime()) + after_s
         sumo.simulationStep(begin)
-        looks = _Looks(sumo, planner)
+        looks = _Looks(sumo, planner, first)
         while len(looks.took_ms) < count + 1 and sumo.simulation.getMinExpectedNumber() > 0:
             sumo.simulationStep(float(sumo.simulation.getTime()) + _EACH_S)
             looks.look()
@@ -100,9 +103,10 @@ def main() -> None:
     parser.add_argument("--after", type=float, default=600.0, help="simulated seconds before the first look")
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--planner", default="idm")
+    parser.add_argument("--first", action="store_true", help="with what an ego's first look has to do besides")
     parser.add_argument("--plans", action="store_true", help="print what each look found")
     asked = parser.parse_args()
-    looks = measure(asked.config, asked.after, asked.count, asked.planner)
+    looks = measure(asked.config, asked.after, asked.count, asked.planner, asked.first)
     took, plans = np.array(looks.took_ms[1:]), looks.plans[1:]
     if asked.plans:
         print("\n".join(f"{ms:6.1f} ms  {plan}" for ms, plan in zip(took, plans, strict=True)))
