@@ -2,7 +2,7 @@
 
 Two policies learn by DQN on highway-env's `highway-fast-v0`, one of them attacked in every second episode. Then both
 drive on seeds that neither has seen, in ordinary traffic and attacked. Needs `pip install 'regents_cosim[sb3]'`, and
-takes about a quarter of an hour on two cores; `--steps 200 --episodes 5` shows the same in a minute.
+takes about an hour of one core; `--steps 200 --episodes 5` shows the same in a minute.
 """
 
 import argparse
