@@ -1,6 +1,5 @@
 """One search, compiled as a whole: of the method as its papers have it, or as its public code does."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -74,7 +73,7 @@ def descend(
 
     Where `config` looks at starts, it is by the program that looks at several of them.
     """
-    starts = None if job.start is None else with_room([job.start], config)
+    starts = None if job.start is None else _with_room(job.start, config)
     found, _ = look_and_descend(
         job.world, planner, job.memory, shared(config), job.searched, starts, jnp.int32(1), jnp.int32(iterations),
         extra_cost,
@@ -82,11 +81,10 @@ def descend(
     return found
 
 
-def with_room(starts: Sequence[Controls], config: AttackConfig) -> Controls:
-    """Actions [start searched step] of one or more starts; the last fills the room that a program has for them."""
-    room = max(LOOKED_AT if config.starts else 1, len(starts))
-    filled = [*starts, *[starts[-1]] * (room - len(starts))]
-    return jax.tree.map(lambda *actions: jnp.asarray(np.stack(actions)), *filled)
+def _with_room(start: Controls, config: AttackConfig) -> Controls:
+    """Actions [start searched step]: a start, as often as the program has room for one."""
+    room = LOOKED_AT if config.starts else 1
+    return jax.tree.map(lambda actions: jnp.asarray(np.repeat(np.asarray(actions)[None], room, axis=0)), start)
 
 
 def shared(config: AttackConfig) -> AttackConfig:
