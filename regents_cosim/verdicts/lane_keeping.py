@@ -37,6 +37,7 @@ def from_lane_centre(
     runs = turn < ALONG_RAD
     if road.raised:
         points = np.stack([x, y], axis=-1)
-        runs &= [bool(same_level(height_on(road.lanes[k], points[i]), z[i])) for i, k in zip(place, lane, strict=True)]
+        at_level = [same_level(height_on(road.lanes[k], points[i]), z[i]) for i, k in zip(place, lane, strict=True)]
+        runs &= np.array(at_level, bool)  # of places beside all lanes there are none
     np.minimum.at(found, place[runs], shapely.distance(line, where[place])[runs])
     return found

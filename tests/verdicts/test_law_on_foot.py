@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from scenes import crash, scene
 from walkers import moved_through, walked, zebra
 
 from regents_cosim.evaluation.crashes.scores import told_offences
 from regents_cosim.judgement import OFFENCES_ON_FOOT, Judgement
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.fault import fault
+from regents_cosim.verdicts.lane_keeping import from_lane_centre
 from regents_cosim.verdicts.offences import law_of
 
 TIME = 0.1 * np.arange(81)
@@ -63,6 +66,13 @@ def test_who_walks_as_in_its_log_does_nothing_against_the_law():
     slower[1] = np.where(TIME > 3.6, walk[36] + 0.7 * (TIME - 3.6), walk)
     for made in (hit, crash(hit.before_attack(), replace(hit.tracks, y=slower))):
         assert law_of(made).adversary == ()
+
+
+def test_beside_all_lanes_of_a_hilly_map_no_lane_is_near():
+    lane = Lane("up", np.array([[0.0, 0.0], [100.0, 0.0]]), 3.2, 15.0, height=np.array([0.0, 5.0]))
+    road = RoadMap((lane,), (), shapely.box(0.0, -2.0, 100.0, 2.0))
+    beside = from_lane_centre(road, np.array([50.0]), np.array([30.0]), np.zeros(1), np.zeros(1))
+    assert np.isinf(beside).all()
 
 
 def test_tables_count_the_law_of_the_kind():
