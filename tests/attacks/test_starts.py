@@ -26,7 +26,7 @@ from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.ordinary import CAR
 from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
-WINDOWS = ("crossing", "signals", *map(slow, ("crossing-1", "signals-2", "roundabout-1", "merge", "grid-1")))
+WINDOWS = ("crossing", "signals", *map(slow, ("roundabout-1", "merge")))
 
 
 def ego_of(made):
