@@ -54,8 +54,11 @@ def test_an_attack_goes_on(tmp_path):
 
 
 def written(folder):
-    """Lines of all ledgers below a folder."""
-    return sum(len(ledger.read_bytes().splitlines()) for ledger in folder.rglob("ledger.jsonl"))
+    """Lines of all ledgers below a folder, 0 while one of them is moved or removed."""
+    try:
+        return sum(len(ledger.read_bytes().splitlines()) for ledger in folder.rglob("ledger.jsonl"))
+    except FileNotFoundError:
+        return 0
 
 
 @pytest.mark.slow
