@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from crossing_scenes import EGO, scenario, straight
+from crossing_scenes import EGO, LANE_Y, scenario, straight
 from hypothesis import given
 from hypothesis import strategies as st
 from jax.test_util import check_grads
@@ -35,6 +35,7 @@ from regents_cosim.verdicts.judge import judge
 
 FEW = replace(REGENTS_FOCUSED, iterations=40, nearest=2, starts=6)
 WINDOWS = ("crossing", "signals")
+NEARER_EGO = straight("ego", 10.0, LANE_Y, 0.0, 10.0)
 TURN = straight("a", 60.0, 1.7, np.pi, 12.0)  # on the inner of two lanes to the west, a solid line between
 
 
@@ -71,7 +72,7 @@ def test_without_lanes_its_map_is_the_road():
 def test_the_road_cost_under_the_law_has_the_gradient_of_finite_differences(x64):
     """A car that drifts across the centre line, by an amount."""
     world = jax.tree.map(
-        lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, lawful_world(scenario(EGO, TURN))
+        lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, lawful_world(scenario(NEARER_EGO, TURN))
     )
     searched = SearchedAgents.only(1, len(world.valid))
     turn = world.controls.curvature.at[1].add(1e-2)
