@@ -44,7 +44,7 @@ endif
 test: .venv/installed-dev  ## everything but the slow tests
 	$(BIN)/python -m pytest $(TWO)
 
-test-all: .venv/installed-dev browser  ## everything, half an hour
+test-all: .venv/installed-dev browser  ## everything
 	$(BIN)/python -m pytest $(TWO) -m ''
 
 test-oldest:  ## the tests with the lowest version of every package that is allowed, in an environment of its own
