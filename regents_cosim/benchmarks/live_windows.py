@@ -40,7 +40,7 @@ class LiveWindow:
 class LiveWindowEnd:
     """How it went."""
 
-    met: str | None  # whom the ego touched first
+    met: str | None  # the road user that the ego touched first
     attacks: int = 0
     case: Scenario | None = None  # the crash with its adversary, judged
     told: tuple[str, ...] = ()
