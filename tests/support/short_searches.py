@@ -7,10 +7,17 @@ SHORT = {"iterations": 40, "nearest": 2, "attempts": 1}
 
 def short_commands(text: str) -> str:
     """Lines of a shell: short searches where nothing else is said, in two windows, or of half a minute."""
-    few = "".join(f" --{name} {value}" for name, value in SHORT.items() if f"--{name}" not in text)
-    text = text.replace("regents attack ", f"regents attack{few} ")
+    text = re.sub(r"regents attack .*(?:(?<=\\)\n.*)*", lambda command: _short_attack(command[0]), text)
     text = re.sub(r"--count (\d+)", lambda asked: f"--count {min(int(asked[1]), 2)}", text)
     return re.sub(r"--minutes \d+", "--minutes 0.5", text)
+
+
+def _short_attack(command: str) -> str:
+    """One command. KING and ReGentS search once a window, which is short as it is."""
+    if re.search(r"--method (king|regents)", command):
+        return command
+    few = "".join(f" --{name} {value}" for name, value in SHORT.items() if f"--{name}" not in command)
+    return command.replace("regents attack ", f"regents attack{few} ", 1)
 
 
 def short_script(text: str) -> str:

@@ -191,7 +191,7 @@ def live(
     output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """How often an adversary that aims from scratch crashes the planner among SUMO's live traffic, in windows of a folder.
+    """How often an adversary that aims from scratch crashes the planner in SUMO's live traffic, in a folder's windows.
 
     Each begins as the case did before its attack; from there on SUMO drives all but the ego, which the planner does,
     left alone once and attacked once.
