@@ -72,7 +72,7 @@ def acts(
 ) -> dict[int, OffendingAct]:
     """What each of two that met at `step` did of one kind, whatever their logs did, and not before the step `since`.
 
-    Empty where that is not known, and for whom there is no such offence.
+    Empty where that is not known, and for road users that have no such offence.
     """
     one, two = (driven(attacked, agent, step, since) for agent in agents)
     found = {agent: _act(name, *drives) for agent, drives in zip(agents, ((one, two), (two, one)), strict=True)}

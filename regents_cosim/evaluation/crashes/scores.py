@@ -81,7 +81,7 @@ class MethodScores:
     crashes: int
     kinds: dict[str, int]
     impact_m_s: float | None  # mean relative speed at the contact
-    death_risk_percent: float | None  # mean over the pedestrians whom the ego's front hit; None: there were none
+    death_risk_percent: float | None  # mean over the pedestrians that the ego's front hit; None: there were none
     flaws: dict[str, int]  # crashes that each of them spoils
     avoidable_percent: float
     avoidable_in_time_percent: float  # also by an answer to what was to be seen, 0.75 s after it was
