@@ -9,7 +9,7 @@ from jaxtyping import Float
 from regents_cosim.mirror.bicycle import Controls, clip
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
-from regents_cosim.mirror.world import World, to_world
+from regents_cosim.mirror.world import World, to_roadless_world
 from regents_cosim.scenario import Scenario
 
 
@@ -31,7 +31,7 @@ def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> Reconstru
     """Position errors over all agents and valid steps of `scenarios`."""
     smooth, local = [], []
     for scenario in scenarios:
-        world = to_world(scenario)
+        world = to_roadless_world(scenario)
         smooth.append(_errors(world, world.controls))
         local.append(_errors(world, clip(world.mobility.controls_between(world.log, world.dt))))
     fitted, differences = 100.0 * np.concatenate(smooth), 100.0 * np.concatenate(local)

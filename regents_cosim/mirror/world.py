@@ -20,7 +20,7 @@ from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.levels import HeightMap, to_height_map
-from regents_cosim.mirror.road_field import RoadField, blur
+from regents_cosim.mirror.road_field import RoadField, all_road, blur
 from regents_cosim.mirror.separation import Box
 from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Kind, Scenario, Tracks
 
@@ -66,9 +66,7 @@ class World(eqx.Module):
 
     def without_road(self) -> "World":
         """The same for programs that ask nothing of the road, so that its size needs none of its own."""
-        return dataclasses.replace(
-            self, road=dataclasses.replace(self.road, cells=jnp.zeros((1, 4))), own_road=None, bounds=None, lanes=None
-        )
+        return dataclasses.replace(self, road=all_road(), own_road=None, bounds=None, lanes=None)
 
     @property
     def mobility(self) -> Mobility:
@@ -104,6 +102,11 @@ def scene_origin(scenario: Scenario) -> Float[np.ndarray, " 2"]:
 def padded_agents(agents: int) -> int:
     """How many agents a World has that holds so many real ones."""
     return next((size for size in AGENT_BUCKETS if size >= agents), agents)
+
+
+def to_roadless_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
+    """As `to_world`, but that all of it is road: for drives, which ask nothing of the road's field."""
+    return to_world(scenario, dynamics, road=all_road())
 
 
 def to_world(

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import decide, move_ego, others
-from regents_cosim.mirror.world import World, scene_origin, to_world
+from regents_cosim.mirror.world import World, scene_origin, to_roadless_world
 from regents_cosim.planners.closed_loop import move, scene_of
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
@@ -64,7 +64,7 @@ class LoopDriver:
 
     def start(self, scenario: Scenario, world: World | None = None) -> None:
         """Prepare for `scenario`, whose `world` may be known. Raises DriveError where the planner fails."""
-        self._world = to_world(scenario) if world is None else world
+        self._world = to_roadless_world(scenario) if world is None else world
         self._scene = LoopScene(scenario, self._world)
         self._memory = start(self._loop, self._scene, self._name)
 
@@ -94,7 +94,7 @@ class HostDriver:
 
     def start(self, scenario: Scenario, world: World | None = None) -> None:
         """Prepare for `scenario`, whose `world` may be known. Raises DriveError where the planner fails."""
-        self._world = to_world(scenario) if world is None else world
+        self._world = to_roadless_world(scenario) if world is None else world
         self._origin = np.array([*scene_origin(scenario), 0.0, 0.0])
         self._process.reset([scene_of(scenario)])
 

@@ -41,8 +41,8 @@ from regents_cosim.scenario import Scenario
 class LoopScene:
     """What a planner is told before the first step: the scenario, and the same on the device.
 
-    The device's coordinates are the map's less `origin`. A planner that looks at later steps of
-    the tracks knows the future; only `log_replay` is meant to.
+    The device's coordinates are the map's less `origin`. The map is in the scenario: on the device all is road, but in
+    some attacks. A planner that looks at later steps of the tracks knows the future; only `log_replay` is meant to.
     """
 
     scenario: Scenario

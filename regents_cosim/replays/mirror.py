@@ -8,7 +8,7 @@ import numpy as np
 
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import EgoTrack, drive, with_ego
-from regents_cosim.mirror.world import World, to_tracks, to_world
+from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
@@ -45,11 +45,11 @@ class MirrorDriver:
 
     def drive(self, scenario: Scenario) -> MirrorDrive:
         """The tracks of `scenario`, its ego driven in closed loop. Raises DriveError."""
-        world = to_world(scenario)
+        world = to_roadless_world(scenario)
         if self._loop is not None:
             memory = start(self._loop, LoopScene(scenario, world), self.planner)
             with foreign(self.planner, scenario.id):
-                track = jax.block_until_ready(_drive(self._loop, memory, world.without_road()))
+                track = jax.block_until_ready(_drive(self._loop, memory, world))
             require_finite(track.controls, self.planner, scenario.id)
             return MirrorDrive(_with_ego(scenario, world, track))
         with self._hosts.lend() as process:

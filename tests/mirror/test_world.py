@@ -1,11 +1,12 @@
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from scenes import platoon, scene
 
 from regents_cosim.mirror.rollout import roll_out_background
-from regents_cosim.mirror.world import scene_origin, to_tracks, to_world
+from regents_cosim.mirror.world import scene_origin, to_roadless_world, to_tracks, to_world
 
 
 def partly_absent():
@@ -43,6 +44,16 @@ def test_padding_is_never_valid_and_finite():
     assert not world.vehicle[9:].any()
     motion = roll_out_background(world, world.controls)
     assert np.isfinite(motion.x).all()
+
+
+def test_without_its_road_a_world_is_the_same_and_all_road():
+    scenario = partly_absent()
+    world, bare = to_world(scenario), to_roadless_world(scenario)
+    jax.tree.map(np.testing.assert_array_equal, replace(world, road=bare.road), bare)
+    jax.tree.map(np.testing.assert_array_equal, world.without_road(), bare)
+    away = world.start.y + 50.0
+    assert world.road(world.start.x, away)[0] == 1.0
+    assert bare.road(world.start.x, away)[0] == 0.0
 
 
 def test_far_from_the_origin_nothing_is_lost():

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.world import World, to_tracks, to_world
+from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.scenario import Scenario, Tracks
 
 Part = Literal["both", "accel", "curvature"]
@@ -35,8 +35,8 @@ class WayBack:
         logged = attacked.original or attacked.tracks
         # With the ego where it is, so that both have one origin on the device.
         among = replace(attacked, tracks=_with_row(logged, attacked.tracks, 0), original=logged)
-        self._attacked, self._agent, self._logged = attacked, agent, to_world(among)
-        self._world = to_world(attacked)
+        self._attacked, self._agent, self._logged = attacked, agent, to_roadless_world(among)
+        self._world = to_roadless_world(attacked)
 
     def at(self, share: float, part: Part) -> Scenario:
         """The case with that share of the attack left in the controls of the agent, or in a `part` of them.

@@ -19,9 +19,9 @@ def actions(scenario: Scenario) -> Float[np.ndarray, "2 agent step"]:
     found = _inverse(scenario)
     off = _missed(scenario, found)
     if off.any():
-        from regents_cosim.mirror.world import to_world  # JAX is needed for fits only
+        from regents_cosim.mirror.world import to_roadless_world  # JAX is needed for fits only
 
-        controls, agents = to_world(scenario, "highway").controls, len(scenario.agents)
+        controls, agents = to_roadless_world(scenario, "highway").controls, len(scenario.agents)
         fitted = np.stack([np.asarray(v, float)[:agents] for v in (controls.accel, controls.curvature)])
         found[:, off] = fitted[:, off]
     return found
