@@ -7,6 +7,7 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import heading_near
 from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
@@ -51,10 +52,7 @@ def _next(road: RoadMap, lane: Lane) -> set[str | None]:
 
 
 def _leads(lane: Lane, place: Float[np.ndarray, " 2"], yaw: float) -> bool:
-    line = shapely.LineString(lane.centre)
-    along = min(line.project(shapely.Point(*place)), line.length - 0.5)
-    one, other = shapely.get_coordinates(shapely.line_interpolate_point(line, [max(along, 0.0), max(along, 0.0) + 0.5]))
-    return bool(abs(wrap(np.arctan2(*(other - one)[::-1]) - yaw)) < ALONG_RAD)
+    return abs(float(wrap(heading_near(shapely.LineString(lane.centre), shapely.Point(*place)) - yaw))) < ALONG_RAD
 
 
 def on_ring(meeting: Meeting, agent: int) -> bool:

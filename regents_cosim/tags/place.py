@@ -11,6 +11,7 @@ import shapely
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import heading_near
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.tags.meeting import EGO
@@ -87,10 +88,7 @@ def _headings_of(lane: Lane, at: shapely.Point) -> np.ndarray:
     """At its begin and end of a way through a junction, of another lane where it is nearest to a place [rad]."""
     if lane.junction:
         return _headings(lane.centre)[[0, -1]]
-    line = shapely.LineString(lane.centre)
-    here = min(max(float(line.project(at)), 0.5), max(line.length - 0.5, 0.0))
-    ends = shapely.line_interpolate_point(line, [max(here - 0.5, 0.0), min(here + 0.5, line.length)])
-    return _headings(shapely.get_coordinates(ends))[:1]
+    return np.array([heading_near(shapely.LineString(lane.centre), at)])
 
 
 def is_ring(road: RoadMap, lane: Lane) -> bool:

@@ -9,6 +9,7 @@ import shapely
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import heading_near
 from regents_cosim.judgement import OffenceName
 from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.maps.levels import height_on
@@ -104,8 +105,9 @@ class CrashHistory:
         """Heading [rad] of the nearest lane that runs the agent's way, or its own where there is none."""
         at, lanes = self._lanes_at(agent, step)
         yaw = float(self.scenario.tracks.yaw[agent, step])
-        along = [lane for lane in lanes if abs(float(wrap(_heading(lane, at) - yaw))) < ALONG_RAD]
-        return _heading(min(along, key=lambda lane: shapely.LineString(lane.centre).distance(at)), at) if along else yaw
+        lines = [shapely.LineString(lane.centre) for lane in lanes]
+        along = [line for line in lines if abs(float(wrap(heading_near(line, at) - yaw))) < ALONG_RAD]
+        return heading_near(min(along, key=at.distance), at) if along else yaw
 
     def _lanes_at(self, agent: int, step: int) -> tuple[shapely.Point, list[Lane]]:
         """Where the agent is, and the lanes of its level near it."""
@@ -114,11 +116,3 @@ class CrashHistory:
         at = shapely.Point(x, y)
         near = [road.lanes[i] for i in road.centre_lines.query(at, predicate="dwithin", distance=_LANE_REACH_M)]
         return at, [lane for lane in near if same_level(height_on(lane, np.array([x, y])), z)]
-
-
-def _heading(lane: Lane, at: shapely.Point) -> float:
-    """Heading of a lane where it is nearest [rad]."""
-    line = shapely.LineString(lane.centre)
-    s = min(float(line.project(at)), line.length - 0.5)
-    (x0, y0), (x1, y1) = (line.interpolate(max(s + ahead, 0.0)).coords[0] for ahead in (0.0, 0.5))
-    return float(np.arctan2(y1 - y0, x1 - x0))

@@ -20,6 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.ops import substring
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import heading_near
 from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.maps.levels import drivable_at
 from regents_cosim.maps.roadmap import Lane, RoadMap
@@ -241,14 +242,7 @@ def _turn(line: shapely.LineString, lines: list[shapely.LineString]) -> float:
     """By how much a line turns off the nearest of `lines` where the two come closest [rad]."""
     nearest = int(np.argmin(shapely.distance(lines, line)))
     place = shapely.Point(shapely.shortest_line(line, lines[nearest]).coords[0])
-    return abs(float(wrap(_heading(line, place) - _heading(lines[nearest], place))))
-
-
-def _heading(line: shapely.LineString, place: shapely.Point) -> float:
-    """The direction of a line where it is nearest to a place [rad]."""
-    at = min(max(line.project(place), 0.5), max(line.length - 0.5, 0.0))
-    (x0, y0), (x1, y1) = (line.interpolate(max(at + d, 0.0)).coords[0] for d in (-0.5, 0.5))
-    return float(np.arctan2(y1 - y0, x1 - x0))
+    return abs(float(wrap(heading_near(line, place) - heading_near(lines[nearest], place))))
 
 
 # --- the ways ----------------------------------------------------------------------------------------
