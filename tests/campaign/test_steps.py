@@ -63,7 +63,8 @@ def written(folder):
 
 @pytest.mark.slow
 def test_a_suite_that_is_built_by_killed_commands_is_the_same(tmp_path):
-    words = ("suite", "build", "--nets", "merge", "--windows", 3, "--adversarial", 2, "--ordinary", 1, "-o", "suite")
+    small = ("--windows", 3, "--adversarial", 2, "--ordinary", 1, "--method", "king")
+    words = ("suite", "build", "--nets", "merge", *small, "-o", "suite")
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
     assert regents(*words, cwd=tmp_path / "one")

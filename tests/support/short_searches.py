@@ -6,10 +6,12 @@ SHORT = {"iterations": 40, "nearest": 2, "attempts": 1}
 
 
 def short_commands(text: str) -> str:
-    """Lines of a shell: short searches where nothing else is said, in two windows, or of half a minute."""
+    """Lines of a shell: short searches where nothing else is said, two windows, one episode, a quarter of a minute."""
     text = re.sub(r"regents attack .*(?:(?<=\\)\n.*)*", lambda command: _short_attack(command[0]), text)
-    text = re.sub(r"--count (\d+)", lambda asked: f"--count {min(int(asked[1]), 2)}", text)
-    return re.sub(r"--minutes \d+", "--minutes 0.5", text)
+    text = text.replace("regents suite build ", "regents suite build --method king ")
+    text = re.sub(r"--(count|windows) (\d+)", lambda asked: f"--{asked[1]} {min(int(asked[2]), 2)}", text)
+    text = re.sub(r"--episodes \d+", "--episodes 1", text)
+    return re.sub(r"--minutes \d+", "--minutes 0.25", text)
 
 
 def _short_attack(command: str) -> str:
@@ -21,7 +23,8 @@ def _short_attack(command: str) -> str:
 
 
 def short_script(text: str) -> str:
-    """A script whose searches by default are short, in two windows."""
+    """A script whose searches by default are short, in two windows, and whose simulation ends after 20 seconds."""
     few = "".join(f"object.__setattr__(REGENTS_FOCUSED, {name!r}, {value})\n" for name, value in SHORT.items())
+    text = re.sub(r"(simulation\.getTime\(\)) < [\d.]+", r"\1 < 20.0", text)
     text = re.sub(r"count=(\d+)", lambda asked: f"count={min(int(asked[1]), 2)}", text)
     return f"from regents_cosim import REGENTS_FOCUSED\n{few}\n{text}"
