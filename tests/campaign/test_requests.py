@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from scenes import DT, crash, scene
+from short_searches import SHORT
 from test_attack_run import begun, regents, tree
 
 from regents_cosim.campaign.requests import parse_types
@@ -59,8 +60,8 @@ def test_only_what_is_asked_for_is_taken_and_no_more_than_that():
 
 @pytest.mark.slow
 def test_the_command_records_until_it_has_enough(tmp_path):
-    asked = ("-c", "shipped:crossing", "--type", "crossing_path=2", "--method", "regents", "--no-verify")
-    words = ("attack", *asked, "-o")
+    short = (f"--{name}={value}" for name, value in SHORT.items())
+    words = ("attack", "-c", "shipped:crossing", "--type", "crossing_path=2", *short, "--no-verify", "-o")
     assert regents(*words, "suite", cwd=tmp_path)
     (tmp_path / "suite").rename(tmp_path / "first")
     ledger = tmp_path / "suite" / ".run" / "ledger.jsonl"
