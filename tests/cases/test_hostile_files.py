@@ -291,7 +291,7 @@ def whole(tmp_path_factory):
 
 
 FILES = ["suite.json", "*/scenario.json", "*/tracks.npz", "*/original.npz", "*/evasion.npz", "maps/*"]
-few_and_many = pytest.mark.parametrize("examples", [60, pytest.param(3_000, marks=pytest.mark.slow)])
+few_and_many = pytest.mark.parametrize("examples", [60, pytest.param(800, marks=pytest.mark.slow)])
 
 
 @few_and_many

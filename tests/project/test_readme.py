@@ -25,8 +25,8 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
 
-def run(command, folder):
-    environment = as_users_have_it() | {"PATH": f"{BIN}:{os.environ['PATH']}"}
+def run(command, folder, variables=os.environ):
+    environment = variables | {"PATH": f"{BIN}:{os.environ['PATH']}"}
     done = subprocess.run(command, shell=True, cwd=folder, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -63,24 +63,24 @@ def test_in_python(tmp_path):
 def test_in_a_running_simulation(tmp_path):
     (example,) = (block for block in blocks("python") if "Adversary" in block)
     assert len([line for line in example.splitlines() if line.strip()]) <= 10
-    (tmp_path / "example.py").write_text(example)
+    (tmp_path / "example.py").write_text(short_script(example))
     (tmp_path / "sumo_nets").symlink_to(ROOT / "sumo_nets")
     run(f"{BIN}/python example.py", tmp_path)
 
 
 @pytest.mark.slow
 def test_on_your_own_traffic(tmp_path):
-    """The commands as they stand there, `your.sumocfg` being the grid."""
+    """The commands as they stand there, `your.sumocfg` being the grid. What they run is compiled as for users."""
     net = ROOT / "sumo_nets" / "grid"
     for name in ("net.xml", "rou.xml", "sumocfg"):
         (tmp_path / f"grid.{name}").symlink_to(net / f"grid.{name}")
     (tmp_path / "your.sumocfg").symlink_to(net / "grid.sumocfg")
     (block,) = (block for block in blocks("bash") if "your.sumocfg --planner" in block)
     lines = [line.split("#")[0].strip() for line in block.splitlines() if line.startswith("regents")]
-    run(short_commands(f"{lines[0]} --count 1"), tmp_path)
+    run(short_commands(f"{lines[0]} --count 1"), tmp_path, as_users_have_it())
     case = load_manifest(tmp_path / "suite").cases[0].case
     for line in lines[1:]:
-        run(line.replace("CASE", case), tmp_path)
+        run(line.replace("CASE", case), tmp_path, as_users_have_it())
     assert (tmp_path / "crash.gif").stat().st_size > 10_000
 
 
