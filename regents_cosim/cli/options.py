@@ -281,13 +281,17 @@ class TrainOptions:
     8; 0, or 4 with --finetune"""
     learning_rate: Annotated[float | None, Parameter(validator=Number(gt=0.0, lte=10.0))] = None
     """of Adam, at the first epoch; 1e-3, or 5e-4 with --finetune"""
-    teacher: Literal["log", "idm"] | None = None
+    teacher: Literal["log", "idm", "careful"] | None = None
     """log: every vehicle near an ego shows how to drive; idm: an IDM in the ego's place that sees no further than the
-    view, which can tell what to do wherever the network has got to by itself; idm with --finetune, else log"""
+    view, which can tell what to do wherever the network has got to by itself; careful: the same, but it brakes fully
+    while the careful driver of UN R157 would expect to meet somebody in view; idm with --finetune, else log"""
     target: Literal["end", "route"] | None = None
     """what the network drives to: end: where its log ends; route: a point of its route 20 m ahead, and it is shown the
     lights of its own way alone, which is taught with all of them red and all green besides (needs --teacher idm); as
     the weights of --resume have it, else end"""
+    view: Annotated[float | None, Parameter(validator=Number(gt=0.0))] = None
+    """how far the network sees ahead, behind and to each side [m], in as many pixels, so at the same cost; as the
+    weights of --resume have it, else 19.2 as in the papers"""
     threads: Count = 2
     """of torch"""
     seed: Seed = 0

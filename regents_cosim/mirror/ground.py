@@ -1,8 +1,8 @@
 """All that stands still in a bird's-eye view, drawn once per map: road surface, lane lines, edges, stop bars.
 
-Cells of 4 cm hold what is at their centre, exactly: the raster of a view samples the nearest
-cell, so that a line is never further off than 3 cm. (With 5 cm a junction full of lines differs
-from an exact raster in 1.05 % of the pixels.)
+Cells of a fifth of a pixel (4 cm in the papers' view) hold what is at their centre, exactly: the
+raster of a view samples the nearest cell, so that a line is never further off than 3 cm. (With a
+quarter of a pixel a junction full of lines differs from an exact raster in 1.05 % of the pixels.)
 """
 
 import equinox as eqx
@@ -14,12 +14,10 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.rasters import MOST_CELLS, grid_shape, inside
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.mirror.camera import PAPERS, Camera
 from regents_cosim.mirror.separation import Box
 from regents_cosim.scenario import Signal
 
-CELL_M = 0.04
-LANE_LINE_M = 0.2  # width; lane lines run along the sides of lanes, and along the middle of ways through a junction
-EDGE_LINE_M = 0.3  # width; along the edge of the drivable area
 LAND, SURFACE, LANE_LINE, EDGE_LINE = range(4)
 DARK, RED, GREEN, AMBER = range(4)
 
@@ -40,22 +38,26 @@ class Ground(eqx.Module):
 
 
 def draw_cells(
-    road: RoadMap, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], most: int = MOST_CELLS
+    road: RoadMap,
+    low: Float[np.ndarray, " 2"],
+    high: Float[np.ndarray, " 2"],
+    camera: Camera = PAPERS,
+    most: int = MOST_CELLS,
 ) -> UInt8[np.ndarray, "row column"]:
-    """Cells of `road` between the corners `low` and `high` [m], whose lower left centre is at `low`.
+    """Cells of `road` for a `camera`, between the corners `low` and `high` [m], whose lower left centre is at `low`.
 
     Drawn in strips, so that many take little memory on the way. Raises ScenarioError for more than `most`.
     """
-    shape = grid_shape(low, high, CELL_M, most)
+    shape = grid_shape(low, high, camera.cell_m, most)
     window = (*(low - 1.0), *(high + 1.0))
-    edges = shapely.clip_by_rect(road.drivable.boundary, *window).buffer(0.5 * EDGE_LINE_M)
-    areas = ((SURFACE, road.drivable), (LANE_LINE, _lane_lines(road, window)), (EDGE_LINE, edges))
+    edges = shapely.clip_by_rect(road.drivable.boundary, *window).buffer(0.5 * camera.edge_line_m)
+    areas = ((SURFACE, road.drivable), (LANE_LINE, _lane_lines(road, window, camera.lane_line_m)), (EDGE_LINE, edges))
     cells = np.full(shape, LAND, np.uint8)
     rows = max(MOST_CELLS // shape[1], 1)  # of a strip
     for first in range(0, shape[0], rows):
-        strip, corner = cells[first : first + rows], low + np.array([0.0, first * CELL_M])
+        strip, corner = cells[first : first + rows], low + np.array([0.0, first * camera.cell_m])
         for kind, area in areas:  # what is drawn later has the greater number
-            np.maximum(strip, inside(area, corner, strip.shape, CELL_M) * np.uint8(kind), out=strip)
+            np.maximum(strip, inside(area, corner, strip.shape, camera.cell_m) * np.uint8(kind), out=strip)
     cells[[0, -1], :] = cells[:, [0, -1]] = LAND
     return cells
 
@@ -102,7 +104,7 @@ def _parts(lane: Lane, count: int) -> list[tuple[float, ...]]:
     return [(*place.tolist(), cos, sin, 0.5 * _BAR_M, half) for place in places]
 
 
-def _lane_lines(road: RoadMap, window: tuple[float, ...]) -> BaseGeometry:
+def _lane_lines(road: RoadMap, window: tuple[float, ...], width_m: float) -> BaseGeometry:
     """The area of all lane lines that may reach into the window."""
     low_x, low_y, high_x, high_y = window
     near = road.centre_lines.query(shapely.box(low_x, low_y, high_x, high_y).buffer(5.0))
@@ -111,4 +113,4 @@ def _lane_lines(road: RoadMap, window: tuple[float, ...]) -> BaseGeometry:
         centre = shapely.LineString(lane.centre)
         sides = (0.0,) if lane.junction else (-0.5 * lane.width, 0.5 * lane.width)
         lines += [centre if side == 0.0 else centre.offset_curve(side, join_style="mitre") for side in sides]
-    return shapely.union_all([line.buffer(0.5 * LANE_LINE_M, cap_style="flat") for line in lines])
+    return shapely.union_all([line.buffer(0.5 * width_m, cap_style="flat") for line in lines])

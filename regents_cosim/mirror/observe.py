@@ -1,4 +1,4 @@
-"""What a camera straight above the ego would see: 192 x 192 pixels, 5 per metre, the ego's yaw up.
+"""What a camera straight above the ego would see: 192 x 192 pixels, 5 per metre by default, the ego's yaw up.
 
 The ego is in the middle and not drawn. From the ground up: road surface, lane lines, road edge,
 stop bars in the colour of their light, other road users as boxes, and on each a heading mark, a
@@ -20,13 +20,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.ground import CELL_M, Ground
+from regents_cosim.mirror.camera import PAPERS, PIXELS, Camera
+from regents_cosim.mirror.ground import Ground
 from regents_cosim.mirror.separation import Box
 
-PIXELS = 192  # per side
-PIXEL_M = 0.2
-VIEW_M = 0.5 * PIXELS * PIXEL_M  # it reaches so far ahead of the ego, behind it and to each side
-REACH_M = VIEW_M * np.sqrt(2.0)  # no pixel is further from the ego
 MARK_S = 0.5  # how far a heading mark reaches beyond the front, as a way at present speed
 MARK_WIDTH_M = 0.6
 MOST = 24  # others, and stop bars, that are drawn: the nearest
@@ -52,8 +49,6 @@ _TABLE = ((COLOURS // _LEVEL).astype(np.uint32) << (3 * np.arange(len(COLOURS), 
     axis=0, dtype=np.uint32
 )
 _WORDS = PIXELS // 32
-# [m] ahead of the ego per row of pixels, and left of it per column
-_OFFSETS = ((PIXELS - 1) / 2 - np.arange(PIXELS, dtype=np.float32)) * np.float32(PIXEL_M)
 
 
 class Surroundings(eqx.Module):
@@ -65,17 +60,23 @@ class Surroundings(eqx.Module):
     lights: UInt8[Array, "*axes bar"]  # RED, AMBER, GREEN or DARK
 
 
-def observe(ground: Ground, bars: Box, view: Surroundings, ego: Motion) -> UInt8[Array, "192 192 3"]:
-    """The view from above the ego at one instant, everything in the coordinates of `ego`."""
+def observe(
+    ground: Ground, bars: Box, view: Surroundings, ego: Motion, camera: Camera = PAPERS
+) -> UInt8[Array, "192 192 3"]:
+    """The view from above the ego at one instant, everything in the coordinates of `ego`.
+
+    `ground` was drawn for the same `camera`.
+    """
     cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
     bars, light = _nearest(_from_ego(bars, ego, cos, sin), view.lights)
     others, speed, valid = _nearest(_from_ego(view.boxes, ego, cos, sin), view.speed, view.valid)
-    first, second = (_rows_filled(bars, (light & bit) > 0) for bit in (np.uint8(1), np.uint8(2)))
-    planes = _in_order(first, second, _rows_filled(others, valid), _rows_filled(_marks(others, speed), valid))
+    first, second = (_rows_filled(bars, (light & bit) > 0, camera) for bit in (np.uint8(1), np.uint8(2)))
+    moving = (_rows_filled(boxes, valid, camera) for boxes in (others, _marks(others, speed)))
+    planes = _in_order(first, second, *moving)
     bits = ((plane[..., None] >> np.arange(32, dtype=np.uint32)) & np.uint32(1) for plane in planes)
     moving = functools.reduce(jnp.bitwise_or, (bit << power for power, bit in enumerate(bits)))
     moving = moving.reshape(PIXELS, PIXELS)
-    shown = jnp.where(moving > 0, moving, _ground_under(ground, ego, cos, sin).astype(jnp.uint32))
+    shown = jnp.where(moving > 0, moving, _ground_under(ground, ego, cos, sin, camera).astype(jnp.uint32))
     return (((_TABLE >> (3 * shown[..., None])) & np.uint32(7)) * np.uint32(_LEVEL)).astype(jnp.uint8)
 
 
@@ -94,10 +95,10 @@ def _in_order(first: Array, second: Array, other: Array, mark: Array) -> tuple[U
     return (second & ~first & lit) | other, (second & first & lit) | other, lit | other, mark
 
 
-def _ground_under(ground: Ground, ego: Motion, cos: Array, sin: Array) -> UInt8[Array, "192 192"]:
+def _ground_under(ground: Ground, ego: Motion, cos: Array, sin: Array, camera: Camera) -> UInt8[Array, "192 192"]:
     """The cell of the ground nearest to every pixel's centre."""
-    scale = np.float32(1.0 / CELL_M)
-    ahead, left = _OFFSETS[:, None] * scale, _OFFSETS[None, :] * scale
+    scale, offsets = np.float32(1.0 / camera.cell_m), camera.offsets_m
+    ahead, left = offsets[:, None] * scale, offsets[None, :] * scale
     column = (ego.x - ground.corner[0]) * scale + ahead * cos - left * sin
     row = (ego.y - ground.corner[1]) * scale + ahead * sin + left * cos
     rows, columns = ground.shape[0], ground.shape[1]
@@ -119,18 +120,19 @@ def _marks(box: Box, speed: Float[Array, " agent"]) -> Box:
     return Box(box.x + half * box.cos, box.y + half * box.sin, box.cos, box.sin, half, half_width)
 
 
-def _rows_filled(box: Box, drawn: Bool[Array, " box"]) -> UInt32[Array, "row word"]:
+def _rows_filled(box: Box, drawn: Bool[Array, " box"], camera: Camera) -> UInt32[Array, "row word"]:
     """A bit for every pixel: whether its centre lies in one of the boxes that are `drawn`."""
     box = jax.tree.map(lambda values: values[:, None], box)
-    further = _OFFSETS - box.x
+    offsets = camera.offsets_m
+    further = offsets - box.x
     along, across = _away_from_zero(box.sin), _away_from_zero(box.cos)
     middle, half = -box.cos * further / along, box.half_length / jnp.abs(along)
     least, most = middle - half, middle + half
     middle, half = box.sin * further / across, box.half_width / jnp.abs(across)
     least, most = jnp.maximum(least, middle - half), jnp.minimum(most, middle + half)
-    pixel = np.float32(1.0 / PIXEL_M)
-    begin = jnp.ceil((_OFFSETS[0] - box.y - most) * pixel)
-    end = jnp.floor((_OFFSETS[0] - box.y - least) * pixel) + 1.0
+    pixel = np.float32(1.0 / camera.pixel_m)
+    begin = jnp.ceil((offsets[0] - box.y - most) * pixel)
+    end = jnp.floor((offsets[0] - box.y - least) * pixel) + 1.0
     begin, end = (jnp.clip(edge, 0.0, PIXELS).astype(jnp.int32) for edge in (begin, end))
     end = jnp.where(drawn[:, None], end, 0)
     words = _bits_below(end) & ~_bits_below(begin)

@@ -12,23 +12,15 @@ from walkers import walked
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.ground import EDGE_LINE_M, LANE_LINE_M, draw_cells, stop_bars, to_ground
-from regents_cosim.mirror.observe import (
-    COLOURS,
-    MARK_S,
-    MARK_WIDTH_M,
-    MOST,
-    PIXEL_M,
-    PIXELS,
-    REACH_M,
-    Surroundings,
-    observe,
-)
+from regents_cosim.mirror.camera import PAPERS, PIXELS, Camera
+from regents_cosim.mirror.ground import draw_cells, stop_bars, to_ground
+from regents_cosim.mirror.observe import COLOURS, MARK_S, MARK_WIDTH_M, MOST, Surroundings, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.planners.aim_bev.recollection import in_view
 
-RENDER = jax.jit(observe)
+RENDER = jax.jit(observe, static_argnums=4)
+WIDE = Camera.reaching(38.4)
 LAND, SURFACE, LANE, EDGE, RED, GREEN, AMBER, OTHER, MARK = range(9)
 LIGHT = {"r": RED, "s": RED, "g": GREEN, "G": GREEN, "y": AMBER, "Y": AMBER, "u": AMBER}
 
@@ -40,10 +32,10 @@ def rectangle(x, y, yaw, front, rear, half_width):
     return shapely.Polygon([np.array([x, y]) + a * along + b * half_width * across for a, b in corners])
 
 
-def layers(made, step, near):
+def layers(made, step, near, camera):
     """(what, area), from the ground up; lane lines `near` a point only."""
     road, tracks = made.road, made.tracks
-    around = [lane for lane in road.lanes if shapely.LineString(lane.centre).distance(near) < REACH_M + 5.0]
+    around = [lane for lane in road.lanes if shapely.LineString(lane.centre).distance(near) < camera.reach_m + 5.0]
     lines = [shapely.LineString(lane.centre) for lane in around if lane.junction]
     for lane in around:
         if not lane.junction:
@@ -52,8 +44,8 @@ def layers(made, step, near):
                 for side in (-1, 1)
             ]
     found = [(SURFACE, road.drivable)]
-    found.append((LANE, shapely.union_all([line.buffer(LANE_LINE_M / 2, cap_style="flat") for line in lines])))
-    found.append((EDGE, road.drivable.boundary.buffer(EDGE_LINE_M / 2)))
+    found.append((LANE, shapely.union_all([line.buffer(camera.lane_line_m / 2, cap_style="flat") for line in lines])))
+    found.append((EDGE, road.drivable.boundary.buffer(camera.edge_line_m / 2)))
     letters = {signal.id: signal.letters(step) for signal in made.signals}
     for lane in road.lanes:
         links = sorted({(link.signal, link.link) for link in road.exits[lane.id] if link.signal in letters})
@@ -78,14 +70,14 @@ def layers(made, step, near):
     return found
 
 
-def slow_raster(made, step, x, y, yaw):
-    offsets = ((PIXELS - 1) / 2 - np.arange(PIXELS)) * PIXEL_M
+def slow_raster(made, step, x, y, yaw, camera=PAPERS):
+    offsets, reach = ((PIXELS - 1) / 2 - np.arange(PIXELS)) * camera.pixel_m, camera.reach_m
     ahead, left = np.meshgrid(offsets, offsets, indexing="ij")
     east = x + ahead * np.cos(yaw) - left * np.sin(yaw)
     north = y + ahead * np.sin(yaw) + left * np.cos(yaw)
     shown = np.zeros((PIXELS, PIXELS), int)
-    for what, area in layers(made, step, shapely.Point(x, y)):
-        near = shapely.clip_by_rect(area, x - REACH_M, y - REACH_M, x + REACH_M, y + REACH_M)
+    for what, area in layers(made, step, shapely.Point(x, y), camera):
+        near = shapely.clip_by_rect(area, x - reach, y - reach, x + reach, y + reach)
         if not near.is_empty:
             shapely.prepare(near)
             shown = np.where(shapely.contains_xy(near, east, north), what, shown)
@@ -95,11 +87,12 @@ def slow_raster(made, step, x, y, yaw):
 class Eye:
     """Renders a scenario's views."""
 
-    def __init__(self, made, around=None):
-        tracks, self.origin = made.tracks, scene_origin(made)
+    def __init__(self, made, around=None, camera=PAPERS):
+        self.camera, tracks, self.origin = camera, made.tracks, scene_origin(made)
         track = np.stack([tracks.x[0], tracks.y[0]], axis=-1) if around is None else np.array([around])
-        low = track.min(axis=0) - REACH_M - 5.0
-        self.ground = to_ground(draw_cells(made.road, low, track.max(axis=0) + REACH_M + 5.0), low, self.origin)
+        around_m = camera.reach_m + 5.0
+        low, high = track.min(axis=0) - around_m, track.max(axis=0) + around_m
+        self.ground = to_ground(draw_cells(made.road, low, high, camera), low, self.origin)
         self.bars, self.lights = stop_bars(made.road, made.signals, tracks.steps, self.origin)
         self.made = made
 
@@ -115,19 +108,22 @@ class Eye:
 
     def sees(self, step, x, y, yaw):
         values = (x - self.origin[0], y - self.origin[1], yaw, 0.0)
-        return np.asarray(RENDER(self.ground, self.bars, self.view(step), Motion(*map(jnp.float32, values))))
+        ego = Motion(*map(jnp.float32, values))
+        return np.asarray(RENDER(self.ground, self.bars, self.view(step), ego, self.camera))
 
 
 CASES = {case.id.partition("-")[0]: case for case in load_suite(shipped("scenarios") / "quickstart")}
 
 
-@pytest.mark.parametrize("name", ["multilane", "roundabout", "signals"])
-def test_it_shows_what_the_slow_raster_shows(name):
-    made, eye, rng = CASES[name], Eye(CASES[name]), np.random.default_rng(0)
+@pytest.mark.parametrize(
+    ("name", "camera"), [("multilane", PAPERS), ("roundabout", PAPERS), ("signals", PAPERS), ("merge", WIDE)]
+)
+def test_it_shows_what_the_slow_raster_shows(name, camera):
+    made, eye, rng = CASES[name], Eye(CASES[name], camera=camera), np.random.default_rng(0)
     for step in (0, 60):
         x, y, yaw = (v[0, step] for v in (made.tracks.x, made.tracks.y, made.tracks.yaw))
         pose = x + rng.uniform(-3, 3), y + rng.uniform(-3, 3), yaw + rng.uniform(-0.5, 0.5)
-        same = (eye.sees(step, *pose) == slow_raster(made, step, *pose)).all(axis=-1)
+        same = (eye.sees(step, *pose) == slow_raster(made, step, *pose, camera)).all(axis=-1)
         assert same.mean() > 0.99
 
 
@@ -157,8 +153,8 @@ def test_up_is_ahead_and_left_is_left():
     eye = Eye(made)
     body = (eye.sees(0, 0.0, 0.0, 0.0) == COLOURS[OTHER]).all(axis=-1)
     rows, columns = np.nonzero(body)
-    assert rows.mean() == pytest.approx(95.5 - 10.0 / PIXEL_M, abs=6), "without its heading mark"
-    assert columns.mean() == pytest.approx(95.5 - 3.2 / PIXEL_M, abs=1.0)
+    assert rows.mean() == pytest.approx(95.5 - 10.0 / PAPERS.pixel_m, abs=6), "without its heading mark"
+    assert columns.mean() == pytest.approx(95.5 - 3.2 / PAPERS.pixel_m, abs=1.0)
     turned = (eye.sees(0, 0.0, 0.0, np.pi / 2) == COLOURS[OTHER]).all(axis=-1)
     assert np.nonzero(turned)[1].mean() > 95.5 + 40, "what was ahead is right of an ego that turned left"
 
@@ -178,7 +174,7 @@ def test_of_a_crowd_the_nearest_are_drawn():
     seen = Eye(made).sees(0, 0.0, 0.0, 0.0)
     near = np.argsort([np.hypot(x, y) for x, y, _ in crowd])[: MOST // 2]
     for x, y, _ in (crowd[i] for i in near):
-        row, column = round(95.5 - (x - 1.0) / PIXEL_M), round(95.5 - y / PIXEL_M)
+        row, column = round(95.5 - (x - 1.0) / PAPERS.pixel_m), round(95.5 - y / PAPERS.pixel_m)
         assert seen[row, column, 2] == 252, "the rear of a near one, or a mark on it"
 
 
@@ -200,7 +196,8 @@ def test_views_in_a_batch_are_the_views_one_by_one():
 
 def test_what_is_in_view_tells_pictures_apart():
     """Whoever is put elsewhere: the picture changes only where what is `in_view` does, and that only near the ego."""
-    eye, rng, told, look = Eye(CASES["signals"]), np.random.default_rng(0), 0, jax.jit(in_view)
+    eye, rng, told = Eye(CASES["signals"]), np.random.default_rng(0), 0
+    look = jax.jit(lambda view, ego: in_view(view, ego, PAPERS))
     view, ego = eye.view(40), Motion(*(jnp.float32(v) for v in (3.0, -2.0, 0.4, 7.0)))
     before, picture = look(view, ego), RENDER(eye.ground, eye.bars, view, ego)
     for _ in range(200):

@@ -9,21 +9,25 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from two_car_scenes import crossroads, moving
+from two_car_scenes import TIME, crossroads, moving
 
 from regents_cosim.cli import run
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.observe import COLOURS, Surroundings
 from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.controller import Controller
+from regents_cosim.planners.aim_bev.curriculum import plan
 from regents_cosim.planners.aim_bev.lessons import Lesson, gather
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
+from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, PIXEL_M, Shown
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.way import AHEAD_M, relit
-from regents_cosim.planners.aim_bev.weights_file import FOLLOWS_ROUTE, SHIPPED, load_weights, save_weights
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.planners.jax_planner import LoopScene
 
+ROUTE, WIDE = Shown(follows_route=True), Shown(follows_route=True, camera=Camera.reaching(38.4))
 LIGHT = {"r": COLOURS[4], "G": COLOURS[5], "y": COLOURS[6]}
 
 
@@ -34,6 +38,13 @@ def waiting(west="r", south="G"):
     return replace(made, target=(-18.0, 0.0))
 
 
+def marked(folder, marks):
+    """The weights of the package, as if they had been taught with something else."""
+    file = folder / "marked.safetensors"
+    save_weights(load_weights(SHIPPED) | marks, file)
+    return file
+
+
 def at(made, x=-18.0, speed=0.0):
     """The ego at a place on its way, as a lesson at the first step."""
     state = Motion(*map(jnp.float32, (x, 0.0, 0.0, speed)))
@@ -42,9 +53,9 @@ def at(made, x=-18.0, speed=0.0):
     return jax.tree.map(lambda value: value[None], one)
 
 
-def seen(made, x=-18.0, follows_route=True):
+def seen(made, x=-18.0, given=ROUTE):
     """The view and the target that the planner's network is given, the ego being at a place on its way."""
-    planner, world = AimBev(aim_bev().network, Controller(), follows_route), to_world(made)
+    planner, world = AimBev(aim_bev().network, Controller(), given), to_world(made)
     scene = LoopScene(made, world)
     memory = planner.init(scene)
     ego = Motion(jnp.float32(x - scene.origin[0]), jnp.float32(-scene.origin[1]), jnp.float32(0.0), jnp.float32(0.0))
@@ -60,7 +71,7 @@ def shows(picture, letter):
 
 @cache
 def room():
-    return gather([waiting()], follow_routes=True)
+    return gather([waiting()], ROUTE)
 
 
 @settings(max_examples=20)
@@ -72,7 +83,7 @@ def test_the_target_is_as_far_ahead_wherever_the_ego_is(x):
 @pytest.mark.slow
 def test_a_log_that_waits_has_a_target_beyond_the_line():
     made = waiting()
-    _, end = seen(made, follows_route=False)
+    _, end = seen(made, given=AS_IN_THE_PAPERS)
     _, ahead = seen(made)
     assert end[0] == pytest.approx(0.0, abs=1e-3)
     assert ahead == pytest.approx([AHEAD_M, 0.0], abs=1e-3)
@@ -86,11 +97,13 @@ def test_the_light_of_the_own_way_is_in_view_and_no_other(letter):
 
 
 @pytest.mark.slow
-def test_training_shows_what_the_planner_sees():
+@pytest.mark.parametrize("given", [ROUTE, WIDE, Shown(camera=WIDE.camera)])
+def test_training_shows_what_the_planner_sees(given):
     for made in (waiting(), *relit(waiting())):
-        taught = gather([made], follow_routes=True)
-        picture, target = seen(made, x=-16.4)
-        np.testing.assert_array_equal(np.asarray(taught.views(at(made, -16.4)))[0], picture)
+        taught = gather([made], given)
+        picture, target = seen(made, -16.4, given)
+        same = np.asarray(taught.views(at(made, -16.4)))[0] == picture
+        assert same.mean() > (0.99 if given.camera == WIDE.camera else 0.9999), "cells of another grid in a wider view"
         assert np.asarray(taught.targets(at(made, -16.4)))[0] == pytest.approx(target, abs=1e-3)
 
 
@@ -99,8 +112,7 @@ def test_the_same_scene_is_taught_all_red_and_all_green():
     twins = relit(made)
     assert [[light.letters(80) for light in twin.signals] for twin in twins] == [["rr"], ["GG"]]
     stops, goes = (
-        np.asarray(Teacher.of([twin]).labels(gather([twin], follow_routes=True), at(twin, -30.0, 10.0)))[0]
-        for twin in twins
+        np.asarray(Teacher.of([twin]).labels(gather([twin], ROUTE), at(twin, -30.0, 10.0)))[0] for twin in twins
     )
     assert goes[-1, 0] - stops[-1, 0] > 0.5, "it brakes for the red light 18 m ahead"
     unlit = replace(made, signals=())
@@ -108,10 +120,63 @@ def test_the_same_scene_is_taught_all_red_and_all_green():
 
 
 def test_weights_carry_what_they_were_trained_with(tmp_path):
-    assert not aim_bev().follows_route
-    file = tmp_path / "route.safetensors"
-    save_weights(load_weights(SHIPPED) | {FOLLOWS_ROUTE: np.ones(1, np.float32)}, file)
-    assert with_weights(file).follows_route
+    assert aim_bev().given == AS_IN_THE_PAPERS
+    for one in (ROUTE, WIDE, Shown(camera=Camera.reaching(25.0))):
+        assert with_weights(marked(tmp_path, one.marks())).given == one
+
+
+@pytest.mark.parametrize("pixel_m", [0.01, 3.0, np.nan, [0.2, 0.2]])
+def test_weights_with_an_impossible_view_are_refused(tmp_path, capsys, pixel_m):
+    file = marked(tmp_path, {PIXEL_M: np.array(pixel_m, np.float32).reshape(-1)})
+    assert run(["evaluate", "shipped:quickstart", "--planner", f"aim-bev:{file}", "--quiet"]) == 2
+    assert "expected one number for a view of 10 to 100 m to each side" in capsys.readouterr().err
+
+
+def test_who_is_further_away_is_in_a_wider_view():
+    made = moving(crossroads("r", "G"), 1, x=np.full(81, -18.0), y=np.full(81, 30.0), speed=np.zeros(81))
+    shown = [bool((seen(made, given=given)[0] == COLOURS[7]).all(axis=-1).any()) for given in (ROUTE, WIDE)]
+    assert shown == [False, True]
+
+
+@pytest.mark.parametrize(("option", "says"), [("--view=5", "view is 5.0, expected 10 to 100")])
+def test_a_view_that_is_none_is_refused(tmp_path, capsys, option, says):
+    pytest.importorskip("torch", reason="torch is an extra")
+    words = ["train", "aim-bev", "shipped:quickstart", "-o", str(tmp_path / "w.safetensors"), option, "--quiet"]
+    assert run(words) == 2
+    assert says in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("way", [["--finetune", "shipped:quickstart"], ["--adversarial", "1"]])
+def test_who_learns_from_crashes_keeps_the_view(tmp_path, capsys, way):
+    pytest.importorskip("torch", reason="torch is an extra")
+    words = ["train", "aim-bev", "shipped:quickstart", "-o", str(tmp_path / "w.safetensors"), "--view", "30", *way]
+    assert run([*words, "--quiet"]) == 2
+    assert "expected the view of the weights" in capsys.readouterr().err
+
+
+def test_lessons_with_a_light_in_view_are_kinds_of_their_own():
+    made = moving(waiting("r"), 0, x=-60.0 + np.arange(81.0), speed=np.full(81, 10.0))
+    for twin, kind in zip(relit(made), ("held", "free"), strict=True):
+        steps = plan(gather([twin], WIDE), egos=True).rows[kind][:, 2]
+        nose = -60.0 + steps + 0.5 * made.agents[0].length
+        assert nose.min() > -10.0 - 38.4 - 1.0
+        assert nose.max() <= -10.0
+        assert len(steps) > 20
+
+
+def test_a_careful_teacher_brakes_for_who_will_be_in_its_way():
+    """IDM sees nothing in its way; the other comes from the side, and would meet it in 1.4 s."""
+    crosses = moving(crossroads("G", "G"), 1, y=-14.0 + TIME * 10.0, speed=np.full(81, 10.0))
+    waits = moving(crosses, 1, y=np.full(81, -14.0), speed=np.zeros(81))
+    labels = {}
+    for name, made in {"crosses": crosses, "waits": waits}.items():
+        for careful in (False, True):
+            (found,) = Teacher.of([made], careful, WIDE.camera).labels(gather([made], WIDE), at(made, -14.0, 10.0))
+            labels[name, careful] = np.asarray(found)
+    assert labels["crosses", False] == pytest.approx(labels["waits", False], abs=1e-3)
+    assert labels["waits", True] == pytest.approx(labels["waits", False], abs=1e-3)
+    assert labels["crosses", True][-1, 0] < labels["crosses", False][-1, 0] - 1.0
 
 
 @pytest.mark.slow

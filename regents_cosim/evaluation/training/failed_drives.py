@@ -8,7 +8,7 @@ import numpy as np
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.judgement import Flaw
-from regents_cosim.mirror.observe import VIEW_M
+from regents_cosim.mirror.camera import PAPERS
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.manoeuvres import BANK, ManoeuvreBank
@@ -22,16 +22,20 @@ BRAKING = replace(
 
 
 def failed_drives(
-    scenarios: Iterable[Scenario], drives: Iterable[Tracks], planner: str, bank: ManoeuvreBank = BRAKING
+    scenarios: Iterable[Scenario],
+    drives: Iterable[Tracks],
+    planner: str,
+    view_m: float = PAPERS.view_m,
+    bank: ManoeuvreBank = BRAKING,
 ) -> Iterator[Scenario | None]:
     """For each case and drive of `planner` in it: the case with that drive, judged by `bank`; None without a collision.
 
-    Of `bank` only what begins when the other one is in the view of the ego counts: before that there is nothing to
-    learn to brake for. All others drive as in the case.
+    Of `bank` only what begins when the other one is in the view of the ego counts, which reaches `view_m` to each
+    side: before that there is nothing to learn to brake for. All others drive as in the case.
     """
     for scenario, tracks in zip(scenarios, drives, strict=True):
         crash = as_driven(scenario, tracks, planner)
-        yield judge(crash, _in_view(bank, crash)) if crash else None
+        yield judge(crash, _in_view(bank, crash, view_m)) if crash else None
 
 
 def teachable(failed: Sequence[Scenario | None]) -> list[Scenario]:
@@ -66,13 +70,13 @@ def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | No
     )
 
 
-def _in_view(bank: ManoeuvreBank, crash: Scenario) -> ManoeuvreBank:
+def _in_view(bank: ManoeuvreBank, crash: Scenario, view_m: float) -> ManoeuvreBank:
     """What of `bank` begins once the other one is in the ego's view for good."""
-    seen_s = _seen_s(crash)
+    seen_s = _seen_s(crash, view_m)
     return replace(bank, onsets_s=tuple((min(until_s, seen_s), spacing_s) for until_s, spacing_s in bank.onsets_s))
 
 
-def _seen_s(crash: Scenario) -> float:
+def _seen_s(crash: Scenario, view_m: float) -> float:
     """For how long the centre of the other one has been in the ego's view without a break when they collide [s]."""
     hit = crash.attack.collision if crash.attack else None
     if hit is None:
@@ -80,7 +84,7 @@ def _seen_s(crash: Scenario) -> float:
     tracks, other, until = crash.tracks, [agent.id for agent in crash.agents].index(hit.agent), hit.step + 1
     dx, dy = tracks.x[other, :until] - tracks.x[0, :until], tracks.y[other, :until] - tracks.y[0, :until]
     cos, sin = np.cos(tracks.yaw[0, :until]), np.sin(tracks.yaw[0, :until])
-    hidden = np.maximum(np.abs(dx * cos + dy * sin), np.abs(dy * cos - dx * sin)) > VIEW_M
+    hidden = np.maximum(np.abs(dx * cos + dy * sin), np.abs(dy * cos - dx * sin)) > view_m
     since = int(np.flatnonzero(hidden)[-1]) + 1 if hidden.any() else 0
     return (hit.step - since) * crash.dt
 

@@ -1,7 +1,8 @@
 """`train` and `finetune`: AIM-BEV learns from recorded traffic, and from its own crashes.
 
-A fine-tuning takes the crashes of the weights that it begins with which could have been avoided by what is in view (the
-planner sees 19 m), keeps as much of what was learnt as ordinary traffic bears, and says what that changed.
+A fine-tuning takes the crashes of the weights that it begins with which could have been avoided by what is in view
+(19 m to each side, or as far as the weights say), keeps as much of what was learnt as ordinary traffic bears, and says
+what that changed.
 
 Who teaches, and what it gave, was measured: `docs/how-to/aim-bev.md`.
 """
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from regents_cosim.cases.suite import cases_of
-from regents_cosim.errors import RegentsError, require
+from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.training.before_after import BeforeAfterRow, before_after
 from regents_cosim.evaluation.training.failed_drives import failed_drives, teachable
 from regents_cosim.evaluation.training.learning import (
@@ -25,7 +26,8 @@ from regents_cosim.evaluation.training.learning import (
     weights_file,
 )
 from regents_cosim.planners.aim_bev.lessons import common_horizon
-from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, Epoch, TrainConfig
+from regents_cosim.planners.aim_bev.shown import shown_to
+from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, Epoch, TrainConfig, require_as_begun
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
@@ -88,7 +90,7 @@ def finetune(
     ones, by default every fifth window of either, which is not taught; another fifth chooses the mixture. Needs torch.
     Raises RegentsError where there is nothing to learn from, MissingDependencyError.
     """
-    require(config.target is None, "--target with --finetune, expected the target of the weights", RegentsError)
+    require_as_begun(config, "--finetune")
     path = weights_file(output)
     course = _course(cases_of(cases), cases_of(suite), held_out, ordinary)
     crashes = _crashes(weights, course.taught.adversarial, progress)
@@ -112,7 +114,7 @@ def _course(
 def _crashes(weights: Path, adversarial: list[Scenario], progress: Progress) -> list[Scenario]:
     """What AIM-BEV with these weights is to learn from. Raises RegentsError where there is nothing."""
     driven = progress.each(driven_by(weights, adversarial), "looking for crashes", len(adversarial))
-    failed = list(failed_drives(adversarial, driven, f"aim-bev:{weights}"))
+    failed = list(failed_drives(adversarial, driven, f"aim-bev:{weights}", shown_to(weights).camera.view_m))
     crashes = teachable(failed)
     found = (
         f"aim-bev:{weights} crashes in {sum(case is not None for case in failed)} of {len(failed)} cases, "

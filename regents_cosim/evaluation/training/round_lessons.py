@@ -27,9 +27,9 @@ class RoundLessons:
         """Whether there is something to learn from, and something to choose by."""
         return bool(self.crashes and self.chosen_by)
 
-    def with_round(self, crashes: Sequence[Scenario], planner: str, neighbours: bool) -> "RoundLessons":
-        """With what `planner` is to learn from the crashes that an attack on it found in one more round."""
-        found = teachable(list(failed_drives(crashes, (case.tracks for case in crashes), planner)))
+    def with_round(self, crashes: Sequence[Scenario], planner: str, view_m: float, neighbours: bool) -> "RoundLessons":
+        """With what `planner` learns from the crashes of one more round; it sees `view_m` to each side."""
+        found = teachable(list(failed_drives(crashes, (case.tracks for case in crashes), planner, view_m)))
         taught, chosen_by = hold_back(found, self.windows)
         beside = harmless_neighbours(taught) if neighbours else {}
         return RoundLessons(

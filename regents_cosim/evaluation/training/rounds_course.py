@@ -25,6 +25,7 @@ from regents_cosim.evaluation.training.held_out import Attacked, held_out_rows, 
 from regents_cosim.evaluation.training.learning import AttackedAndOrdinary, EachEpoch, drives, learn
 from regents_cosim.evaluation.training.round_lessons import RoundLessons
 from regents_cosim.evaluation.training.rounds_settings import Rounds
+from regents_cosim.planners.aim_bev.shown import shown_to
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import Progress
@@ -106,7 +107,8 @@ class RoundsCourse:
         current, known = self.begun_with, RoundLessons()
         for number in self._numbers:
             attacked = self.traffic.attacked(number, "attacks", self.rounds.windows, self._run(current))
-            known = known.with_round(telling_crashes(attacked), planner_name(current), self.rounds.neighbours)
+            view_m = shown_to(current).camera.view_m
+            known = known.with_round(telling_crashes(attacked), planner_name(current), view_m, self.rounds.neighbours)
             if not self.ledger.record.is_done(self._unit(number)):
                 cells = self._grow(attacked)
                 self._note(number, self._learn(number, current, known, attacked, cells))

@@ -7,7 +7,7 @@ from regents_cosim.attacks.presets import OURS, AttackConfig
 from regents_cosim.cases.shipped import NETWORKS
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig
+from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig, require_as_begun
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,11 @@ class Rounds:
         """Raises RegentsError."""
         check_ranges(self, _RANGES)
         require(
-            self.training.teacher == "idm",
+            self.training.teacher != "log",
             "the log cannot teach what to do where nothing like it was logged: rounds need --teacher idm",
             RegentsError,
         )
-        require(
-            self.training.target is None,
-            "--target with --adversarial, expected the target of the weights",
-            RegentsError,
-        )
+        require_as_begun(self.training, "--adversarial")
 
     def settings(self) -> dict[str, object]:
         """All of it, by name, for the ledger."""

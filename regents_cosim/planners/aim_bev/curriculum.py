@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -23,10 +24,21 @@ from regents_cosim.limits import ALONG_RAD
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
+from regents_cosim.planners.idm import place_on_route
 from regents_cosim.scenario import Scenario
 
 EVADING = "evading"
-KINDS = (EVADING, "stopping", "merging", "turning", "following", "cruising")  # the first that holds counts
+_HELD, _FREE = "held", "free"  # in view of a light of the own way, closed or open
+KINDS = (
+    EVADING,
+    _HELD,
+    _FREE,
+    "stopping",
+    "merging",
+    "turning",
+    "following",
+    "cruising",
+)  # the first that holds counts
 _AHEAD_STEPS = 30  # how far the log is looked ahead to say what a vehicle does
 _TURN_RAD = np.deg2rad(15.0)
 _ASIDE_M = 1.2  # to the side while hardly turning: a change of lanes
@@ -124,12 +136,14 @@ def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({}), 
     """
     log = tuple(np.asarray(values) for values in (room.log.x, room.log.y, room.log.yaw, room.log.speed))
     valid, half_width = np.asarray(room.valid), np.asarray(room.half_width)
+    lights = _at_lights(room)
     found: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
     for scene in range(len(valid)):
         taught = _usable(log, valid, half_width, scene)
         x, y, yaw, speed = (values[scene] for values in log)
         evades = _evades(valid[scene], evasions.get(scene))
         kinds = _kinds(x, y, yaw, speed, valid[scene]) | {EVADING: evades}
+        kinds |= {kind: _of_ego(when[scene], evades) for kind, when in lights.items()}
         if scene in evasions:
             taught[1:], taught[0, evasions[scene].stop :] = False, False
         if egos:
@@ -160,6 +174,29 @@ def _usable(log: tuple[np.ndarray, ...], valid: np.ndarray, half_width: np.ndarr
     near = np.hypot(x - x[0], y - y[0]) < _SEEN_M
     moves = (speed * valid[scene]).sum(axis=1, keepdims=True) > 10.0  # a metre in all
     return stays & near & moves & (half_width[scene][:, None] > 0.5)
+
+
+def _at_lights(room: Classroom) -> dict[str, Bool[np.ndarray, "scene time"]]:
+    """When the next light of an ego's own way is in view, by whether it is closed; of logs that follow no route never.
+
+    Few steps of a drive have a light in view: lessons of their own kind, or braking at red drowns among the others.
+    """
+    if room.way is None:
+        never = np.zeros(room.valid.shape[::2], bool)
+        return {_HELD: never, _FREE: never}
+    route = room.way.route
+    along, _, _ = jax.vmap(jax.vmap(place_on_route, (None, 0, 0)))(route, room.log.x[:, 0], room.log.y[:, 0])
+    gap = np.asarray(route.line[:, None] - along[..., None] - route.half_length[:, None, None])
+    gap = np.where((gap > 0.0) & (gap < room.camera.view_m), gap, np.inf)
+    closed = np.take_along_axis(np.asarray(route.closed), gap.argmin(axis=-1)[..., None], axis=-1)[..., 0]
+    seen = np.isfinite(gap).any(axis=-1) & np.asarray(room.valid[:, 0])
+    return {_HELD: seen & closed, _FREE: seen & ~closed}
+
+
+def _of_ego(when: Bool[np.ndarray, " time"], like: np.ndarray) -> Bool[np.ndarray, "agent time"]:
+    found = np.zeros_like(like)
+    found[0] = when
+    return found
 
 
 def _evades(valid: Bool[np.ndarray, "agent time"], steps: range | None) -> Bool[np.ndarray, "agent time"]:

@@ -16,15 +16,17 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.rasters import MOST_CELLS
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.ground import CELL_M, Ground, draw_cells, stop_bars
-from regents_cosim.mirror.observe import REACH_M, Surroundings, observe
+from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars
+from regents_cosim.mirror.observe import Surroundings, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
+from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, Shown
 from regents_cosim.planners.aim_bev.way import OwnWay, together
 from regents_cosim.scenario import Scenario
 
-_AROUND_M = REACH_M + 20.0  # drawn around all tracks
+_BEYOND_M = 20.0  # how far off the tracks the whole view is drawn
 _MOST_INDEX = 2**31 - 1  # what an index of 32 bits reaches
 
 
@@ -53,6 +55,7 @@ class Classroom(eqx.Module):
     bars: Box  # [scene bar]
     way: OwnWay | None  # [scene] of the egos, where they are to follow their routes
     dt: float = eqx.field(static=True)
+    camera: Camera = eqx.field(static=True)
 
     @property
     def steps(self) -> int:
@@ -91,7 +94,7 @@ class Classroom(eqx.Module):
         view = Surroundings(boxes, now.speed, others, self.lights[one.scene, one.step])
         road = self.road[one.scene]
         ground = Ground(self.ground.cells, self.ground.first[road], self.ground.shape[road], self.ground.corner[road])
-        return observe(ground, jax.tree.map(lambda values: values[one.scene], self.bars), view, one.state)
+        return observe(ground, jax.tree.map(lambda values: values[one.scene], self.bars), view, one.state, self.camera)
 
 
 def to_frame(x: Float[Array, ""], y: Float[Array, ""], ego: Motion) -> Float[Array, " 2"]:
@@ -100,14 +103,14 @@ def to_frame(x: Float[Array, ""], y: Float[Array, ""], ego: Motion) -> Float[Arr
     return jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
 
 
-def gather(scenarios: Sequence[Scenario], follow_routes: bool = False) -> Classroom:
-    """All of `scenarios` on the device. Raises RegentsError where their horizons differ.
+def gather(scenarios: Sequence[Scenario], given: Shown = AS_IN_THE_PAPERS) -> Classroom:
+    """All of `scenarios` on the device, for a network that is `given` so much.
 
-    Where egos are to `follow_routes`, their targets and the lights shown are those of their own ways (`way`), and no
-    others can be taught: the ground is drawn around them alone.
+    Where egos follow their routes, their targets and the lights shown are those of their own ways (`way`), and no
+    others can be taught: the ground is drawn around them alone. Raises RegentsError where their horizons differ.
     """
     (count, dt), agents = common_horizon(scenarios), max(len(scenario.agents) for scenario in scenarios)
-    patch, drawn = _patches(scenarios, follow_routes)
+    patch, drawn = _patches(scenarios, given)
     tracks = [fill_gaps(scenario.tracks) for scenario in scenarios]
 
     def padded(values: Sequence[np.ndarray], dtype: type) -> np.ndarray:
@@ -119,7 +122,7 @@ def gather(scenarios: Sequence[Scenario], follow_routes: bool = False) -> Classr
     motion = [padded([getattr(t, name) for t in tracks], np.float32) for name in ("x", "y", "yaw", "speed")]
     valid = padded([t.valid for t in tracks], np.bool_)
     sizes = padded([np.array([(a.length, a.width) for a in s.agents]) for s in scenarios], np.float32)
-    way = together([OwnWay.of(scenario, np.zeros(2)) for scenario in scenarios]) if follow_routes else None
+    way = together([OwnWay.of(scenario, np.zeros(2)) for scenario in scenarios]) if given.follows_route else None
     bars, lights = _bars(scenarios, count) if way is None else (way.bars, way.lights)
     return Classroom(
         log=Motion(*map(jnp.asarray, motion)),
@@ -130,10 +133,11 @@ def gather(scenarios: Sequence[Scenario], follow_routes: bool = False) -> Classr
         target=jnp.array([scenario.target for scenario in scenarios], jnp.float32),
         lights=lights,
         road=jnp.array(patch),
-        ground=_together(drawn),
+        ground=_together(drawn, given.camera),
         bars=bars,
         way=way,
         dt=dt,
+        camera=given.camera,
     )
 
 
@@ -148,44 +152,45 @@ def common_horizon(scenarios: Sequence[Scenario]) -> tuple[int, float]:
 _Patch = tuple[np.ndarray, Float[np.ndarray, " 2"]]  # cells, and their lower left corner [m]
 
 
-def _patches(scenarios: Sequence[Scenario], egos: bool) -> tuple[list[int], list[_Patch]]:
+def _patches(scenarios: Sequence[Scenario], given: Shown) -> tuple[list[int], list[_Patch]]:
     """Which patch of drawn ground each scenario is on, and all of them.
 
     There is one for each map; where its windows are too far apart for that, one for all that have the same tracks.
-    Around all road users, or `egos` alone.
+    Around all road users, or egos alone where they follow their routes.
     """
     keys = [(id(scenario.road),) for scenario in scenarios]
     for key in set(keys):
-        low, high = _around([s for s, own in zip(scenarios, keys, strict=True) if own == key], egos)
-        if np.prod((high - low) / CELL_M + 2.0) > MOST_CELLS:
+        low, high = _around([s for s, own in zip(scenarios, keys, strict=True) if own == key], given)
+        if np.prod((high - low) / given.camera.cell_m + 2.0) > MOST_CELLS:
             keys = [(*own, id(s.tracks)) if own == key else own for s, own in zip(scenarios, keys, strict=True)]
     found: dict[tuple[int, ...], list[Scenario]] = {}
     for scenario, key in zip(scenarios, keys, strict=True):
         found.setdefault(key, []).append(scenario)
     number = {key: index for index, key in enumerate(found)}
-    return [number[key] for key in keys], [_draw(those, egos) for those in found.values()]
+    return [number[key] for key in keys], [_draw(those, given) for those in found.values()]
 
 
-def _draw(scenarios: Sequence[Scenario], egos: bool) -> _Patch:
+def _draw(scenarios: Sequence[Scenario], given: Shown) -> _Patch:
     """Cells of the road that scenarios share."""
-    low, high = _around(scenarios, egos)
-    return draw_cells(scenarios[0].road, low, high, _MOST_INDEX), low
+    low, high = _around(scenarios, given)
+    return draw_cells(scenarios[0].road, low, high, given.camera, _MOST_INDEX), low
 
 
-def _around(scenarios: Sequence[Scenario], egos: bool) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+def _around(scenarios: Sequence[Scenario], given: Shown) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
     """The corners [m] of what is drawn around all tracks, or those of egos alone."""
-    those = slice(1) if egos else slice(None)
+    around_m = given.camera.reach_m + _BEYOND_M
+    those = slice(1) if given.follows_route else slice(None)
     positions = (np.stack([s.tracks.x[those], s.tracks.y[those]], axis=-1)[s.tracks.valid[those]] for s in scenarios)
     points = np.concatenate(list(positions))
-    return points.min(axis=0) - _AROUND_M, points.max(axis=0) + _AROUND_M
+    return points.min(axis=0) - around_m, points.max(axis=0) + around_m
 
 
-def _together(drawn: Sequence[tuple[np.ndarray, Float[np.ndarray, " 2"]]]) -> Ground:
+def _together(drawn: Sequence[_Patch], camera: Camera) -> Ground:
     sizes = [cells.size for cells, _ in drawn]
     require(
         sum(sizes) <= _MOST_INDEX,
-        f"the cases cover {sum(sizes) * CELL_M**2 / 1e6:.1f} km^2 of maps, expected "
-        f"{_MOST_INDEX * CELL_M**2 / 1e6:.1f} at most (train on fewer or smaller maps)",
+        f"the cases cover {sum(sizes) * camera.cell_m**2 / 1e6:.1f} km^2 of maps, expected "
+        f"{_MOST_INDEX * camera.cell_m**2 / 1e6:.1f} at most (train on fewer or smaller maps)",
         RegentsError,
     )
     return Ground(

@@ -12,14 +12,15 @@ from jaxtyping import Array, Float, Int, UInt8
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars, to_ground
 from regents_cosim.mirror.levels import HeightMap, same_level
-from regents_cosim.mirror.observe import REACH_M, Surroundings, observe
+from regents_cosim.mirror.observe import Surroundings, observe
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
 from regents_cosim.planners.aim_bev.network import NetworkWeights, to_network
 from regents_cosim.planners.aim_bev.recollection import Recollection, in_view
+from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, Shown
 from regents_cosim.planners.aim_bev.way import OwnWay
-from regents_cosim.planners.aim_bev.weights_file import FOLLOWS_ROUTE, SHIPPED, load_weights
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
 _BEYOND_M = 30.0  # how far the ego may get away from its log and still see the road
@@ -50,22 +51,24 @@ class AimBevSight(eqx.Module):
 class AimBev(JaxPlanner):
     """Looks at its surroundings from above and drives to its last logged position, or along its route.
 
-    Source: ReGentS section 4, KING, who give it the last logged position. Weights that `follows_route` tells were
-    trained for the other.
+    Source: ReGentS section 4, KING, who give it the last logged position and show it 19 m to each side. Weights may
+    have been taught with another (`given`).
     """
 
     network: NetworkWeights
     controller: Controller
-    follows_route: bool = eqx.field(static=True, default=False)
+    given: Shown = eqx.field(static=True, default=AS_IN_THE_PAPERS)
 
     def init(self, scene: LoopScene) -> AimBevMemory:
         """Draw the map around the logged track."""
         scenario = scene.scenario
         tracks = scenario.tracks if scenario.original is None else scenario.original
         track = np.stack([tracks.x[0], tracks.y[0]], axis=-1)
-        low = track.min(axis=0) - REACH_M - _BEYOND_M
-        cells = draw_cells(scenario.road, low, track.max(axis=0) + REACH_M + _BEYOND_M)
-        way = OwnWay.of(scenario, scene.origin) if self.follows_route else None
+        camera = self.given.camera
+        around_m = camera.reach_m + _BEYOND_M
+        low = track.min(axis=0) - around_m
+        cells = draw_cells(scenario.road, low, track.max(axis=0) + around_m, camera)
+        way = OwnWay.of(scenario, scene.origin) if self.given.follows_route else None
         if way is None:
             bars, lights = stop_bars(scenario.road, scenario.signals, scenario.tracks.steps, scene.origin)
         else:
@@ -92,7 +95,7 @@ class AimBev(JaxPlanner):
     def step(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> tuple[Controls, AimBevMemory]:
         """See, plan waypoints, steer along them."""
         view = Surroundings(sight.boxes, sight.speed, self.on_level(memory, sight, ego), memory.lights[memory.now])
-        seen, before = in_view(view, ego), memory.recollection.at(memory.now)
+        seen, before = in_view(view, ego, self.given.camera), memory.recollection.at(memory.now)
         known = (seen == before.seen).all()
         waypoints = jax.lax.cond(known, lambda: before.waypoints, lambda: self.plan(memory, view, ego))
         controls, errors = self.controller.steer(memory.errors, waypoints, ego.speed)
@@ -127,13 +130,13 @@ class AimBev(JaxPlanner):
         dx, dy = place - jnp.stack([ego.x, ego.y])
         cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
         target = jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
-        return observe(memory.ground, memory.bars, view, ego), target
+        return observe(memory.ground, memory.bars, view, ego, self.given.camera), target
 
 
 def with_weights(path: Path) -> AimBev:
     """AIM-BEV with the weights of a file. Raises RegentsError where it holds none."""
     weights = load_weights(path)
-    return AimBev(to_network(weights), Controller(), FOLLOWS_ROUTE in weights)
+    return AimBev(to_network(weights), Controller(), Shown.to(weights))
 
 
 def aim_bev(weights: str = "") -> AimBev:

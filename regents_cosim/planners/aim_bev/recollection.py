@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.observe import MARK_S, REACH_M, Surroundings
+from regents_cosim.mirror.camera import Camera
+from regents_cosim.mirror.observe import MARK_S, Surroundings
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 
 _VALUES = 6  # that say how an agent looks
@@ -36,11 +37,11 @@ class Recollection(eqx.Module):
         return jax.tree.map(lambda values, value: values.at[step].set(value), self, instant)
 
 
-def in_view(view: Surroundings, ego: Motion) -> Float[Array, " value"]:
-    """All that a picture of a scene at one step depends on: the ego, and who is near enough to be drawn."""
+def in_view(view: Surroundings, ego: Motion, camera: Camera) -> Float[Array, " value"]:
+    """All that a picture by `camera` of a scene at one step depends on: the ego, and who is near enough to be drawn."""
     box = view.boxes
     length = box.half_length + MARK_S * jnp.abs(view.speed)
-    near = jnp.hypot(box.x - ego.x, box.y - ego.y) < REACH_M + jnp.hypot(length, box.half_width) + 1.0
+    near = jnp.hypot(box.x - ego.x, box.y - ego.y) < camera.reach_m + jnp.hypot(length, box.half_width) + 1.0
     looks = jnp.stack([box.x, box.y, box.cos, box.sin, view.speed, view.valid.astype(jnp.float32)])
     own = jnp.stack([ego.x, ego.y, ego.yaw, ego.speed])
     return jnp.concatenate([own, jnp.where(near, looks, jnp.inf).ravel()])

@@ -3,6 +3,8 @@
 The log says how to get back to where it was. A network that has driven somewhere else needs to know what to do
 there: brake for who is ahead now. What lies beyond the view must not count, or the network would be taught to
 brake for what it cannot see.
+
+IDM brakes for who is in its way, not for who will be. A careful teacher brakes for these as well (`dangers`).
 """
 
 from collections.abc import Sequence
@@ -13,11 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.mirror.bicycle import Motion, clip, step
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, clip, step
+from regents_cosim.mirror.camera import PAPERS, Camera
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.observe import VIEW_M
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
+from regents_cosim.planners.aim_bev.dangers import Dangers
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame
 from regents_cosim.planners.idm import IDM, IdmMemory
 from regents_cosim.scenario import Scenario
@@ -28,30 +31,41 @@ class Teacher(eqx.Module):
 
     idm: IDM
     routes: IdmMemory  # [scene]
+    dangers: Dangers | None  # that a careful teacher expects; None: IDM alone
 
     @classmethod
-    def of(cls, scenarios: Sequence[Scenario]) -> "Teacher":
-        """IDM on the route of the ego of each of `scenarios`."""
+    def of(cls, scenarios: Sequence[Scenario], careful: bool = False, camera: Camera = PAPERS) -> "Teacher":
+        """On the route of the ego of each of `scenarios`."""
         idm = IDM()
         routes = [idm.on_route(scenario, np.zeros(2)) for scenario in scenarios]
-        return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes))
+        dangers = Dangers.of(scenarios, camera) if careful else None
+        return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes), dangers)
 
     @compiled
     def labels(self, room: Classroom, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
-        """Where IDM would be over the next 0.8 s [m, own frame] in the egos' places; the others drive as they did."""
+        """Where it would be over the next 0.8 s [m, own frame] in the egos' places; the others drive as they did."""
         return jax.vmap(lambda one: self._label(room, one))(lesson)
 
     def _label(self, room: Classroom, one: Lesson) -> Float[Array, "waypoint 2"]:
         route = jax.tree.map(lambda values: values[one.scene], self.routes)
         others = jax.tree.map(lambda values: values[one.scene], room.log)
-        seen = room.valid[one.scene] & _in_view(others, one)[:, None] & (jnp.arange(others.x.shape[0]) > 0)[:, None]
+        near = _in_view(others, one, room.camera) & (jnp.arange(others.x.shape[0]) > 0)
+        seen = room.valid[one.scene] & near[:, None]
         sizes = room.half_length[one.scene], room.half_width[one.scene]
 
-        def advance(ego: Motion, ahead: Array) -> tuple[Motion, Motion]:
+        def controls(ego: Motion, ahead: Array) -> Controls:
             now = jnp.minimum(one.step + ahead, room.steps - 1)
             motion, valid = jax.tree.map(lambda values: values[:, now][:, None], (others, seen))
             sight = jax.tree.map(lambda values: values[0], self.idm.look(route, Traffic(motion, valid, *sizes)))
-            control, _ = self.idm.step(eqx.tree_at(lambda m: m.now, route, now), sight, ego)
+            return self.idm.step(eqx.tree_at(lambda m: m.now, route, now), sight, ego)[0]
+
+        danger = jnp.bool_(False)
+        if self.dangers is not None:
+            danger = self.dangers.there(room, route, one, near, controls(one.state, jnp.int32(0)).accel)
+
+        def advance(ego: Motion, ahead: Array) -> tuple[Motion, Motion]:
+            control = controls(ego, ahead)
+            control = Controls(jnp.where(danger, -ACCEL_LIMIT, control.accel), control.curvature)
             after = step(ego, clip(control), room.dt)
             return after, after
 
@@ -59,8 +73,8 @@ class Teacher(eqx.Module):
         return jax.vmap(to_frame, (0, 0, None))(way.x, way.y, one.state)
 
 
-def _in_view(others: Motion, one: Lesson) -> Array:
+def _in_view(others: Motion, one: Lesson, camera: Camera) -> Array:
     """Whose centres the view of the taught shows."""
     now = jax.tree.map(lambda values: values[:, one.step], others)
     place = jax.vmap(to_frame, (0, 0, None))(now.x, now.y, one.state)
-    return (jnp.abs(place) < VIEW_M).all(axis=1)
+    return (jnp.abs(place) < camera.view_m).all(axis=1)

@@ -11,15 +11,17 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.mirror.camera import Camera
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, evading_steps, plan
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
 from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, practise
+from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, Shown
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
 from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig, checkpoint_path
 from regents_cosim.planners.aim_bev.way import relit
-from regents_cosim.planners.aim_bev.weights_file import FOLLOWS_ROUTE, load_weights, save_weights
+from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 
 _FROM_PRACTICE = 0.4  # share of the lessons, once there is any
@@ -39,7 +41,7 @@ class _ResumableTraining:
     known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, label
     teacher: Teacher | None  # who teaches; None: the log
     fine_tuning: bool  # its batch norms keep their statistics
-    follows_route: bool  # what it is shown: `way`
+    given: Shown  # what it is shown
 
 
 def train(
@@ -65,12 +67,15 @@ def train(
     torch.manual_seed(config.seed)
     course = _begin(config, resume, fine_tuning=bool(crashes))
     windows = [*scenarios, *(crash.evaded() for crash in crashes)]
-    if course.follows_route:
+    if course.given.follows_route:
         windows += [twin for scenario in scenarios for twin in relit(scenario)]
-    course.teacher = teacher = Teacher.of(windows) if config.teacher == "idm" else None
-    room = gather(windows, course.follows_route)
+    if config.teacher != "log":
+        course.teacher = Teacher.of(windows, config.teacher == "careful", course.given.camera)
+    room = gather(windows, course.given)
     curriculum = plan(
-        room, {len(scenarios) + index: evading_steps(crash) for index, crash in enumerate(crashes)}, teacher is not None
+        room,
+        {len(scenarios) + index: evading_steps(crash) for index, crash in enumerate(crashes)},
+        course.teacher is not None,
     )
     total = sum(map(len, curriculum.rows.values()))
     require(total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError)
@@ -96,7 +101,7 @@ def drive_all(scenarios: Sequence[Scenario], weights: Path) -> Iterator[Tracks]:
     Raises RegentsError where the horizons differ, or these are no weights.
     """
     begun, at_once = _begin(TrainConfig(teacher="idm"), weights), min(_AT_ONCE, len(scenarios))
-    room, predict = gather(scenarios, begun.follows_route), _predict(begun.network)
+    room, predict = gather(scenarios, begun.given), _predict(begun.network)
     for first in range(0, len(scenarios), at_once):
         scene = np.minimum(np.arange(first, first + at_once), len(scenarios) - 1)  # the last chunk keeps the shape
         driven = np.stack([known for _, known in drive(room, predict, Controller(), scene)], axis=-1)
@@ -247,15 +252,17 @@ def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) 
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
     course = _ResumableTraining(
         network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept), None, fine_tuning,
-        follows_route=False,
+        AS_IN_THE_PAPERS,
     )  # fmt: skip
     if resume is not None:
         saved = load_weights(resume)
         _restore(course, {n: v for n, v in saved.items() if n != "epochs"} if fine_tuning else saved)
     if config.target is not None:
-        course.follows_route = config.target == "route"
+        course.given = replace(course.given, follows_route=config.target == "route")
+    if config.view is not None:
+        course.given = replace(course.given, camera=Camera.reaching(config.view))
     require(
-        not course.follows_route or config.teacher == "idm",
+        not course.given.follows_route or config.teacher != "log",
         "weights that follow the route (target route), expected the teacher idm: the log tells nothing of lights",
         RegentsError,
     )
@@ -263,10 +270,10 @@ def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) 
 
 
 def _weights(course: _ResumableTraining) -> dict[str, np.ndarray]:
-    """By name; with a mark where they are to follow routes."""
+    """By name, with what they are to be shown."""
     state = course.network.state_dict().items()
     found = {name: values.detach().numpy() for name, values in state if values.is_floating_point()}
-    return found | ({FOLLOWS_ROUTE: np.ones(1, np.float32)} if course.follows_route else {})
+    return found | course.given.marks()
 
 
 def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
@@ -281,7 +288,7 @@ def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
 
 def _restore(course: _ResumableTraining, saved: dict[str, np.ndarray]) -> None:
     own = {name.removeprefix("network."): torch.tensor(v) for name, v in saved.items() if not name.startswith("adam.")}
-    course.follows_route = FOLLOWS_ROUTE in own
+    course.given = Shown.to({name: values.numpy() for name, values in own.items()})
     known = course.network.state_dict()
     missing = [name for name in known if name not in own and not name.endswith("num_batches_tracked")]
     require(not missing, f"the file to resume from lacks {len(missing)} weights, {missing[:1]} first", RegentsError)

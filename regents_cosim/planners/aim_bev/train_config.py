@@ -6,6 +6,7 @@ from typing import Literal
 
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.planners.aim_bev.shown import LEAST_VIEW_M, MOST_VIEW_M
 
 
 @dataclass(frozen=True)
@@ -21,13 +22,16 @@ class TrainConfig:
     frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
     warm_up: int = 3  # epochs before the network drives by itself, where it begins without weights
     drives: int = 40  # of the network by itself, per epoch
-    teacher: Literal["log", "idm"] = "log"  # that, or who drives in the egos' places: `teacher`
+    teacher: Literal["log", "idm", "careful"] = "log"  # that, or who drives in the egos' places: `teacher`
     target: Literal["end", "route"] | None = None  # the log's end, or a route point ahead: `way`; None: as the weights
+    view: float | None = None  # [m] that it sees to each side; None: as the weights
     evading: float = 0.25  # share of the lessons and drives, where there are crashes to learn from
     threads: int = 2  # of torch
 
     def __post_init__(self) -> None:
         check_ranges(self, _RANGES)
+        if self.view is not None:
+            _VIEW.check("view", self.view)
         require(
             self.lessons >= self.batch,
             f"lessons is {self.lessons}, expected at least {self.batch}: that many are taught at a time",
@@ -47,12 +51,20 @@ _RANGES = {
     "drives": Range(0, 100_000, "drives of the network by itself per epoch", whole=True),
     "threads": Range(1, 1024, "threads of torch", whole=True),
 }
+_VIEW = Range(LEAST_VIEW_M, MOST_VIEW_M, "metres that the network sees ahead, behind and to each side")
 
 # Of trained weights: lessons cost more than passes over them, and evasions take about ten passes. The log cannot teach
 # them: with it, 66 of 106 held-out attacks ended in a crash before and 64 after, and ordinary traffic suffered.
 FINE_TUNING = TrainConfig(
     epochs=8, lessons=2048, kept=10, frozen=4, drives=24, learning_rate=5e-4, teacher="idm", evading=0.4
 )
+
+
+def require_as_begun(config: TrainConfig, way: str) -> None:
+    """Raise RegentsError where weights that learn from crashes are to be given anything else than they were before."""
+    for name in ("target", "view"):
+        given = getattr(config, name)
+        require(given is None, f"--{name} {given} with {way}, expected the {name} of the weights", RegentsError)
 
 
 @dataclass(frozen=True)

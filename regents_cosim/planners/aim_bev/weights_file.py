@@ -12,9 +12,6 @@ from regents_cosim.system.atomic import write_atomic
 SHIPPED = Path(__file__).parent / "weights" / "aim_bev.safetensors"
 
 
-FOLLOWS_ROUTE = "follows_route"  # an array by that name is in weights that are shown a point of the route (`way`)
-
-
 def load_weights(path: Path) -> dict[str, np.ndarray]:
     """Arrays by name. Raises RegentsError where the file is missing or no safetensors."""
     try:
