@@ -10,7 +10,7 @@ DEMO := -c sumo_nets/crossing/crossing.sumocfg --planner idm --count 10 --seed 0
 
 CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 
-.PHONY: demo browser test test-all test-oldest lint docs bench wheel release-check clean
+.PHONY: demo browser test test-all test-oldest lint docs bench bench-parts bench-gpu wheel release-check clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -62,8 +62,14 @@ lint: .venv/installed-dev
 docs: .venv/installed-docs  ## the documentation, in site/index.html; any broken link is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-bench: .venv/installed-dev  ## speed, as ratios in one run
+bench: .venv/installed-dev  ## what searches and suites cost, as one table, in a few minutes
+	$(BIN)/python tests/speed/table.py
+
+bench-parts: .venv/installed-dev  ## iterations, drives, recording and replays by themselves, as ratios in one run
 	$(BIN)/python -m pytest tests/speed -o addopts='' --benchmark-only -s  # without the checks of shapes
+
+bench-gpu: .venv/installed-dev  ## scenario-iterations per second over batch sizes, on the device that JAX finds
+	$(BIN)/python tests/speed/accelerator.py
 
 wheel: .venv/installed-dev
 	rm -rf dist

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
+from regents_cosim.attacks.presets import KING
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.mirror.compiled import compiled
@@ -137,10 +137,3 @@ def test_king(benchmark, every, iterations):
     seconds = begun / len(once) + 500 * (took - begun) / more
     benchmark.extra_info["seconds_of_500"] = seconds
     print(f"\nKING, a drive every {every} iterations: {seconds:.1f} s per scenario for 500, on two threads")
-
-
-def test_our_preset(benchmark):
-    """Driving every 25 iterations."""
-    attacked(REGENTS_FOCUSED, 25)
-    _, took = benchmark.pedantic(attacked, (REGENTS_FOCUSED, 25), rounds=1)
-    print(f"\nfocused, a drive every 25 iterations: {took / 12:.1f} s per window, on two threads")

@@ -1,4 +1,4 @@
-"""How fast the attack is: `make bench` prints it. The same file runs on a GPU where JAX sees one."""
+"""How fast the parts of an attack are: `make bench-parts` prints it."""
 
 import os
 import subprocess
@@ -12,13 +12,11 @@ from plain_numpy import cost
 from timing import STILL, attack, dense_traffic, in_threads, job, seconds
 
 from regents_cosim.attacks.attack import attack as attack_scenarios
-from regents_cosim.attacks.batched_search import search_batched
 from regents_cosim.attacks.presets import KING, REGENTS
 from regents_cosim.mirror.world import to_world
 
 AGENTS = 32
 FIRST_CALL = Path(__file__).parent / "first_call.py"
-ON_CPU = jax.default_backend() == "cpu"
 
 
 @pytest.mark.parametrize("planner", ["log_replay", "idm"])
@@ -78,17 +76,3 @@ def test_against_plain_numpy(benchmark):
     steps = 2 * (AGENTS - 1) * 80
     print(f"\nNumPy: {1e3 * plain:.0f} ms per value, {plain / ours:.0f} x one iteration with its gradient")
     print(f"(by finite differences over {steps} actions: {steps * plain / ours:.2g} x)")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("slots", [1, 8, 32, 128] if ON_CPU else [1, 32, 256, 1024, 4096])
-def test_batched(benchmark, slots):
-    """Searches side by side in one program, which is how a GPU runs them."""
-    under_test, wanted = job(dense_traffic(AGENTS), "log_replay")
-    few = replace(STILL, iterations=25)
-    took = seconds(lambda: search_batched([wanted] * slots, under_test, few, slots), rounds=2)
-    benchmark.pedantic(search_batched, ([wanted] * slots, under_test, few, slots), rounds=1)
-    rate = slots * few.iterations / took
-    print(
-        f"\n{jax.default_backend()}, {slots} side by side: {rate:.0f} iterations per second, {1e3 / rate:.3f} ms each"
-    )
