@@ -33,7 +33,7 @@ hypothesis.settings.load_profile("shared")
 
 
 def pytest_configure(config):
-    """Before JAX compiles, and for the commands that tests start; but not for `make bench-parts`, which asks for speed."""
+    """Before JAX compiles the first program, and for the commands that tests start; `bench-parts` asks for speed."""
     if not config.option.benchmark_only:
         os.environ["XLA_FLAGS"] = f"{QUICK_XLA} {os.environ.get('XLA_FLAGS', '')}".strip()
 
