@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 from jaxtyping import Float
-from scipy.sparse.csgraph import dijkstra
 
 from regents_cosim.attacks.drive_lines import Near
 from regents_cosim.maps.roadmap import RoadMap
@@ -42,6 +41,8 @@ class Routes:
         wanted = [i for i, way in enumerate(self._crossings) if near.is_met_by(shapely.LineString(way.shape))]
         if not wanted:
             return
+        from scipy.sparse.csgraph import dijkstra  # takes long to import, and few attack on foot
+
         count = len(self._places)
         apart = np.zeros((count + 1, count + 1))  # 0: no way
         apart[:count, :count], apart[count, :count] = self._apart, self._away(place)

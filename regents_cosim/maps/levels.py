@@ -8,11 +8,11 @@ clearance of it: roads that are 3.8 m apart or more never mix.
 import functools
 import itertools
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import KDTree
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.boxes import CLEARANCE_M, Values
@@ -193,7 +193,7 @@ class Heights:
         if self.flat or not there.any():
             return np.zeros(np.shape(x))
         way, place = self._way[agent, there], np.stack([x, y], axis=-1)
-        _, nearest = KDTree(way[:, :2]).query(place)
+        _, nearest = _tree_of(way[:, :2]).query(place)
         return self.surface(place, way[nearest, 2])
 
     def surface(self, place: Float[np.ndarray, "... 2"], z: Values) -> Float[np.ndarray, "..."]:
@@ -202,8 +202,15 @@ class Heights:
         return np.asarray(self.points[self._tree.query(stretched)[1], 2])
 
     @functools.cached_property
-    def _tree(self) -> KDTree:
-        return KDTree(self.points * [1.0, 1.0, _STRETCH])
+    def _tree(self) -> Any:
+        return _tree_of(self.points * [1.0, 1.0, _STRETCH])
+
+
+def _tree_of(points: Float[np.ndarray, "point axes"]) -> Any:
+    """A `scipy.spatial.KDTree`; only roads above each other wait for SciPy to be imported."""
+    from scipy.spatial import KDTree
+
+    return KDTree(points)
 
 
 def _around(road: RoadMap, points: Points) -> list[Lane]:

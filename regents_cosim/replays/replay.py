@@ -1,21 +1,19 @@
 """`replay`: a case in a simulator, and whether the same crash happens there."""
 
-import secrets
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field, replace
 from itertools import tee
 from typing import Literal
 
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
+from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
-from regents_cosim.planners.relay import Relay, RelayedDriver, relayed
+from regents_cosim.planners.relay import Relay, relayed
 from regents_cosim.planners.under_test import AnyPlanner, PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
-from regents_cosim.replays.sumo.drivers import DriverParameters, background_drivers
-from regents_cosim.replays.sumo.replay import replay_in_sumo
+from regents_cosim.replays.sumo.drive import SumoDrive, compared_in_sumo, drive_in_sumo
+from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
@@ -27,8 +25,6 @@ from regents_cosim.system.workers import run_each
 Simulator = Literal["sumo", "highway", "mirror"]
 Mode = Literal["track", "actions"]
 Background = Literal["log", "reactive"]
-_RUN = secrets.token_hex(8)  # of this process
-_KEPT: dict[tuple[str, PlannerTicket, float], Drivers] = {}  # in a worker: of the run that it works on
 _AGENT = "highway:"  # in front of the names of highway-env's agents, which need no bridge there
 
 
@@ -97,7 +93,7 @@ def replay_each(
             )
             for scenario in taken
         )
-        found_there = run_each(_in_sumo, jobs, executor if not isinstance(driven_by, Relay) else None)
+        found_there = run_each(compared_in_sumo, jobs, executor if not isinstance(driven_by, Relay) else None)
         for scenario, found in zip(scenarios, found_there, strict=True):
             yield failed(scenario, found) if isinstance(found, RegentsError) else found
 
@@ -111,30 +107,11 @@ def verify_in_sumo(
     return {replay.case: replay for replay in progress.each(replays, "verifying in SUMO", len(crashes))}
 
 
-@dataclass(frozen=True)
-class SumoDrive:
-    """One run of SUMO: who is at the wheel of the ego, and who SUMO drives, how, by index."""
-
-    scenario: Scenario
-    planner: PlannerTicket | Relay | None = None  # `at_hand`; None: the ego follows its track, or is among the released
-    released: Mapping[int, DriverParameters] = field(default_factory=dict)
-    seed: int = 0
-    gui: bool = False
-    act_timeout_s: float = ACT_TIMEOUT_S
-    run: str = _RUN  # who asks: while that is the same, the planner's process is
-
-
 def drive_in_sumo_each(
     drives: Sequence[SumoDrive], executor: Executor | None = None
 ) -> Iterator[SumoReplay | RegentsError]:
     """What SUMO reports of each drive, in order, in processes of their own; a drive that fails gives its error."""
     return run_each(drive_in_sumo, drives, executor)
-
-
-def drive_in_sumo(drive: SumoDrive) -> SumoReplay:
-    """Run in a worker process."""
-    with _driver_of(drive) as driver:
-        return replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
 
 
 @contextmanager
@@ -147,40 +124,6 @@ def at_hand(
         return
     with Drivers(planner, act_timeout_s) as drivers, relayed(drivers) as relay:
         yield relay
-
-
-@contextmanager
-def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | RelayedDriver | None]:
-    """Who drives the ego, from what this worker keeps between the drives of one run."""
-    if drive.planner is None:
-        yield None
-        return
-    if isinstance(drive.planner, Relay):
-        with drive.planner.lend() as driver:
-            yield driver
-        return
-    key = drive.run, drive.planner, drive.act_timeout_s
-    if key not in _KEPT:
-        for drivers in _KEPT.values():
-            drivers.__exit__()
-        _KEPT.clear()
-        _KEPT[key] = Drivers(drive.planner.planner(), drive.act_timeout_s)
-    with _KEPT[key].lend() as driver:
-        yield driver
-
-
-def _in_sumo(drive: SumoDrive) -> Replay:
-    """Run in a worker process."""
-    seen = drive_in_sumo(drive)
-    found = compare(drive.scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
-    unmatched = tuple(drive.scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven))
-    return replace(found, unmatched=unmatched, as_vehicles=_as_vehicles(drive.scenario, seen))
-
-
-def _as_vehicles(scenario: Scenario, seen: SumoReplay) -> tuple[str, ...]:
-    """The pedestrians that were no persons in SUMO."""
-    on_foot = {index for index, agent in enumerate(scenario.agents) if index > 0 and agent.kind == "pedestrian"}
-    return tuple(scenario.agents[index].id for index in sorted(on_foot - seen.persons))
 
 
 def check(

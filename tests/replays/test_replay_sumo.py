@@ -27,7 +27,8 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.replays import replay as replays
 from regents_cosim.replays.ego_driver import EgoState
-from regents_cosim.replays.replay import _in_sumo, replay, replay_each
+from regents_cosim.replays.replay import replay, replay_each
+from regents_cosim.replays.sumo.drive import compared_in_sumo
 from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.verify import compare
@@ -429,12 +430,12 @@ def test_a_damaged_network_is_said(in_sumo, net):
 def crash_if_doomed(job):
     if job.scenario.id == "doomed":
         os.kill(os.getpid(), signal.SIGSEGV)
-    return _in_sumo(job)
+    return compared_in_sumo(job)
 
 
 @pytest.mark.slow
 def test_a_crash_of_sumo_is_a_failed_verification_of_that_case_only(monkeypatch):
-    monkeypatch.setattr(replays, "_in_sumo", crash_if_doomed)
+    monkeypatch.setattr(replays, "compared_in_sumo", crash_if_doomed)
     made = t_bone()
     names = ["a", "b", "doomed", "c", "d"]
     found = list(replay_each([dataclasses.replace(made, id=name) for name in names]))

@@ -18,7 +18,8 @@ from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import PlannerTicket, PlannerUnderTest
-from regents_cosim.replays.replay import SumoDrive, drive_in_sumo, drive_in_sumo_each, replay
+from regents_cosim.replays.replay import drive_in_sumo_each, replay
+from regents_cosim.replays.sumo.drive import SumoDrive, drive_in_sumo
 from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, SUMO_DRIVER, DriverParameters, background_drivers
 from regents_cosim.replays.sumo.routes import route_of
 from regents_cosim.replays.verify import compare

@@ -1,0 +1,80 @@
+"""One run of SUMO for a case, in a worker process. A worker that drives no planner imports neither planners nor JAX."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.replays.sumo.drivers import DriverParameters
+from regents_cosim.replays.sumo.replay import replay_in_sumo
+from regents_cosim.replays.sumo.stage import SumoReplay
+from regents_cosim.replays.verify import Replay, compare
+from regents_cosim.scenario import Scenario
+
+if TYPE_CHECKING:
+    from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
+    from regents_cosim.planners.relay import Relay, RelayedDriver
+    from regents_cosim.planners.under_test import PlannerTicket
+
+_RUN = secrets.token_hex(8)  # of this process
+_KEPT: dict[tuple[str, PlannerTicket, float], Drivers] = {}  # in a worker: of the run that it works on
+
+
+@dataclass(frozen=True)
+class SumoDrive:
+    """One run of SUMO: who is at the wheel of the ego, and who SUMO drives, how, by index."""
+
+    scenario: Scenario
+    planner: PlannerTicket | Relay | None = None  # `at_hand`; None: the ego follows its track, or is among the released
+    released: Mapping[int, DriverParameters] = field(default_factory=dict)
+    seed: int = 0
+    gui: bool = False
+    act_timeout_s: float = ACT_TIMEOUT_S
+    run: str = _RUN  # who asks: while that is the same, the planner's process is
+
+
+def drive_in_sumo(drive: SumoDrive) -> SumoReplay:
+    """Run in a worker process."""
+    with _driver_of(drive) as driver:
+        return replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
+
+
+def compared_in_sumo(drive: SumoDrive) -> Replay:
+    """The same held against its case. Run in a worker process."""
+    seen = drive_in_sumo(drive)
+    found = compare(drive.scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
+    unmatched = tuple(drive.scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven))
+    return replace(found, unmatched=unmatched, as_vehicles=_as_vehicles(drive.scenario, seen))
+
+
+@contextmanager
+def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | RelayedDriver | None]:
+    """Who drives the ego, from what this worker keeps between the drives of one run."""
+    if drive.planner is None:
+        yield None
+        return
+    from regents_cosim.planners.driver import Drivers  # with JAX, which takes longer to import than SUMO to replay
+    from regents_cosim.planners.relay import Relay
+
+    if isinstance(drive.planner, Relay):
+        with drive.planner.lend() as driver:
+            yield driver
+        return
+    key = drive.run, drive.planner, drive.act_timeout_s
+    if key not in _KEPT:
+        for drivers in _KEPT.values():
+            drivers.__exit__()
+        _KEPT.clear()
+        _KEPT[key] = Drivers(drive.planner.planner(), drive.act_timeout_s)
+    with _KEPT[key].lend() as driver:
+        yield driver
+
+
+def _as_vehicles(scenario: Scenario, seen: SumoReplay) -> tuple[str, ...]:
+    """The pedestrians that were no persons in SUMO."""
+    on_foot = {index for index, agent in enumerate(scenario.agents) if index > 0 and agent.kind == "pedestrian"}
+    return tuple(scenario.agents[index].id for index in sorted(on_foot - seen.persons))
