@@ -31,6 +31,7 @@ def examples(language):
     ]
 
 
+@pytest.mark.filterwarnings("default")  # libsumo 1.24 warns as it is imported, and crashes where that is an error
 @pytest.mark.parametrize("code", examples("python"))
 def test_python_examples_run_and_their_planners_drive(code, tmp_path, monkeypatch):
     shutil.copytree(shipped("scenarios") / "quickstart", tmp_path / "suite")
