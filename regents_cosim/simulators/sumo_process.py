@@ -9,6 +9,7 @@ import re
 import sys
 import tempfile
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
@@ -41,7 +42,9 @@ def load_libsumo() -> ModuleType:
     """Import libsumo. Raises MissingDependencyError that names the Debian packages where it cannot load."""
     os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # it greets on stdout otherwise
     try:
-        import libsumo
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # libsumo 1.24 warns, and crashes where a warning is an error
+            import libsumo
     except ImportError as error:
         raise MissingDependencyError(
             f"SUMO's library cannot be loaded ({error}). The wheel needs system libraries; "
