@@ -192,8 +192,8 @@ class Attacker:
         if home is None:
             self.let_go()
             return
-        attack.plan = home
         self.attack, self._home = None, attack
+        self._drive_home(attack, home)
 
     # --- carrying out, and back ------------------------------------------------------------------
 
@@ -222,4 +222,9 @@ class Attacker:
             if onward is None:
                 self.let_go()
             else:
-                home.plan = onward
+                self._drive_home(home, onward)
+
+    def _drive_home(self, home: Attack, plan: Plan) -> None:
+        """Go on by a plan, which may lead out of a junction another way than the vehicle's route does."""
+        home.plan = plan
+        home.control.follow_route_of(plan)

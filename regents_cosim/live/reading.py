@@ -13,7 +13,8 @@ import numpy as np
 from traci import constants as tc
 
 from regents_cosim.errors import SumoError
-from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
+from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
+from regents_cosim.limits import ALONG_RAD
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.paths import LaneChains, Path, Stop, path_along
 from regents_cosim.live.traffic import Following, RoadUser, TrafficState
@@ -22,6 +23,7 @@ from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
+from regents_cosim.verdicts.lane_pieces import lane_pieces
 
 _WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED]
 _CLOSED = "ryuU"  # letters of a light before which one waits
@@ -179,17 +181,19 @@ class Reader:
         self, name: str, front: tuple[float, float], yaw: float, speed: float, horizon_s: float, is_ego: bool = False
     ) -> Path:
         """Where a vehicle's route leads it."""
-        lanes, along_m, stops, arrives = self._lanes(name, speed, is_ego)
+        lanes, along_m, stops, arrives = self._lanes(name, front, yaw, speed, is_ego)
         fastest = max([speed, *(lane.speed_limit for lane in lanes[:3])])
         reach_m = 20.0 + 1.2 * fastest * (horizon_s + (_REACH_S if is_ego else 0.0))
         return path_along(lanes, along_m, front, yaw, speed, min(reach_m, 300.0), arrives and not is_ego, stops)
 
-    def _lanes(self, name: str, speed: float, is_ego: bool) -> tuple[list[Lane], float, list[Stop], bool]:
+    def _lanes(
+        self, name: str, front: tuple[float, float], yaw: float, speed: float, is_ego: bool
+    ) -> tuple[list[Lane], float, list[Stop], bool]:
         """The lanes ahead, how far along the first it is [m], where it has to wait, and whether it arrives there."""
         vehicle = self._sumo.vehicle
         lane, along_m = vehicle.getLaneID(name), vehicle.getLanePosition(name)
         if lane not in self.road.lane:
-            return [], 0.0, [], False
+            return *self._lanes_beneath(name, front, yaw), [], False
         changed = self._changed_lane(name, lane, along_m) if is_ego else None
         if changed is not None:
             return *changed, [], False
@@ -212,6 +216,18 @@ class Reader:
         if is_ego:
             lanes = self._further(lanes)
         return lanes, along_m, stops, arrives
+
+    def _lanes_beneath(self, name: str, front: tuple[float, float], yaw: float) -> tuple[list[Lane], float]:
+        """The lane that runs under a vehicle that SUMO has on none, and those after it, and how far along it is [m].
+
+        SUMO has a vehicle that was put on another turn of a junction than that of its route on no lane at all.
+        """
+        at = lane_pieces(self.road).under(np.array([front]), float(self._sumo.vehicle.getPosition3D(name)[2]))
+        turn = np.abs(np.asarray(wrap(at.heading - yaw)))
+        if not len(turn) or turn.min() > ALONG_RAD:
+            return [], 0.0
+        nearest = int(turn.argmin())
+        return self._further([self.road.lanes[int(at.lane[nearest])]]), float(at.along[nearest])
 
     def _changed_lane(self, name: str, lane: str, along_m: float) -> tuple[list[Lane], float] | None:
         """The neighbour that the route needs soon, and those that follow it; None where it needs none."""

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.geometry.frames import Pose, to_sumo
+from regents_cosim.live.paths import LaneChains
 from regents_cosim.live.plan import Plan
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
@@ -116,16 +117,20 @@ class SumoVehicleControl:
             self._try(lambda: vehicle.setRoute(self.name, list(found[found.index(here) :])))
 
     def _edges(self, plan: Plan) -> list[str]:
-        """The edges under a plan up to where it meets the ego and a little further."""
+        """The edges under a plan up to where it meets the ego and a little further.
+
+        One that ends in a junction leads to the edge of its turn.
+        """
         points = np.stack([plan.x, plan.y], axis=1)
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
         at = np.arange(0.0, driven[-1], _POINTS_M)
         if len(at) < 2:
             return []
         sparse = np.stack([np.interp(at, driven, values) for values in points.T], axis=1)
-        lanes = match_lanes(self._road, sparse, np.zeros(len(sparse)))
-        names = [lane.id.rpartition("_")[0] for lane in lanes if lane is not None and not lane.junction]
-        return list(dict.fromkeys(names))
+        lanes = [lane for lane in match_lanes(self._road, sparse, np.zeros(len(sparse))) if lane is not None]
+        names = [lane.id for lane in lanes if not lane.junction]
+        names += LaneChains(self._road).out_of_junction(lanes[-1].id)[-1:] if lanes else []
+        return list(dict.fromkeys(name.rpartition("_")[0] for name in names))
 
     def _try(self, change: Any) -> None:
         """What SUMO may refuse without harm: a route that does not join, a place too far from one."""

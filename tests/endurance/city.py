@@ -32,7 +32,7 @@ class Seen:
     crashes: int = 0
     told: list[str] = field(default_factory=list)
     vehicles: list[int] = field(default_factory=list)
-    left: dict[str, str] = field(default_factory=dict)  # of those that attacked and are still there: where, and how
+    last: dict[str, str] = field(default_factory=dict)  # of those that attacked: when, where and how they were last
 
 
 def run(config: Path, after_s: float, minutes: float, longest_s: float = 900.0) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def run(config: Path, after_s: float, minutes: float, longest_s: float = 900.0) 
         "given back": len(with_us.attacked),
         "arrive without us": len(would),
         "arrive with us": len(would & with_us.arrived),
-        "do not": {name: with_us.left.get(name, "gone") for name in sorted(would - with_us.arrived)},
+        "do not": {name: with_us.last[name] for name in sorted(would - with_us.arrived)},
         "told": with_us.told,
     }
 
@@ -62,6 +62,8 @@ def _drive(config: Path, after_s: float, lasting_s: float, longest_s: float, att
     while (now := sumo.simulation.getTime()) < begin + lasting_s + longest_s:
         sumo.simulationStep()
         seen.arrived.update(sumo.simulation.getArrivedIDList())
+        there = seen.attacked.intersection(sumo.vehicle.getIDList() if seen.attacked else ())
+        seen.last.update({name: _where(sumo, name) for name in there})
         if not attacked or not begin <= now < begin + lasting_s + _EACH_S:
             continue
         seen.vehicles.append(sumo.vehicle.getIDCount())
@@ -70,17 +72,17 @@ def _drive(config: Path, after_s: float, lasting_s: float, longest_s: float, att
         if adversary is not None:
             adversary.step()
             seen.attacked.update(filter(None, [adversary.adversary]))
-    seen.left = {name: _where(sumo, name) for name in seen.attacked & set(sumo.vehicle.getIDList())}
     sumo.close()
     return seen
 
 
 def _where(sumo: Any, name: str) -> str:
-    """Where a vehicle is, what it does there, and how far it has come on its route."""
+    """When and where a vehicle is, what it does there, and how far it has come on its route."""
     vehicle = sumo.vehicle
     on = f"{vehicle.getRouteIndex(name) + 1} of {len(vehicle.getRoute(name))} edges"
     waited = f"{vehicle.getSpeed(name):.1f} m/s, waited {vehicle.getAccumulatedWaitingTime(name):.0f} s of late"
-    return f"{vehicle.getLaneID(name)} at {vehicle.getLanePosition(name):.0f} m, {on}, {waited}"
+    lane = vehicle.getLaneID(name) or "no lane"
+    return f"{sumo.simulation.getTime():.1f} s, {lane} at {vehicle.getLanePosition(name):.0f} m, {on}, {waited}"
 
 
 def _next(sumo: Any, last: Adversary | None, egos: Iterator[str | None], seen: Seen, wanted: bool) -> Adversary | None:
