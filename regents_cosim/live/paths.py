@@ -19,6 +19,7 @@ SPACING_M = 1.0
 BEHIND_M = 20  # points that a path has behind the front bumper
 _JOIN_S = 3.0  # over which it comes to the middle of its lane
 _SHORTEST_JOIN_M = 12.0
+_LEAST_M_S = 1.0  # where there is no lane; else who is there goes on as fast as it is
 _SEARCHED = 8  # lanes of a way through a junction
 
 
@@ -57,7 +58,7 @@ def path_along(
     place, heading = np.array(front), np.array([np.cos(yaw), np.sin(yaw)])
     if len(centre) < 2:
         centre = place + np.array([[0.0], [1.0]]) * heading
-        limit = np.full(2, lanes[0].speed_limit if lanes else np.inf)
+        limit = np.full(2, lanes[0].speed_limit if lanes else max(speed, _LEAST_M_S))
     centre = evenly(_straight_on(centre, reach_m), SPACING_M)[: int(reach_m) + 1]
     join_m = max(_JOIN_S * speed, _SHORTEST_JOIN_M)
     done = np.clip(np.arange(len(centre)) * SPACING_M / join_m, 0.0, 1.0)
@@ -74,10 +75,8 @@ def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.n
     points, limits, length = [np.zeros((0, 2))], [np.zeros(0)], 0.0
     since = along_m
     for lane in lanes:
-        line = shapely.LineString(lane.centre)
-        piece = shapely.get_coordinates(substring(line, min(since, line.length), line.length))
-        here = max(line.length - since, 0.0)
-        points.append(piece)
+        points.append(_from(lane, since) if since > 0.0 else lane.centre)
+        here = max(lane.length - since, 0.0)
         whole = int(length + here) - int(length)
         limits.append(np.full(whole, lane.speed_limit))
         length += here
@@ -88,6 +87,12 @@ def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.n
     apart = np.hypot(*np.diff(joined, axis=0, prepend=joined[:1] - 1.0).T) > 1e-3
     limit = np.concatenate(limits)
     return joined[apart], limit if len(limit) else np.full(1, lanes[0].speed_limit if lanes else np.inf), length
+
+
+def _from(lane: Lane, since_m: float) -> Float[np.ndarray, "point 2"]:
+    """The middle of a lane from so far along on."""
+    line = shapely.LineString(lane.centre)
+    return shapely.get_coordinates(substring(line, min(since_m, line.length), line.length))
 
 
 def _straight_on(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:
