@@ -119,6 +119,18 @@ def test_the_same_scene_is_taught_all_red_and_all_green():
     assert relit(unlit) == ()
 
 
+@pytest.mark.parametrize("nose_m", [-2.5, -0.5, 0.5])
+def test_the_teacher_stands_with_room_before_a_closed_light(nose_m):
+    """IDM stands half a metre before the line, and drives on where it has come past it."""
+    made = waiting()
+    x = -10.0 + nose_m - 0.5 * made.agents[0].length
+    red, green = (
+        np.asarray(Teacher.of([twin]).labels(gather([twin], ROUTE), at(twin, x, 1.0)))[0] for twin in relit(made)
+    )
+    assert red[-1, 0] < 0.3
+    assert green[-1, 0] > 0.8
+
+
 def test_weights_carry_what_they_were_trained_with(tmp_path):
     assert aim_bev().given == AS_IN_THE_PAPERS
     for one in (ROUTE, WIDE, Shown(camera=Camera.reaching(25.0))):
