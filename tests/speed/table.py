@@ -24,7 +24,7 @@ ROOT = HERE.parents[1]
 REGENTS = str(Path(sys.executable).with_name("regents"))
 ATTACK = (REGENTS, "attack", "--adversaries", "one", "--no-pictures", "--quiet", "-o", "suite")
 SIGNALS = str(ROOT / "sumo_nets" / "signals" / "signals.sumocfg")
-WINDOWS, FEW = 8, 4
+WINDOWS, FEW = 6, 2
 TRAFFIC = {"grid": ("grid", WINDOWS), "signals": ("signals", WINDOWS), "few": ("grid", FEW)}  # folders of windows
 
 
