@@ -16,7 +16,8 @@ _STOPS = """<additional>
 <busStop id="here" lane="A0B0_1" startPos="10" endPos="30"><access lane="A0A1_0" pos="30" length="40"/></busStop>
 <busStop id="there" lane="B0right0_1" startPos="10" endPos="30"/></additional>"""
 # The passenger is called like the car that it rides in. The lift at the stop saves persons 1, 5 and 9 a crossing.
-_TRAFFIC = """<routes><vType id="car" vClass="passenger"/><vType id="chair" vClass="wheelchair"/>
+_TRAFFIC = """<routes><vType id="car" vClass="passenger"/>
+<vType id="chair" vClass="wheelchair" length="1.2" width="0.72"/>
 {cars}
 <person id="taxi" depart="0" departPos="5"><walk from="A0A1" busStop="here"/><ride busStop="there" lines="taxi"/>
 <walk edges="B0right0" arrivalPos="55"/></person>

@@ -27,7 +27,7 @@ if __name__ == "__main__":
     thread.start()
     thread.join()
     if sys.argv[2] == "exits":
-        time.sleep(1.0)
+        sys.stdin.readline()
         os._exit(0)
     process.join()
 """
@@ -47,11 +47,14 @@ def is_running(pid):
 def test_a_child_ends_with_its_parent(tmp_path, busy, how):
     script = tmp_path / "parent.py"
     script.write_text(PARENT)
-    parent = subprocess.Popen([sys.executable, script, busy, str(how)], stdout=subprocess.PIPE, text=True)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    parent = subprocess.Popen([sys.executable, script, busy, str(how)], text=True, **pipes)
+    assert parent.stdin is not None
     assert parent.stdout is not None
     child = int(parent.stdout.readline())
     time.sleep(0.3)
     assert is_running(child)  # although the thread that started it is gone
+    parent.stdin.close()  # it exits then, where it is to
     if how != "exits":
         parent.send_signal(how)
     parent.wait()
