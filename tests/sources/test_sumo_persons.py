@@ -28,7 +28,6 @@ from regents_cosim.system.workers import run_isolated
 BESIDE = {"taxi", "waits"}  # who waits at a stop does so off the pavement
 BY_LIFT = {"1", "5", "9"}  # which is shorter than their way over the crossing
 ALL_SLOTS = Windows(count=4, ego="flow0")  # where the ego is named, every slot is read
-OLD_SUMO = version("libsumo").startswith("1.24.")  # its taxi leaves the person standing
 
 
 @pytest.fixture(scope="module")
@@ -94,14 +93,9 @@ def presence(recordings, name):
 
 
 def test_one_who_rides_or_takes_the_lift_is_left_out_meanwhile(recordings):
-    walks_rides_walks = [True] if OLD_SUMO else [True, False, True]
-    assert presence(recordings, "taxi") == walks_rides_walks
+    assert presence(recordings, "taxi") == [True, False, True]  # walks and waits, rides, walks on
     assert presence(recordings, "1")[:3] == [True, False, True]
-    assert (
-        ({"1"} if OLD_SUMO else {"taxi", "1"})
-        <= set.union(*(set(one.riders) for one in recordings))
-        <= {"taxi", *BY_LIFT}
-    )
+    assert {"taxi", "1"} <= set.union(*(set(one.riders) for one in recordings)) <= {"taxi", *BY_LIFT}
     cars = {name for one in recordings for name, kind in zip(one.ids, one.types, strict=True) if kind.kind == "car"}
     assert "taxi#2" in cars  # a person and a car of one name are two
 
@@ -162,7 +156,9 @@ def test_passengers_of_a_log_are_left_out_also_where_it_does_not_say_so(town, tm
     assert ["1 person left out" in line for line in said] == [True]
 
 
-@pytest.mark.skipif(OLD_SUMO, reason="SUMO 1.24 writes rows of persons that are longer than the header of its CSV")
+@pytest.mark.skipif(
+    version("libsumo").startswith("1.24."), reason="SUMO 1.24 writes persons with more columns than its header"
+)
 def test_persons_without_a_place_or_a_known_type(town, logs, tmp_path):
     rows = list(csv.reader((logs / "log.csv").read_text().splitlines(), delimiter=";"))
     x, kind, edge = (rows[0].index(f"vehicle_{name}") for name in ("x", "type", "edge"))  # persons are in these too
