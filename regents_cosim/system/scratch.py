@@ -16,7 +16,7 @@ def scratch_folder() -> Iterator[Path]:
 
     Where the process is killed before, the next process that asks for one removes it.
     """
-    folder, lock = temporary(_place(), partial(make_folder, mode=0o700))
+    folder, lock = temporary(_place(tempfile.gettempdir()), partial(make_folder, mode=0o700))
     try:
         yield folder
     finally:
@@ -25,9 +25,9 @@ def scratch_folder() -> Iterator[Path]:
 
 
 @cache
-def _place() -> Path:
-    """What the folders are named after; asked for the first time, it removes those of dead processes."""
+def _place(among: str) -> Path:
+    """What the folders in `among` are named after; asked for the first time, it removes those of dead processes."""
     user = os.getuid() if hasattr(os, "getuid") else 0
-    place = Path(tempfile.gettempdir(), f"regents-{user}")
+    place = Path(among, f"regents-{user}")
     clear_leftovers(place.parent, place.name)
     return place

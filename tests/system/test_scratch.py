@@ -40,6 +40,14 @@ def test_it_is_private_and_gone_afterwards():
     assert not folder.exists()
 
 
+def test_it_is_where_temporary_files_are_now(tmp_path, monkeypatch):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / name))
+        with scratch_folder() as folder:
+            assert folder.parent == tmp_path / name
+
+
 def test_the_next_run_removes_what_a_killed_one_left_and_nothing_of_one_that_lives(tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     (dead, left), (living, held) = holder(tmp_path), holder(tmp_path)
