@@ -1,7 +1,6 @@
 """`regents suite`: what is chosen, built, listed, checked and merged."""
 
 import json
-import os
 import shlex
 import shutil
 import subprocess
@@ -14,6 +13,7 @@ import regression_cases
 from hypothesis import given
 from hypothesis import strategies as st
 from places import ROOT
+from quick_xla import as_users_have_it
 from scenes import platoon, scene
 from shipped_cases import QUICKSTART, crash_on
 
@@ -149,7 +149,7 @@ def test_a_part_of_quickstart_is_made_again_bit_for_bit(tmp_path):
     words = shlex.split(crash.provenance.command)[1:]
     words[words.index("-o") + 1] = "again"
     program = "from regents_cosim.cli import main; main()"
-    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    environment = as_users_have_it() | {"PYTHONPATH": str(tmp_path)}
     subprocess.run([sys.executable, "-c", program, *words], cwd=tmp_path, env=environment, check=True)
     for case in (crash.id, f"{crash.id}-harmless"):
         for file in ("tracks.npz", "original.npz"):

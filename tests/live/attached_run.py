@@ -21,6 +21,7 @@ def run(how):
 
         binary = "sumo"
     else:
+        os.environ.pop("LIBSUMO_AS_TRACI", None)  # of a test before that loaded libsumo
         import sumo as installed
         import traci as sumo
 
