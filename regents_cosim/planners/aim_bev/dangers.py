@@ -1,4 +1,4 @@
-"""Whom a careful driver in the ego's place expects to meet: the same rules as the reference planner's (`reference`).
+"""Which road users a careful driver in the ego's place expects to meet, by the rules of the reference planner.
 
 The others go on as they did for 0.3 s, and the ego as IDM brakes for what is in its way. Those count alone that are in
 view. It does not wait to evaluate a danger: a network that sees one picture cannot know for how long it has been one.
