@@ -105,8 +105,9 @@ class TrafficOptions:
     """length of a window [s]; of a log that is shorter, all of it"""
     radius: float = 100.0
     """agents that never come closer to the ego are left out [m]"""
-    prefer: Literal["conflicts", "none"] = "conflicts"
-    """which egos come first: those whose path another vehicle can cross or join within the window, or any"""
+    prefer: Literal["conflicts", "pedestrians", "none"] = "conflicts"
+    """which egos come first: those whose path another road user can lawfully cross or join within the window, those
+    whose path a pedestrian can, or any"""
 
 
 @Parameter(name="*")

@@ -55,10 +55,10 @@ def record_traffic(
     if len(found) < traffic.count and traffic.log is None:
         terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
     if any(scenario.road.connections for scenario in found):
-        number = sum(map(has_conflict, found)) or "none"
-        terminal.say(
-            f"windows in which another vehicle can lawfully cross or join the ego's path: {number} of {len(found)}"
-        )
+        others = "pedestrians" if traffic.prefer == "pedestrians" else "all"
+        number = sum(has_conflict(one, others) for one in found) or "none"
+        who = "a pedestrian" if others == "pedestrians" else "another road user"
+        terminal.say(f"windows in which {who} can lawfully cross or join the ego's path: {number} of {len(found)}")
     return found
 
 

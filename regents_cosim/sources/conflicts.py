@@ -1,9 +1,10 @@
 """Possible conflicts: where another road user can lawfully cross or join the path of an ego within a window.
 
 A window in which the ego drives alone out of a junction tells nothing about its planner: whatever the others do, none
-can come into its way. From where each of them is first seen, the lanes that lead on are followed. Where they lead onto
+can come into its way. From where each vehicle is first seen, the lanes that lead on are followed. Where they lead onto
 the path that the ego drives, it is asked whether the other could be there when the ego comes by, with accelerations of
-ordinary traffic and without running a red light. Only lanes, lights and kinematics are asked, no planner and no search.
+ordinary traffic and without running a red light. Of pedestrians it is asked whether they could be on a crossing that
+the ego drives over (`crossing_on_foot`). Only lanes, lights and kinematics are asked, no planner and no search.
 A map whose lanes do not connect has no conflicts, and height is left out of account.
 
 The term is that of traffic engineering: a point that two movements have in common (Highway Capacity Manual).
@@ -12,16 +13,19 @@ The term is that of traffic engineering: a point that two movements have in comm
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
+from typing import Literal, cast
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import heading_near
 from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.walkways import Walkway
 from regents_cosim.scenario import RED, Scenario
+from regents_cosim.sources.crossing_on_foot import Passing, passing, steps_on_between
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
 
@@ -35,6 +39,8 @@ _FIRST_S = 4.0  # before that no one has come into the way and been seen to do s
 _GAIN = 2.5  # [m/s^2] of ordinary drivers (Treiber and Kesting 2013)
 _BRAKE = 3.0  # [m/s^2]
 _STEP_M = 1.0
+
+Others = Literal["all", "pedestrians"]  # who may come into the ego's way
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,18 +75,18 @@ class _LanesAhead:
     limit: float  # [m/s] the highest
 
 
-def has_conflict(scenario: Scenario) -> bool:
-    """Whether another vehicle of a window could cross or join the path of its ego."""
+def has_conflict(scenario: Scenario, others: Others = "all") -> bool:
+    """Whether another road user of a window could cross or join the path of its ego."""
     tracks, kinds = scenario.tracks, (VehicleType(one.kind, one.length, one.width) for one in scenario.agents)
     ids = tuple(one.id for one in scenario.agents)
     recording = Recording(
         0.0, scenario.dt, ids, tuple(kinds), tracks.x, tracks.y, tracks.yaw, tracks.valid, scenario.signals
     )
-    return Conflicts(recording, tracks.valid, tracks.speed, scenario.road).possible_for(0)
+    return Conflicts(recording, tracks.valid, tracks.speed, scenario.road).possible_for(0, others)
 
 
 class Conflicts:
-    """Of the vehicles of one Recording; what leads on from each is found once."""
+    """Of the road users of one Recording; what leads on from each vehicle is found once."""
 
     def __init__(
         self,
@@ -92,15 +98,20 @@ class Conflicts:
         self._recording, self._valid, self._speed, self._road = recording, valid, speed, road
         self._ways: dict[int, list[_LanesAhead]] = {}
 
-    def possible_for(self, ego: int) -> bool:
-        """Whether another vehicle could cross or join the path of `ego`, which is there throughout."""
+    def possible_for(self, ego: int, others: Others = "all") -> bool:
+        """Whether one of the others could cross or join the path of `ego`, which is there throughout."""
         if not self._road.connections:
             return False
         x, y = self._recording.x[ego], self._recording.y[ego]
         travelled = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
         own = _OwnPath(shapely.LineString(np.stack([x, y], axis=-1)), travelled, self._recording.dt)
         shapely.prepare(own.line)
-        return any(self._may_meet(other, way, own) for other in self._near(ego, own) for way in self._ways_of(other))
+        near = list(self._near(ego, own))
+        walking = [other for other in near if self._recording.types[other].kind == "pedestrian"]
+        driving = [other for other in near if other not in walking] if others == "all" else []
+        return any(
+            self._may_meet(other, way, own) for other in driving for way in self._ways_of(other)
+        ) or self._is_met_on_foot(walking, own)
 
     def _near(self, ego: int, own: _OwnPath) -> Iterator[int]:
         """The others that are first seen near the path, the nearest first."""
@@ -110,6 +121,21 @@ class Conflicts:
         away = np.atleast_1d(shapely.distance(own.line, begun))
         order = np.argsort(away, kind="stable")
         yield from (int(rows[i]) for i in order if away[i] <= _AROUND_M and rows[i] != ego)
+
+    def _is_met_on_foot(self, walking: list[int], own: _OwnPath) -> bool:
+        """Whether one of those who walk could lawfully be on a crossing when the ego drives over it."""
+        crossings = [way for way in self._road.walkways if way.kind == "crossing"] if walking else []
+        found = [one for way in crossings if (one := passing(way, own.line, own.travelled, own.dt)) is not None]
+        passed = [one for one in found if _FIRST_S <= one.time_s < own.lasts_s]
+        return any(self._may_step_on(other, one) for one in passed for other in walking)
+
+    def _may_step_on(self, other: int, passed: Passing) -> bool:
+        """Whether who walks could step onto a crossing in time and on no red light, and is there when the ego is."""
+        first, dt = int(self._first[other]), self._recording.dt
+        place = np.array([self._recording.x[other, first], self._recording.y[other, first]])
+        return bool(self._valid[other, round(passed.time_s / dt)]) and any(
+            self._may_go(passed.crossing, *times) for times in steps_on_between(passed, place, first * dt)
+        )
 
     @cached_property
     def _first(self) -> np.ndarray:
@@ -139,11 +165,11 @@ class Conflicts:
             self._may_go(link, begun + _arrives(stop_m, speed, most)[0], time_s) for stop_m, link in stops
         )
 
-    def _may_go(self, link: Connection, since_s: float, until_s: float) -> bool:
+    def _may_go(self, link: Connection | Walkway, since_s: float, until_s: float) -> bool:
         """Whether the light lets it pass at some step between two times."""
         signal = next((one for one in self._recording.signals if one.id == link.signal), None)
         steps = range(int(since_s / self._recording.dt), int(until_s / self._recording.dt) + 1)
-        return signal is None or any(signal.letters(step)[link.link] not in RED for step in steps)
+        return signal is None or any(signal.letters(step)[link.link : link.link + 1] not in RED for step in steps)
 
     def _ways_of(self, vehicle: int) -> list[_LanesAhead]:
         if vehicle not in self._ways:
@@ -174,11 +200,8 @@ def _lane_under(road: RoadMap, place: shapely.Point, yaw: float) -> tuple[Lane, 
     found = []
     for index in near.tolist():
         line = cast("shapely.LineString", road.centre_lines.geometries[index])
-        along = float(line.project(place))
-        ends = (line.interpolate(min(along, line.length - 0.1)), line.interpolate(min(along + 0.5, line.length)))
-        heading = np.arctan2(ends[1].y - ends[0].y, ends[1].x - ends[0].x)
-        if abs(float(wrap(heading - yaw))) < ALONG_RAD:
-            found.append((float(line.distance(place)), index, along))
+        if abs(float(wrap(heading_near(line, place) - yaw))) < ALONG_RAD:
+            found.append((float(line.distance(place)), index, float(line.project(place))))
     if not found:
         return None
     _, index, along = min(found)

@@ -68,13 +68,13 @@ def record_sumo(
         if not _may_look_longer(windows):
             raise
         found = []
-    if not _may_look_longer(windows) or sum(map(has_conflict, found)) >= count:
+    if not _may_look_longer(windows) or sum(has_conflict(one, windows.others) for one in found) >= count:
         return found
     return _windows(replace(job, longer=True), road, origin, executor, tell)
 
 
 def _may_look_longer(windows: Windows) -> bool:
-    return windows.prefer == "conflicts" and windows.ego == ANY_EGO
+    return windows.prefer != "none" and windows.ego == ANY_EGO
 
 
 def _windows(

@@ -23,11 +23,11 @@ from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.maps.levels import contains
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Provenance, Scenario, Tracks
-from regents_cosim.sources.conflicts import Conflicts
+from regents_cosim.sources.conflicts import Conflicts, Others
 from regents_cosim.sources.motion import smooth_pieces, speeds
 from regents_cosim.sources.recording import ANY_EGO, Recording
 
-Prefer = Literal["conflicts", "none"]
+Prefer = Literal["conflicts", "pedestrians", "none"]
 
 MAX_AGENTS = 64  # the ego included
 _NEAR_M = 50.0  # within which the ego needs company
@@ -53,13 +53,18 @@ class Windows:
     horizon_s: float = 8.0
     radius_m: float = 100.0  # agents that never come closer to the ego are left out
     company: int = 2  # moving vehicles near the ego at the same instant
-    prefer: Prefer = "conflicts"  # egos whose path others can cross or join, before the rest; or none before others
+    prefer: Prefer = "conflicts"  # egos whose path others, or pedestrians, can cross or join, before the rest; or none
 
     ego: str = ANY_EGO  # or a vehicle of SUMO's, a vehicle type or a flow
 
     def __post_init__(self) -> None:
         for name, one in _RANGES.items():
             one.check(f"--{name.removesuffix('_s').removesuffix('_m')}", getattr(self, name))
+
+    @property
+    def others(self) -> Others:
+        """Who may come into the way of an ego that is preferred."""
+        return "pedestrians" if self.prefer == "pedestrians" else "all"
 
     def steps(self, dt: float) -> int:
         """Instants in a window, one more than its steps."""
@@ -93,7 +98,7 @@ def draw_slots(total: int, windows: Windows, longer: bool = False) -> list[int]:
     """
     if windows.ego != ANY_EGO:
         return list(range(total))
-    spare = 3.0 if windows.prefer == "conflicts" else 1.5
+    spare = 1.5 if windows.prefer == "none" else 3.0
     wanted = math.ceil(spare * windows.count)
     wanted = min(total, _LONGER * max(4, wanted) if longer else max(4, min(wanted, total // 3)))
     bounds = np.linspace(0, total, wanted + 1).astype(int)
@@ -116,7 +121,8 @@ def choose_windows(
     - overlaps no other box at any instant,
     - keeps its centre on the drivable area (buses on their own lanes do not).
 
-    Those come first whose path another vehicle can cross or join (`conflicts`), unless `windows.prefer` is "none".
+    Those come first whose path another road user can cross or join (`conflicts`), or with `windows.prefer` a
+    pedestrian, unless that is "none".
     Others with a jump or a gap keep their longest smooth piece. Raises NoWindowError with the
     number of vehicles that fail each rule where there is no window at all.
     """
@@ -141,20 +147,22 @@ def preferred(
     if windows.prefer == "none":
         yield from _in_rounds(queues)
         return
-    others: dict[int, list[int]] = {slot: [] for slot in queues}
-    first = {slot: _with_conflict(queue, scenes[slot], road, others[slot]) for slot, queue in queues.items()}
+    rest: dict[int, list[int]] = {slot: [] for slot in queues}
+    first = {
+        slot: _with_conflict(queue, scenes[slot].conflicts(road), windows.others, rest[slot])
+        for slot, queue in queues.items()
+    }
     yield from _in_rounds(first)
-    yield from _in_rounds({slot: chain(left, queues[slot]) for slot, left in others.items()})
+    yield from _in_rounds({slot: chain(left, queues[slot]) for slot, left in rest.items()})
 
 
-def _with_conflict(queue: Iterator[int], scene: "RecordedScene", road: RoadMap, others: list[int]) -> Iterator[int]:
-    """Those with a possible conflict; the rest is put into `others`. In a large city not all are asked."""
-    conflicts = scene.conflicts(road)
+def _with_conflict(queue: Iterator[int], conflicts: Conflicts, who: Others, rest: list[int]) -> Iterator[int]:
+    """Those with a possible conflict; the others are put into `rest`. In a large city not all are asked."""
     for ego in islice(queue, _MOST_ASKED):
-        if conflicts.possible_for(ego):
+        if conflicts.possible_for(ego, who):
             yield ego
         else:
-            others.append(ego)
+            rest.append(ego)
 
 
 def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:

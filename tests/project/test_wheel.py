@@ -71,7 +71,7 @@ assert run(["shrink", "shipped:quickstart"]) == 2
     out, errors = both(installed, code)
     assert "shipped:quickstart" in out
     conflicts, missing, update, shrink = errors.splitlines()
-    assert conflicts.startswith("windows in which another vehicle can lawfully cross or join the ego's path: ")
+    assert conflicts.startswith("windows in which another road user can lawfully cross or join the ego's path: ")
     assert "shipped:merge" in missing
     assert "--against" in update
     assert "--output" in shrink

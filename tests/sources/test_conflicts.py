@@ -1,10 +1,11 @@
-"""Which egos others can lawfully cross or join, on the networks `crossing` and `signals`."""
+"""Which egos others can lawfully cross or join, on the networks `crossing` and `signals` and on a zebra crossing."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 from crossing_scenes import road
+from walkers import zebra
 
 from regents_cosim.scenario import Signal
 from regents_cosim.sources.conflicts import Conflicts
@@ -14,23 +15,27 @@ from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windo
 
 STEPS = 81
 TIME = 0.1 * np.arange(STEPS)
+AT_ZEBRA = (-10.0, 0.0, 0.0, 10.0)  # comes to the crossing, at x = 40, after 5 s
+WAITS = (38.0, 5.5, 0.0, 0.0)  # on the far side of it, which ends at y = -1.6 and 4.8
 EGO = (-70.0, -1.7, 0.0, 10.0)  # comes to the middle, (0, 0), after 7 s
 NORTHWARD = np.pi / 2
 
 
-def recorded(*vehicles, signals=(), valid=None):
-    """Vehicles that go straight: x, y [m], yaw [rad] and speed [m/s] at first."""
+def recorded(*vehicles, signals=(), valid=None, on_foot=()):
+    """Vehicles, then persons, that go straight: x, y [m], yaw [rad] and speed [m/s] at first."""
+    types = (VehicleType("car", 4.6, 1.8),) * len(vehicles) + (VehicleType("pedestrian", 0.5, 0.6),) * len(on_foot)
+    vehicles = (*vehicles, *on_foot)
     x, y, yaw, speed = np.array(vehicles, float).T[:, :, None]
     ids = tuple(f"v{i}" for i in range(len(vehicles)))
     there = np.ones((len(vehicles), STEPS), bool) if valid is None else valid
     along = speed * TIME
     places = x + along * np.cos(yaw), y + along * np.sin(yaw), yaw + 0.0 * along
-    return Recording(0.0, 0.1, ids, (VehicleType("car", 4.6, 1.8),) * len(ids), *places, there, signals)
+    return Recording(0.0, 0.1, ids, types, *places, there, signals)
 
 
-def possible(made, net="crossing", ego=0):
+def possible(made, net="crossing", ego=0, others="all"):
     speed = np.hypot(np.gradient(made.x, 0.1, axis=1), np.gradient(made.y, 0.1, axis=1))
-    return Conflicts(made, made.valid, speed, road(net)).possible_for(ego)
+    return Conflicts(made, made.valid, speed, road(net) if isinstance(net, str) else net).possible_for(ego, others)
 
 
 @pytest.mark.parametrize(
@@ -80,6 +85,39 @@ def test_a_map_without_connections_has_none():
     made = recorded(EGO, (1.7, -50.0, NORTHWARD, 8.0))
     net = dataclasses.replace(road(), connections=())
     assert not Conflicts(made, made.valid, np.full(made.x.shape, 8.0), net).possible_for(0)
+
+
+@pytest.mark.parametrize(
+    ("person", "may"),
+    [
+        (WAITS, True),
+        ((36.0, -2.3, 0.0, 0.0), True),  # on the near side
+        ((40.0, 4.0, NORTHWARD, 1.0), True),  # is leaving it, and may turn round
+        ((20.0, 5.5, 0.0, 1.4), False),  # is too far away to be there in time
+        ((34.5, -2.3, 0.0, 0.0), True),
+        ((33.0, -2.3, 0.0, 0.0), False),  # would step out in front of the ego
+    ],
+)
+def test_who_walks_is_a_conflict_on_a_crossing_that_the_ego_drives_over(person, may):
+    made = recorded(AT_ZEBRA, on_foot=[person])
+    assert possible(made, zebra()) is may
+    assert possible(made, zebra(), others="pedestrians") is may
+
+
+def test_who_walks_keeps_to_lights_and_lanes_are_not_for_them():
+    for letters, may in (("rG", True), ("Gr", False)):
+        made = recorded(AT_ZEBRA, on_foot=[WAITS], signals=(Signal("J", ((0, letters),)),))
+        assert possible(made, zebra(light=True)) is may
+    assert not possible(recorded(EGO, on_foot=[(1.7, -50.0, NORTHWARD, 8.0)]))
+    assert not possible(recorded(EGO, (1.7, -50.0, NORTHWARD, 8.0)), others="pedestrians")
+
+
+def test_windows_with_a_pedestrian_who_may_cross_come_first():
+    egos = [(-10.0 + 12.0 * k, 0.0, 0.0, 10.0) for k in range(6)]  # only the first comes to the crossing after 4 s
+    made, origin = recorded(*egos, on_foot=[WAITS]), RecordingOrigin("sumo", "town.sumocfg", "0" * 64)
+    for prefer in ("conflicts", "pedestrians"):
+        asked = [Windows(count=1, seed=seed, prefer=prefer) for seed in range(8)]
+        assert {choose_windows([made], zebra(), origin, one)[0].ego.id for one in asked} == {"v0"}
 
 
 def test_windows_with_conflicts_come_first_and_the_rest_where_they_do_not_suffice():

@@ -91,7 +91,9 @@ def check_saved(suite):
 
 def without_conflicts(said):
     """Lines on stderr, but for the one that says how many of the recorded windows have a possible conflict."""
-    return [line for line in said if not line.startswith("windows in which another vehicle can lawfully cross or join")]
+    return [
+        line for line in said if not line.startswith("windows in which another road user can lawfully cross or join")
+    ]
 
 
 @pytest.mark.slow

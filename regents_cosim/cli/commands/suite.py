@@ -50,6 +50,7 @@ def build(
     planner: tuple[str, ...] = ("idm",),
     method: Literal["regents", "king", "focused"] = "focused",
     adversary_kinds: str | None = None,
+    prefer: Literal["conflicts", "pedestrians", "none"] = "conflicts",
     min_cells: CountOrZero = 0,
     axes: MapAxes = "",
     seed: Seed = 0,
@@ -93,6 +94,9 @@ def build(
         of the attack
     adversary_kinds
         who may attack, with commas between: vehicle, cyclist, pedestrian (focused: all; king, regents: vehicle)
+    prefer
+        which windows come first: those in which another road user can lawfully cross or join the ego's path, those in
+        which a pedestrian can, or any
     min_cells
         of the map of behaviours that the crashes have to fill (`regents suite coverage`): the best crash of each cell
         comes before all others
@@ -123,6 +127,7 @@ def build(
         planners=planner,
         method=method,
         adversary_kinds=None if adversary_kinds is None else road_users(adversary_kinds),
+        prefer=prefer,
         seed=seed,
         min_cells=min_cells,
         axes=parse_axes(axes),

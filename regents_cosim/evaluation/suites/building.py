@@ -37,6 +37,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import RoadUser, Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.sources.windows import Prefer
 from regents_cosim.verdicts.judge import judge_each
 
 _SEEN_AHEAD_M = 40.0  # centre to centre
@@ -75,6 +76,7 @@ class Recipe:
     planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
     method: str = "focused"
     adversary_kinds: tuple[RoadUser, ...] | None = None  # who may attack; None: as the method has it
+    prefer: Prefer = "conflicts"  # which windows come first
     seed: int = 0
     min_cells: int = 0  # the best crash of each of so many cells of the map comes before all others
     axes: Axes = field(default_factory=Axes)
@@ -178,10 +180,10 @@ def _sources(recipe: Recipe) -> list[Path | str]:
 def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None], steps: Steps | None) -> list[Scenario]:
     name = source if isinstance(source, str) else source.stem
     tell(f"recording {name}")
-    windows = partial(record, source, count=recipe.windows, seed=recipe.seed)
+    windows = partial(record, source, count=recipe.windows, seed=recipe.seed, prefer=recipe.prefer)
     if steps is None:
         return windows()
-    settings = {"windows": recipe.windows, "seed": recipe.seed}
+    settings = {"windows": recipe.windows, "seed": recipe.seed, "prefer": recipe.prefer}
     given = source if isinstance(source, str) else SumoInput(config=source)
     return steps.recorded(f"windows of {source}", settings, traffic_digest(given), windows)
 
