@@ -31,6 +31,7 @@ from regents_cosim.campaign.windows import RunWindows
 from regents_cosim.cases.files import load_header
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
+from regents_cosim.cases.packed import pack_case
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import RegentsError
 from regents_cosim.replays.replay import replay_each
@@ -158,10 +159,10 @@ def _attack(output: _Output, windows: RunWindows, retry: bool, cluster: Executor
 
 def _there(run: AttackRun, scenarios: Iterator[Scenario], still: Still, cluster: Executor) -> Iterator[AttackedWindow]:
     """What the workers send back, in order. Raises RegentsError for a window that ends its worker again and again."""
-    for answer in run_each(attack_window, (WindowJob(run, window, still) for window in scenarios), cluster):
+    for answer in run_each(attack_window, (WindowJob(run, pack_case(window), still) for window in scenarios), cluster):
         if isinstance(answer, RegentsError):
             raise answer
-        yield answer
+        yield answer.unpacked()
 
 
 Found = Iterator[tuple[WorkUnit, AttackedWindow]]

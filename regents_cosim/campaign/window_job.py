@@ -1,7 +1,10 @@
 """What is done with one window of an attack, here or by a worker on another machine, and what comes of it."""
 
+import os
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from typing import Any
 
 from regents_cosim.archive.axes import Axes
@@ -10,12 +13,14 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.campaign.identity import Identity, identity
 from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.campaign.requests import Wanted
+from regents_cosim.cases.packed import PackedCase, pack_case, unpack_case
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.workers import local_processes
 from regents_cosim.verdicts.judge import judge_each
 
 
@@ -82,17 +87,41 @@ class WindowJob:
     """A window that a worker is to attack, by itself."""
 
     run: AttackRun
-    window: Scenario
+    window: PackedCase
     still: Still
 
 
-def attack_window(job: WindowJob) -> AttackedWindow:
-    """Search a window, judge, verify and draw what is found; compiled programs are kept on the worker's own disk."""
-    keep_compiled_programs()
-    (cases,) = job.run.attack([job.window])
-    replays = {one.case: one for one in replay_each(crashes_of(cases), "sumo")} if job.run.verify else {}
+@dataclass(frozen=True, eq=False)
+class PackedWindow:
+    """What comes of a window, for the process that asked."""
+
+    cases: list[PackedCase]
+    replays: dict[str, Replay]
+    stills: dict[str, bytes]
+
+    def unpacked(self) -> AttackedWindow:
+        """The same there."""
+        return AttackedWindow([unpack_case(case) for case in self.cases], self.replays, self.stills)
+
+
+def attack_window(job: WindowJob) -> PackedWindow:
+    """Search a window, judge, verify and draw what is found. Run in a worker process.
+
+    What does not depend on the window is done once in a process: compiled programs are looked for on the worker's own
+    disk, and its SUMO is started.
+    """
+    sumo = _once_here()
+    (cases,) = job.run.attack([unpack_case(job.window)])
+    replays = replay_each(crashes_of(cases), "sumo", executor=sumo) if job.run.verify else ()
     stills = {case.id: job.still(case) for case in cases} if job.run.pictures else {}
-    return AttackedWindow(cases, replays, stills)
+    return PackedWindow([pack_case(case) for case in cases], {one.case: one for one in replays}, stills)
+
+
+@cache
+def _once_here() -> Executor:
+    """Where SUMO runs for this process, as long as that lives; one process for each thread that works on a window."""
+    keep_compiled_programs()
+    return local_processes(os.cpu_count() or 1)
 
 
 def crashes_of(cases: Iterable[Scenario]) -> list[Scenario]:

@@ -41,6 +41,14 @@ class MapFiles:
 
 
 @dataclass(frozen=True)
+class PackedMap:
+    """What the files of one map hold."""
+
+    road: bytes
+    sumo_net: bytes | None
+
+
+@dataclass(frozen=True)
 class _LaneEntry:
     id: str
     centre: tuple[tuple[float, float], ...]
@@ -66,6 +74,17 @@ class _RaisedRoadEntry(_RoadEntry):
 def map_files(road: RoadMap) -> MapFiles:
     """The names under which `road` is kept."""
     return _pack(road)[0]
+
+
+def pack_map(road: RoadMap) -> PackedMap:
+    """A map for another process."""
+    files, content = _pack(road)
+    return PackedMap(content[files.road], road.sumo_net)
+
+
+def unpack_map(packed: PackedMap) -> RoadMap:
+    """The map; equal ones give one shared RoadMap, as for `load_map`."""
+    return _unpack(packed.road, packed.sumo_net)
 
 
 def is_map_file(name: str) -> bool:

@@ -5,7 +5,6 @@ started it (`parent_death`) and leaves Ctrl-C and SIGTERM to it: a terminal send
 knows what is finished.
 """
 
-import atexit
 import multiprocessing
 import signal
 import sys
@@ -14,10 +13,11 @@ import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from multiprocessing.util import Finalize
 from typing import Any
 
 from regents_cosim.errors import RegentsError
@@ -36,6 +36,7 @@ class Worker:
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_work, args=(theirs,))
         _running.add(self._process)
+        _end_with_this_process()
         with starting():
             self._process.start()
         theirs.close()
@@ -129,11 +130,16 @@ def main_hidden() -> Iterator[None]:
             main.__dict__.update(hidden)
 
 
-@atexit.register  # after the import of multiprocessing, and so before that waits for every process
 def _kill_all() -> None:
     for process in _running:
         if process.pid is not None:
             process.kill()
+
+
+@cache
+def _end_with_this_process() -> None:
+    """Before `multiprocessing` waits for every process, also at the end of one that it started: a worker of Dask."""
+    Finalize(None, _kill_all, exitpriority=0)
 
 
 def _leave_to_parent(*_: object) -> None:

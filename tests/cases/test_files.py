@@ -1,6 +1,7 @@
 import gzip
 import json
 import os
+import pickle
 from dataclasses import fields, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.cases.manifest import find_cases, load_manifest
+from regents_cosim.cases.packed import pack_case, unpack_case
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.judgement import Avoidability, Fault, Judgement, Manoeuvre
@@ -82,6 +84,14 @@ def raised():
 @pytest.mark.parametrize("make", [platoon, attacked, judged, raised])
 def test_what_is_saved_is_loaded_exactly(tmp_path, make):
     assert_equal(load_case(save_case(make(), tmp_path)), make())
+
+
+@pytest.mark.parametrize("make", [platoon, attacked, judged, raised])
+def test_what_travels_to_another_process_arrives_exactly_and_shares_its_map(make):
+    one, other = (unpack_case(pickle.loads(pickle.dumps(pack_case(make())))) for _ in range(2))
+    assert_equal(one, make())
+    assert one.road is other.road
+    assert content_hash(one) == content_hash(make())
 
 
 @settings(deadline=None, max_examples=20)

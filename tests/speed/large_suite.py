@@ -1,4 +1,4 @@
-"""A suite of any size: copies of the cases of `shipped:standard` under other names, with files of tracks shared.
+"""A suite of any size: copies of cases under other names, with files of tracks shared; here those of `standard`.
 
 python tests/speed/large_suite.py FOLDER 10000
 """
@@ -6,6 +6,7 @@ python tests/speed/large_suite.py FOLDER 10000
 import os
 import shutil
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +15,11 @@ from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import Suite, SuiteEntry, find_cases, save_suite
 from regents_cosim.cases.shipped import suite_folder
+from regents_cosim.scenario import Scenario
 
 
-def make_large_suite(folder: Path, count: int) -> None:
-    """Let `folder`, which is new, hold so many cases."""
-    loaded = [load_case(model) for model in find_cases(suite_folder("standard"))]
+def make_large_suite(folder: Path, count: int, loaded: Sequence[Scenario]) -> None:
+    """Let `folder`, which is new, hold so many cases, copies of those that are loaded."""
     models = [save_case(case, folder / ".models") for case in loaded]  # as today's version writes them
     shutil.move(folder / ".models" / "maps", folder / "maps")
     entries = []
@@ -44,4 +45,5 @@ def _write(folder: Path, model: Path, changed: dict[str, str]) -> None:
 
 
 if __name__ == "__main__":
-    make_large_suite(Path(sys.argv[1]), int(sys.argv[2]))
+    standard = [load_case(model) for model in find_cases(suite_folder("standard"))]
+    make_large_suite(Path(sys.argv[1]), int(sys.argv[2]), standard)
