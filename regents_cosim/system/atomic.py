@@ -74,10 +74,11 @@ def is_temporary(name: str) -> bool:
 def clear_leftovers(folder: Path, name: str | None = None) -> None:
     """Remove the temporaries in `folder` whose writers are dead: all, or those for a file or folder `name`."""
     try:
-        every = [(Path(entry.path), _TEMPORARY.fullmatch(entry.name)) for entry in os.scandir(folder)]
+        with os.scandir(folder) as entries:  # of a suite, which may hold tens of thousands
+            hidden = [(entry.path, entry.name) for entry in entries if entry.name.startswith(".")]
     except OSError:
         return
-    found = [(path, match) for path, match in every if match]
+    found = [(Path(path), match) for path, called in hidden if (match := _TEMPORARY.fullmatch(called))]
     for path, match in sorted(found, key=lambda one: not one[1]["aside"]):
         if name in (None, match["name"]):
             target = path.with_name(match["name"])

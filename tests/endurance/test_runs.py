@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.endurance import live
+from tests.endurance import dask_windows, live
 from tests.endurance.attacks import run
 from tests.endurance.gauge import Gauge, Sample
 from tests.endurance.replays import play
@@ -52,3 +52,9 @@ def test_attacks_leave_nothing():
 def test_live_episodes_leave_nothing():
     found = live.run(6, every=2, check_memory=False)
     assert (found["count"], found["failures"], found["grown"]) == (6, 0, [])
+
+
+@pytest.mark.slow
+def test_windows_on_dask_are_all_done(tmp_path):
+    found = dask_windows.run(tmp_path, windows=2, recorded=1, on="dask")
+    assert (found["done"], found["failed"], found["exit"] in (0, 1)) == (2, 0, True)
