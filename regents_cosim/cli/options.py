@@ -285,7 +285,8 @@ class TrainOptions:
     teacher: Literal["log", "idm", "careful"] | None = None
     """log: every vehicle near an ego shows how to drive; idm: an IDM in the ego's place that sees no further than the
     view, which can tell what to do wherever the network has got to by itself; careful: the same, but it brakes fully
-    while the careful driver of UN R157 would expect to meet another in view; idm with --finetune, else log"""
+    while the careful driver of UN R157 would expect to meet another in view, and three tenths of the lessons are such
+    steps; idm with --finetune, else log"""
     target: Literal["end", "route"] | None = None
     """what the network drives to: end: where its log ends; route: a point of its route 20 m ahead, and it is shown the
     lights of its own way alone, which is taught with all of them red and all green besides (needs --teacher idm); as

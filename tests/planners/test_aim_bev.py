@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from places import SUPPORT
 from scenes import platoon, scene
+from two_car_scenes import crossroads
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
@@ -293,6 +294,21 @@ def test_training_goes_on_where_it_stopped(cases, tmp_path):
     after = load_weights(out)
     assert np.array_equal(after["encoder.features.0.0.weight"], weights["encoder.features.0.0.weight"]), "frozen"
     assert not np.array_equal(after["output.weight"], weights["output.weight"])
+
+
+@pytest.mark.slow
+def test_a_checkpoint_keeps_where_a_careful_teacher_braked(tmp_path):
+    pytest.importorskip("torch", reason="torch is an extra")
+    from regents_cosim.planners.aim_bev.train import TrainConfig, checkpoint_path, train
+
+    crosses = crossroads("G", "G")
+    config = TrainConfig(epochs=2, lessons=256, batch=32, drives=1, threads=1, frozen=11, teacher="careful", view=38.4)
+    out = tmp_path / "weights.safetensors"
+    first = next(train([crosses], out, config, SHIPPED))
+    saved = load_weights(checkpoint_path(out))
+    assert 0 < saved["danger"].sum() < len(saved["danger"]) == len(saved["rows"])
+    (both,) = train([crosses], out, config, checkpoint_path(out))
+    assert both[0] == first[0]
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import plan
 from regents_cosim.planners.aim_bev.lessons import Lesson, gather
+from regents_cosim.planners.aim_bev.met import Met
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
 from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, PIXEL_M, Shown
 from regents_cosim.planners.aim_bev.teacher import Teacher
@@ -181,14 +182,38 @@ def test_a_careful_teacher_brakes_for_who_will_be_in_its_way():
     """IDM sees nothing in its way; the other comes from the side, and would meet it in 1.4 s."""
     crosses = moving(crossroads("G", "G"), 1, y=-14.0 + TIME * 10.0, speed=np.full(81, 10.0))
     waits = moving(crosses, 1, y=np.full(81, -14.0), speed=np.zeros(81))
-    labels = {}
+    labels, brakes = {}, {}
     for name, made in {"crosses": crosses, "waits": waits}.items():
         for careful in (False, True):
-            (found,) = Teacher.of([made], careful, WIDE.camera).labels(gather([made], WIDE), at(made, -14.0, 10.0))
-            labels[name, careful] = np.asarray(found)
+            asked = gather([made], WIDE), at(made, -14.0, 10.0)
+            teacher = Teacher.of([made], careful, WIDE.camera)
+            (labels[name, careful],) = np.asarray(teacher.labels(*asked))
+            brakes[name, careful] = bool(teacher.brakes(*asked)[0])
+    assert [asked for asked, braking in brakes.items() if braking] == [("crosses", True)]
     assert labels["crosses", False] == pytest.approx(labels["waits", False], abs=1e-3)
     assert labels["waits", True] == pytest.approx(labels["waits", False], abs=1e-3)
     assert labels["crosses", True][-1, 0] < labels["crosses", False][-1, 0] - 1.0
+
+
+def test_egos_are_looked_for_anywhere_along_their_logs():
+    made = moving(crossroads("G", "G"), 0, x=-60.0 + np.arange(81.0), speed=np.full(81, 10.0))
+    rows, states = plan(gather([made], WIDE), egos=True).anywhere(300, np.random.default_rng(0))
+    assert (rows[:, 1] == 0).all(), "none but the ego"
+    off = states[:, 0] - made.tracks.x[0, rows[:, 2]]
+    assert 8.0 < np.abs(off).max() < 15.0
+    assert (off > 5.0).any()
+    assert (off < -5.0).any()
+    assert np.abs(states[:, 1]).max() < 2.0, "on its way"
+    assert states[:, 3].min() < 7.0 < 13.0 < states[:, 3].max()
+
+
+def test_of_states_met_those_in_danger_are_kept_with_as_many_others():
+    rows = np.stack([np.arange(10), np.zeros(10, int), np.zeros(10, int)], axis=-1)
+    some = Met(rows, np.zeros((10, 4)), np.arange(10) < 3)
+    kept = some.balanced(np.random.default_rng(0))
+    assert kept.danger.sum() == 3
+    assert len(kept) == 6
+    assert len(Met.nothing() + kept + some) == 16
 
 
 @pytest.mark.slow

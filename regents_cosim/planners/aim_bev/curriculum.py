@@ -51,6 +51,8 @@ _PERTURBED = 0.75  # of the lessons
 _LATE = 0.35  # of them: from where the log would be had it kept its speed ...
 _LATE_STEPS = 20  # ... for up to 2 s,
 _LATE_M = 7.0  # or up to this far
+_FURTHER_M = 12.0  # along its log an ego that is anywhere is off by up to so much,
+_PACE, _PACE_M_S = (0.5, 1.5), 1.5  # at some part of the speed there, give or take
 _OVER_S = 1.0  # after the instant of a crash, the drive that avoids it has avoided it
 
 
@@ -111,16 +113,43 @@ class Curriculum:
 
         Without these, the network brakes too little for what comes into view late.
         """
-        scene, agent, step = row
-        x, y, yaw, speed = (values[scene, agent, : self.last[scene, agent] + 1] for values in self.log)
+        scene, agent, step = row.tolist()
+        x, y, _, speed = self._driven(scene, agent)
         before = max(step - rng.integers(1, _LATE_STEPS + 1), int(np.argmax(self.valid[scene, agent])))
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+        along = _along(x, y)
         reached = along[before] + speed[before] * (step - before) * self.dt
         reached = np.clip(reached, along[step] - _LATE_M, along[step] + _LATE_M)
+        return np.array([*self._at(scene, agent, along, reached)[:3], speed[before]])
+
+    def anywhere(
+        self, count: int, rng: np.random.Generator
+    ) -> tuple[Int[np.ndarray, "lesson 3"], Float[np.ndarray, "lesson 4"]]:
+        """Rows and states (x, y, yaw, speed) of egos far off their logs: further or not as far, faster or slower.
+
+        The others drive as they did, so that the ego meets those that it has missed.
+        """
+        rows = np.concatenate(list(self.rows.values()))
+        rows = rows[rows[:, 1] == 0]
+        rows = rows[rng.integers(len(rows), size=count)]
+        return rows, _perturbed(np.array([self._further(row, rng) for row in rows]), rng)
+
+    def _further(self, row: Int[np.ndarray, " 3"], rng: np.random.Generator) -> Float[np.ndarray, " 4"]:
+        scene, agent, step = row.tolist()
+        along = _along(*self._driven(scene, agent)[:2])
+        reached = along[min(step, len(along) - 1)] + rng.uniform(-_FURTHER_M, _FURTHER_M)
+        x, y, yaw, speed = self._at(scene, agent, along, reached)
+        return np.array([x, y, yaw, max(speed * rng.uniform(*_PACE) + rng.normal(0.0, _PACE_M_S), 0.0)])
+
+    def _driven(self, scene: int, agent: int) -> tuple[Float[np.ndarray, " time"], ...]:
+        return tuple(values[scene, agent, : self.last[scene, agent] + 1] for values in self.log)
+
+    def _at(self, scene: int, agent: int, along: Float[np.ndarray, " time"], reached: float) -> Float[np.ndarray, " 4"]:
+        """The state (x, y, yaw, speed) where a log has come so far [m]; straight on before it and beyond its end."""
+        x, y, yaw, speed = self._driven(scene, agent)
         near = min(int(np.searchsorted(along, reached)), len(x) - 1)
         further = reached - along[near]
         return np.array(
-            [x[near] + further * np.cos(yaw[near]), y[near] + further * np.sin(yaw[near]), yaw[near], speed[before]]
+            [x[near] + further * np.cos(yaw[near]), y[near] + further * np.sin(yaw[near]), yaw[near], speed[near]]
         )
 
     def states(self, rows: Int[np.ndarray, "lesson 3"]) -> Float[np.ndarray, "lesson 4"]:
@@ -165,6 +194,11 @@ def evading_steps(crash: Scenario) -> range:
     if crash.attack is None or crash.attack.collision is None or avoidability is None or avoidability.gentlest is None:
         raise ScenarioError(f"case {crash.id} has no evasion, expected a collision that the ego could have avoided")
     return range(avoidability.gentlest.onset_step, crash.attack.collision.step + round(_OVER_S / crash.dt))
+
+
+def _along(x: Float[np.ndarray, " time"], y: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    """How far a log has come [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
 
 
 def _usable(log: tuple[np.ndarray, ...], valid: np.ndarray, half_width: np.ndarray, scene: int) -> np.ndarray:

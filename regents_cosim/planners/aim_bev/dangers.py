@@ -32,7 +32,7 @@ from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
 from regents_cosim.scenario import Scenario
 
 _MOST = 16  # others that are looked at: the nearest
-_LATER_S, _BRAKING_M_S2 = 0.4, 5.0  # firm braking a little later: where that is enough, nothing needs to be done yet
+_LATER_S, _BRAKING_M_S2 = 0.8, 5.0  # firm braking a little later: where that is enough, nothing needs to be done yet
 
 
 class Dangers(eqx.Module):

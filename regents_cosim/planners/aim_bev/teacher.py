@@ -7,13 +7,13 @@ brake for what it cannot see.
 IDM brakes for who is in its way, not for who will be. A careful teacher brakes for these as well (`dangers`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, clip, step
 from regents_cosim.mirror.camera import PAPERS, Camera
@@ -28,6 +28,8 @@ from regents_cosim.scenario import Scenario
 # IDM stands half a metre before a stop line: one or two pixels, which no network keeps to, and past the line it drives
 # on. So the teacher stands further off, and up to a metre past the line.
 _ROOM_M, _OVER_M, _FIRM_M_S2 = 3.0, 1.0, 4.0
+
+_Drives = Callable[[Motion, Array], Controls]  # from a state, so many steps ahead
 
 
 class Teacher(eqx.Module):
@@ -50,26 +52,39 @@ class Teacher(eqx.Module):
         """Where it would be over the next 0.8 s [m, own frame] in the egos' places; the others drive as they did."""
         return jax.vmap(lambda one: self._label(room, one))(lesson)
 
-    def _label(self, room: Classroom, one: Lesson) -> Float[Array, "waypoint 2"]:
+    @compiled
+    def brakes(self, room: Classroom, lesson: Lesson) -> Bool[Array, " batch"]:
+        """Whether it brakes fully in the egos' places for who will be in its way; IDM alone never does."""
+        return jax.vmap(lambda one: self._in_danger(room, one, self._idm(room, one)))(lesson)
+
+    def _in_danger(self, room: Classroom, one: Lesson, idm: _Drives) -> Bool[Array, ""]:
+        if self.dangers is None:
+            return jnp.bool_(False)
+        route = jax.tree.map(lambda values: values[one.scene], self.routes)
+        near = _in_view(room, one)
+        return self.dangers.there(room, route, one, near, idm(one.state, jnp.int32(0)).accel)
+
+    def _idm(self, room: Classroom, one: Lesson) -> _Drives:
+        """What IDM does in the place of the taught, so many steps ahead."""
         route = jax.tree.map(lambda values: values[one.scene], self.routes)
         others = jax.tree.map(lambda values: values[one.scene], room.log)
-        near = _in_view(others, one, room.camera) & (jnp.arange(others.x.shape[0]) > 0)
-        seen = room.valid[one.scene] & near[:, None]
+        seen = room.valid[one.scene] & _in_view(room, one)[:, None]
         sizes = room.half_length[one.scene], room.half_width[one.scene]
 
-        def controls(ego: Motion, ahead: Array) -> Controls:
+        def drives(ego: Motion, ahead: Array) -> Controls:
             now = jnp.minimum(one.step + ahead, room.steps - 1)
             motion, valid = jax.tree.map(lambda values: values[:, now][:, None], (others, seen))
             sight = jax.tree.map(lambda values: values[0], self.idm.look(route, Traffic(motion, valid, *sizes)))
             return self.idm.step(eqx.tree_at(lambda m: m.now, route, now), sight, ego)[0]
 
-        braking = _before_light(route, one)
-        if self.dangers is not None:
-            danger = self.dangers.there(room, route, one, near, controls(one.state, jnp.int32(0)).accel)
-            braking = jnp.where(danger, ACCEL_LIMIT, braking)
+        return drives
+
+    def _label(self, room: Classroom, one: Lesson) -> Float[Array, "waypoint 2"]:
+        route, idm = jax.tree.map(lambda values: values[one.scene], self.routes), self._idm(room, one)
+        braking = jnp.where(self._in_danger(room, one, idm), ACCEL_LIMIT, _before_light(route, one))
 
         def advance(ego: Motion, ahead: Array) -> tuple[Motion, Motion]:
-            control = controls(ego, ahead)
+            control = idm(ego, ahead)
             control = Controls(
                 jnp.where(braking > 0.0, jnp.minimum(control.accel, -braking), control.accel), control.curvature
             )
@@ -90,8 +105,8 @@ def _before_light(route: IdmMemory, one: Lesson) -> Float[Array, ""]:
     return jnp.where(due, wanted, 0.0).max()
 
 
-def _in_view(others: Motion, one: Lesson, camera: Camera) -> Array:
-    """Whose centres the view of the taught shows."""
-    now = jax.tree.map(lambda values: values[:, one.step], others)
+def _in_view(room: Classroom, one: Lesson) -> Bool[Array, " agent"]:
+    """Whose centres the view of the taught shows, itself apart."""
+    now = jax.tree.map(lambda values: values[one.scene, :, one.step], room.log)
     place = jax.vmap(to_frame, (0, 0, None))(now.x, now.y, one.state)
-    return (jnp.abs(place) < camera.view_m).all(axis=1)
+    return (jnp.abs(place) < room.camera.view_m).all(axis=1) & (jnp.arange(now.x.shape[0]) > 0)

@@ -15,6 +15,7 @@ from regents_cosim.mirror.camera import Camera
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, evading_steps, plan
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
+from regents_cosim.planners.aim_bev.met import Met
 from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, practise
 from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, Shown
 from regents_cosim.planners.aim_bev.teacher import Teacher
@@ -24,7 +25,9 @@ from regents_cosim.planners.aim_bev.way import relit
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 
-_FROM_PRACTICE = 0.4  # share of the lessons, once there is any
+_IN_DANGER = 0.3  # share of lessons in which a careful teacher brakes for who will be in its way
+_FROM_PRACTICE = 0.4  # of the others, those that begin where the network has got to, once there are any
+_ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are looked at for them, per lesson
 _CHECKED = 256  # lessons that are held back, per epoch
 _AT_ONCE = 64  # drives
 
@@ -36,8 +39,7 @@ class _ResumableTraining:
     network: AimBevNetwork
     adam: torch.optim.Adam
     done: list[Epoch]
-    rows: Int[np.ndarray, "lesson 3"]  # states met in practice
-    states: Float[np.ndarray, "lesson 4"]
+    met: Met  # states that egos got into, in practice and anywhere
     known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, label
     teacher: Teacher | None  # who teaches; None: the log
     fine_tuning: bool  # its batch norms keep their statistics
@@ -85,6 +87,7 @@ def train(
         driven = (None, None)
         if config.drives and (resume is not None or epoch >= config.warm_up):
             driven = _practise(course, room, taught, rng, config)
+        _look_elsewhere(course, room, taught, rng, config)
         course.known.append(_prepare(course, room, taught, rng, config))
         loss = _teach(course, rng, config, epoch)
         check = _check(course, room, held_back, config)
@@ -155,16 +158,18 @@ def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None
 
 
 def _lessons(course: _ResumableTraining, taught: Curriculum, rng: np.random.Generator, config: TrainConfig) -> Lesson:
-    """A batch of lessons, some of them from states met in practice."""
+    """A batch of lessons, some of them from states that egos got into, those in danger most."""
     count = config.batch
     lesson = taught.draw(count, rng, config.evading)
-    if not len(course.rows):
+    if not len(course.met):
         return lesson
-    met = rng.random(count) < _FROM_PRACTICE
-    drawn = rng.integers(len(course.rows), size=count)
-    rows = np.where(met[:, None], course.rows[drawn], np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1))
+    met, drawn = rng.random(count) < _FROM_PRACTICE, rng.integers(len(course.met), size=count)
+    if course.met.danger.any():
+        danger = rng.random(count) < _IN_DANGER
+        met, drawn = met | danger, np.where(danger, rng.choice(np.flatnonzero(course.met.danger), count), drawn)
+    rows = np.where(met[:, None], course.met.rows[drawn], np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1))
     own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
-    return taught.lessons(rows, np.where(met[:, None], course.states[drawn], own.T), rng)
+    return taught.lessons(rows, np.where(met[:, None], course.met.states[drawn], own.T), rng)
 
 
 def _columns(course: _ResumableTraining, room: Classroom, lesson: Lesson, frozen: int) -> tuple[Tensor, ...]:
@@ -212,9 +217,34 @@ def _practise(
     lost_m = LOST_M if course.teacher is None else np.inf
     found = practise(room, _predict(course.network), Controller(), chosen, lost_m=lost_m)
     worth = taught.worth_teaching(found.rows)
-    course.rows = np.concatenate([course.rows, found.rows[worth]])
-    course.states = np.concatenate([course.states, found.states[worth]])
+    course.met += _told(course, room, taught, found.rows[worth], found.states[worth], rng)
     return found.collision_rate, found.mean_away_m
+
+
+def _look_elsewhere(
+    course: _ResumableTraining, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
+) -> None:
+    """Let a careful teacher tell where it brakes among states far off the logs; keep those and as many others."""
+    if config.teacher == "careful":
+        found = _told(course, room, taught, *taught.anywhere(_ELSEWHERE * config.lessons, rng), rng)
+        course.met += found.balanced(rng)
+
+
+def _told(
+    course: _ResumableTraining,
+    room: Classroom,
+    taught: Curriculum,
+    rows: Int[np.ndarray, "lesson 3"],
+    states: Float[np.ndarray, "lesson 4"],
+    rng: np.random.Generator,
+) -> Met:
+    """States, with whether the teacher brakes there for who will be in its way."""
+    danger = np.zeros(len(rows), bool)
+    for first in range(0, len(rows) if course.teacher and course.teacher.dangers else 0, _TOLD_AT_ONCE):
+        those = np.minimum(np.arange(first, first + _TOLD_AT_ONCE), len(rows) - 1)  # the last chunk keeps the shape
+        found = course.teacher.brakes(room, taught.lessons(rows[those], states[those], rng))
+        danger[those] = np.asarray(found)
+    return Met(rows, states, danger)
 
 
 def _draw(scenes: Int[np.ndarray, " scene"], count: int, rng: np.random.Generator) -> Int[np.ndarray, " drive"]:
@@ -251,9 +281,8 @@ def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) 
     network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
     course = _ResumableTraining(
-        network, adam, [], np.zeros((0, 3), int), np.zeros((0, 4)), deque(maxlen=config.kept), None, fine_tuning,
-        AS_IN_THE_PAPERS,
-    )  # fmt: skip
+        network, adam, [], Met.nothing(), deque(maxlen=config.kept), None, fine_tuning, AS_IN_THE_PAPERS
+    )
     if resume is not None:
         saved = load_weights(resume)
         _restore(course, {n: v for n, v in saved.items() if n != "epochs"} if fine_tuning else saved)
@@ -282,7 +311,7 @@ def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
     for index, state in course.adam.state_dict()["state"].items():
         saved |= {f"adam.{index}.{name}": np.asarray(value) for name, value in state.items()}
     saved["epochs"] = np.array([[np.nan if v is None else v for v in asdict(e).values()] for e in course.done])
-    saved |= {"rows": course.rows, "states": course.states}
+    saved |= {"rows": course.met.rows, "states": course.met.states, "danger": course.met.danger}
     save_weights(saved, checkpoint_path(output))
 
 
@@ -301,7 +330,8 @@ def _restore(course: _ResumableTraining, saved: dict[str, np.ndarray]) -> None:
             _, index, moment = name.split(".")
             state.setdefault(int(index), {})[moment] = torch.tensor(values)
     course.adam.load_state_dict({"state": state, "param_groups": course.adam.state_dict()["param_groups"]})
-    course.rows, course.states = saved["rows"], saved["states"]
+    rows = saved["rows"]
+    course.met = Met(rows, saved["states"], saved.get("danger", np.zeros(len(rows), bool)))
     for epoch, loss, held_back, *driven in saved["epochs"].tolist():
         rate, away = (None if np.isnan(value) else value for value in driven)
         course.done.append(Epoch(int(epoch), loss, held_back, rate, away))
