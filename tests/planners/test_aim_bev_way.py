@@ -207,13 +207,17 @@ def test_egos_are_looked_for_anywhere_along_their_logs():
     assert states[:, 3].min() < 7.0 < 13.0 < states[:, 3].max()
 
 
-def test_of_states_met_those_in_danger_are_kept_with_as_many_others():
+def test_states_in_danger_are_kept_with_as_many_others_and_have_a_share_of_the_lessons():
+    rng = np.random.default_rng(0)
     rows = np.stack([np.arange(10), np.zeros(10, int), np.zeros(10, int)], axis=-1)
-    some = Met(rows, np.zeros((10, 4)), np.arange(10) < 3)
-    kept = some.balanced(np.random.default_rng(0))
-    assert kept.danger.sum() == 3
-    assert len(kept) == 6
-    assert len(Met.nothing() + kept + some) == 16
+    kept = Met(rows, np.zeros((10, 4))).balanced(np.arange(10) < 3, rng)
+    assert (kept.rows[:, 0] < 3).tolist() == [True] * 3 + [False] * 3
+    own = Met(np.full((400, 3), 99), np.ones((400, 4)))
+    drawn = kept.drawn_into(own, 0.3, rng)
+    replaced = drawn.rows[:, 0] < 99
+    assert 0.2 < replaced.mean() < 0.4
+    assert ((drawn.states == 0.0).all(axis=1) == replaced).all()
+    assert Met.nothing().drawn_into(own, 0.3, rng) is own
 
 
 @pytest.mark.slow

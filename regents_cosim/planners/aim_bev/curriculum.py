@@ -136,7 +136,7 @@ class Curriculum:
     def _further(self, row: Int[np.ndarray, " 3"], rng: np.random.Generator) -> Float[np.ndarray, " 4"]:
         scene, agent, step = row.tolist()
         along = _along(*self._driven(scene, agent)[:2])
-        reached = along[min(step, len(along) - 1)] + rng.uniform(-_FURTHER_M, _FURTHER_M)
+        reached = float(along[min(step, len(along) - 1)]) + rng.uniform(-_FURTHER_M, _FURTHER_M)
         x, y, yaw, speed = self._at(scene, agent, along, reached)
         return np.array([x, y, yaw, max(speed * rng.uniform(*_PACE) + rng.normal(0.0, _PACE_M_S), 0.0)])
 

@@ -25,8 +25,8 @@ from regents_cosim.planners.aim_bev.way import relit
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 
-_IN_DANGER = 0.3  # share of lessons in which a careful teacher brakes for who will be in its way
-_FROM_PRACTICE = 0.4  # of the others, those that begin where the network has got to, once there are any
+_FROM_PRACTICE = 0.4  # share of the lessons, once there is any
+_URGENT = 0.3  # of those in which a careful teacher brakes for who will be in its way or might have to, at first
 _ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are looked at for them, per lesson
 _CHECKED = 256  # lessons that are held back, per epoch
 _AT_ONCE = 64  # drives
@@ -39,7 +39,8 @@ class _ResumableTraining:
     network: AimBevNetwork
     adam: torch.optim.Adam
     done: list[Epoch]
-    met: Met  # states that egos got into, in practice and anywhere
+    met: Met  # states that it got into in practice
+    urgent: Met  # states in which a careful teacher brakes for who will be in its way, and as many others
     known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, label
     teacher: Teacher | None  # who teaches; None: the log
     fine_tuning: bool  # its batch norms keep their statistics
@@ -88,7 +89,7 @@ def train(
         if config.drives and (resume is not None or epoch >= config.warm_up):
             driven = _practise(course, room, taught, rng, config)
         _look_elsewhere(course, room, taught, rng, config)
-        course.known.append(_prepare(course, room, taught, rng, config))
+        course.known.append(_prepare(course, room, taught, rng, config, epoch))
         loss = _teach(course, rng, config, epoch)
         check = _check(course, room, held_back, config)
         course.done.append(Epoch(epoch, loss, check, *driven))
@@ -121,14 +122,19 @@ def _split(curriculum: Curriculum) -> tuple[Curriculum, Curriculum]:
 
 
 def _prepare(
-    course: _ResumableTraining, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
+    course: _ResumableTraining,
+    room: Classroom,
+    taught: Curriculum,
+    rng: np.random.Generator,
+    config: TrainConfig,
+    epoch: int,
 ) -> list[Tensor]:
     """New lessons, as the first layer that learns gets them."""
     course.network.eval()
     parts = []
     with torch.inference_mode():
         for _ in range(config.lessons // config.batch):
-            parts.append(_columns(course, room, _lessons(course, taught, rng, config), config.frozen))
+            parts.append(_columns(course, room, _lessons(course, taught, rng, config, epoch), config.frozen))
     return [torch.cat(columns).clone() for columns in zip(*parts, strict=True)]
 
 
@@ -151,25 +157,29 @@ def _teach(course: _ResumableTraining, rng: np.random.Generator, config: TrainCo
     return float(np.mean(losses))
 
 
+def _falling(config: TrainConfig, epoch: float) -> float:
+    """From 1 to 0 over all epochs, along a cosine."""
+    return float(0.5 * (1.0 + np.cos(np.pi * epoch / config.epochs)))
+
+
 def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None:
-    share = 0.5 * (1.0 + np.cos(np.pi * epoch / config.epochs))
+    share = _falling(config, epoch)
     for group in adam.param_groups:
         group["lr"] = config.learning_rate * (0.01 + 0.99 * share)
 
 
-def _lessons(course: _ResumableTraining, taught: Curriculum, rng: np.random.Generator, config: TrainConfig) -> Lesson:
-    """A batch of lessons, some of them from states that egos got into, those in danger most."""
-    count = config.batch
-    lesson = taught.draw(count, rng, config.evading)
-    if not len(course.met):
+def _lessons(
+    course: _ResumableTraining, taught: Curriculum, rng: np.random.Generator, config: TrainConfig, epoch: int
+) -> Lesson:
+    """A batch of lessons, some of them from states that egos got into."""
+    lesson = taught.draw(config.batch, rng, config.evading)
+    if not len(course.met) and not len(course.urgent):
         return lesson
-    met, drawn = rng.random(count) < _FROM_PRACTICE, rng.integers(len(course.met), size=count)
-    if course.met.danger.any():
-        danger = rng.random(count) < _IN_DANGER
-        met, drawn = met | danger, np.where(danger, rng.choice(np.flatnonzero(course.met.danger), count), drawn)
-    rows = np.where(met[:, None], course.met.rows[drawn], np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1))
+    rows = np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1)
     own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
-    return taught.lessons(rows, np.where(met[:, None], course.met.states[drawn], own.T), rng)
+    drawn = course.met.drawn_into(Met(rows, own.T), _FROM_PRACTICE, rng)
+    drawn = course.urgent.drawn_into(drawn, _URGENT * _falling(config, float(epoch)), rng)
+    return taught.lessons(drawn.rows, drawn.states, rng)
 
 
 def _columns(course: _ResumableTraining, room: Classroom, lesson: Lesson, frozen: int) -> tuple[Tensor, ...]:
@@ -217,34 +227,32 @@ def _practise(
     lost_m = LOST_M if course.teacher is None else np.inf
     found = practise(room, _predict(course.network), Controller(), chosen, lost_m=lost_m)
     worth = taught.worth_teaching(found.rows)
-    course.met += _told(course, room, taught, found.rows[worth], found.states[worth], rng)
+    met = Met(found.rows[worth], found.states[worth])
+    course.met += met
+    _keep_urgent(course, room, taught, met, rng)
     return found.collision_rate, found.mean_away_m
 
 
 def _look_elsewhere(
     course: _ResumableTraining, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
 ) -> None:
-    """Let a careful teacher tell where it brakes among states far off the logs; keep those and as many others."""
+    """Look for states in which a careful teacher brakes far off the logs as well: there are few on them."""
     if config.teacher == "careful":
-        found = _told(course, room, taught, *taught.anywhere(_ELSEWHERE * config.lessons, rng), rng)
-        course.met += found.balanced(rng)
+        _keep_urgent(course, room, taught, Met(*taught.anywhere(_ELSEWHERE * config.lessons, rng)), rng)
 
 
-def _told(
-    course: _ResumableTraining,
-    room: Classroom,
-    taught: Curriculum,
-    rows: Int[np.ndarray, "lesson 3"],
-    states: Float[np.ndarray, "lesson 4"],
-    rng: np.random.Generator,
-) -> Met:
-    """States, with whether the teacher brakes there for who will be in its way."""
-    danger = np.zeros(len(rows), bool)
-    for first in range(0, len(rows) if course.teacher and course.teacher.dangers else 0, _TOLD_AT_ONCE):
-        those = np.minimum(np.arange(first, first + _TOLD_AT_ONCE), len(rows) - 1)  # the last chunk keeps the shape
-        found = course.teacher.brakes(room, taught.lessons(rows[those], states[those], rng))
+def _keep_urgent(
+    course: _ResumableTraining, room: Classroom, taught: Curriculum, met: Met, rng: np.random.Generator
+) -> None:
+    """Keep states in which a careful teacher brakes for who will be in its way, and as many others."""
+    if course.teacher is None or course.teacher.dangers is None or not len(met):
+        return
+    danger = np.zeros(len(met), bool)
+    for first in range(0, len(met), _TOLD_AT_ONCE):
+        those = np.minimum(np.arange(first, first + _TOLD_AT_ONCE), len(met) - 1)  # the last chunk keeps the shape
+        found = course.teacher.brakes(room, taught.lessons(met.rows[those], met.states[those], rng))
         danger[those] = np.asarray(found)
-    return Met(rows, states, danger)
+    course.urgent += met.balanced(danger, rng)
 
 
 def _draw(scenes: Int[np.ndarray, " scene"], count: int, rng: np.random.Generator) -> Int[np.ndarray, " drive"]:
@@ -281,8 +289,9 @@ def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) 
     network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
     course = _ResumableTraining(
-        network, adam, [], Met.nothing(), deque(maxlen=config.kept), None, fine_tuning, AS_IN_THE_PAPERS
-    )
+        network, adam, [], Met.nothing(), Met.nothing(), deque(maxlen=config.kept), None, fine_tuning,
+        AS_IN_THE_PAPERS,
+    )  # fmt: skip
     if resume is not None:
         saved = load_weights(resume)
         _restore(course, {n: v for n, v in saved.items() if n != "epochs"} if fine_tuning else saved)
@@ -311,7 +320,8 @@ def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
     for index, state in course.adam.state_dict()["state"].items():
         saved |= {f"adam.{index}.{name}": np.asarray(value) for name, value in state.items()}
     saved["epochs"] = np.array([[np.nan if v is None else v for v in asdict(e).values()] for e in course.done])
-    saved |= {"rows": course.met.rows, "states": course.met.states, "danger": course.met.danger}
+    saved |= {"rows": course.met.rows, "states": course.met.states}
+    saved |= {"urgent.rows": course.urgent.rows, "urgent.states": course.urgent.states}
     save_weights(saved, checkpoint_path(output))
 
 
@@ -330,8 +340,9 @@ def _restore(course: _ResumableTraining, saved: dict[str, np.ndarray]) -> None:
             _, index, moment = name.split(".")
             state.setdefault(int(index), {})[moment] = torch.tensor(values)
     course.adam.load_state_dict({"state": state, "param_groups": course.adam.state_dict()["param_groups"]})
-    rows = saved["rows"]
-    course.met = Met(rows, saved["states"], saved.get("danger", np.zeros(len(rows), bool)))
+    course.met = Met(saved["rows"], saved["states"])
+    if "urgent.rows" in saved:
+        course.urgent = Met(saved["urgent.rows"], saved["urgent.states"])
     for epoch, loss, held_back, *driven in saved["epochs"].tolist():
         rate, away = (None if np.isnan(value) else value for value in driven)
         course.done.append(Epoch(int(epoch), loss, held_back, rate, away))
