@@ -44,7 +44,7 @@ def still(scenario: Scenario) -> bytes:
     draw_moving(scene, picture, view, step)
     draw_close_up(scene, picture, view, step)
     buffer = io.BytesIO()
-    _framed(picture, scene, view, step).finish().save(buffer, "PNG")
+    _framed(picture, scene, view, step).save(buffer, "PNG")
     return buffer.getvalue()
 
 
@@ -61,7 +61,7 @@ def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None) -> 
     def frame(step: int) -> Image.Image:
         picture = ground.under(views[step])
         draw_moving(scene, picture, views[step], step)
-        return _framed(picture, scene, views[step], step).finish()
+        return _framed(picture, scene, views[step], step)
 
     _write_frames(path, frame, frame_steps(scene.last_step, scenario.dt), scenario.dt, progress)
 
@@ -114,7 +114,7 @@ def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tu
             draw_moving(scene, picture, views[step], step)
             body.paste(strip, index * right_px, index * down_px)
             body.paste(picture, index * right_px, index * down_px + STRIP_PX)
-        return _framed(body, after, views[step], step).finish()
+        return _framed(body, after, views[step], step)
 
     return frame, last
 
@@ -124,14 +124,14 @@ def _inside(size: tuple[int, int]) -> tuple[int, int]:
     return size[0], size[1] - HEADER_PX - FOOTER_PX
 
 
-def _framed(body: Canvas, scene: PicturedCase, view: View, step: int) -> Canvas:
-    """`body` between header and footer."""
+def _framed(body: Canvas, scene: PicturedCase, view: View, step: int) -> Image.Image:
+    """`body` between header and footer, in its final size."""
     width, height = body.size
-    canvas = Canvas.blank((width, HEADER_PX + height + FOOTER_PX), _ZOOM, PANEL)
-    canvas.paste(draw_header(scene, step, width, _ZOOM), 0, 0)
-    canvas.paste(body, 0, HEADER_PX)
-    canvas.paste(draw_footer(scene, view, width, _ZOOM), 0, HEADER_PX + height)
-    return canvas
+    picture = Image.new("RGB", (width, HEADER_PX + height + FOOTER_PX), PANEL)
+    picture.paste(draw_header(scene, step, width, _ZOOM).finish(), (0, 0))
+    picture.paste(body.finish(), (0, HEADER_PX))
+    picture.paste(draw_footer(scene, view, width, _ZOOM).finish(), (0, HEADER_PX + height))
+    return picture
 
 
 def _pair_size(points: Float[np.ndarray, "time agent 2"]) -> tuple[int, int]:
