@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.interpolate import Akima1DInterpolator
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.sources.logs.scene import Track
@@ -65,5 +64,7 @@ def _pieces(track: Track, wanted: np.ndarray, at: np.ndarray) -> list[tuple[np.n
 def _interpolated(
     step: np.ndarray, values: Float[np.ndarray, "3 sample"], place: Float[np.ndarray, " wanted"]
 ) -> Float[np.ndarray, "3 wanted"]:
+    from scipy.interpolate import Akima1DInterpolator  # takes long to import, and few logs need it
+
     base = step[0]  # steps of a long log are large numbers
     return Akima1DInterpolator(step - base, values, axis=1, method="makima")(place - base)
