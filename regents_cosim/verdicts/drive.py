@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ALONG_RAD
-from regents_cosim.maps.roadmap import Lane
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_pieces import LanesUnder, lane_pieces
@@ -53,9 +53,13 @@ class AgentDrive:
     @cached_property
     def box(self) -> Boxes:
         """Its body at each step."""
-        size, own = self.scenario.agents[self.agent], (self.agent, self.steps)
-        tracks = self.tracks
-        return Boxes(tracks.x[own], tracks.y[own], tracks.yaw[own], size.length, size.width, tracks.z[own])
+        return _bodies(self.tracks, self.agent, self.steps, self._size)
+
+    @property
+    def _size(self) -> tuple[float, float]:
+        """Length and width [m]."""
+        one = self.scenario.agents[self.agent]
+        return one.length, one.width
 
     @cached_property
     def centre(self) -> Float[np.ndarray, "time 2"]:
@@ -113,7 +117,7 @@ class AgentDrive:
     @cached_property
     def oncoming_share(self) -> Float[np.ndarray, " time"]:
         """The share of its body on lanes that run only the other way."""
-        return oncoming_share(self.scenario.road, self.box, self.lawful)
+        return _oncoming_share(self.scenario.road, self.tracks, self.agent, self._size, self.last, self.lawful)
 
     @cached_property
     def under(self) -> LanesUnder:
@@ -143,6 +147,19 @@ class AgentDrive:
         if not end or end - begin < steps:
             return None
         return OffendingAct(int(self.steps[begin]), end - begin, float(amount[begin:end].max()))
+
+
+def _bodies(tracks: Tracks, agent: int, steps: Int[np.ndarray, " time"], size: tuple[float, float]) -> Boxes:
+    own = agent, steps
+    return Boxes(tracks.x[own], tracks.y[own], tracks.yaw[own], *size, tracks.z[own])
+
+
+@lru_cache(maxsize=16)  # its law, its fault and its tags ask for the same of one crash
+def _oncoming_share(
+    road: RoadMap, tracks: Tracks, agent: int, size: tuple[float, float], last: int, lawful: frozenset[str] | None
+) -> Float[np.ndarray, " time"]:
+    steps = np.flatnonzero(tracks.valid[agent, : last + 1])
+    return oncoming_share(road, _bodies(tracks, agent, steps, size), lawful)
 
 
 Measure = Callable[
