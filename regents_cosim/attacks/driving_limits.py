@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, Controls, stopping_speed
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.world import DriveBounds, World
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
 from regents_cosim.verdicts.handling import MEAN_S
@@ -43,7 +44,7 @@ def with_bounds(world: World, scenario: Scenario, config: AttackConfig, limits: 
         if one.kind in (limits if config.driving == "ordinary" else own):
             for name, row in rows.items():
                 row[agent] = getattr(limits[one.kind], name)
-    return replace(world, bounds=DriveBounds(**{name: jnp.asarray(row) for name, row in rows.items()}))
+    return replace(world, bounds=DriveBounds(**{name: on_device(row, np.float32) for name, row in rows.items()}))
 
 
 def within_bounds(world: World, searched: SearchedAgents, controls: Controls) -> Controls:

@@ -28,6 +28,7 @@ from regents_cosim.attacks.search_state import Looks, SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.mirror.world import World
 from regents_cosim.scenario import Scenario
@@ -134,18 +135,18 @@ def _look(
     """What changes do, up to the first that is accepted, and the last of these as a search that ended with it."""
     padded = np.pad(changes, ((0, LOOKED_AT - len(changes)), (0, 0)), mode="edge")
     bare = replace(job.world.without_road(), bounds=job.world.bounds)
-    made = _changed(job._replace(world=bare, memory=None), shared(config), jnp.asarray(padded, jnp.float32))
+    made = _changed(job._replace(world=bare, memory=None), shared(config), on_device(padded, np.float32))
     # What another program returns is bound to its device: to JAX an input of another kind, with a program of its own.
-    starts = jax.tree.map(lambda actions: jnp.asarray(np.asarray(actions)), made)
+    starts = jax.tree.map(lambda actions: on_device(actions, np.float32), made)
+    count, none = on_device(len(changes), np.int32), on_device(0, np.int32)
     return look_and_descend(
-        job.world, planner, job.memory, shared(config), job.searched, starts, jnp.int32(len(changes)), jnp.int32(0),
-        extra_cost,
-    )  # fmt: skip
+        job.world, planner, job.memory, shared(config), job.searched, starts, count, none, extra_cost
+    )
 
 
 def _after(found: SearchResult, tried: int, history: Float[np.ndarray, "iteration term"]) -> SearchResult:
     """The same as the end of so many roll-outs."""
-    return replace(found, iterations=jnp.int32(tried), history=jnp.asarray(history))
+    return replace(found, iterations=on_device(tried, np.int32), history=on_device(history, np.float32))
 
 
 @compiled

@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
@@ -17,6 +16,7 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.universal import AttackedPlanners, UniversalDescent
 from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.mirror.world import World
 
@@ -74,17 +74,19 @@ def descend(
     Where `config` looks at starts, it is by the program that looks at several of them.
     """
     starts = None if job.start is None else _with_room(job.start, config)
+    one, most = on_device(1, np.int32), on_device(iterations, np.int32)
     found, _ = look_and_descend(
-        job.world, planner, job.memory, shared(config), job.searched, starts, jnp.int32(1), jnp.int32(iterations),
-        extra_cost,
-    )  # fmt: skip
+        job.world, planner, job.memory, shared(config), job.searched, starts, one, most, extra_cost
+    )
     return found
 
 
 def _with_room(start: Controls, config: AttackConfig) -> Controls:
     """Actions [start searched step]: a start, as often as the program has room for one."""
     room = LOOKED_AT if config.starts else 1
-    return jax.tree.map(lambda actions: jnp.asarray(np.repeat(np.asarray(actions)[None], room, axis=0)), start)
+    return jax.tree.map(
+        lambda actions: on_device(np.repeat(np.asarray(actions)[None], room, axis=0), np.float32), start
+    )
 
 
 def shared(config: AttackConfig) -> AttackConfig:

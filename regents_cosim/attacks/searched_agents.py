@@ -9,7 +9,10 @@ from typing import TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int, PyTree
+
+from regents_cosim.mirror.on_device import on_device
 
 _Tree = TypeVar("_Tree", bound=PyTree)
 
@@ -29,7 +32,7 @@ class SearchedAgents(eqx.Module):
     @staticmethod
     def only(agent: int, agents: int) -> "SearchedAgents":
         """One of `agents` agents."""
-        return SearchedAgents(jnp.arange(agents) == agent, jnp.int32(agent), 1)
+        return SearchedAgents(on_device(np.arange(agents) == agent, np.bool_), on_device(agent, np.int32), 1)
 
     @property
     def are_all(self) -> bool:

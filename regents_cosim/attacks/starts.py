@@ -31,6 +31,7 @@ from regents_cosim.limits import ACCEL_WINDOW_S, MOST_SPEED_M_S, OVER_LIMIT
 from regents_cosim.mirror.actions import FIT_PASSES, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits
@@ -69,7 +70,7 @@ def followed(
     begun = float(job.searched.rows(job.world.start.yaw)[0])
     x, y, yaw, speed = (np.stack([getattr(s, name) for s in padded]) for name in ("x", "y", "yaw", "speed"))
     yaw = yaw + 2.0 * np.pi * np.round((begun - yaw[:, :1]) / (2.0 * np.pi))
-    wanted = Motion(*(jnp.asarray(v, jnp.float32) for v in (x - origin[0], y - origin[1], yaw, speed)))
+    wanted = Motion(*(on_device(v, np.float32) for v in (x - origin[0], y - origin[1], yaw, speed)))
     world = replace(job.world.without_road(), bounds=job.world.bounds)
     actions = to_actions(_allowed(world, job.searched, _fitted(job, wanted, passes)))
     return [jax.tree.map(lambda values, k=k: values[k], actions) for k in range(len(found))]

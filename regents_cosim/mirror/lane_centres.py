@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.scenario import Scenario
 
 _SPACING_M = 1.0
@@ -59,7 +60,7 @@ def lane_centres(
     extra = size - len(points)
     x, y = (np.pad(values, (0, extra), constant_values=_FAR_M) for values in points.T)
     angle = np.pad(direction, (0, extra))
-    return LaneCentres(*(jnp.asarray(values, jnp.float32) for values in (x, y, np.cos(angle), np.sin(angle))))
+    return LaneCentres(*(on_device(values, np.float32) for values in (x, y, np.cos(angle), np.sin(angle))))
 
 
 @lru_cache(maxsize=8)

@@ -20,6 +20,7 @@ from regents_cosim.maps.levels import BAND_M, drivable_at
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.levels import LevelBands, to_bands
 from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.on_device import on_device
 
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
 SIGMA_M = 0.5
@@ -52,15 +53,15 @@ class RoadField(eqx.Module):
 
     def seen_from(self, origin: Float[np.ndarray, " 2"]) -> "RoadField":
         """The same in coordinates that begin at `origin` [m] of those that it has."""
-        return replace(self, corner=jnp.asarray(np.asarray(self.corner, float) - origin, jnp.float32))
+        return replace(self, corner=on_device(np.asarray(self.corner, float) - origin, np.float32))
 
 
 def all_road() -> RoadField:
     """The field of a scene that is road wherever one looks, for what asks nothing of the road: it takes no time."""
     return RoadField(
-        jnp.asarray(np.zeros((1, 4), np.float32)),
-        jnp.asarray(np.ones(2, np.int32)),
-        jnp.asarray(np.zeros(2, np.float32)),
+        on_device(np.zeros((1, 4)), np.float32),
+        on_device(np.ones(2), np.int32),
+        on_device(np.zeros(2), np.float32),
     )
 
 
@@ -135,9 +136,9 @@ def blur_areas(
         field[:, [0, -1]] = field[:, :, [0, -1]] = 0.0
     size = next((size for size in _SIZES if size >= max(field.size, room)), field.size)
     return RoadField(
-        jnp.asarray(_with_neighbours(field, size)),
-        jnp.array([rows, columns]),
-        jnp.asarray(low - origin, jnp.float32),
+        on_device(_with_neighbours(field, size), np.float32),
+        on_device([rows, columns], np.int32),
+        on_device(low - origin, np.float32),
         bands,
     )
 

@@ -20,6 +20,7 @@ from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.levels import HeightMap, to_height_map
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.road_field import RoadField, all_road, blur
 from regents_cosim.mirror.separation import Box
 from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Kind, Scenario, Tracks
@@ -131,33 +132,32 @@ def to_world(
     filled = fill_gaps(tracks)
     log = [np.pad(values, ((0, extra), (0, 0))) for values in (filled.x - origin[0], filled.y - origin[1])]
     log += [np.pad(values, ((0, extra), (0, 0))) for values in (np.unwrap(filled.yaw, axis=1), filled.speed)]
-    motion = Motion(*(jnp.asarray(values, jnp.float32) for values in log))
+    motion = Motion(*(on_device(values, np.float32) for values in log))
     first = np.argmax(valid, axis=1)
     moving = np.arange(tracks.steps - 1) >= first[:, None]
-    dt = jnp.float32(scenario.dt)
-    start = Motion(*(jnp.asarray(values[np.arange(padded), first], jnp.float32) for values in log))
+    dt = on_device(scenario.dt, np.float32)
+    start = Motion(*(on_device(values[np.arange(padded), first], np.float32) for values in log))
     present = np.stack([filled.x, filled.y], axis=-1)[tracks.valid]
     sizes = np.array([(a.length, a.width) for a in scenario.agents] + [(1.0, 1.0)] * extra)
-    half_length = jnp.asarray(0.5 * sizes[:, 0], jnp.float32)
+    half_length = on_device(0.5 * sizes[:, 0], np.float32)
     walks = _who_are("pedestrian", scenario, padded) if dynamics == "bicycle" else None
     heights, levels = None, None
     if scenario.heights.stacked:
         way = [np.pad(values, ((0, extra), (0, 0))) for values in (filled.x, filled.y, filled.z)]
         heights = to_height_map(scenario.heights, (way[0], way[1], way[2]), valid, origin)
         levels = scenario.heights.levels if has_levels(scenario.road) else None
+    there, enters = on_device(valid, np.bool_), on_device(moving, np.bool_)
     return World(
         log=motion,
-        valid=jnp.asarray(valid),
-        controls=fit_controls(
-            motion, jnp.asarray(valid), start, jnp.asarray(moving), dt, Mobility(half_length, walks, dynamics), passes
-        ),
+        valid=there,
+        controls=fit_controls(motion, there, start, enters, dt, Mobility(half_length, walks, dynamics), passes),
         start=start,
-        moving=jnp.asarray(moving),
+        moving=enters,
         half_length=half_length,
-        half_width=jnp.asarray(0.5 * sizes[:, 1], jnp.float32),
-        vehicle=jnp.asarray([a.kind in VEHICLE_KINDS for a in scenario.agents] + [False] * extra),
-        apart=jnp.asarray(np.pad(_apart_at_first(scenario), (0, extra))),
-        on_road=jnp.asarray(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra)))),
+        half_width=on_device(0.5 * sizes[:, 1], np.float32),
+        vehicle=on_device([a.kind in VEHICLE_KINDS for a in scenario.agents] + [False] * extra, np.bool_),
+        apart=on_device(np.pad(_apart_at_first(scenario), (0, extra)), np.bool_),
+        on_road=on_device(np.pad(_corners_on_road(scenario), ((0, 0), (0, extra))), np.bool_),
         road=blur(scenario.road, present.min(axis=0), present.max(axis=0), origin, levels) if road is None else road,
         top_speed=_top_speeds(scenario, padded),
         dt=dt,
@@ -172,7 +172,7 @@ def _who_are(kind: Kind, scenario: Scenario, padded: int) -> Bool[Array, " agent
     """Which others are of a kind; None where there is none, so that traffic without them has no other program."""
     alike = np.zeros(padded, bool)
     alike[1 : len(scenario.agents)] = [agent.kind == kind for agent in scenario.agents[1:]]
-    return jnp.asarray(alike) if alike.any() else None
+    return on_device(alike, np.bool_) if alike.any() else None
 
 
 def _top_speeds(scenario: Scenario, padded: int) -> Float[Array, " agent"]:
@@ -181,7 +181,7 @@ def _top_speeds(scenario: Scenario, padded: int) -> Float[Array, " agent"]:
     for index, agent in enumerate(scenario.agents):
         if agent.kind in MOST_SPEED_M_S:
             most[index] = max(MOST_SPEED_M_S[agent.kind], float(scenario.tracks.speed[index].max()))
-    return jnp.asarray(most)
+    return on_device(most, np.float32)
 
 
 def to_tracks(motion: Motion, controls: Controls, scenario: Scenario) -> Tracks:

@@ -19,6 +19,7 @@ from scipy.spatial import KDTree
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.routes.ego_route import SPACING_M, Route, plan_route
@@ -94,18 +95,18 @@ class IDM(JaxPlanner):
         nearest, corner = _nearest_points(points)
         line, closed = _stop_lines(route, scenario.tracks.steps)
         return IdmMemory(
-            x=jnp.asarray(x),
-            y=jnp.asarray(y),
-            cos=jnp.asarray(np.cos(angle), jnp.float32),
-            sin=jnp.asarray(np.sin(angle), jnp.float32),
-            speed=jnp.asarray(self._desired_speed(route, angle), jnp.float32),
-            nearest=jnp.asarray(nearest, jnp.int32),
-            corner=jnp.asarray(corner - origin, jnp.float32),
+            x=on_device(x, np.float32),
+            y=on_device(y, np.float32),
+            cos=on_device(np.cos(angle), np.float32),
+            sin=on_device(np.sin(angle), np.float32),
+            speed=on_device(self._desired_speed(route, angle), np.float32),
+            nearest=on_device(nearest, np.int32),
+            corner=on_device(corner - origin, np.float32),
             line=line,
             closed=closed,
-            now=jnp.int32(0),
-            half_length=jnp.float32(0.5 * scenario.agents[0].length),
-            half_width=jnp.float32(0.5 * scenario.agents[0].width),
+            now=on_device(0, np.int32),
+            half_length=on_device(0.5 * scenario.agents[0].length, np.float32),
+            half_width=on_device(0.5 * scenario.agents[0].width, np.float32),
         )
 
     def look(self, memory: IdmMemory, traffic: Traffic) -> IdmSight:
@@ -250,4 +251,4 @@ def _stop_lines(route: Route, steps: int) -> tuple[Float[Array, " stop_line"], B
     line, closed = np.full(_STOP_LINES, -_FAR_M), np.zeros((steps, _STOP_LINES), bool)
     for index, light in enumerate(route.stop_lines[:_STOP_LINES]):
         line[index], closed[:, index] = light.distance_m, light.stop
-    return jnp.asarray(line, jnp.float32), jnp.asarray(closed)
+    return on_device(line, np.float32), on_device(closed, np.bool_)
