@@ -65,10 +65,11 @@ def all_rows(traffic: Path, at_once: int) -> list[Row]:
 def cost_of(command: Iterable[str], kept: Path) -> Cost:
     """Run a command in a new folder, compiled programs being kept in `kept`."""
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as said:
+        # With the bytecode of the package, which pip leaves.
+        environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+        environment["REGENTS_CACHE"] = str(kept)
         begin = time.perf_counter()
-        started = subprocess.Popen(
-            list(command), cwd=folder, env=os.environ | {"REGENTS_CACHE": str(kept)}, stdout=said, stderr=said
-        )
+        started = subprocess.Popen(list(command), cwd=folder, env=environment, stdout=said, stderr=said)
         _, status, used = os.wait4(started.pid, 0)
         started.returncode = os.waitstatus_to_exitcode(status)
         if started.returncode:
