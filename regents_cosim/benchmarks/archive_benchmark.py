@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import chain
+from itertools import chain, combinations
 from pathlib import Path
 from statistics import fmean
 
@@ -11,7 +11,7 @@ from regents_cosim.archive.axes import Axes
 from regents_cosim.archive.crash import crash_of
 from regents_cosim.archive.elites import Archive
 from regents_cosim.benchmarks.kept_runs import run_once
-from regents_cosim.benchmarks.quality_diversity import EmitterName, quality_diversity_run, require_jax
+from regents_cosim.benchmarks.quality_diversity import DiverseName, quality_diversity_run, require_jax
 from regents_cosim.benchmarks.runs import ComparedMethod, places_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results
 from regents_cosim.evaluation.statistics import paired_p
@@ -35,7 +35,7 @@ class ArchiveRow:
 
 @dataclass(frozen=True)
 class ArchiveComparison:
-    """The first method against another one, on the same windows."""
+    """One method against another one, on the same windows."""
 
     method: str
     than: str
@@ -52,7 +52,7 @@ def archive_rows(
     traffic: Sequence[tuple[int, Sequence[list[Scenario]]]],
     planner: PlannerUnderTest,
     methods: Sequence[ComparedMethod],
-    diverse: Sequence[EmitterName],
+    diverse: Sequence[DiverseName],
     axes: Axes,
     output: Path | None = None,
     progress: Progress = SILENT,
@@ -70,9 +70,9 @@ def archive_rows(
         windows, made = list(chain(*places)), list(map(_made, runs[0].windows))
         config = methods[0].config
         assert config is not None
-        settings = {"config": asdict(config), "rollouts": made, "seed": seed}
+        settings = {"config": asdict(config), "axes": list(axes.names), "rollouts": made, "seed": seed}
         for name in diverse:
-            make = partial(quality_diversity_run, windows, planner, name, config, made, seed, progress)
+            make = partial(quality_diversity_run, windows, planner, name, config, axes, made, seed, progress)
             yield archive_row(run_once(output, name, planner.name, settings, windows, make), seed, axes)
 
 
@@ -91,12 +91,11 @@ def _made(results: Results) -> int:
 
 
 def archive_comparisons(rows: Sequence[ArchiveRow]) -> list[ArchiveComparison]:
-    """The method that is named first against each of the others."""
+    """Each method against each that comes after it."""
     by_method: dict[str, list[ArchiveRow]] = {}
     for row in rows:
         by_method.setdefault(row.method, []).append(row)
-    (first, its), *others = by_method.items()
-    return [_comparison(first, its, other, theirs) for other, theirs in others]
+    return [_comparison(*one, *other) for one, other in combinations(by_method.items(), 2)]
 
 
 def _comparison(first: str, its: Sequence[ArchiveRow], other: str, theirs: Sequence[ArchiveRow]) -> ArchiveComparison:

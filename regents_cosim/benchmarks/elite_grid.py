@@ -1,4 +1,7 @@
-"""The best change in each cell of a grid, and what another one adds to it."""
+"""The best proposal in each cell of a grid, and what another one adds to it.
+
+A crash that is accepted comes before anything else: near misses only show the way while there is none.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,39 +11,55 @@ import numpy as np
 from jaxtyping import Float
 
 Change = Float[np.ndarray, " coordinate"]
-Changes = Float[np.ndarray, "change coordinate"]
 Cell = tuple[int, ...]
 
 
-class Gain(NamedTuple):
-    """What a change adds; the greater the more: a new cell before a better change in an old one."""
+class Proposal(NamedTuple):
+    """What is to be tried: a change of one of the drives that a search may begin with."""
 
+    start: int
+    change: Change
+
+
+class Elite(NamedTuple):
+    """The best of a cell: crashes before all others, then the greater value."""
+
+    crash: bool
+    value: float
+    proposal: Proposal
+
+
+class Gain(NamedTuple):
+    """What a proposal adds; the greater the more: a cell's first crash, then a new cell, then a better one."""
+
+    first_crash: bool
     new_cell: bool
     value: float  # in a new cell its own, else by how much it is better than the best there
-
-    @property
-    def adds(self) -> bool:
-        """Whether it was taken in."""
-        return self.new_cell or self.value > 0.0
+    adds: bool  # whether to go on from it
 
 
 @dataclass
 class EliteGrid:
-    """Changes by cell, each with its value."""
+    """Proposals by cell."""
 
-    cells: dict[Cell, tuple[float, Change]] = field(default_factory=dict)
+    cells: dict[Cell, Elite] = field(default_factory=dict)
+    crashes: int = 0  # cells with one
 
-    def add(self, cell: Cell, value: float, change: Change) -> Gain:
-        """Take a change in if it is the best there."""
+    def add(self, cell: Cell, one: Elite) -> Gain:
+        """Take a proposal in if it is the best there."""
         best = self.cells.get(cell)
-        if best is None or value > best[0]:
-            self.cells[cell] = (value, change)
-        return Gain(True, value) if best is None else Gain(False, value - best[0])
+        better = best is None or one[:2] > best[:2]
+        if better:
+            self.cells[cell] = one
+        first_crash = one.crash and (best is None or not best.crash)
+        self.crashes += first_crash
+        value = one.value - best.value if best is not None and best.crash == one.crash else one.value
+        return Gain(first_crash, best is None, value, better and (one.crash or not self.crashes))
 
-    def draw(self, rng: np.random.Generator, otherwise: Change) -> Change:
-        """One of its changes; what is said where it has none."""
-        changes = [change for _, change in self.cells.values()] or [otherwise]
-        return changes[rng.integers(len(changes))]
+    def draw(self, rng: np.random.Generator, otherwise: Proposal) -> Proposal:
+        """One that crashes, else any; what is said where it has none."""
+        found = [one.proposal for one in self.cells.values() if one.crash or not self.crashes] or [otherwise]
+        return found[rng.integers(len(found))]
 
 
 def ranks(gains: Sequence[Gain]) -> list[float]:

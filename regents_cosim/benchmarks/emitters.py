@@ -14,29 +14,30 @@ import numpy as np
 from cmaes import CMA
 from jaxtyping import Float
 
-from regents_cosim.benchmarks.elite_grid import Change, Changes, EliteGrid, Gain, ranks
+from regents_cosim.benchmarks.elite_grid import Change, EliteGrid, Gain, Proposal, ranks
 
 BATCH = 10  # changes between two answers, CMA-ES's own choice for ten coordinates
 _SPREAD = 0.5  # of CMA-ME at first, as CMA-ES has it in `attacks.sampled_search`
 _LENGTH = 1.0  # of CMA-MEGA's steps along a gradient at first: as far as the changes at random go
 
-# The gradients of the value and of each measure; what a look at the change shows is added to the grid.
-Slopes = Callable[[Change], Float[np.ndarray, "row coordinate"]]
+# The gradients of the value and of each measure; what a look at the proposal shows is added to the grid.
+Slopes = Callable[[Proposal], Float[np.ndarray, "row coordinate"]]
 
 
 class RandomEmitter:
-    """Changes from a normal distribution that never learns."""
+    """Changes of any start from a normal distribution that never learns."""
 
     looks = 0  # roll-outs that it takes to propose a batch
 
-    def __init__(self, size: int, seed: int) -> None:
-        self._rng, self._size = np.random.default_rng(seed), size
+    def __init__(self, starts: int, size: int, seed: int) -> None:
+        self._rng, self._starts, self._size = np.random.default_rng(seed), starts, size
 
-    def ask(self) -> Changes:
+    def ask(self) -> list[Proposal]:
         """A batch to try."""
-        return self._rng.normal(size=(BATCH, self._size))
+        changes = self._rng.normal(size=(BATCH, self._size))
+        return [Proposal(int(self._rng.integers(self._starts)), change) for change in changes]
 
-    def tell(self, changes: Changes, gains: Sequence[Gain]) -> None:
+    def tell(self, tried: Sequence[Proposal], gains: Sequence[Gain]) -> None:
         """Nothing is learnt."""
 
 
@@ -46,20 +47,22 @@ class CmaMe:
     looks = 0
 
     def __init__(self, grid: EliteGrid, size: int, seed: int) -> None:
-        self._grid, self._rng, self._none = grid, np.random.default_rng(seed), np.zeros(size)
-        self._begin(self._none)
+        self._grid, self._rng, self._none = grid, np.random.default_rng(seed), Proposal(0, np.zeros(size))
+        self._begin()
 
-    def ask(self) -> Changes:
+    def ask(self) -> list[Proposal]:
         """A generation."""
-        return np.stack([self._cma.ask() for _ in range(BATCH)])
+        return [Proposal(self._start, self._cma.ask()) for _ in range(BATCH)]
 
-    def tell(self, changes: Changes, gains: Sequence[Gain]) -> None:
+    def tell(self, tried: Sequence[Proposal], gains: Sequence[Gain]) -> None:
         """Move to where most was added."""
+        changes = [one.change for one in tried]
         self._cma.tell(list(zip(changes, ranks(gains), strict=True)))
         if self._cma.should_stop() or not any(gain.adds for gain in gains):
-            self._begin(self._grid.draw(self._rng, self._none))
+            self._begin()
 
-    def _begin(self, mean: Change) -> None:
+    def _begin(self) -> None:
+        self._start, mean = self._grid.draw(self._rng, self._none)
         self._cma = _evolution(mean, _SPREAD, self._rng)
 
 
@@ -69,30 +72,31 @@ class CmaMega:
     looks = 1
 
     def __init__(self, grid: EliteGrid, size: int, measures: int, seed: int, slopes: Slopes) -> None:
-        self._grid, self._rng, self._none = grid, np.random.default_rng(seed), np.zeros(size)
+        self._grid, self._rng, self._none = grid, np.random.default_rng(seed), Proposal(0, np.zeros(size))
         self._slopes, self._rows = slopes, 1 + measures
-        self._begin(self._none)
+        self._begin()
 
-    def ask(self) -> Changes:
+    def ask(self) -> list[Proposal]:
         """Branches from where it is: always up the value, and to either side of each measure."""
         slopes = self._slopes(self._at)
         lengths = np.linalg.norm(slopes, axis=1, keepdims=True)
         unit = slopes / np.where(lengths > 0.0, lengths, 1.0)
         self._weights = np.stack([self._cma.ask() for _ in range(BATCH)])
         uphill = np.concatenate([np.abs(self._weights[:, :1]), self._weights[:, 1:]], axis=1)
-        return self._at + uphill @ unit
+        return [Proposal(self._at.start, change) for change in self._at.change + uphill @ unit]
 
-    def tell(self, changes: Changes, gains: Sequence[Gain]) -> None:
+    def tell(self, tried: Sequence[Proposal], gains: Sequence[Gain]) -> None:
         """Go on from the branches that added most; where none did, from an elite."""
         order = ranks(gains)
         self._cma.tell(list(zip(self._weights, order, strict=True)))
         if self._cma.should_stop() or not any(gain.adds for gain in gains):
-            self._begin(self._grid.draw(self._rng, self._none))
+            self._begin()
         else:
-            self._at = _mean_of_best(changes, order)
+            self._at = self._at._replace(change=_mean_of_best(np.stack([one.change for one in tried]), order))
 
-    def _begin(self, at: Change) -> None:
-        self._at, self._cma = at, _evolution(np.zeros(self._rows), _LENGTH, self._rng)
+    def _begin(self) -> None:
+        self._at = self._grid.draw(self._rng, self._none)
+        self._cma = _evolution(np.zeros(self._rows), _LENGTH, self._rng)
 
 
 Emitter = RandomEmitter | CmaMe | CmaMega
@@ -102,7 +106,7 @@ def _evolution(mean: Change, spread: float, rng: np.random.Generator) -> CMA:
     return CMA(mean=mean, sigma=spread, population_size=BATCH, seed=int(rng.integers(2**31)))
 
 
-def _mean_of_best(changes: Changes, order: Sequence[float]) -> Change:
+def _mean_of_best(changes: Float[np.ndarray, "change coordinate"], order: Sequence[float]) -> Change:
     """Of the better half, weighed as CMA-ES weighs its own (Hansen 2016, eq. 49 without its negative part)."""
     best = np.argsort(order)[: BATCH // 2]
     share = np.log((BATCH + 1) / 2) - np.log(np.arange(1, len(best) + 1))

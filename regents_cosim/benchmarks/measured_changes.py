@@ -27,16 +27,22 @@ _SMOOTH_M2 = 1e-3  # keeps roots smooth where they end (m^2, or m^2/s^2)
 
 @compiled
 def try_changes(
-    job: SearchJob, planner: JaxPlanner, config: AttackConfig, changes: Float[Array, "change coordinate"]
+    job: SearchJob,
+    planner: JaxPlanner,
+    config: AttackConfig,
+    starts: Controls,
+    changes: Float[Array, "change coordinate"],
 ) -> tuple[Float[Array, "change row"], Bool[Array, " change"]]:
-    """Of every change the value and the measures, and whether its crash is accepted."""
-    descent = _descent(job, planner, config)
+    """Of every change of its start [change searched step] the value and the measures, and whether it is accepted."""
+    same = _descent(job, planner, config)
 
-    def one(change: Float[Array, " coordinate"]) -> tuple[Array, Array]:
+    def one(given: tuple[Controls, Float[Array, " coordinate"]]) -> tuple[Array, Array]:
+        start, change = given
+        descent = replace(same, start=start)
         search = _seen(descent, change)
         return _rows(descent, search.seen.motion, search.actions), search.accepted
 
-    return jax.lax.map(one, changes)
+    return jax.lax.map(one, (starts, changes))
 
 
 @compiled

@@ -10,6 +10,7 @@ from made_crashes import braked, window
 from shipped_cases import shipped_window
 
 from regents_cosim.archive.axes import Axes
+from regents_cosim.archive.crash import crash_of
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.benchmarks.archive_benchmark import ArchiveRow, archive_comparisons, archive_row
 from regents_cosim.benchmarks.quality_diversity import quality_diversity_run, require_jax
@@ -27,13 +28,14 @@ def test_crashes_that_sumo_denies_fill_no_cell():
     assert (row.seed, row.windows, row.crashes, row.cells, row.qd_score) == (3, 2, 2, 2, 5.0)
 
 
-def test_the_first_is_compared_with_every_other_seed_by_seed():
+def test_each_is_compared_with_every_other_seed_by_seed():
     rows = [
         ArchiveRow(method, seed, 4, 10, 5, cells, 3.0 * cells)
         for seed in range(6)
         for method, cells in (("a", 8 + seed), ("b", 4), ("c", 8 + seed))
     ]
-    better, same = archive_comparisons(rows)
+    better, same, worse = archive_comparisons(rows)
+    assert (worse.method, worse.than, worse.qd_score_p) == ("b", "c", better.qd_score_p)
     assert (better.than, better.cells, better.cells_than, better.cells_p) == ("b", 10.5, 4.0, 2 / 64)
     assert (same.than, same.qd_score_p) == ("c", 1.0)
 
@@ -58,23 +60,25 @@ def test_searches_by_gradient_need_a_planner_in_jax():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["qd-random", "cma-me", "cma-mega"])
-def test_diverse_searches_spend_what_they_are_given_and_find_cases_of_their_own(name):
-    idm, before = PlannerUnderTest.of("idm"), shipped_window("crossing")
-    one, again = (quality_diversity_run([before], idm, name, REGENTS_FOCUSED, [132], 0) for _ in range(2))
+@pytest.mark.parametrize("name", ["qd-random", "cma-me-log", "cma-mega"])
+def test_diverse_searches_spend_what_they_are_given_and_find_one_crash_of_each_cell(name):
+    idm, before, axes = PlannerUnderTest.of("idm"), shipped_window("crossing"), Axes()
+    one, again = (quality_diversity_run([before], idm, name, REGENTS_FOCUSED, axes, [132], 0) for _ in range(2))
     assert [[case.id for case in results] for results in one.windows] == [[c.id for c in its] for its in again.windows]
     (results,) = one.windows
-    assert all(132 - 11 < case.attack.rollouts <= 132 for case in results)
+    assert all(132 - 13 < case.attack.rollouts <= 132 for case in results)
+    crashes = [crash for case in results if (crash := crash_of(case))]
     assert len({case.id for case in results}) == len(results) > 0
+    assert len({axes.cell(crash) for crash in crashes}) == len(crashes)
 
 
 @pytest.mark.slow
 def test_the_command_runs_on_a_tiny_size(tmp_path, capsys):
-    words = ["bench", "archive", "--methods", "focused", "--diverse", "cma-me", "--seeds", "1", "--count", "1"]
+    words = ["bench", "archive", "--methods", "focused", "--diverse", "cma-me-log", "--seeds", "1", "--count", "1"]
     words += ["--nets", "merge", "--json", "--quiet", "-o", str(tmp_path / "runs")]
     assert run(words) == 0
     found = json.loads(capsys.readouterr().out)
-    assert [row["method"] for row in found["rows"]] == ["focused", "cma-me"]
+    assert [row["method"] for row in found["rows"]] == ["focused", "cma-me-log"]
     ours, its = (row["rollouts"] for row in found["rows"])
     assert ours - 11 < its <= ours
-    assert [one["than"] for one in found["compared"]] == ["cma-me"]
+    assert [one["than"] for one in found["compared"]] == ["cma-me-log"]

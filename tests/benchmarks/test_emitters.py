@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from regents_cosim.benchmarks.elite_grid import EliteGrid, ranks
+from regents_cosim.benchmarks.elite_grid import Elite, EliteGrid, Proposal, ranks
 from regents_cosim.benchmarks.emitters import BATCH, CmaMe, CmaMega, RandomEmitter
 
 SIZE = 10
@@ -13,13 +13,13 @@ def value(change):
     return -float(np.sum(change**2))
 
 
-def slopes(change):
+def slopes(proposal):
     """Of the value, and of two measures: the first two coordinates."""
-    return np.stack([-2.0 * change, np.eye(SIZE)[0], np.eye(SIZE)[1]])
+    return np.stack([-2.0 * proposal.change, np.eye(SIZE)[0], np.eye(SIZE)[1]])
 
 
 def by_chance(grid, seed):
-    return RandomEmitter(SIZE, seed)
+    return RandomEmitter(3, SIZE, seed)
 
 
 def evolved(grid, seed):
@@ -35,15 +35,19 @@ def fill(make, seed=0, rounds=60):
     grid = EliteGrid()
     emitter = make(grid, seed)
     for _ in range(rounds):
-        changes = emitter.ask()
-        assert changes.shape == (BATCH, SIZE)
-        gains = [grid.add(tuple(np.floor(one[:2]).astype(int).tolist()), value(one), one) for one in changes]
-        emitter.tell(changes, gains)
+        proposals = emitter.ask()
+        assert [one.change.shape for one in proposals] == BATCH * [(SIZE,)]
+        gains = [grid.add(cell(one.change), Elite(False, value(one.change), one)) for one in proposals]
+        emitter.tell(proposals, gains)
     return grid
 
 
+def cell(change):
+    return tuple(np.floor(change[:2]).astype(int).tolist())
+
+
 def well_filled(make):
-    return sum(best > -40.0 for best, _ in fill(make).cells.values())
+    return sum(best.value > -40.0 for best in fill(make).cells.values())
 
 
 def test_gradients_fill_more_than_evolution_and_that_more_than_chance():
@@ -54,18 +58,40 @@ def test_gradients_fill_more_than_evolution_and_that_more_than_chance():
 def test_the_same_seed_gives_the_same_grid(make):
     one, again, other = (fill(make, seed, rounds=20).cells for seed in (3, 3, 4))
     assert list(one) == list(again) != list(other)
-    assert [best for best, _ in one.values()] == [best for best, _ in again.values()]
+    assert [best.value for best in one.values()] == [best.value for best in again.values()]
+
+
+def test_changes_at_random_are_of_any_start():
+    assert {one.start for one in RandomEmitter(3, SIZE, 0).ask()} == {0, 1, 2}
+
+
+@pytest.mark.parametrize("make", [evolved, by_gradient])
+def test_who_adds_nothing_begins_again_at_an_elite_that_crashes(make):
+    grid, elite = EliteGrid(), Proposal(2, np.full(SIZE, 9.0))
+    emitter = make(grid, 0)
+    grid.add((0, 0), Elite(False, 5.0, Proposal(1, np.zeros(SIZE))))
+    grid.add((9, 9), Elite(True, 0.0, elite))
+    for _ in range(2):
+        proposals = emitter.ask()
+        emitter.tell(proposals, [grid.add((9, 9), Elite(False, 9.0, one)) for one in proposals])
+    assert {one.start for one in proposals} == {elite.start}
 
 
 def test_slopes_of_nothing_lead_nowhere():
-    emitter = CmaMega(EliteGrid(), SIZE, 2, 0, lambda change: np.zeros((3, SIZE)))
-    assert np.all(emitter.ask() == 0.0)
+    emitter = CmaMega(EliteGrid(), SIZE, 2, 0, lambda proposal: np.zeros((3, SIZE)))
+    assert all(np.all(one.change == 0.0) for one in emitter.ask())
 
 
-def test_a_new_cell_adds_more_than_a_better_solution_and_that_more_than_none():
-    grid, change = EliteGrid(), np.ones(1)
-    first = grid.add((0,), 1.0, np.zeros(1))
-    better, worse, new = (grid.add(*given, change) for given in (((0,), 3.0), ((0,), 2.0), ((1,), -9.0)))
-    assert ranks([worse, better, new]) == [2.0, 1.0, 0.0]
+def test_a_first_crash_adds_most_then_a_new_cell_then_a_better_solution():
+    grid = EliteGrid()
+
+    def add(place, crash, value):
+        return grid.add((place,), Elite(crash, value, Proposal(0, np.zeros(1))))
+
+    first, better, worse, new = add(0, False, 1.0), add(0, False, 3.0), add(0, False, 2.0), add(1, False, -9.0)
     assert [gain.adds for gain in (first, better, worse, new)] == [True, True, False, True]
-    assert grid.cells[(0,)][0] == 3.0
+    crash, second, near = add(0, True, -50.0), add(0, True, -40.0), add(0, False, 9.0)
+    assert ranks([worse, better, new, crash]) == [3.0, 2.0, 1.0, 0.0]
+    assert [gain.adds for gain in (crash, second, near)] == [True, True, False]
+    assert (second.value, grid.crashes, grid.cells[(0,)].value) == (10.0, 1, -40.0)
+    assert not add(2, False, 0.0).adds  # once there is a crash, near misses lead nowhere

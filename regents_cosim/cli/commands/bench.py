@@ -293,7 +293,12 @@ def cross(
 def archive(
     *,
     methods: tuple[Literal["focused", "regents", "king", "random", "cma-es", "starts"], ...] = ("focused", "random"),
-    diverse: tuple[Literal["qd-random", "cma-me", "cma-mega"], ...] = ("qd-random", "cma-me", "cma-mega"),
+    diverse: tuple[Literal["cma-mega", "cma-me", "qd-random", "cma-mega-log", "cma-me-log", "qd-random-log"], ...] = (
+        "cma-mega",
+        "cma-me",
+        "cma-me-log",
+        "qd-random-log",
+    ),
     seeds: Annotated[int, Parameter(validator=Number(gte=1, lte=16))] = 10,
     count: Count = 4,
     seed: Seed = 0,
@@ -306,16 +311,17 @@ def archive(
 ) -> int:
     """How many cells of the map of behaviours methods fill with as many roll-outs, and their QD scores.
 
-    All search by the rules of focused: the same candidates, attempts, roll-outs and crashes accepted. The first method
-    is compared with each other one on the same windows, seed by seed.
+    All search by the rules of focused: the same candidates, attempts, roll-outs and crashes accepted. Each is compared
+    with each other one on the same windows, seed by seed.
 
     Parameters
     ----------
     methods
-        the first is compared with the others
+        those that end with a candidate at its first crash
     diverse
         searches that keep every crash of a new kind, with as many roll-outs in each window as the first method made:
-        random changes, CMA-ME, and CMA-MEGA, which goes by our gradients
+        random changes, CMA-ME, and CMA-MEGA, which goes by our gradients. They change lawful drives that meet the ego;
+        those with -log the log alone
     seeds
         how many, from --seed on; of each there is other traffic
     count
@@ -348,5 +354,5 @@ def archive(
         terminal.publish("", plain)
         return 0
     terminal.show(f"cells of {', '.join(asked.names)}, {asked.count} in all, filled against {planner}", plain["rows"])
-    terminal.show(f"{methods[0]} against the others, on the same windows", plain["compared"])
+    terminal.show("each against the others, on the same windows", plain["compared"])
     return 0
