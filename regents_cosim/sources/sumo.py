@@ -18,7 +18,6 @@ from regents_cosim.sources.conflicts import has_conflict
 from regents_cosim.sources.recording import ANY_EGO, DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input, write_config
 from regents_cosim.sources.sumo_files import require_bounded
-from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of, require_size
 from regents_cosim.sources.windows import Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
 from regents_cosim.system.scratch import scratch_folder
@@ -55,6 +54,8 @@ def record_sumo(
     Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words
     where it refuses, NoWindowError where no window is found.
     """
+    from regents_cosim.sources.sumo_net import read_road_map  # with sumolib, of which SUMO's own process needs nothing
+
     windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego)
     options = read_input(source)
     _require_microscopic(options)
