@@ -95,8 +95,9 @@ def test_the_standard_suite_separates_the_ladder_it_was_made_with():
         assert row.p_value < 0.05
 
 
-def test_every_crash_of_the_standard_suite_is_telling_and_has_a_harmless_neighbour():
-    folder = suite_folder("standard")
+@pytest.mark.parametrize("suite", ["standard", "on_foot"])
+def test_every_crash_of_a_suite_is_telling_and_has_a_harmless_neighbour(suite):
+    folder = suite_folder(suite)
     cards = [card_of(folder / name) for name in suite_cases(folder)]
     crashes = [one for one in cards if one.kind not in ("ordinary", "harmless")]
     assert crashes

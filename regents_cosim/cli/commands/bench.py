@@ -162,7 +162,7 @@ def transfer(cases: Cases, *, planner: PlannerOfCase = None, talk: OutputOptions
     Parameters
     ----------
     cases
-        a case or a folder of cases; shipped:standard and shipped:quickstart come with the package
+        a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the package
     """
     from regents_cosim.benchmarks.transfer import PLACES
     from regents_cosim.benchmarks.transfer import transfer as run_transfer
@@ -199,7 +199,8 @@ def live(
     Parameters
     ----------
     cases
-        a case or a folder of cases recorded in SUMO; shipped:standard and shipped:quickstart come with the package
+        a case or a folder of cases recorded in SUMO; shipped:standard, shipped:quickstart and shipped:on_foot come with
+        the package
     expected
         how the adversary expects the ego to react, where that is not its planner; observed: it keeps to its route at
         its recent speed and brakes for leaders

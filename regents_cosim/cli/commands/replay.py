@@ -29,7 +29,7 @@ def replay(
     Parameters
     ----------
     cases
-        a case or a folder of cases; shipped:standard and shipped:quickstart come with the package
+        a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the package
     where
         in SUMO, in highway-env, or in the mirror
     mode

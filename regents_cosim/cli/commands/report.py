@@ -20,7 +20,7 @@ def report(
     Parameters
     ----------
     cases
-        a case or a folder of cases; shipped:standard and shipped:quickstart come with the package
+        a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the package
     output
         file for the page (.html); the scores and the table go into a .json beside it
     planner
