@@ -96,10 +96,15 @@ def lines_ahead(scenario: Scenario, agent: int, near: Near) -> Iterator[DriveLin
     for index, way in enumerate(ways):
         if way.changes > 1:
             continue
-        line = line_through(prolonged(way.points, reach_m), _limit(way))
+        points = prolonged(way.points, reach_m)
+        is_met, may_change = near.is_met_by(shapely.LineString(points)), way.changes == 0 and index < _MOST_CHANGED_FROM
+        if not is_met and not may_change:
+            continue
+        line = line_through(points, _limit(way))
         line = replace(line, stop_lines=_stop_lines(scenario, way.lanes, line))
-        yield line
-        if way.changes == 0 and index < _MOST_CHANGED_FROM:
+        if is_met:
+            yield line
+        if may_change:
             yield from _changing(scenario, line, way, max(speed, PULLING_OUT_M_S), near)
 
 

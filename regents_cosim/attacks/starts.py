@@ -28,7 +28,7 @@ from regents_cosim.attacks.speed_profiles import Lights, Profiles, drive, profil
 from regents_cosim.attacks.walked_lines import walked_lines
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.limits import ACCEL_WINDOW_S, MOST_SPEED_M_S, OVER_LIMIT
-from regents_cosim.mirror.actions import FIT_PASSES, fit_controls
+from regents_cosim.mirror.actions import OF_RECORDINGS, Fit, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device
@@ -57,11 +57,11 @@ class Start:
 
 
 def followed(
-    scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int, passes: int = FIT_PASSES
+    scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int, how: Fit = OF_RECORDINGS
 ) -> list[Controls]:
     """The actions [1, step] with which a job's candidate follows drives, of which there are at most `most`.
 
-    They are fitted in so many `passes`.
+    `how` they are fitted.
     """
     if not found:
         return []
@@ -72,18 +72,18 @@ def followed(
     yaw = yaw + 2.0 * np.pi * np.round((begun - yaw[:, :1]) / (2.0 * np.pi))
     wanted = Motion(*(on_device(v, np.float32) for v in (x - origin[0], y - origin[1], yaw, speed)))
     world = replace(job.world.without_road(), bounds=job.world.bounds)
-    actions = to_actions(_allowed(world, job.searched, _fitted(job, wanted, passes)))
+    actions = to_actions(_allowed(world, job.searched, _fitted(job, wanted, how)))
     return [jax.tree.map(lambda values, k=k: values[k], actions) for k in range(len(found))]
 
 
-def _fitted(job: SearchJob, wanted: Motion, passes: int) -> Controls:
+def _fitted(job: SearchJob, wanted: Motion, how: Fit) -> Controls:
     """The controls [drive, step] with which the job's candidate follows drives [drive, time]."""
     start, moving, mobility = jax.tree.map(
         lambda values: jnp.repeat(values, len(wanted.x), axis=0),
         job.searched.rows((job.world.start, job.world.moving, job.world.mobility)),
     )
     there = jnp.ones(wanted.x.shape, bool)
-    return fit_controls(wanted, there, start, moving, job.world.dt, mobility, passes)
+    return fit_controls(wanted, there, start, moving, job.world.dt, mobility, how)
 
 
 @compiled

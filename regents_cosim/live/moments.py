@@ -17,6 +17,7 @@ from regents_cosim.live.predict import Predictor
 from regents_cosim.live.traffic import TrafficState
 from regents_cosim.maps.levels import has_levels
 from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.mirror.actions import Fit
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lane_centres import lane_centres
@@ -28,7 +29,7 @@ from regents_cosim.scenario import Provenance, Scenario, Signal, Tracks
 
 DT_S = 0.1  # of predictions and plans, whatever the simulation's step
 MOST_AGENTS = 32
-FIT_PASSES = 3  # of predictions and drives, which are smooth
+FIT = Fit(passes=3, summed=True)  # of predictions and drives, which are smooth
 _LANE_POINTS = 2**12
 _TILE_M = 80.0  # the road is known so far around the middle of a tile ...
 _LEAVES_TILE_M = 25.0  # ... which the ego leaves here
@@ -101,7 +102,7 @@ class Moments:
             signals=tuple(Signal(name, ((0, letters),)) for name, letters in sorted(traffic.lights.items())),
         )
         road = None if scenario.heights.stacked else self._road(scenario)
-        return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, passes=FIT_PASSES))
+        return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, fit=FIT))
 
     def _road(self, scenario: Scenario) -> RoadField:
         """The field around the ego, blurred again only where that has left the last tile."""

@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import Any
 
 import jax
+import numpy as np
 
 from regents_cosim.attacks.driving_limits import limits_by_kind
 from regents_cosim.attacks.job import SearchEnd, SearchJob
@@ -15,8 +16,6 @@ from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
 from regents_cosim.live.moments import Moment
-from regents_cosim.mirror.rollout import with_ego
-from regents_cosim.mirror.world import to_tracks
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Tracks
@@ -58,7 +57,11 @@ class PlannerInLoop:
         (driven,) = self._drives([DriveRequest(moment.scenario, job, others)])
         if isinstance(driven, DriveError):
             raise driven
-        return to_tracks(with_ego(moment.background, driven.ego.motion), world.controls, moment.scenario)
+        motion = (np.asarray(values, float)[None] for values in jax.tree.leaves(driven.ego.motion))
+        x, y, yaw, speed = motion
+        return Tracks(
+            x + moment.origin[0], y + moment.origin[1], yaw, np.maximum(speed, 0.0), moment.scenario.tracks.valid[:1]
+        )
 
     def search(self, job: SearchJob, iterations: int, config: AttackConfig) -> SearchEnd:
         """A search of so many iterations at most. Raises DriveError."""

@@ -1,18 +1,18 @@
 """Plans of one adversary, found again and again while the traffic goes on: a moment in, a plan out. No SUMO here.
 
-The same search as offline, with a short horizon and few iterations. A fresh plan begins with the lawful drives that
-meet the ego (`attacks.starts`), of a candidate that is near enough; one that crashes it as wanted in the planner's
-closed loop is taken, the best of the others is descended from. A plan that is being carried out is looked at again
+The same search as offline, with a short horizon. A few candidates that could meet the ego are asked for lawful drives
+that do (`attacks.starts`); the first that crashes it as wanted in the planner's closed loop is the plan. Methods
+without such drives descend from the prediction, in few iterations. A plan that is being carried out is looked at again
 from where all vehicles are by now, and descended from where it would miss.
 """
 
 import copy
-from collections.abc import Collection, Sequence
+import itertools
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import shapely
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.actions import to_actions
@@ -25,25 +25,23 @@ from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
-from regents_cosim.live.moments import DT_S, FIT_PASSES, Moment
+from regents_cosim.live.moments import DT_S, FIT, Moment
 from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.planner_in_loop import PlannerInLoop
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.live.reach import could_meet, near_enough
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import World, to_tracks
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.ways import ways_ahead
 
-_LOOKED_AT = 8  # candidates whose ways are compared with the ego's at one look; the first that fits is searched
+_LOOKED_AT = 12  # candidates whose ways are compared with the ego's at one look ...
+_MOST_ASKED = 4  # ... and those of them that could meet it which are asked for drives
 _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
 _MOST_GAINED_M = 25.0  # ... up to so far
-_NEAR_M = 8.0
-_BESIDE_M = 0.5  # between two bodies whose ways meet: ways are smoothed when they are driven
 _ALONE_M = 1.1  # off its own way, where it can only be driven faster or slower
 _ROAD_LASTS_S = 2.0  # that the adversary's road is kept: it reaches as far as it could come in the horizon
 
@@ -85,15 +83,19 @@ class Search:
     def fresh(self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
-        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. One
-        candidate is searched at a look; the others have their turn at the next.
+        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. A few candidates are searched
+        at a look; the others have their turn at the next.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
             self._warm_up(loop)
-            agent = self._candidate(moment, ego, barred)
-            found = None if agent is None else self._starts(loop, agent, ego, speed_only)
-            return None if agent is None or found is None else self._plan_from(loop, agent, found)
+            most = _MOST_ASKED if self.config.starts else 1
+            for agent in itertools.islice(self._candidates(loop, ego, barred), most):
+                found = self._starts(loop, agent, ego, speed_only)
+                plan = None if found is None else self._plan_from(loop, agent, found)
+                if plan is not None:
+                    return plan
+            return None
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
         """The plan that a moment knows its adversary to follow, changed where it would miss; None if it cannot be."""
@@ -102,7 +104,7 @@ class Search:
             return None
         with self._in_loop(moment) as loop:
             job = self._job(loop, agent)
-            return self._tried(loop, job, agent, [job.start], self._renewing)
+            return self._tried(loop, job, agent, self._renewing)
 
     def _in_loop(self, moment: Moment) -> PlannerInLoop:
         return PlannerInLoop(moment, self.config, self.planner_name, self.loop, self.hosts)
@@ -114,30 +116,32 @@ class Search:
         job, tracks = self._job(loop, 1), loop.moment.scenario.tracks
         onward = Start(tracks.x[1], tracks.y[1], tracks.yaw[1], tracks.speed[1], 0, (0.0, 0.0, 0.0), 0.0)
         if self.config.starts:
-            followed(loop.moment.scenario, job, [onward], self.config.starts, FIT_PASSES)
+            followed(loop.moment.scenario, job, [onward], self.config.starts, FIT)
         for config in dict.fromkeys((self.config, self._renewing)):
             loop.search(job, 0, config)
         self._warm = True
 
     # --- who attacks -----------------------------------------------------------------------------
 
-    def _candidate(self, moment: Moment, ego: Tracks, barred: Collection[str]) -> int | None:
-        """One that could be where the ego is soon; first those that were not looked at lately."""
-        allowed = np.asarray(_allowed(moment.world, self.config))
-        tracks, now = moment.scenario.tracks, moment.traffic.time_s
-        ahead_s = np.arange(tracks.steps) * DT_S
-        apart = np.hypot(tracks.x - ego.x, tracks.y - ego.y) - np.minimum(
-            0.5 * _GAINED_M_S2 * ahead_s**2, _MOST_GAINED_M
+    def _candidates(self, loop: PlannerInLoop, ego: Tracks, barred: Collection[str]) -> Iterator[int]:
+        """Those that could be where the ego is soon; first those that were not looked at lately."""
+        scenario, now = loop.moment.scenario, loop.moment.traffic.time_s
+        names = [agent.id for agent in scenario.agents]
+        able = np.asarray(_allowed(loop.moment.world, self.config))[: len(names)]
+        able = able & near_enough(scenario, ego, _EARLIEST_S, loop.limits)
+        others, least = (
+            [k for k in np.flatnonzero(able).tolist() if names[k] not in barred],
+            _least_apart(scenario, ego),
         )
-        least = np.where(tracks.valid & (ahead_s >= _EARLIEST_S), apart, np.inf).min(axis=1)
-        names = [agent.id for agent in moment.scenario.agents]
-        able = [k for k in range(1, len(names)) if allowed[k] and names[k] not in barred and least[k] < _NEAR_M]
         self._asked = {name: asked for name, asked in self._asked.items() if name in names}
-        for k in sorted(able, key=lambda k: (self._asked.get(names[k], -np.inf), least[k]))[:_LOOKED_AT]:
+        for k in sorted(others, key=lambda k: (self._asked.get(names[k], -np.inf), least[k]))[:_LOOKED_AT]:
             self._asked[names[k]] = now
-            if not self.config.starts or _ways_meet(moment.scenario, k, ego):
-                return k
-        return None
+            if not self.config.starts or self._could_meet(loop, k, ego):
+                yield k
+
+    def _could_meet(self, loop: PlannerInLoop, agent: int, ego: Tracks) -> bool:
+        scenario = loop.moment.scenario
+        return could_meet(scenario, agent, ego, _EARLIEST_S, loop.limits[scenario.agents[agent].kind])
 
     # --- plans -----------------------------------------------------------------------------------
 
@@ -153,16 +157,29 @@ class Search:
         return found or None
 
     def _plan_from(self, loop: PlannerInLoop, agent: int, found: Sequence[Start]) -> Plan | None:
-        job = self._job(loop, agent)
-        begun = followed(loop.moment.scenario, job, found, self.config.starts, FIT_PASSES)
-        return self._tried(loop, job, agent, begun or [job.start], self.config)
+        """The first of the starts that crashes the ego as wanted; without starts what a short descent finds."""
+        if not found:
+            return self._tried(loop, self._job(loop, agent), agent, self.config)
+        job = self._job(loop, agent, everywhere=True)
+        for rank, controls in enumerate(followed(loop.moment.scenario, job, found, self.config.starts, FIT)):
+            plan = self._looked(loop, job._replace(start=controls), agent, rank + 1)
+            if plan is not None:  # few are: only those are worth the time to find out where their vehicle may drive
+                plan = self._looked(loop, self._job(loop, agent)._replace(start=controls), agent, rank + 2)
+            if plan is not None:
+                return plan
+        return None
 
-    def _job(self, loop: PlannerInLoop, agent: int) -> SearchJob:
-        """A search that moves one agent, and begins with what is predicted of it."""
+    def _looked(self, loop: PlannerInLoop, job: SearchJob, agent: int, rollouts: int) -> Plan | None:
+        """What a job begins with, where that is what is wanted."""
+        return _plan(loop.moment, agent, loop.search(job, 0, self.config), rollouts)
+
+    def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False) -> SearchJob:
+        """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it."""
         moment = loop.moment
         world = moment.with_lanes
         if self.config.law == "strict":
-            world = under_the_law(world, moment.scenario, agent, self._road_of(moment, agent))
+            road = None if everywhere else self._road_of(moment, agent)
+            world = under_the_law(world, moment.scenario, agent, road)
         world = with_bounds(world, moment.scenario, self.config, loop.limits)
         searched = SearchedAgents.only(agent, len(world.valid))
         return SearchJob(world, loop.memory, searched, searched.rows(to_actions(world.controls)))
@@ -176,22 +193,12 @@ class Search:
             self._road = name, now, road
         return road
 
-    def _tried(
-        self, loop: PlannerInLoop, job: SearchJob, agent: int, begun: Sequence[Controls | None], config: AttackConfig
-    ) -> Plan | None:
-        """The first of some starts that crashes the ego as wanted; else what a short descent makes of the best."""
-        best: Controls | None = None
-        for rank, controls in enumerate(begun):
-            ended = loop.search(job._replace(start=controls), 0, config)
-            plan = _plan(loop.moment, agent, ended, rank + 1)
-            if plan is not None:
-                return plan
-            if best is None or (isinstance(ended.found, SearchResult) and bool(ended.found.hit)):
-                best = controls
-        if not config.iterations or best is None:
-            return None
-        ended = loop.search(job._replace(start=best), config.iterations, config)
-        return _plan(loop.moment, agent, ended, len(begun) + 1)
+    def _tried(self, loop: PlannerInLoop, job: SearchJob, agent: int, config: AttackConfig) -> Plan | None:
+        """What a job begins with where that crashes the ego as wanted, else what a short descent makes of it."""
+        plan = _plan(loop.moment, agent, loop.search(job, 0, config), 1)
+        if plan is not None or not config.iterations:
+            return plan
+        return _plan(loop.moment, agent, loop.search(job, config.iterations, config), 2)
 
 
 def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan | None:
@@ -215,13 +222,12 @@ def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan |
     )  # fmt: skip
 
 
-def _ways_meet(scenario: Scenario, agent: int, ego: Tracks) -> bool:
-    """Whether a lawful way of an agent, with a change of lane at most, comes onto the ego's."""
-    reach_m = 0.5 * (scenario.ego.width + scenario.agents[agent].width) + _BESIDE_M
-    own = shapely.LineString(np.stack([ego.x[0], ego.y[0]], axis=1))
-    ways = [way.points for way in ways_ahead(scenario, agent) if way.changes <= 1 and len(way.points) > 1]
-    ways = ways or [np.stack([scenario.tracks.x[agent], scenario.tracks.y[agent]], axis=1)]
-    return bool(shapely.dwithin([shapely.LineString(points) for points in ways], own, reach_m).any())
+def _least_apart(scenario: Scenario, ego: Tracks) -> Float[np.ndarray, " agent"]:
+    """How near [m] the agents come to the ego [1, time] as predicted, less what they could gain on that."""
+    tracks, ahead_s = scenario.tracks, np.arange(ego.steps) * DT_S
+    gained = np.minimum(0.5 * _GAINED_M_S2 * ahead_s**2, _MOST_GAINED_M)
+    apart = np.hypot(tracks.x - ego.x, tracks.y - ego.y) - gained
+    return np.where(tracks.valid & (ahead_s >= _EARLIEST_S), apart, np.inf).min(axis=1)
 
 
 def _on_own_way(start: Start, scenario: Scenario, agent: int) -> bool:

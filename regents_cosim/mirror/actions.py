@@ -15,6 +15,7 @@ open-loop fit does. Source: Li and Todorov 2004 (iLQR); limits by clipping in th
 
 from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -34,7 +35,16 @@ _YAW_RAD = 0.2
 _SPEED_M_S = 1.0
 _ACCEL_CHANGE = 2.0  # [m/s^2]
 _CURVATURE_CHANGE = 0.02  # [1/m]
-FIT_PASSES = 8  # for recordings, noise and all; on smooth tracks three of them end within 0.1 mm of eight
+
+
+class Fit(NamedTuple):
+    """How controls are fitted."""
+
+    passes: int  # on smooth tracks three of them end within 0.1 mm of eight
+    summed: bool = False  # `_summed`: for many agents a third of the time, and another rounding
+
+
+OF_RECORDINGS = Fit(8)  # noise and all
 
 
 def fill_gaps(tracks: Tracks) -> Tracks:
@@ -57,7 +67,7 @@ def fit_controls(
     moving: Bool[Array, "agent step"],
     dt: Float[Array, ""],
     mobility: Mobility,
-    passes: int = FIT_PASSES,
+    how: Fit = OF_RECORDINGS,
 ) -> Controls:
     """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time].
 
@@ -65,7 +75,8 @@ def fit_controls(
     highway-env it is exact.
     """
     first = clip(mobility.controls_between(log, dt))
-    fit = partial(_fit_own if mobility.dynamics == "bicycle" else _fit_highway, passes)
+    product = _summed if how.summed else jnp.matmul
+    fit = partial(_fit_own if mobility.dynamics == "bicycle" else _fit_highway, product, how.passes)
     return jax.vmap(fit, (0, 0, 0, 0, 0, 0, None))(mobility, log, valid, start, moving, first, dt)
 
 
@@ -93,10 +104,24 @@ _LIMITS = np.array([ACCEL_LIMIT, CURVATURE_LIMIT], np.float32)
 
 # (state, control, moves, dt) -> the state one step later
 _Advance = Callable[[Array, Array, Array, Array], Float[Array, " 6"]]
+_Product = Callable[[Array, Array], Array]  # of a matrix with a matrix or a vector
+
+
+def _summed(a: Float[Array, "row inner"], b: Float[Array, "inner *column"]) -> Float[Array, "row *column"]:
+    """The product, entry by entry: for the small matrices of a batch XLA calls a library once for each of them."""
+    return (a[:, :, None] * b[None]).sum(axis=1) if b.ndim == 2 else (a * b[None]).sum(axis=1)
 
 
 def _fit_one(
-    advance: _Advance, passes: int, log: Motion, valid: Array, start: Motion, moving: Array, first: Controls, dt: Array
+    advance: _Advance,
+    product: _Product,
+    passes: int,
+    log: Motion,
+    valid: Array,
+    start: Motion,
+    moving: Array,
+    first: Controls,
+    dt: Array,
 ) -> Controls:
     controls = jnp.stack([first.accel, first.curvature], axis=-1)
     goal = jnp.stack([log.x, log.y, log.yaw, log.speed], axis=-1)
@@ -104,9 +129,9 @@ def _fit_one(
     begin = jnp.concatenate([jnp.stack([start.x, start.y, start.yaw, start.speed]), controls[0]])
 
     def improve(best: _Trajectory, _: None) -> tuple[_Trajectory, None]:
-        policy = _solve_backwards(advance, best, goal, valid, moving, dt)
+        policy = _solve_backwards(advance, product, best, goal, valid, moving, dt)
         for scale in (1.0, 0.3):
-            new = _roll_forwards(advance, best, policy, scale, begin, goal, valid, moving, dt)
+            new = _roll_forwards(advance, product, best, policy, scale, begin, goal, valid, moving, dt)
             better = new.cost < best.cost
             best = jax.tree.map(lambda a, b, better=better: jnp.where(better, a, b), new, best)
         return best, None
@@ -117,6 +142,7 @@ def _fit_one(
 
 
 def _fit_own(
+    product: _Product,
     passes: int,
     mobility: Mobility,
     log: Motion,
@@ -127,7 +153,7 @@ def _fit_own(
     dt: Array,
 ) -> Controls:
     """The fit by our own models."""
-    return _fit_one(partial(_advance, mobility.walks), passes, log, valid, start, moving, first, dt)
+    return _fit_one(partial(_advance, mobility.walks), product, passes, log, valid, start, moving, first, dt)
 
 
 def _advance(walks: Array | None, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
@@ -149,6 +175,7 @@ def _advance_highway(mobility: Mobility, state: Array, control: Array, moves: Ar
 
 
 def _fit_highway(
+    product: _Product,
     passes: int,
     mobility: Mobility,
     log: Motion,
@@ -171,7 +198,7 @@ def _fit_highway(
         x, y = jnp.concatenate([places, last[None, :2]]).T
         return jnp.max(jnp.where(valid, jnp.hypot(x - log.x, y - log.y), 0.0))
 
-    fit = _fit_one(advance, passes, log, valid, start, moving, first, dt)
+    fit = _fit_one(advance, product, passes, log, valid, start, moving, first, dt)
     keep = miss(first) < miss(fit)
     return jax.tree.map(lambda a, b: jnp.where(keep, a, b), first, fit)
 
@@ -181,7 +208,7 @@ def _deviation(state: Array, goal: Array) -> Float[Array, " 6"]:
 
 
 def _solve_backwards(
-    advance: _Advance, nominal: _Trajectory, goal: Array, valid: Array, moving: Array, dt: Array
+    advance: _Advance, product: _Product, nominal: _Trajectory, goal: Array, valid: Array, moving: Array, dt: Array
 ) -> _Policy:
     """Gauss-Newton policy around `nominal`, whose states need not follow from its controls."""
     states, controls = nominal.states, nominal.controls
@@ -195,16 +222,16 @@ def _solve_backwards(
     def back(value: tuple[Array, Array], step: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         slope, curve = value
         a_k, b_k, defect_k, weight_k, pull_k, change_k = step
-        slope = slope + curve @ defect_k
+        slope = slope + product(curve, defect_k)
         steer = jnp.diag(_CHANGE_WEIGHT)
-        along_state = pull_k + a_k.T @ slope - jnp.pad(steer @ change_k, (4, 0))
-        along_control = steer @ change_k + b_k.T @ slope
-        state_state = jnp.diag(weight_k) + a_k.T @ curve @ a_k + jnp.pad(steer, ((4, 0), (4, 0)))
-        control_state = b_k.T @ curve @ a_k - jnp.pad(steer, ((0, 0), (4, 0)))
-        inverse = _inverse_2x2(steer + b_k.T @ curve @ b_k)
-        offset, gain = -inverse @ along_control, -inverse @ control_state
-        slope = along_state + control_state.T @ offset
-        curve = state_state + control_state.T @ gain
+        along_state = pull_k + product(a_k.T, slope) - jnp.pad(product(steer, change_k), (4, 0))
+        along_control = product(steer, change_k) + product(b_k.T, slope)
+        state_state = jnp.diag(weight_k) + product(product(a_k.T, curve), a_k) + jnp.pad(steer, ((4, 0), (4, 0)))
+        control_state = product(product(b_k.T, curve), a_k) - jnp.pad(steer, ((0, 0), (4, 0)))
+        inverse = _inverse_2x2(steer + product(product(b_k.T, curve), b_k))
+        offset, gain = product(-inverse, along_control), product(-inverse, control_state)
+        slope = along_state + product(control_state.T, offset)
+        curve = state_state + product(control_state.T, gain)
         return (slope, 0.5 * (curve + curve.T)), (offset, gain)
 
     last = (pull[-1], jnp.diag(weight[-1]))
@@ -219,6 +246,7 @@ def _inverse_2x2(m: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
 
 def _roll_forwards(
     advance: _Advance,
+    product: _Product,
     nominal: _Trajectory,
     policy: _Policy,
     scale: float,
@@ -232,7 +260,7 @@ def _roll_forwards(
 
     def forward(state: Array, step: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
         nominal_state, nominal_control, offset, gain, moves = step
-        correction = scale * offset + gain @ _deviation(state, nominal_state)
+        correction = scale * offset + product(gain, _deviation(state, nominal_state))
         control = jnp.clip(nominal_control + correction, -_LIMITS, _LIMITS)
         return advance(state, control, moves, dt), (state, control)
 
