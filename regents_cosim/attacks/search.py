@@ -1,5 +1,6 @@
 """One search, compiled as a whole: of the method as its papers have it, or as its public code does."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -79,6 +80,16 @@ def descend(
         job.world, planner, job.memory, shared(config), job.searched, starts, one, most, extra_cost
     )
     return found
+
+
+def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[Controls], config: AttackConfig) -> Looks:
+    """What is seen of some actions that a job may begin with, at most `LOOKED_AT`, up to one that is accepted."""
+    given = [*starts, *[starts[-1]] * (LOOKED_AT - len(starts))]
+    room = jax.tree.map(lambda *values: jnp.asarray(np.stack(values)), *given)
+    _, looks = look_and_descend(
+        job.world, planner, job.memory, shared(config), job.searched, room, jnp.int32(len(starts)), jnp.int32(0), None
+    )
+    return looks
 
 
 def _with_room(start: Controls, config: AttackConfig) -> Controls:

@@ -1,5 +1,6 @@
 """The planner at one moment: where it drives unattacked, and searches against it."""
 
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from functools import cached_property
 from typing import Any
@@ -12,10 +13,11 @@ from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops, in_compiled_loop, in_process, pursue
 from regents_cosim.attacks.replanned import BackgroundTraffic
-from regents_cosim.attacks.search import descend
+from regents_cosim.attacks.search import LOOKED_AT, descend, look_at
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
 from regents_cosim.live.moments import Moment
+from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Tracks
@@ -72,3 +74,17 @@ class PlannerInLoop:
         if isinstance(ended.found, DriveError):
             raise ended.found
         return ended
+
+    def wanted(self, job: SearchJob, begun: Sequence[Controls], config: AttackConfig) -> Iterator[int]:
+        """Which of the actions that a job may begin with crash the ego as wanted. Raises DriveError."""
+        if self._loop is None:
+            yield from (k for k, one in enumerate(begun) if self.search(job._replace(start=one), 0, config).accepted)
+            return
+        rank = 0
+        while rank < len(begun):
+            some = begun[rank : rank + LOOKED_AT]
+            accepted = np.flatnonzero(look_at(job, self._loop, some, config).accepted)
+            rank += int(accepted[0]) if len(accepted) else len(some)
+            if len(accepted):
+                yield rank
+                rank += 1

@@ -161,10 +161,10 @@ class Search:
         if not found:
             return self._tried(loop, self._job(loop, agent), agent, self.config)
         job = self._job(loop, agent, everywhere=True)
-        for rank, controls in enumerate(followed(loop.moment.scenario, job, found, self.config.starts, FIT)):
-            plan = self._looked(loop, job._replace(start=controls), agent, rank + 1)
-            if plan is not None:  # few are: only those are worth the time to find out where their vehicle may drive
-                plan = self._looked(loop, self._job(loop, agent)._replace(start=controls), agent, rank + 2)
+        begun = followed(loop.moment.scenario, job, found, self.config.starts, FIT)
+        for rank in loop.wanted(job, begun, self.config):
+            # Few come so far: for them alone it takes the time to find out where their vehicle may drive.
+            plan = self._looked(loop, self._job(loop, agent)._replace(start=begun[rank]), agent, rank + 2)
             if plan is not None:
                 return plan
         return None

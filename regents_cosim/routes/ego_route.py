@@ -74,7 +74,7 @@ def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float
         since = line.project(shapely.Point(end)) if lane is lanes[0] else 0.0
         since += 5.0 if lane is lanes[0] else 0.0
         along = np.arange(since, min(line.length, since + _LONGEST_M - SPACING_M * len(points)), SPACING_M)
-        points.extend([p.x, p.y] for p in shapely.line_interpolate_point(line, along))
+        points.extend(shapely.get_coordinates(shapely.line_interpolate_point(line, along)))
     path = np.array([*logged[-2:], *points])
     ahead = np.exp(1j * _heading(path)[-1])
     straight = path[-1] + np.arange(SPACING_M, _EXTENSION_M)[:, None] * [ahead.real, ahead.imag]
