@@ -85,10 +85,9 @@ def descend(
 def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[Controls], config: AttackConfig) -> Looks:
     """What is seen of some actions that a job may begin with, at most `LOOKED_AT`, up to one that is accepted."""
     given = [*starts, *[starts[-1]] * (LOOKED_AT - len(starts))]
-    room = jax.tree.map(lambda *values: jnp.asarray(np.stack(values)), *given)
-    _, looks = look_and_descend(
-        job.world, planner, job.memory, shared(config), job.searched, room, jnp.int32(len(starts)), jnp.int32(0), None
-    )
+    room = jax.tree.map(lambda *values: on_device(np.stack(values), np.float32), *given)
+    count, none = on_device(len(starts), np.int32), on_device(0, np.int32)
+    _, looks = look_and_descend(job.world, planner, job.memory, shared(config), job.searched, room, count, none, None)
     return looks
 
 
