@@ -23,6 +23,7 @@ _R = TypeVar("_R")
 _Job = TypeVar("_Job")
 
 _ANSWERS_S = 10.0  # how long a scheduler may take
+_MESSAGES_KEPT = 10  # of each connection of Dask's, for its developers
 _AHEAD = 256  # jobs that a foreign executor is given before the first result is taken
 
 
@@ -128,6 +129,7 @@ def executor_for(name: str) -> Iterator[Executor | None]:
     if kind != "dask" or name == "dask:":
         raise RegentsError(f"executor {name!r}, expected `local`, `dask` or `dask:ADDRESS`")
     with ExitStack() as stack:
+        stack.enter_context(_few_messages_kept())
         client = stack.enter_context(_client(address) if address else _local_cluster(stack))
         _check_workers(client)
         yield client.get_executor()
@@ -139,6 +141,14 @@ def _distributed() -> Any:
     except ImportError as error:
         raise MissingDependencyError("`--executor dask` needs the extra: pip install 'regents_cosim[dask]'") from error
     return distributed
+
+
+def _few_messages_kept() -> Any:
+    """Keep Dask from remembering the last thousand messages of every connection, each of which holds a whole job."""
+    _distributed()
+    import dask
+
+    return dask.config.set({"distributed.admin.low-level-log-length": _MESSAGES_KEPT})
 
 
 def _client(address: str) -> Any:

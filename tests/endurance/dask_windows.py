@@ -98,10 +98,14 @@ def _traffic(count: int) -> list[Scenario]:
 
 @contextmanager
 def _cluster() -> Iterator[str]:
-    """Two workers on this machine; their scheduler is in this process."""
+    """Two workers on this machine; their scheduler is in this process, and set as docs/how-to/cluster.md has it."""
+    import dask
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with (
+        dask.config.set({"distributed.admin.low-level-log-length": 10}),
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+    ):
         yield f"dask:{cluster.scheduler_address}"
 
 

@@ -9,6 +9,7 @@ import threading
 import time
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 
+import psutil
 import pytest
 from params import slow
 
@@ -262,3 +263,13 @@ def test_a_dask_cluster_does_the_same():
         assert names(found) == [0, 1, 2, 3, 4, 5]
         assert os.getpid() not in {pid for _, pid, _ in found}
         check_outcomes(run_each(work, JOBS, executor))
+
+
+@pytest.mark.slow
+def test_dask_keeps_nothing_of_jobs_that_are_done():
+    pytest.importorskip("distributed")
+    with executor_for("dask") as executor:
+        held_mb = []
+        for _ in run_each(len, (os.urandom(100_000) for _ in range(800)), executor):
+            held_mb.append(psutil.Process().memory_info().rss / 1e6)
+    assert held_mb[-1] - held_mb[300] < 40.0  # 100 where it keeps what jobs travel with twice
