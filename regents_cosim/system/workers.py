@@ -146,7 +146,7 @@ def _distributed() -> Any:
 def _few_messages_kept() -> Any:
     """Keep Dask from remembering the last thousand messages of every connection, each of which holds a whole job."""
     _distributed()
-    import dask
+    import dask.config
 
     return dask.config.set({"distributed.admin.low-level-log-length": _MESSAGES_KEPT})
 
