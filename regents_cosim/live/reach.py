@@ -1,6 +1,7 @@
 """Whether a vehicle could meet the ego on a lawful way in time: asked before its drives are looked for, and cheap.
 
-Bounds: nobody that drives lawfully is faster or slower along a way. They are loose, so that few drives are lost.
+The bounds are how far a vehicle that drives lawfully gets along a way, at least and at most. They are loose, so that
+few drives are lost.
 """
 
 import itertools
@@ -26,7 +27,7 @@ _SPACING_M = 1.0
 def near_enough(
     scenario: Scenario, ego: Tracks, earliest_s: float, limits: Mapping[str, DrivingLimits]
 ) -> Bool[np.ndarray, " agent"]:
-    """Who could be where the ego [1, time] is, from `earliest_s` on, if it could drive there straight.
+    """Which agents could be where the ego [1, time] is, from `earliest_s` on, if they could drive there straight.
 
     `limits` are how hard each kind drives.
     """
@@ -78,7 +79,7 @@ def _gets_to(
     seconds: Float[np.ndarray, " time"],
     limits: DrivingLimits,
 ) -> Bool[np.ndarray, "place time"]:
-    """Which of the `places` on a way, a metre apart, one that begins with the first `logged` speed [m/s] may be at."""
+    """Which of the `places` on a way, a metre apart, a vehicle with the first `logged` speed [m/s] can have reached."""
     speed = float(logged[0])
     fastest = max(float(logged.max()), OVER_LIMIT * max(lane.speed_limit for lane in way.lanes))
     braked_s = np.minimum(seconds, speed / limits.braking)

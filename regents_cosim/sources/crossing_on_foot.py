@@ -1,7 +1,7 @@
-"""When who walks may step onto a crossing so as to be in the way of an ego that drives over it.
+"""When someone on foot may step onto a crossing so as to be in the way of an ego that drives over it.
 
 Straight to an end of the crossing, not through the ego's path, and over it. Where the crossing has no light, the ego
-has to be so far off by then that it can stop, as nobody may step out in front of it (`verdicts.offences_on_foot`).
+has to be so far off by then that it can stop: to step out closer breaks the law (`verdicts.offences_on_foot`).
 """
 
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ def passing(
 
 
 def steps_on_between(passed: Passing, place: Float[np.ndarray, " 2"], since_s: float) -> Iterator[tuple[float, float]]:
-    """The soonest and the latest [s] that one who is at a place [m] at `since_s` may step on from each end."""
+    """The soonest and the latest time [s] to step on, for each end, of a person who is at a place [m] at `since_s`."""
     line = shapely.LineString(passed.crossing.shape)
     across_m = float(line.project(passed.at))
     seen_s = 0.0 if passed.crossing.signal is not None else _RESPONSE_S + passed.speed / (2.0 * _BRAKES)
