@@ -29,3 +29,5 @@ STOOD_S = 1.0  # who has not moved for so long stands
 MOST_SPEED_M_S = {"pedestrian": 3.0, "bicycle": 7.0}
 ABOVE_LOG_M_S2 = 0.05 * GRAVITY_M_S2  # or so much more than the same road user's log
 ACCEL_WINDOW_S = 0.3  # over which accelerations are taken: shorter peaks are noise of the tracks
+RSS_RESPONSE_S = 0.5  # of a careful driver, and ...
+RSS_BRAKE_M_S2 = 4.0  # ... how hard it brakes then, at least (Shalev-Shwartz, Shammah and Shashua 2017)

@@ -40,7 +40,7 @@ def _leave(code: int) -> None:
     """End this process as Python does, but for its last step: to take all modules apart, JAX's, lasts a second."""
     threads: Any = threading  # no public way to wait for all of them, nor to call what is registered
     registered: Any = atexit
-    with suppress(OSError):  # whoever read the output is gone: Python has its own words for that
+    with suppress(OSError):  # the reader of the output is gone: Python has its own words for that
         threads._shutdown()
         registered._run_exitfuncs()
         sys.stdout.flush()

@@ -129,10 +129,8 @@ class Search:
         names = [agent.id for agent in scenario.agents]
         able = np.asarray(_allowed(loop.moment.world, self.config))[: len(names)]
         able = able & near_enough(scenario, ego, _EARLIEST_S, loop.limits)
-        others, least = (
-            [k for k in np.flatnonzero(able).tolist() if names[k] not in barred],
-            _least_apart(scenario, ego),
-        )
+        others = [k for k in np.flatnonzero(able).tolist() if names[k] not in barred]
+        least = _least_apart(scenario, ego)
         self._asked = {name: asked for name, asked in self._asked.items() if name in names}
         for k in sorted(others, key=lambda k: (self._asked.get(names[k], -np.inf), least[k]))[:_LOOKED_AT]:
             self._asked[names[k]] = now
@@ -164,14 +162,11 @@ class Search:
         begun = followed(loop.moment.scenario, job, found, self.config.starts, FIT)
         for rank in loop.wanted(job, begun, self.config):
             # Few come so far: for them alone it takes the time to find out where their vehicle may drive.
-            plan = self._looked(loop, self._job(loop, agent)._replace(start=begun[rank]), agent, rank + 2)
+            job = self._job(loop, agent)._replace(start=begun[rank])
+            plan = _plan(loop.moment, agent, loop.search(job, 0, self.config), rank + 2)
             if plan is not None:
                 return plan
         return None
-
-    def _looked(self, loop: PlannerInLoop, job: SearchJob, agent: int, rollouts: int) -> Plan | None:
-        """What a job begins with, where that is what is wanted."""
-        return _plan(loop.moment, agent, loop.search(job, 0, self.config), rollouts)
 
     def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False) -> SearchJob:
         """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it."""

@@ -11,11 +11,10 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from regents_cosim.limits import RSS_BRAKE_M_S2, RSS_RESPONSE_S
 from regents_cosim.maps.walkways import Walkway
 
 _WALKS = 2.0  # [m/s] briskly: the median of recorded pedestrians is 1.4, the bound of an attack 3.0
-_RESPONSE_S = 0.5  # of a driver, and how it brakes then (RSS)
-_BRAKES = 4.0  # [m/s^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +48,7 @@ def steps_on_between(passed: Passing, place: Float[np.ndarray, " 2"], since_s: f
     """The soonest and the latest time [s] to step on, for each end, of a person who is at a place [m] at `since_s`."""
     line = shapely.LineString(passed.crossing.shape)
     across_m = float(line.project(passed.at))
-    seen_s = 0.0 if passed.crossing.signal is not None else _RESPONSE_S + passed.speed / (2.0 * _BRAKES)
+    seen_s = 0.0 if passed.crossing.signal is not None else RSS_RESPONSE_S + passed.speed / (2.0 * RSS_BRAKE_M_S2)
     for end, onward_m in ((0, across_m), (-1, line.length - across_m)):
         way = shapely.LineString([place, passed.crossing.shape[end]])
         soonest = since_s + way.length / _WALKS

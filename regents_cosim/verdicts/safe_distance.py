@@ -6,14 +6,16 @@ scalable self-driving cars").
 
 from dataclasses import dataclass
 
+from regents_cosim.limits import RSS_BRAKE_M_S2, RSS_RESPONSE_S
+
 
 @dataclass(frozen=True)
 class SafeDistance:
     """RSS's parameters: the reaction time and accelerations that a careful driver may be expected to have."""
 
-    response_s: float = 0.5  # how long the follower may go on accelerating before it brakes
+    response_s: float = RSS_RESPONSE_S  # how long the follower may go on accelerating before it brakes
     accel: float = 2.0  # [m/s^2] the follower's meanwhile
-    brake: float = 4.0  # [m/s^2] that the follower is at least capable of
+    brake: float = RSS_BRAKE_M_S2  # [m/s^2] that the follower is at least capable of
     hardest_brake: float = 8.0  # [m/s^2] of the leader
 
 

@@ -1,4 +1,4 @@
-"""Thousands of windows attacked by Dask's workers: none fails, and nobody holds more and more.
+"""Thousands of windows attacked by Dask's workers: none fails, and no process holds more and more.
 
     python -m tests.endurance.dask_windows FOLDER --windows 10000
     python -m tests.endurance.dask_windows FOLDER --windows 80 --on local --as-users-do
