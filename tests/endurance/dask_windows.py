@@ -104,7 +104,7 @@ def _cluster() -> Iterator[str]:
 
     with (
         dask.config.set({"distributed.admin.low-level-log-length": 10}),
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,
     ):
         yield f"dask:{cluster.scheduler_address}"
 

@@ -451,7 +451,7 @@ def test_replays_run_on_a_cluster_also_in_threads_of_one_process():
     distributed = pytest.importorskip("distributed")
     made = [t_bone(speed) for speed in (8.0, 9.0, 10.0, 11.0)]
     with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=4, dashboard_address=None, silence_logs=50) as cluster,
+        distributed.LocalCluster(n_workers=1, threads_per_worker=4, dashboard_address=":0", silence_logs=50) as cluster,
         executor_for(f"dask:{cluster.scheduler_address}") as executor,
     ):
         found = list(replay_each(made, executor=executor))

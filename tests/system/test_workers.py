@@ -253,7 +253,7 @@ def test_a_scheduler_that_does_not_answer(address, monkeypatch):
 def test_a_dask_cluster_does_the_same():
     distributed = pytest.importorskip("distributed")
     with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None, silence_logs=50) as cluster,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=":0", silence_logs=50) as cluster,
         executor_for(f"dask:{cluster.scheduler_address}") as executor,
     ):
         assert executor is not None
