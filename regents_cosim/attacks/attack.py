@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import jax
@@ -9,6 +10,7 @@ import jax
 from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts, side_by_side
 from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig
+from regents_cosim.attacks.searches import search_one
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.checks.ranges import Range
@@ -101,8 +103,10 @@ def attack_each(
             yield from on_hosts(scenarios, AttackSetup(_replanning(config, 10), None, name, extra_cost), batch, hosts)
         return
     under_attack = AttackSetup(_replanning(config, 1), loop, name, extra_cost)
-    run = in_batches if _in_batches(under_attack.config, engine) else in_threads
-    yield from run(scenarios, under_attack, batch)
+    if _in_batches(under_attack.config, engine):
+        yield from in_batches(scenarios, under_attack, batch)
+    else:
+        yield from in_threads(scenarios, partial(search_one, under_attack), batch)
 
 
 def engine_of(engine: Engine) -> Engine:

@@ -65,7 +65,7 @@ def _distinct(
         tried = tuple(sorted(name for record in records for name in record.candidates))
         spoilt = any(record.spoilt for record in records)
         missed = replace(missed, attack=replace(missed.attack, candidates=tried, spoilt=spoilt))
-    return [_named_after_adversary(hit) for hit in by_adversary.values()] or [missed]
+    return [named_after_adversary(hit) for hit in by_adversary.values()] or [missed]
 
 
 def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> Scenario:
@@ -134,7 +134,8 @@ def _name(setup: AttackSetup, scenario: Scenario) -> str:
     return file_name(scenario.id, setup.config.label, "+".join(map(_label, names)))
 
 
-def _named_after_adversary(attacked: Scenario) -> Scenario:
+def named_after_adversary(attacked: Scenario) -> Scenario:
+    """A crash with its adversary's name in its id."""
     adversary = next(agent.id for agent in attacked.agents if agent.role == "adversary")
     return replace(attacked, id=file_name(attacked.id, distinct_word(adversary, _LABEL)))
 

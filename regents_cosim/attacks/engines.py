@@ -3,24 +3,27 @@
 import itertools
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
 
 from regents_cosim.attacks.pursuit import in_process
-from regents_cosim.attacks.searches import batched_searches, pursuits, search_one, search_together
+from regents_cosim.attacks.searches import batched_searches, pursuits, search_together
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.scenario import Scenario
 
+_T = TypeVar("_T")
 
-def in_threads(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) -> Iterator[list[Scenario]]:
-    """One scenario per core, at most `batch` of them begun before the first is handed on."""
+
+def in_threads(given: Iterable[_T], search: Callable[[_T], list[Scenario]], batch: int) -> Iterator[list[Scenario]]:
+    """One `given` per core, at most `batch` of them begun before the first is handed on."""
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         waiting: deque[Future[list[Scenario]]] = deque()
         try:
-            for scenario in scenarios:
-                waiting.append(pool.submit(search_one, setup, scenario))
+            for one in given:
+                waiting.append(pool.submit(search, one))
                 if len(waiting) >= batch:
                     yield waiting.popleft().result()
             while waiting:

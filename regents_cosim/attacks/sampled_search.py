@@ -16,7 +16,6 @@ from typing import Protocol
 import jax
 import jax.numpy as jnp
 import numpy as np
-from cmaes import CMA
 from jaxtyping import Array, Float
 
 from regents_cosim.attacks.actions import allowed, to_actions
@@ -67,6 +66,8 @@ class ByEvolution:
     """CMA-ES, from the log."""
 
     def __init__(self, seed: int) -> None:
+        from cmaes import CMA  # takes half a second to import
+
         self._cma = CMA(mean=np.zeros(2 * KNOTS), sigma=0.5, population_size=LOOKED_AT, seed=seed)
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:

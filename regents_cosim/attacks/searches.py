@@ -15,6 +15,7 @@ from regents_cosim.attacks.batched_search import search_batched
 from regents_cosim.attacks.candidates import candidates_or_failure
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.pursuit import RunClosedLoops, pursue
+from regents_cosim.attacks.sampled_search import search_by_samples
 from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
@@ -119,8 +120,6 @@ def sampled_searches(
     setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int
 ) -> list[SearchEnd]:
     """Searches without gradients."""
-    from regents_cosim.attacks.sampled_search import search_by_samples  # its library takes half a second to import
-
     assert isinstance(setup.planner, JaxPlanner)
     return search_by_samples(jobs, setup.planner, setup.config, iterations, setup.extra_cost)
 

@@ -10,8 +10,10 @@ from statistics import fmean
 from regents_cosim.archive.axes import Axes
 from regents_cosim.archive.crash import crash_of
 from regents_cosim.archive.elites import Archive
+from regents_cosim.archive.illumination import DiverseName, require_possible
+from regents_cosim.attacks.presets import OURS
 from regents_cosim.benchmarks.kept_runs import run_once
-from regents_cosim.benchmarks.quality_diversity import DiverseName, quality_diversity_run, require_jax
+from regents_cosim.benchmarks.quality_diversity import quality_diversity_run
 from regents_cosim.benchmarks.runs import ComparedMethod, places_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results
 from regents_cosim.evaluation.statistics import paired_p
@@ -61,8 +63,8 @@ def archive_rows(
 
     The `diverse` searches get, for every window, as many roll-outs as the first method made there, and its rules.
     """
-    for name in diverse:
-        require_jax(planner, name)
+    if diverse:
+        require_possible(OURS, planner)
     for seed, places in traffic:
         *_, runs = places_run(places, planner, methods, output, progress)
         for run in runs:

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from regents_cosim.archive.axes import Axes
+from regents_cosim.archive.illumination import BEST, illuminate_each, require_possible
 from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.campaign.identity import Identity, identity
@@ -39,9 +40,17 @@ class AttackRun:
     pictures: bool = True
     wanted: Wanted | None = None  # crashes of these kinds alone are kept, until there are enough
     archive: Axes | None = None  # the best crash of each cell of this map alone is kept
+    rollouts: int = 0  # for an archive, in each window, by a search that goes on after a crash; 0: it ends there
+
+    @property
+    def label(self) -> str:
+        """What searches: in titles and in the names of cases."""
+        return BEST if self.rollouts else self.config.label
 
     def together(self) -> int:
         """Windows that are searched in one computation. Raises PlannerError."""
+        if self.rollouts:
+            return 1
         under_test = PlannerUnderTest.of(self.planner)
         return searched_together(under_test, self.config, self.engine, self.batch, self.act_timeout_s)
 
@@ -52,13 +61,17 @@ class AttackRun:
         mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
         mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
         mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
-        mine |= {"archive": list(self.archive.names)} if self.archive else {}
+        mine |= {"archive": list(self.archive.names), "rollouts": self.rollouts} if self.archive else {}
         settings = {**traffic, **asdict(self.config), **mine}
         return identity("attack", settings, {name: planner_digest(name) for name in names})
 
     def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
-        """The cases of each scenario, judged."""
-        runs = attack_each(
+        """The cases of each scenario, judged. Raises RegentsError."""
+        runs = self._illuminate(scenarios) if self.rollouts else self._attack(scenarios)
+        return (list(judge_each(results)) if self.judge else results for results in runs)
+
+    def _attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
+        return attack_each(
             scenarios,
             self.config,
             self.planner,
@@ -67,7 +80,13 @@ class AttackRun:
             act_timeout_s=self.act_timeout_s,
             against=self.against,
         )
-        return (list(judge_each(results)) if self.judge else results for results in runs)
+
+    def _illuminate(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
+        assert self.archive is not None
+        planner = PlannerUnderTest.of(self.planner)
+        require_possible(self.config, planner, self.against)
+        windows = ((scenario, self.rollouts) for scenario in scenarios)
+        return illuminate_each(windows, self.config, planner, self.archive, batch=self.batch)
 
 
 Still = Callable[[Scenario], bytes]  # a PNG of a case; a function of the package, so that workers find it

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from regents_cosim.cli.options import MapAxes, TrafficOptions
 from regents_cosim.cli.shared import record_traffic, traffic_source
@@ -44,6 +45,9 @@ class CampaignOptions:
     """keep the best crash of each cell of the map of behaviours alone: telling before avoidable before clean, then the
     most usual adversary, then the least deviation (`regents suite coverage` shows the map)"""
     axes: MapAxes = ""
+    rollouts: Annotated[int | None, Parameter(validator=Number(gte=0, lte=1_000_000))] = None
+    """with --archive: roll-outs in each window, by a search that goes on after its first crash for others that differ
+    (CMA-ME, by the rules of focused); default 2000. 0: the search of --method, which ends there"""
     into: Path | None = None
     """a suite to which crashes are added that are new: in an empty cell of the map of behaviours, or better than the
     best there; windows with the surroundings that are least explored come first. With -o they are saved there too"""
@@ -59,6 +63,23 @@ class CampaignOptions:
         if self.archive and self.types:
             raise RegentsError("--archive keeps one crash of each kind, --type so many of one: expected one of them")
         return parse_axes(self.axes) if self.archive or self.into is not None else None
+
+    def going_on(self, run: "AttackRun", terminal: "Terminal") -> "AttackRun":
+        """The run with the roll-outs of its archive. Raises RegentsError."""
+        from regents_cosim.archive.illumination import ROLLOUTS, obstacle, require_possible
+        from regents_cosim.planners.under_test import PlannerUnderTest
+
+        if not self.archive:
+            if self.rollouts is not None:
+                raise RegentsError("--rollouts are those of a search for an archive: expected --archive as well")
+            return run
+        planner = PlannerUnderTest.of(run.planner)
+        if self.rollouts:
+            require_possible(run.config, planner, run.against)
+        if self.rollouts is None and (why := obstacle(run.config, planner, run.against)):
+            terminal.say(f"every search ends at its first crash ({why})")
+            return run
+        return replace(run, rollouts=ROLLOUTS if self.rollouts is None else self.rollouts)
 
     def budget(self, executor: str) -> "Budget | None":
         """The time that is spent on a suite that grows; None where none does. Raises RegentsError."""

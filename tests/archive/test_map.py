@@ -169,6 +169,16 @@ def test_coverage_is_printed_drawn_and_asked_for(suite, tmp_path, capsys):
             "leave out --no-judge",
             marks=pytest.mark.slow,
         ),
+        pytest.param(
+            ["attack", "shipped:quickstart", "-o", "out", "--rollouts", "100"],
+            "expected --archive as well",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            ["attack", "shipped:quickstart", "-o", "out", "--archive", "--rollouts", "100", "--method", "king"],
+            "here king searches for all candidates at once",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_what_cannot_be_is_one_line(words, told, capsys):

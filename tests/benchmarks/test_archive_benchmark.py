@@ -1,24 +1,17 @@
 """Methods held against each other by what they fill of the map of behaviours."""
 
 import json
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_crashes import braked, window
-from shipped_cases import shipped_window
 
 from regents_cosim.archive.axes import Axes
-from regents_cosim.archive.crash import crash_of
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.benchmarks.archive_benchmark import ArchiveRow, archive_comparisons, archive_row
-from regents_cosim.benchmarks.quality_diversity import quality_diversity_run, require_jax
 from regents_cosim.cli import run
-from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
 from regents_cosim.evaluation.statistics import paired_p
-from regents_cosim.planners.under_test import PlannerUnderTest
 
 
 def test_crashes_that_sumo_denies_fill_no_cell():
@@ -51,25 +44,6 @@ def test_the_p_value_is_a_share_that_knows_no_order(pairs):
 def test_a_search_named_twice_is_one_clear_line(capsys):
     assert run(["bench", "archive", "--diverse", "cma-me", "--diverse", "cma-me"]) == 2
     assert "--diverse cma-me, cma-me: expected each once" in capsys.readouterr().err
-
-
-def test_searches_by_gradient_need_a_planner_in_jax():
-    outside = replace(PlannerUnderTest.of("idm"), loop=None)
-    with pytest.raises(RegentsError, match="cma-mega needs a planner in JAX, 'idm' is not"):
-        require_jax(outside, "cma-mega")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["qd-random", "cma-me-log", "cma-mega"])
-def test_diverse_searches_spend_what_they_are_given_and_find_one_crash_of_each_cell(name):
-    idm, before, axes = PlannerUnderTest.of("idm"), shipped_window("crossing"), Axes()
-    one, again = (quality_diversity_run([before], idm, name, REGENTS_FOCUSED, axes, [132], 0) for _ in range(2))
-    assert [[case.id for case in results] for results in one.windows] == [[c.id for c in its] for its in again.windows]
-    (results,) = one.windows
-    assert all(132 - 13 < case.attack.rollouts <= 132 for case in results)
-    crashes = [crash for case in results if (crash := crash_of(case))]
-    assert len({case.id for case in results}) == len(results) > 0
-    assert len({axes.cell(crash) for crash in crashes}) == len(crashes)
 
 
 @pytest.mark.slow

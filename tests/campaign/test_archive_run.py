@@ -2,18 +2,21 @@
 
 import random
 import shutil
+from dataclasses import replace
 
 import pytest
 from made_crashes import MadeCrashes, window
+from shipped_cases import shipped_window
 
 from regents_cosim.archive.axes import Axes
 from regents_cosim.archive.crash import crash_of
 from regents_cosim.archive.elites import Archive
-from regents_cosim.attacks.presets import preset
+from regents_cosim.attacks.presets import REGENTS_FOCUSED, preset
 from regents_cosim.campaign.attack_run import attack_left, attacked_headers
 from regents_cosim.campaign.ledger import forget_lost, open_ledger, read_record
 from regents_cosim.campaign.merging import merge_shards, shards_in
 from regents_cosim.campaign.shards import WHOLE, Shard
+from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.campaign.windows import planned, windows_of
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.suite import SuiteWriter
@@ -120,3 +123,18 @@ def test_a_folder_that_was_begun_with_another_map_is_refused(whole):
         CaseError, match=r'begun with archive \["tag", "closing_speed"\], this run has archive \["kind"\]'
     ):
         attack(whole, run=other)
+
+
+@pytest.mark.slow
+def test_searches_that_go_on_after_a_crash_end_the_same_stopped_or_divided(tmp_path):
+    run = AttackRun(REGENTS_FOCUSED, "idm", verify=False, pictures=False, archive=AXES, rollouts=132)
+    windows = [shipped_window("crossing"), replace(shipped_window("crossing"), id="the_same_by_another_seed")]
+    assert attack(tmp_path / "whole", windows, run=run) == 2
+    with pytest.raises(StoppedError):
+        attack(tmp_path / "stopped", windows, run=run, stop_after=1)
+    assert attack(tmp_path / "stopped", windows, run=run) == 1
+    shards = [tmp_path / "1", tmp_path / "2"]
+    for number, folder in enumerate(shards, start=1):
+        attack(folder, windows, run=run, shard=Shard(number, 2))
+    merge_shards(tmp_path / "merged", shards, shards_in(shards))
+    assert tree(tmp_path / "stopped") == tree(tmp_path / "merged") == tree(tmp_path / "whole")

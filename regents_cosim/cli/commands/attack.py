@@ -92,6 +92,7 @@ def attack(
     if axes and not judge:
         raise RegentsError("--archive and --into choose by the judgement: leave out --no-judge")
     run = AttackRun(config, planner, against, batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
+    run = campaign.going_on(run, terminal)
     if campaign.into is not None and axes and budget:
         given = Given(cases, traffic, sumo)
         return grow_suite(campaign.into, replace(run, archive=None), given, axes, budget, output, terminal)
@@ -100,7 +101,7 @@ def attack(
     record = attack_into(output, run, Given(cases, traffic, sumo, executor), campaign, terminal)
     attacked, replays = attacked_headers(record, output)
     rows = [attack_row(one, replays.get(one.id)) for one in attacked]
-    title = f"{config.label} against {' and '.join((planner, *against))}: {len(rows)} cases in {output}"
+    title = f"{run.label} against {' and '.join((planner, *against))}: {len(rows)} cases in {output}"
     terminal.show(title, rows, summary(attacked, replays), ATTACKED)
     if axes:
         kept = archive_of([output / one.id for one in attacked], axes)

@@ -9,12 +9,15 @@ Written on the package `cmaes`: pyribs 0.12, which has both, needs numba, scikit
 """
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from cmaes import CMA
 from jaxtyping import Float
 
-from regents_cosim.benchmarks.elite_grid import Change, EliteGrid, Gain, Proposal, ranks
+from regents_cosim.attacks.diverse.elite_grid import Change, EliteGrid, Gain, Proposal, ranks
+
+if TYPE_CHECKING:
+    from cmaes import CMA
 
 BATCH = 10  # changes between two answers, CMA-ES's own choice for ten coordinates
 _SPREAD = 0.5  # of CMA-ME at first, as CMA-ES has it in `attacks.sampled_search`
@@ -102,7 +105,9 @@ class CmaMega:
 Emitter = RandomEmitter | CmaMe | CmaMega
 
 
-def _evolution(mean: Change, spread: float, rng: np.random.Generator) -> CMA:
+def _evolution(mean: Change, spread: float, rng: np.random.Generator) -> "CMA":
+    from cmaes import CMA  # takes half a second to import
+
     return CMA(mean=mean, sigma=spread, population_size=BATCH, seed=int(rng.integers(2**31)))
 
 

@@ -1,0 +1,1 @@
+"""Searches that go on after the first crash, for others that differ from it."""
