@@ -13,6 +13,7 @@ from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig
 from regents_cosim.attacks.searches import search_one
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import AttackedPlanners
+from regents_cosim.attacks.wanted_kinds import WantedKinds
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError
 from regents_cosim.planners.host_pool import HostPool
@@ -66,6 +67,7 @@ def attack_each(
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
     against: Sequence[AnyPlanner] = (),
+    wanted: WantedKinds | None = None,
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
 
@@ -89,6 +91,9 @@ def attack_each(
     `against` names more planners, in JAX too: then one adversary is to make all of them crash
     (`universal`), and `attack.settings["crashed"]` names those that do. The ego of the resulting
     case is driven by `planner`.
+
+    `wanted` tells the kinds of crash that are asked for: only drives that may lead to one are searched from, and a
+    search ends at a crash of such a kind alone. `attack.settings["kinds"]` names those of these drives.
     """
     under_test = PlannerUnderTest.of(planner)
     name, loop = under_test.name, under_test.loop
@@ -100,9 +105,10 @@ def attack_each(
     ACT_TIMEOUT.check("act-timeout", act_timeout_s)
     if loop is None:
         with HostPool(under_test, act_timeout_s) as hosts:
-            yield from on_hosts(scenarios, AttackSetup(_replanning(config, 10), None, name, extra_cost), batch, hosts)
+            setup = AttackSetup(_replanning(config, 10), None, name, extra_cost, wanted)
+            yield from on_hosts(scenarios, setup, batch, hosts)
         return
-    under_attack = AttackSetup(_replanning(config, 1), loop, name, extra_cost)
+    under_attack = AttackSetup(_replanning(config, 1), loop, name, extra_cost, wanted)
     if _in_batches(under_attack.config, engine):
         yield from in_batches(scenarios, under_attack, batch)
     else:

@@ -41,8 +41,15 @@ def cases_of(
     made_of_them = sum(
         one.looks + one.earlier + int(one.found.iterations) for _, one in made if isinstance(one.found, SearchResult)
     )
+    kinds = frozenset[str]().union(*(candidate.kinds for candidate in candidates))
+    asked = {"kinds": " ".join(sorted(kinds))} if setup.chooses_drives else {}
     return [
-        replace(case, attack=replace(case.attack, act_time=time, rollouts=made_of_them))
+        replace(
+            case,
+            attack=replace(
+                case.attack, act_time=time, rollouts=made_of_them, settings=dict(case.attack.settings) | asked
+            ),
+        )
         for case in cases
         if case.attack
     ]

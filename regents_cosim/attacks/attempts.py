@@ -47,6 +47,7 @@ class Candidate:
     scenario: Scenario
     prepare: Callable[[], Prepared]
     looks: int = 0  # how many starts it has
+    kinds: frozenset[str] = frozenset()  # of those asked for: which its starts lead to
 
     @cached_property
     def _prepared(self) -> Prepared:

@@ -25,6 +25,7 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.attacks.universal import AttackedPlanners
+from regents_cosim.attacks.wanted_kinds import LOOKED_THROUGH, Unattacked, of_wanted_kinds
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import Motion
@@ -59,15 +60,36 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
     nearest = _nearest(world, allowed, setup.config)
     ego = _unattacked(setup, scenario, world, memory, drives) if setup.config.starts else None
     found: dict[int, list[Start]] = defaultdict(list)
+    kinds: dict[int, frozenset[str]] = defaultdict(frozenset)
     if ego is not None:
-        kinds, strict = [agent.kind for agent in scenario.agents], setup.config.law == "strict"
         for agent in nearest:
-            found[agent] = starts(scenario, agent, ego, setup.config.starts, limits[kinds[agent]], strict)
+            found[agent], kinds[agent] = _starts(setup, scenario, agent, ego, limits[scenario.agents[agent].kind])
         nearest.sort(key=lambda agent: -max((one.promise for one in found[agent]), default=-np.inf))
+        if setup.chooses_drives:
+            nearest = [agent for agent in nearest if found[agent]]
+    if not nearest:
+        nobody = SearchedAgents.among(jnp.zeros(allowed.shape, bool))
+        return [_together(setup, scenario, SearchJob(world, memory, nobody))]
     return [
-        Candidate(scenario, partial(_prepared, setup, scenario, world, memory, agent, found[agent]), len(found[agent]))
+        Candidate(
+            scenario,
+            partial(_prepared, setup, scenario, world, memory, agent, found[agent]),
+            len(found[agent]),
+            kinds[agent],
+        )
         for agent in nearest[: setup.config.nearest]
     ]
+
+
+def _starts(
+    setup: AttackSetup, scenario: Scenario, agent: int, ego: Tracks, limits: DrivingLimits
+) -> tuple[list[Start], frozenset[str]]:
+    """Drives that an agent may begin with; where kinds are asked for those of such a kind, and which these are."""
+    most, strict = setup.config.starts, setup.config.law == "strict"
+    if setup.wanted is None:
+        return starts(scenario, agent, ego, most, limits, strict), frozenset()
+    found = starts(scenario, agent, ego, LOOKED_THROUGH * most, limits, strict)
+    return of_wanted_kinds(Unattacked(scenario, ego), agent, found, setup.wanted, most)
 
 
 def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingLimits]) -> World:

@@ -83,21 +83,21 @@ def _sampling(setup: AttackSetup) -> RunSearches | None:
 
 
 def _told(setup: AttackSetup, run: RunSearches) -> RunSearches:
-    """The same searches; where a telling crash is wanted, the exact verdict on the host has the last word."""
-    if setup.config.accept != "telling":
+    """The same searches; where a telling crash or one of some kind is wanted, the host has the last word."""
+    if setup.config.accept != "telling" and setup.wanted is None:
         return run
     return lambda jobs, most: [
-        _if_telling(setup, *job, one, looked=most == 0) for job, one in zip(jobs, run(jobs, most), strict=True)
+        _if_wanted(setup, *job, one, looked=most == 0) for job, one in zip(jobs, run(jobs, most), strict=True)
     ]
 
 
-def _if_telling(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd, looked: bool) -> SearchEnd:
-    """How a search ended; with success where its crash tells something, as far as that is known.
+def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd, looked: bool) -> SearchEnd:
+    """How a search ended; with success where its crash is of a wanted kind and, as far as known, tells something.
 
     The device is stricter than the host: of a mere look every crash is judged.
     """
-    found = ended.found
-    if not isinstance(found, SearchResult) or not (bool(found.hit) if looked else ended.accepted):
+    found, telling = ended.found, setup.config.accept == "telling"
+    if not isinstance(found, SearchResult) or not (bool(found.hit) if looked and telling else ended.accepted):
         return ended
     if not looked and outcome_of(found) != "collision":
         return ended
@@ -105,8 +105,10 @@ def _if_telling(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: S
         replace(ended, found=eqx.tree_at(lambda one: one.accepted, found, jnp.asarray(accepted)))
         for accepted in (True, False)
     )
-    tells = is_telling(attacked_case(setup, scenario, job, taken), lawful=setup.config.law == "strict")
-    return spoilt if tells is False else taken
+    case = attacked_case(setup, scenario, job, taken)
+    if setup.wanted is not None and not setup.wanted.of_crash(case):
+        return spoilt
+    return spoilt if telling and is_telling(case, lawful=setup.config.law == "strict") is False else taken
 
 
 def descents(setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int) -> list[SearchEnd]:

@@ -6,6 +6,7 @@ from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import RunClosedLoops, in_compiled_loop
 from regents_cosim.attacks.universal import AttackedPlanners
+from regents_cosim.attacks.wanted_kinds import WantedKinds
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Dynamics, Scenario
 
@@ -18,6 +19,12 @@ class AttackSetup:
     planner: JaxPlanner | None  # None: one that is not in JAX
     planner_name: str
     extra_cost: ExtraCost | None
+    wanted: WantedKinds | None = None  # crashes of these kinds alone are wanted; None: of any
+
+    @property
+    def chooses_drives(self) -> bool:
+        """Whether only those drives are searched from that may lead to a kind that is asked for."""
+        return self.wanted is not None and self.config.starts > 0 and self.config.search == "per-candidate"
 
     def dynamics(self, scenario: Scenario) -> Dynamics:
         """The model by which vehicles move in `scenario`."""

@@ -122,7 +122,8 @@ class _Output:
             drop_cases(stale, self.ledger.folder)
         hashes = tuple((name, load_header(self.ledger.folder / name).hash) for name in names)
         replays = {case.id: _said(found.replays[case.id]) for case in found.cases if case.id in found.replays}
-        said = {"replays": dict(sorted(replays.items()))} if replays else {}
+        said: dict[str, Any] = {"replays": dict(sorted(replays.items()))} if replays else {}
+        said |= {} if found.promised is None else {"promised": sorted(found.promised)}
         self.ledger.note(DoneUnit(one.unit, hashes, said, _error(found), crashes))
         if self.elites is not None:
             self.elites.clear_beaten()
@@ -175,7 +176,8 @@ def _wanted(found: Found, wanted: Wanted, so_far: Counter[str]) -> Found:
         if one is None:
             return
         unit, window = one
-        yield unit, replace(window, cases=[c for c in window.cases if wanted.takes(c, so_far) or has_failed(c)])
+        kept = [case for case in window.cases if wanted.takes(case, so_far) or has_failed(case)]
+        yield unit, replace(window, cases=kept, promised=wanted.promised_by(window.cases))
 
 
 def attacked_headers(record: LedgerRecord, folder: Path) -> tuple[list[Header], dict[str, Replay]]:

@@ -14,6 +14,8 @@ from regents_cosim.tags.table import TYPES, require_tags, tags_of
 _FIRST = 4  # windows that are recorded for every case wanted, at first
 _MORE = 4  # times as many in every round after
 _LEAST, _MOST = 8, 1_000_000
+# What the ego's braking, and changes of the drive, make other kinds of: docs/how-to/cluster.md has what was measured.
+_BEFORE = {"lane_drift": ("cut_in",), "hard_brake": ("cut_in", "lane_drift")}
 
 
 @dataclass(frozen=True)
@@ -22,13 +24,29 @@ class Wanted:
 
     counts: Mapping[str, int]
 
+    def of_crash(self, case: Scenario) -> frozenset[str]:
+        """Those of the kinds that a crash is of."""
+        return frozenset(tags_of(case, self.counts))
+
+    def of_drive(self, case: Scenario) -> frozenset[str]:
+        """Those of the kinds that a drive may lead to that would make this crash, were the ego not to react."""
+        before = {kind: {kind, *_BEFORE.get(kind, ())} for kind in self.counts}
+        found = set(tags_of(case, frozenset[str]().union(*before.values())))
+        return frozenset(kind for kind, its in before.items() if its & found)
+
     def takes(self, case: Scenario, found: Counter[str]) -> bool:
         """Whether a case is a crash of a kind of which there are too few; counts it if so."""
         crashed = case.attack is not None and case.attack.outcome == "collision"
-        kinds = self.counts.keys() & set(tags_of(case)) if crashed else set[str]()
+        kinds = self.of_crash(case) if crashed else frozenset[str]()
         wanted = any(found[kind] < self.counts[kind] for kind in kinds)
         found.update(kinds if wanted else ())
         return wanted
+
+    def promised_by(self, cases: Sequence[Scenario]) -> frozenset[str] | None:
+        """The kinds that drives in a window would make, by what was found there; None where nobody looked."""
+        said = [case.attack.settings.get("kinds") for case in cases if case.attack]
+        known = [kinds.split() for kinds in said if isinstance(kinds, str)]
+        return frozenset[str]().union(*known) if known else None
 
     def is_met(self, found: Counter[str]) -> bool:
         """Whether there are enough of all."""
@@ -47,11 +65,28 @@ class Wanted:
             yield count
             count *= _MORE
 
-    def said(self, found: Counter[str], windows: int) -> str:
+    def said(self, found: Counter[str], record: LedgerRecord) -> str:
         """How far it got, and why not further."""
         each = ", ".join(f"{found[kind]} of {count} {kind}" for kind, count in self.counts.items())
-        end = "" if self.is_met(found) else "; the traffic holds no more windows (another --seed is other traffic)"
-        return f"{each} in {windows} windows{end}"
+        so_far = f"{each} in {len(record.own)} windows"
+        if self.is_met(found):
+            return so_far
+        promised = [record.done[unit.name].said.get("promised") for unit in record.own if record.is_done(unit)]
+        looked_at = [kinds for kinds in promised if kinds is not None]
+        missing = [kind for kind, count in self.counts.items() if found[kind] < count] if looked_at else []
+        return "; ".join(
+            [
+                f"{so_far}: the traffic holds no more (another --seed is other traffic)",
+                *(_why(kind, sum(kind in kinds for kinds in looked_at), len(looked_at)) for kind in missing),
+            ]
+        )
+
+
+def _why(kind: str, promising: int, windows: int) -> str:
+    """Why there are no more crashes of a kind."""
+    if not promising:
+        return f"this traffic cannot serve {kind}: no lawful drive to the ego leads to one in any of {windows} windows"
+    return f"lawful drives to the ego lead to {kind} in {promising} of {windows} windows"
 
 
 def parse_types(words: Sequence[str], count: int) -> Wanted | None:

@@ -79,6 +79,7 @@ class AttackRun:
             engine=self.engine,
             act_timeout_s=self.act_timeout_s,
             against=self.against,
+            wanted=self.wanted,
         )
 
     def _illuminate(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
@@ -99,6 +100,7 @@ class AttackedWindow:
     cases: list[Scenario]
     replays: dict[str, Replay] = field(default_factory=dict)  # in SUMO, of its crashes, by case
     stills: dict[str, bytes] = field(default_factory=dict)  # by case
+    promised: frozenset[str] | None = None  # of the kinds asked for those that drives there lead to; None: not known
 
 
 @dataclass(frozen=True, eq=False)

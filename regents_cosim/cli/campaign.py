@@ -179,7 +179,7 @@ def attack_into(
             )
         if run.wanted is not None:
             ledger.end()
-            terminal.say(run.wanted.said(run.wanted.found_in(ledger.record, output), len(ledger.record.own)))
+            terminal.say(run.wanted.said(run.wanted.found_in(ledger.record, output), ledger.record))
         ledger.finish()
         return ledger.record
 

@@ -80,10 +80,10 @@ TAGS: dict[str, Tag] = {
 TYPES = tuple(name for name, tag in TAGS.items() if tag.about == "adversary")
 
 
-def tags_of(scenario: Scenario) -> tuple[str, ...]:
-    """The tags of a case, in the order of the table."""
+def tags_of(scenario: Scenario, among: Collection[str] = TAGS) -> tuple[str, ...]:
+    """The tags of a case, in the order of the table; of these alone."""
     seen = Seen(scenario)
-    return tuple(name for name, tag in TAGS.items() if tag.holds(seen))
+    return tuple(name for name, tag in TAGS.items() if name in among and tag.holds(seen))
 
 
 def require_tags(names: Collection[str], among: Collection[str] = TAGS) -> None:

@@ -9,7 +9,12 @@ from scenes import DT, crash, scene
 from short_searches import SHORT
 from test_attack_run import begun, regents, tree
 
+from regents_cosim.campaign.identity import identity
+from regents_cosim.campaign.ledger import SCHEMA, Begun, DoneUnit, LedgerRecord, RunPlan, WorkUnit
 from regents_cosim.campaign.requests import parse_types
+from regents_cosim.cases.files import load_case, load_header
+from regents_cosim.cases.manifest import find_cases
+from regents_cosim.cases.shipped import shipped
 from regents_cosim.errors import RegentsError
 
 
@@ -50,12 +55,41 @@ def test_only_what_is_asked_for_is_taken_and_no_more_than_that():
     assert [wanted.takes(hard_brake(), found) for _ in range(3)] == [True, True, False]
     assert not wanted.takes(scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0)), found)
     assert not wanted.is_met(found)
-    assert wanted.said(found, 40).startswith(
-        "2 of 2 hard_brake, 0 of 1 cut_in in 40 windows; the traffic holds no more"
+    assert wanted.said(found, done({}, {})).startswith(
+        "2 of 2 hard_brake, 0 of 1 cut_in in 2 windows: the traffic holds no more"
     )
     found["cut_in"] += 1
     assert wanted.is_met(found)
-    assert wanted.said(found, 40) == "2 of 2 hard_brake, 1 of 1 cut_in in 40 windows"
+    assert wanted.said(found, done({}, {})) == "2 of 2 hard_brake, 1 of 1 cut_in in 2 windows"
+
+
+def done(*said):
+    """A run that is over, with what it notes of its windows."""
+    units = [WorkUnit(str(number), "key") for number in range(len(said))]
+    begun = Begun(SCHEMA, identity("attack", {}, {}), (1, 1), 1)
+    plan = RunPlan("key", tuple(units))
+    return LedgerRecord(
+        begun, plan, {unit.name: DoneUnit(unit, said=one) for unit, one in zip(units, said, strict=True)}
+    )
+
+
+def test_why_there_are_too_few_is_told_by_the_drives_that_were_looked_at():
+    wanted = parse_types(["merge_squeeze=3", "cut_in=2", "hard_brake"], 1)
+    told = wanted.said(Counter(cut_in=1, hard_brake=1), done({"promised": ["cut_in"]}, {"promised": []}, {}))
+    assert told.endswith(
+        "this traffic cannot serve merge_squeeze: no lawful drive to the ego leads to one in any of 2 windows; "
+        "lawful drives to the ego lead to cut_in in 1 of 2 windows"
+    )
+
+
+def test_what_a_drive_leads_to_may_be_another_kind_than_it_is():
+    cases = find_cases(shipped("scenarios") / "standard")
+    cut_in = next(load_case(one) for one in cases if load_header(one).tags[:1] == ("cut_in",))
+    wanted = parse_types(["lane_drift"], 1)
+    assert (wanted.of_drive(cut_in), wanted.of_crash(cut_in)) == ({"lane_drift"}, frozenset())
+    wanted = parse_types(["cut_in", "crossing_path"], 1)
+    assert wanted.of_drive(cut_in) == wanted.of_crash(cut_in) == {"cut_in"}
+    assert wanted.of_drive(hard_brake()) == wanted.of_crash(hard_brake()) == set()
 
 
 @pytest.mark.slow

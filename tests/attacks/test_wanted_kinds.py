@@ -1,0 +1,70 @@
+"""Drives are chosen by the kind of crash that they lead to, and searched from in that order."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scenes import scene
+from shipped_cases import shipped_window
+
+from regents_cosim.attacks.attack import attack_each
+from regents_cosim.attacks.presets import REGENTS_FOCUSED
+from regents_cosim.attacks.starts import Start
+from regents_cosim.attacks.wanted_kinds import Unattacked, of_wanted_kinds
+from regents_cosim.campaign.requests import parse_types
+
+BEFORE = scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0), name="before")
+STEPS = BEFORE.tracks.steps
+
+
+def drive(x):
+    """One that stands at `x`."""
+    return Start(np.full(STEPS, x), np.zeros(STEPS), np.zeros(STEPS), np.zeros(STEPS), 0, (0.0, 0.0, 0.0), 0.0)
+
+
+@dataclass(frozen=True)
+class ByPlace:
+    """Kinds by where the other stands."""
+
+    places: dict
+
+    def of_drive(self, case):
+        return frozenset(self.places.get(float(case.tracks.x[1, 0]), ""))
+
+    def of_crash(self, case):
+        raise NotImplementedError
+
+
+def chosen(places, most=3):
+    found, kinds = of_wanted_kinds(
+        Unattacked(BEFORE, BEFORE.tracks), 1, [drive(float(x)) for x in range(6)], ByPlace(places), most
+    )
+    return [int(one.x[0]) for one in found], "".join(sorted(kinds))
+
+
+def test_kinds_take_turns_in_the_order_of_promise_and_others_are_left_out():
+    assert chosen({1.0: "a", 2.0: "a", 3.0: "b", 5.0: "a"}) == ([1, 3, 2], "ab")
+    assert chosen({1.0: "a", 2.0: "a", 3.0: "b", 5.0: "a"}, most=9) == ([1, 3, 2, 5], "ab")
+    assert chosen({4.0: "ab", 5.0: "b"}) == ([4, 5], "ab")
+    assert chosen({}) == ([], "")
+
+
+def test_a_drive_is_the_crash_that_it_would_make_were_the_ego_to_drive_on():
+    ego = replace(BEFORE.tracks, x=BEFORE.tracks.x + 3.0)
+    met = Unattacked(BEFORE, ego).met_by(1, drive(7.0))
+    np.testing.assert_array_equal(met.tracks.x[0], ego.x[0])
+    np.testing.assert_array_equal(met.tracks.x[1], 7.0)
+    assert [agent.role for agent in met.agents][1] == "adversary"
+    assert BEFORE.tracks.x[1, 0] == 30.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["crossing_path", "cut_out"])
+def test_only_crashes_of_the_kind_are_found_and_where_no_drive_leads_to_one_nothing_is_searched(kind):
+    wanted, few = parse_types([kind], 1), replace(REGENTS_FOCUSED, iterations=50)
+    (found,) = attack_each([shipped_window("crossing")], few, "idm", wanted=wanted)
+    promised = found[0].attack.settings["kinds"].split()
+    crashes = [case for case in found if case.attack.outcome == "collision"]
+    assert all(kind in wanted.of_crash(case) for case in crashes)
+    assert bool(promised) == bool(crashes) == (kind == "crossing_path")
+    assert promised or found[0].attack.rollouts == 1
