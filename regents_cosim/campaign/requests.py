@@ -65,8 +65,8 @@ class Wanted:
             yield count
             count *= _MORE
 
-    def said(self, found: Counter[str], record: LedgerRecord) -> str:
-        """How far it got, and why not further."""
+    def said(self, found: Counter[str], record: LedgerRecord, *, ended: bool) -> str:
+        """How far it got, and why not further; `ended`: there are no more windows."""
         each = ", ".join(f"{found[kind]} of {count} {kind}" for kind, count in self.counts.items())
         so_far = f"{each} in {len(record.own)} windows"
         if self.is_met(found):
@@ -74,19 +74,17 @@ class Wanted:
         promised = [record.done[unit.name].said.get("promised") for unit in record.own if record.is_done(unit)]
         looked_at = [kinds for kinds in promised if kinds is not None]
         missing = [kind for kind, count in self.counts.items() if found[kind] < count] if looked_at else []
-        return "; ".join(
-            [
-                f"{so_far}: the traffic holds no more (another --seed is other traffic)",
-                *(_why(kind, sum(kind in kinds for kinds in looked_at), len(looked_at)) for kind in missing),
-            ]
-        )
+        why = [_why(kind, sum(kind in kinds for kinds in looked_at), len(looked_at), ended) for kind in missing]
+        end = ": the traffic holds no more (another --seed is other traffic)" if ended else " so far"
+        return "; ".join([so_far + end, *why])
 
 
-def _why(kind: str, promising: int, windows: int) -> str:
+def _why(kind: str, promising: int, windows: int, ended: bool) -> str:
     """Why there are no more crashes of a kind."""
-    if not promising:
-        return f"this traffic cannot serve {kind}: no lawful drive to the ego leads to one in any of {windows} windows"
-    return f"lawful drives to the ego lead to {kind} in {promising} of {windows} windows"
+    if promising:
+        return f"lawful drives to the ego lead to {kind} in {promising} of {windows} windows"
+    said = f"no lawful drive to the ego leads to {kind} in any of {windows} windows"
+    return f"{said}: this traffic cannot serve it" if ended else said
 
 
 def parse_types(words: Sequence[str], count: int) -> Wanted | None:

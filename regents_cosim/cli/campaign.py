@@ -179,7 +179,7 @@ def attack_into(
             )
         if run.wanted is not None:
             ledger.end()
-            terminal.say(run.wanted.said(run.wanted.found_in(ledger.record, output), ledger.record))
+            terminal.say(run.wanted.said(run.wanted.found_in(ledger.record, output), ledger.record, ended=True))
         ledger.finish()
         return ledger.record
 
@@ -216,8 +216,12 @@ def _rounds(
         )
         assert ledger.record.plan is not None
         used_up = ledger.record.plan.ended or (count != begun and len(ledger.record.own) == before)
-        if run.wanted is None or used_up or run.wanted.is_met(run.wanted.found_in(ledger.record, ledger.folder)):
+        if run.wanted is None or used_up:
             return
+        found = run.wanted.found_in(ledger.record, ledger.folder)
+        if run.wanted.is_met(found):
+            return
+        terminal.say(run.wanted.said(found, ledger.record, ended=False))
 
 
 def _window_counts(run: "AttackRun", given: Given) -> list[int]:

@@ -55,12 +55,12 @@ def test_only_what_is_asked_for_is_taken_and_no_more_than_that():
     assert [wanted.takes(hard_brake(), found) for _ in range(3)] == [True, True, False]
     assert not wanted.takes(scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0)), found)
     assert not wanted.is_met(found)
-    assert wanted.said(found, done({}, {})).startswith(
+    assert wanted.said(found, done({}, {}), ended=True).startswith(
         "2 of 2 hard_brake, 0 of 1 cut_in in 2 windows: the traffic holds no more"
     )
     found["cut_in"] += 1
     assert wanted.is_met(found)
-    assert wanted.said(found, done({}, {})) == "2 of 2 hard_brake, 1 of 1 cut_in in 2 windows"
+    assert wanted.said(found, done({}, {}), ended=True) == "2 of 2 hard_brake, 1 of 1 cut_in in 2 windows"
 
 
 def done(*said):
@@ -75,11 +75,12 @@ def done(*said):
 
 def test_why_there_are_too_few_is_told_by_the_drives_that_were_looked_at():
     wanted = parse_types(["merge_squeeze=3", "cut_in=2", "hard_brake"], 1)
-    told = wanted.said(Counter(cut_in=1, hard_brake=1), done({"promised": ["cut_in"]}, {"promised": []}, {}))
-    assert told.endswith(
-        "this traffic cannot serve merge_squeeze: no lawful drive to the ego leads to one in any of 2 windows; "
+    found, record = Counter(cut_in=1, hard_brake=1), done({"promised": ["cut_in"]}, {"promised": []}, {})
+    assert wanted.said(found, record, ended=False).endswith(
+        "in 3 windows so far; no lawful drive to the ego leads to merge_squeeze in any of 2 windows; "
         "lawful drives to the ego lead to cut_in in 1 of 2 windows"
     )
+    assert "merge_squeeze in any of 2 windows: this traffic cannot serve it;" in wanted.said(found, record, ended=True)
 
 
 def test_what_a_drive_leads_to_may_be_another_kind_than_it_is():
