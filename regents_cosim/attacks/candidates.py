@@ -86,7 +86,7 @@ def _starts(
 ) -> tuple[list[Start], frozenset[str]]:
     """Drives that an agent may begin with; where kinds are asked for those of such a kind, and which these are."""
     most, strict = setup.config.starts, setup.config.law == "strict"
-    if setup.wanted is None:
+    if setup.wanted is None or not setup.chooses_drives:
         return starts(scenario, agent, ego, most, limits, strict), frozenset()
     found = starts(scenario, agent, ego, LOOKED_THROUGH * most, limits, strict)
     return of_wanted_kinds(Unattacked(scenario, ego), agent, found, setup.wanted, most)

@@ -24,7 +24,8 @@ class AttackSetup:
     @property
     def chooses_drives(self) -> bool:
         """Whether only those drives are searched from that may lead to a kind that is asked for."""
-        return self.wanted is not None and self.config.starts > 0 and self.config.search == "per-candidate"
+        by_drives = self.config.starts > 0 and self.config.search == "per-candidate"
+        return by_drives and self.wanted is not None and self.wanted.lawful
 
     def dynamics(self, scenario: Scenario) -> Dynamics:
         """The model by which vehicles move in `scenario`."""

@@ -20,6 +20,11 @@ LOOKED_THROUGH = 4  # times the drives that are tried: among so many those of th
 class WantedKinds(Protocol):
     """Tells kinds of crash that are asked for."""
 
+    @property
+    def lawful(self) -> bool:
+        """Whether lawful drives tell whether they lead to one: not where one breaks the law."""
+        ...
+
     def of_crash(self, case: Scenario) -> frozenset[str]:
         """Those of them that a crash is of."""
         ...

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.campaign.ledger import LedgerRecord
 from regents_cosim.cases.files import load_header
 from regents_cosim.errors import RegentsError
@@ -14,6 +15,7 @@ from regents_cosim.tags.table import TYPES, require_tags, tags_of
 _FIRST = 4  # windows that are recorded for every case wanted, at first
 _MORE = 4  # times as many in every round after
 _LEAST, _MOST = 8, 1_000_000
+_UNLAWFUL = ("run_red_light", "wrong_way")
 # What the ego's braking, and changes of the drive, make other kinds of: docs/how-to/cluster.md has what was measured.
 _BEFORE = {"lane_drift": ("cut_in",), "hard_brake": ("cut_in", "lane_drift")}
 
@@ -23,6 +25,17 @@ class Wanted:
     """How many crashes of which kinds."""
 
     counts: Mapping[str, int]
+
+    @property
+    def lawful(self) -> bool:
+        """Whether none of them breaks the law."""
+        return self.counts.keys().isdisjoint(_UNLAWFUL)
+
+    def require_possible(self, config: AttackConfig) -> None:
+        """Raise RegentsError for kinds that a search by these rules cannot find."""
+        if config.law == "strict" and not self.lawful:
+            kinds = " and ".join(sorted(self.counts.keys() & set(_UNLAWFUL)))
+            raise RegentsError(f"--type {kinds}: a search that keeps to the law finds none, expected --law any as well")
 
     def of_crash(self, case: Scenario) -> frozenset[str]:
         """Those of the kinds that a crash is of."""

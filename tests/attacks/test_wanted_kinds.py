@@ -27,6 +27,7 @@ class ByPlace:
     """Kinds by where the other stands."""
 
     places: dict
+    lawful = True
 
     def of_drive(self, case):
         return frozenset(self.places.get(float(case.tracks.x[1, 0]), ""))

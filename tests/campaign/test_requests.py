@@ -9,6 +9,7 @@ from scenes import DT, crash, scene
 from short_searches import SHORT
 from test_attack_run import begun, regents, tree
 
+from regents_cosim.attacks.presets import METHODS
 from regents_cosim.campaign.identity import identity
 from regents_cosim.campaign.ledger import SCHEMA, Begun, DoneUnit, LedgerRecord, RunPlan, WorkUnit
 from regents_cosim.campaign.requests import parse_types
@@ -39,6 +40,15 @@ def test_what_is_typed():
 def test_what_is_refused(words, said):
     with pytest.raises(RegentsError, match=said):
         parse_types(words, 8)
+
+
+def test_who_keeps_to_the_law_breaks_none():
+    wanted = parse_types(["wrong_way", "cut_in"], 1)
+    with pytest.raises(RegentsError, match="--type wrong_way: .* expected --law any"):
+        wanted.require_possible(METHODS["focused"])
+    wanted.require_possible(replace(METHODS["focused"], law="any"))
+    parse_types(["cut_in"], 1).require_possible(METHODS["focused"])
+    assert not wanted.lawful
 
 
 def hard_brake(name="brake"):

@@ -88,6 +88,8 @@ def attack(
     programs.keep()
     config = search.config(rules)
     wanted = parse_types(campaign.types, traffic.count)
+    if wanted is not None:
+        wanted.require_possible(config)
     axes = campaign.map_axes()
     if axes and not judge:
         raise RegentsError("--archive and --into choose by the judgement: leave out --no-judge")
