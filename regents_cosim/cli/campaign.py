@@ -39,8 +39,8 @@ class CampaignOptions:
     retry: bool = False
     """try again what failed before; without it the same command does what is missing only"""
     types: Annotated[tuple[str, ...], Parameter(["--type"])] = ()
-    """KIND or KIND=NUMBER: look for crashes of this kind alone (docs/tags.md, e.g. cut_in=10), so many (--count where no
-    number is given), and record more windows until they are found or the traffic holds no more; may be repeated"""
+    """KIND or KIND=NUMBER: look for crashes of this kind alone (docs/tags.md, e.g. cut_in=10), so many (--count where
+    no number is given), and record more windows until they are found or the traffic holds no more; may be repeated"""
     archive: bool = False
     """keep the best crash of each cell of the map of behaviours alone: telling before avoidable before clean, then the
     most usual adversary, then the least deviation (`regents suite coverage` shows the map)"""
