@@ -3,6 +3,7 @@
 # Those that come with the package. Another package's entry point of the same name does not take their place.
 OURS: dict[str, str] = {
     "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
+    "aim-bev-hardened": "regents_cosim.planners.aim_bev.planner:aim_bev_hardened",
     "careful": "regents_cosim.planners.reference.drivers:CarefulDriver",
     "constant_velocity": "regents_cosim.planners.constant_velocity:ConstantVelocity",
     "fuzzy": "regents_cosim.planners.reference.drivers:FuzzyDriver",

@@ -132,7 +132,7 @@ def test_an_attacked_case_is_not_attacked_again():
 
 def test_an_unknown_planner():
     with pytest.raises(
-        PlannerError, match="expected one of aim-bev, careful, constant_velocity, fuzzy, idm, log_replay"
+        PlannerError, match="expected one of aim-bev, aim-bev-hardened, careful, constant_velocity, fuzzy"
     ):
         attack_one(platoon(), planner="nobody")
 

@@ -52,13 +52,14 @@ def train_aim_bev(
     output
         file for the weights (.safetensors)
     resume
-        a checkpoint to go on from, or weights for a warm start
+        a checkpoint to go on from, or weights for a warm start: a file, or aim-bev-hardened, those that come with it
     """
     from regents_cosim.evaluation.training.fine_tuning import finetune, train
-    from regents_cosim.planners.aim_bev.weights_file import SHIPPED
+    from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER, SHIPPED
 
     terminal = open_terminal(talk)
     programs.keep()
+    resume = BY_PLANNER.get(str(resume), resume)
     from_crashes = fine_tune.finetune is not None or rounds.adversarial is not None
     config = options.config(from_crashes, fine_tune.evading)
     show_epoch = partial(_show_epoch, output, config.epochs, not from_crashes, terminal)

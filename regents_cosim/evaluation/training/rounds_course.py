@@ -26,7 +26,7 @@ from regents_cosim.evaluation.training.learning import AttackedAndOrdinary, Each
 from regents_cosim.evaluation.training.round_lessons import RoundLessons
 from regents_cosim.evaluation.training.rounds_settings import Rounds
 from regents_cosim.planners.aim_bev.shown import shown_to
-from regents_cosim.planners.aim_bev.weights_file import SHIPPED
+from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import Progress
 
@@ -213,4 +213,5 @@ class RoundsCourse:
 
 def planner_name(weights: Path) -> str:
     """As it is attacked."""
-    return "aim-bev" if weights == SHIPPED else f"aim-bev:{weights}"
+    ours = {file: name for name, file in BY_PLANNER.items()}
+    return ours.get(weights, f"aim-bev:{weights}")

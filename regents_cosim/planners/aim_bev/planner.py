@@ -20,7 +20,7 @@ from regents_cosim.planners.aim_bev.network import NetworkWeights, to_network
 from regents_cosim.planners.aim_bev.recollection import Recollection, in_view
 from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, Shown
 from regents_cosim.planners.aim_bev.way import OwnWay
-from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
+from regents_cosim.planners.aim_bev.weights_file import HARDENED, SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
 _BEYOND_M = 30.0  # how far the ego may get away from its log and still see the road
@@ -141,9 +141,14 @@ def with_weights(path: Path) -> AimBev:
 
 def aim_bev(weights: str = "") -> AimBev:
     """AIM-BEV, named `aim-bev` with the weights that come with the package, `aim-bev:WEIGHTS` with those of a file."""
-    return with_weights(Path(weights)) if weights else _shipped()
+    return with_weights(Path(weights)) if weights else _of_package(SHIPPED)
+
+
+def aim_bev_hardened() -> AimBev:
+    """AIM-BEV trained further, on crashes and on lights, named `aim-bev-hardened`."""
+    return _of_package(HARDENED)
 
 
 @functools.cache
-def _shipped() -> AimBev:
-    return with_weights(SHIPPED)
+def _of_package(weights: Path) -> AimBev:
+    return with_weights(weights)

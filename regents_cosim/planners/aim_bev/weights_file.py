@@ -9,7 +9,10 @@ from safetensors.numpy import load, save
 from regents_cosim.errors import RegentsError, require_file
 from regents_cosim.system.atomic import write_atomic
 
-SHIPPED = Path(__file__).parent / "weights" / "aim_bev.safetensors"
+_FOLDER = Path(__file__).parent / "weights"
+SHIPPED = _FOLDER / "aim_bev.safetensors"
+HARDENED = _FOLDER / "aim_bev_hardened.safetensors"  # trained further, on crashes and on lights: MODEL_CARD.md
+BY_PLANNER = {"aim-bev": SHIPPED, "aim-bev-hardened": HARDENED}
 
 
 def load_weights(path: Path) -> dict[str, np.ndarray]:
