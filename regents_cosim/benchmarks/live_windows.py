@@ -10,12 +10,14 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import is_actionable, is_clean, is_telling
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.live.adversary import Adversary
+from regents_cosim.live.observed import OBSERVED
 from regents_cosim.live.plan import plan_of_case
 from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.replay import replay_in_sumo
+from regents_cosim.routes.ego_route import plan_route
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import run_each
@@ -149,10 +151,12 @@ class _Attached:
         case = self._window.case
         if self._window.attacked:
             plan = plan_of_case(case, float(sumo.simulation.getTime())) if self._window.recorded else None
+            # `expected` is the planner that drives, so its route is known as well; `observed` knows neither.
+            route = None if self._window.expected == OBSERVED else plan_route(case.before_attack()).points
             whole_s = (case.tracks.steps - 1) * case.dt  # what was recorded may meet the ego as late as that
             self._adversary = Adversary(
                 sumo, ego, self._window.expected, self._window.method, horizon_s=whole_s if plan else HORIZON_S,
-                source=case.provenance.file, seed=self._window.seed, plan=plan, tell=self._told.append,
+                source=case.provenance.file, seed=self._window.seed, plan=plan, route=route, tell=self._told.append,
             )  # fmt: skip
         return self._step
 

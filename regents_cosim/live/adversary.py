@@ -36,6 +36,7 @@ from regents_cosim.live.ego_finder import EgoFinder, Picks
 from regents_cosim.live.fork import Fork
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import History
+from regents_cosim.live.known_route import GivenRoute
 from regents_cosim.live.moments import Moments
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.predict import Mirror, Predictor
@@ -75,6 +76,7 @@ class Adversary(StepListener):
         keep: Keep = "crashes",
         predictor: Predictor | None = None,
         net: Path | str | None = None,
+        route: GivenRoute | None = None,
         source: str | None = None,
         judged: bool = True,
         seed: int = 0,
@@ -86,13 +88,16 @@ class Adversary(StepListener):
 
         `ego` is the id of a vehicle, which is waited for, a vehicle type or a flow, or a function of the connection.
         `planner` is how it is expected to react: what `regents attack` takes, or `observed`. `attack_when` is
-        None for always, a time [s] from which on, or a function of the connection. A planner outside JAX that takes
-        longer than `act_timeout_s` over one decision has failed. `plan` is what it begins with, such as that of a case
-        (`plan_of_case`); it is changed where it would miss. Raises RegentsError for values that cannot be meant.
+        None for always, a time [s] from which on, or a function of the connection. `route` is the line that the planner
+        drives along, points x, y [m] of the network, or a function of the connection that gives it: a planner that
+        changes lanes where SUMO does not know it is foreseen only by that; None: SUMO's route of the ego. A planner
+        outside JAX that takes longer than `act_timeout_s` over one decision has failed. `plan` is what it begins with,
+        such as that of a case (`plan_of_case`); it is changed where it would miss. Raises RegentsError for values that
+        cannot be meant.
         """
         self._settings = LiveSettings(replan_s, horizon_s, radius_m, keep, judged, seed)
         self._sumo, self._when, self._called = connection, attack_when, source
-        self._net = Path(net) if net is not None else None
+        self._net, self._route = Path(net) if net is not None else None, route
         self._tell = tell or _to_stderr
         self._search = Search(planner, live_config(method), act_timeout_s)
         self._moments = Moments(predictor or Mirror(), horizon_s)
@@ -207,7 +212,7 @@ class Adversary(StepListener):
         """Whether it is there by now."""
         self.ego = self._finder.find()
         if self.ego is not None and self._reader is None:
-            self._reader = Reader(self._sumo, self._settings.radius_m, self._net)
+            self._reader = Reader(self._sumo, self._settings.radius_m, self._net, self._route)
             net = self._net or Path(self._reader.option("net-file"))
             source = self._called or Path(self._reader.option("configuration-file") or net).name
             self._source = RecordingOrigin("sumo", source, sha256_of(net))

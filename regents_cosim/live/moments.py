@@ -4,6 +4,7 @@ All moments of a run have the same shapes on the device, so each of its programs
 """
 
 import copy
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,8 +14,8 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.live.predict import Predictor
-from regents_cosim.live.traffic import TrafficState
+from regents_cosim.live.predict import Drive, Predictor
+from regents_cosim.live.traffic import Shows, TrafficState
 from regents_cosim.maps.levels import has_levels
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.actions import Fit
@@ -33,10 +34,8 @@ FIT = Fit(passes=3, summed=True)  # of predictions and drives, which are smooth
 _LANE_POINTS = 2**12
 _TILE_M = 80.0  # the road is known so far around the middle of a tile ...
 _LEAVES_TILE_M = 25.0  # ... which the ego leaves here
+_ROUNDED = 1e-6  # of a step
 _PREPARED_M = 20.0  # between two plans the next tile is made as soon as the ego is here
-
-
-Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s], every `DT_S`
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +58,7 @@ class Moment:
 
     def memory(self, planner: JaxPlanner, name: str) -> Any:
         """What a planner remembers at the beginning. Raises DriveError."""
-        return start(planner, LoopScene(self.scenario, self.world), name)
+        return start(planner, LoopScene(self.scenario, self.world, self.traffic.way), name)
 
     @cached_property
     def with_lanes(self) -> World:
@@ -99,10 +98,15 @@ class Moments:
             target=(float(tracks.x[0, -1]), float(tracks.y[0, -1])),
             road=traffic.road,
             provenance=Provenance("live", "", "", traffic.time_s),
-            signals=tuple(Signal(name, ((0, letters),)) for name, letters in sorted(traffic.lights.items())),
+            signals=tuple(Signal(name, self._changes(shows)) for name, shows in sorted(traffic.lights.items())),
         )
         road = None if scenario.heights.stacked else self._road(scenario)
         return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, fit=FIT))
+
+    def _changes(self, shows: Shows) -> tuple[tuple[int, str], ...]:
+        """What a light shows from which step on."""
+        at = {math.ceil(since_s / DT_S - _ROUNDED): letters for since_s, letters in shows}
+        return tuple((step, letters) for step, letters in at.items() if step < self.steps)
 
     def _road(self, scenario: Scenario) -> RoadField:
         """The field around the ego, blurred again only where that has left the last tile."""

@@ -20,14 +20,16 @@ BEHIND_M = 20  # points that a path has behind the front bumper
 _JOIN_S = 3.0  # over which it comes to the middle of its lane
 _SHORTEST_JOIN_M = 12.0
 _LEAST_M_S = 1.0  # where there is no lane; else who is there goes on as fast as it is
+_SHORTEST_M, _LONGEST_M, _MARGIN = 20.0, 300.0, 1.2  # of paths, and of what is driven within their seconds
 _SEARCHED = 8  # lanes of a way through a junction
 
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A line before which a vehicle has to wait as things stand: a red light, or others that have priority."""
+    """A line before which a vehicle has to wait at times: a red light, or others that have priority."""
 
     at_m: float  # from the front bumper
+    shut_s: tuple[tuple[float, float], ...] = ((0.0, np.inf),)  # from when until when
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,11 @@ class Path:
     limit: Float[np.ndarray, " point"]  # [m/s] speed limit of the lane there
     ends_m: float  # ahead of the front bumper, where the route ends; infinite where it goes on
     stops: tuple[Stop, ...] = ()
+
+
+def reach_within(seconds: float, fastest: float) -> float:
+    """How long a path is to be [m] for one that goes as fast as that [m/s]."""
+    return min(_SHORTEST_M + _MARGIN * fastest * seconds, _LONGEST_M)
 
 
 def path_along(
@@ -59,6 +66,22 @@ def path_along(
     if len(centre) < 2:
         centre = place + np.array([[0.0], [1.0]]) * heading
         limit = np.full(2, lanes[0].speed_limit if lanes else max(speed, _LEAST_M_S))
+    ends_m = length if arrives and length < reach_m else np.inf
+    return joined(centre, limit, front, yaw, speed, reach_m, ends_m, stops)
+
+
+def joined(
+    centre: Float[np.ndarray, "point 2"],
+    limit: Float[np.ndarray, " metre"],
+    front: tuple[float, float],
+    yaw: float,
+    speed: float,
+    reach_m: float,
+    ends_m: float = np.inf,
+    stops: Sequence[Stop] = (),
+) -> Path:
+    """The path along a line that begins beside the front bumper, with the speed limit [m/s] every metre along it."""
+    place, heading = np.array(front), np.array([np.cos(yaw), np.sin(yaw)])
     centre = evenly(_straight_on(centre, reach_m), SPACING_M)[: int(reach_m) + 1]
     join_m = max(_JOIN_S * speed, _SHORTEST_JOIN_M)
     done = np.clip(np.arange(len(centre)) * SPACING_M / join_m, 0.0, 1.0)
@@ -67,7 +90,7 @@ def path_along(
     behind = place - np.arange(BEHIND_M, 0, -1)[:, None] * SPACING_M * heading
     limits = np.concatenate([np.full(BEHIND_M, limit[0]), limit, np.full(len(centre), limit[-1])])
     points = np.concatenate([behind, ahead])
-    return Path(points, limits[: len(points)], length if arrives and length < reach_m else np.inf, tuple(stops))
+    return Path(points, limits[: len(points)], ends_m, tuple(stops))
 
 
 def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.ndarray, np.ndarray, float]:

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.live.moments import DT_S, Drive
+from regents_cosim.live.moments import DT_S
+from regents_cosim.live.predict import Drive
 from regents_cosim.scenario import Scenario
 
 

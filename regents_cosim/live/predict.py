@@ -1,17 +1,18 @@
 """What all vehicles will do within the next seconds: the log that a live attack departs from.
 
 A predictor is anything with `predict(traffic, dt, steps) -> Tracks`. `Mirror` lets each go on along its own
-route by car-following with its own parameters, the lights as they stand.
+route by car-following with its own parameters, and minds the lights.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.live.paths import BEHIND_M, SPACING_M
+from regents_cosim.live.paths import BEHIND_M, SPACING_M, Stop
 from regents_cosim.live.traffic import TrafficState
 from regents_cosim.scenario import Tracks
 
@@ -21,6 +22,8 @@ _BESIDE_M = 0.1  # that a leader may be beside the body
 _HARDEST_BRAKE = 8.0  # [m/s^2]
 _LEAST_GAP_M = 0.1
 _FAR_M = 1e4
+
+Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s]
 
 
 class Predictor(Protocol):
@@ -32,10 +35,10 @@ class Predictor(Protocol):
 
 
 class Mirror:
-    """Each vehicle on its own route, by the Intelligent Driver Model with its parameters in SUMO.
+    """Each vehicle on its own route, by Krauss' model or the Intelligent Driver Model, with its parameters in SUMO.
 
-    Source: Treiber, Hennecke and Helbing 2000. A body on the path is a leader; closed lights, and
-    junctions that others have to be let through first, are standing leaders.
+    Sources: Krauss 1998, with the dawdling that is to be expected; Treiber, Hennecke and Helbing 2000. A body on the
+    path is a leader; closed lights, and junctions that others have to be let through first, are standing leaders.
     """
 
     def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
@@ -45,11 +48,19 @@ class Mirror:
         begun = drivers.begin()
         driven = [begun]
         while len(driven) * _STEPS_AT_ONCE < steps + _STEPS_AT_ONCE - 1:
-            driven.append(drivers.advance(*driven[-1], coarse))
-        along, speed = (np.stack(values, axis=1) for values in zip(*driven, strict=True))
+            driven.append(drivers.advance(driven[-1], (len(driven) - 1) * coarse, coarse))
+        along, speed = (np.stack(values, axis=1) for values in list(zip(*driven, strict=True))[:2])
         at, fine = np.arange(along.shape[1]) * coarse, np.arange(steps) * dt
         along, speed = (np.stack([np.interp(fine, at, row) for row in values]) for values in (along, speed))
         return drivers.tracks(along, speed, traffic)
+
+
+class _Driven(NamedTuple):
+    """How far all are after some time [m], how fast [m/s], and which lines they no longer stop at."""
+
+    along: Float[np.ndarray, " user"]
+    speed: Float[np.ndarray, " user"]
+    passes: Bool[np.ndarray, "user stop"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +80,9 @@ class _Drivers:
     decel: Float[np.ndarray, " user"]
     tau: Float[np.ndarray, " user"]
     min_gap: Float[np.ndarray, " user"]
-    stop: Float[np.ndarray, " user"]  # [m] ahead of the front at first, where it has to wait
+    sigma: Float[np.ndarray, " user"]
+    stop: Float[np.ndarray, "user stop"]  # [m] ahead of the front at first, where it has to wait ...
+    shut: Float[np.ndarray, "2 user stop"]  # ... from when until when [s]
     ends: Float[np.ndarray, " user"]  # [m] likewise, where the route ends
 
     @classmethod
@@ -84,7 +97,7 @@ class _Drivers:
         wanted = _in_time(np.maximum(allowed, 0.1), follows["decel"])
         near, corner, columns = _grid(points)
         decel, speed = follows["decel"], traffic.values("speed")
-        waits = [_first_stop(u.path.stops, v, b) for u, v, b in zip(users, speed, decel, strict=True)]
+        stop, shut = _stops([user.path.stops for user in users])
         return cls(
             points=points,
             ways=_ways(points),
@@ -99,28 +112,49 @@ class _Drivers:
             decel=decel,
             tau=follows["tau_s"],
             min_gap=follows["min_gap_m"],
-            stop=np.array(waits),
+            sigma=follows["sigma"],
+            stop=stop,
+            shut=shut,
             ends=np.array([user.path.ends_m for user in users]),
         )
 
-    def begin(self) -> tuple[np.ndarray, np.ndarray]:
-        """How far each is [m], and how fast [m/s]."""
-        return np.zeros_like(self.speed), self.speed
+    def begin(self) -> _Driven:
+        """Where they are."""
+        return _Driven(np.zeros_like(self.speed), self.speed, np.zeros(self.stop.shape, bool))
 
-    def advance(self, along: np.ndarray, speed: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """The same a step later."""
+    def advance(self, driven: _Driven, time_s: float, dt: float) -> _Driven:
+        """The same a step later. Who can no longer stop where a line is shut drives on."""
+        along, speed, _ = driven
         gap, lead = self._leaders(along, speed)
-        waits = self.stop - along
-        closed = waits > -1.0
-        gap = np.where(closed & (waits + self.min_gap < gap), waits + self.min_gap, gap)
-        lead = np.where(closed & (waits + self.min_gap <= gap), 0.0, lead)
+        left = self.stop - along[:, None]
+        shuts = (self.shut[0] <= time_s) & (self.shut[0] > time_s - dt)
+        passes = driven.passes | (shuts & (left < (speed**2 / (2.0 * self.decel))[:, None] - 1.0))
+        closed = (self.shut[0] <= time_s) & (time_s < self.shut[1]) & ~passes & (left > -1.0)
+        waits = np.where(closed, left, _FAR_M).min(axis=1, initial=_FAR_M) + self.min_gap
+        lead = np.where(waits <= gap, 0.0, lead)
+        gap = np.minimum(gap, waits)
         wanted = self.wanted[np.arange(len(along)), self._index(along)]
+        accel = np.where(
+            self.sigma < 0.0, self._idm(speed, gap, lead, wanted), self._krauss(speed, gap, lead, wanted, dt)
+        )
+        after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
+        return _Driven(along + 0.5 * (speed + after) * dt, after, passes)
+
+    def _krauss(
+        self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """Accelerations [m/s^2] to the speed from which one can still stop behind the leader."""
+        brakes = self.decel * self.tau
+        room = 2.0 * self.decel * np.maximum(gap - self.min_gap, 0.0) + lead**2
+        safe = np.sqrt(brakes**2 + room) - brakes
+        gained = self.accel * (1.0 - 0.5 * np.maximum(self.sigma, 0.0))
+        return np.minimum(gained, (np.minimum(safe, wanted) - speed) / dt)
+
+    def _idm(self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         closing = speed * (speed - lead) / (2.0 * np.sqrt(self.accel * self.decel))
         apart = self.min_gap + np.maximum(speed * self.tau + closing, 0.0)
         free = np.maximum(1.0 - (speed / wanted) ** 4, -self.decel / self.accel)
-        accel = self.accel * (free - (apart / np.maximum(gap, _LEAST_GAP_M)) ** 2)
-        after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
-        return along + 0.5 * (speed + after) * dt, after
+        return self.accel * (free - (apart / np.maximum(gap, _LEAST_GAP_M)) ** 2)
 
     def tracks(self, along: np.ndarray, speed: np.ndarray, traffic: TrafficState) -> Tracks:
         """The tracks of users that are so far along [user time], with those speeds."""
@@ -196,10 +230,15 @@ def _in_time(allowed: Float[np.ndarray, "user point"], decel: Float[np.ndarray, 
     return np.sqrt(np.minimum.accumulate(square[:, ::-1], axis=1)[:, ::-1] - gained)
 
 
-def _first_stop(stops: tuple, speed: float, decel: float) -> float:
-    """Where a vehicle has to wait first, of the places before which it can still stop [m]."""
-    need_m = speed**2 / (2.0 * decel)
-    return min((stop.at_m for stop in stops if stop.at_m >= need_m - 1.0), default=_FAR_M)
+def _stops(
+    of_users: Sequence[Sequence[Stop]],
+) -> tuple[Float[np.ndarray, "user stop"], Float[np.ndarray, "2 user stop"]]:
+    """Where users have to wait [m], and from when until when [s]; never where one has fewer than another."""
+    rows = [[(stop.at_m, *span) for stop in stops for span in stop.shut_s] for stops in of_users]
+    room = max((len(row) for row in rows), default=0)
+    filled = [row + [(_FAR_M, np.inf, np.inf)] * (room - len(row)) for row in rows]
+    at, since, until = np.array(filled).reshape(len(rows), room, 3).transpose(2, 0, 1)
+    return at, np.stack([since, until])
 
 
 def _grid(points: Float[np.ndarray, "user point 2"]) -> tuple[Int[np.ndarray, "user cell"], np.ndarray, int]:

@@ -16,8 +16,10 @@ from regents_cosim.errors import SumoError
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
 from regents_cosim.limits import ALONG_RAD
 from regents_cosim.live.frame import Frame
-from regents_cosim.live.paths import LaneChains, Path, Stop, path_along
-from regents_cosim.live.traffic import Following, RoadUser, TrafficState
+from regents_cosim.live.known_route import GivenRoute, KnownRoute
+from regents_cosim.live.light_programmes import LightProgrammes
+from regents_cosim.live.paths import LaneChains, Path, Stop, path_along, reach_within
+from regents_cosim.live.traffic import Following, RoadUser, Shows, TrafficState
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.scenario import Agent
@@ -43,8 +45,14 @@ def _road(net: File, written_ns: int) -> RoadMap:
 class Reader:
     """One simulation. `connection` is libsumo, traci, or a connection of traci's."""
 
-    def __init__(self, connection: Any, radius_m: float, net: File | None = None) -> None:
-        """Raises SumoError for a simulation that no vehicle can be followed in, InputError for its network."""
+    def __init__(
+        self, connection: Any, radius_m: float, net: File | None = None, route: GivenRoute | None = None
+    ) -> None:
+        """`route` is the line that the ego drives along, where it is not that of SUMO's route.
+
+        Raises SumoError for a simulation that no vehicle can be followed in, InputError for its network, RegentsError
+        for what is no line.
+        """
         self._sumo, self._radius_m = connection, radius_m
         self._in_process = bool(getattr(connection, "isLibsumo", bool)())
         if self.option("mesosim") == "true":
@@ -56,7 +64,10 @@ class Reader:
         self.sideways = float(self.option("lateral-resolution") or 0) > 0 or (
             float(self.option("lanechange.duration") or 0) > 0
         )
-        self._chains = LaneChains(self.road)
+        self._route = route
+        self._known_route = None if route is None or callable(route) else KnownRoute(route, self.road)
+        self._chains, self._programmes = LaneChains(self.road), LightProgrammes(connection)
+        self._shows: dict[str, Shows] = {}  # what the lights around will show
         self._types: dict[str, VehicleType] = {}
         self._following: dict[str, Following] = {}
         self._subscribed = ""  # the ego whose surroundings are subscribed to
@@ -164,18 +175,33 @@ class Reader:
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
         """The ego and the nearest others, `most` in all, with what they are about to do."""
         self._keep_only(set(frame.ids))
+        if callable(self._route):
+            self._known_route = KnownRoute(self._route(self._sumo), self.road)
+        self._shows = {
+            name: self._programmes.ahead(name, letters, frame.time_s, horizon_s)
+            for name, letters in frame.lights.items()
+        }
         users = tuple(self._user(frame, row, horizon_s) for row in frame.nearest(most))
-        return TrafficState(frame.time_s, users, self.road, frame.lights)
+        way = None if self._known_route is None else self._known_route.ahead(_front(frame, 0), float(frame.yaw[0]))
+        return TrafficState(frame.time_s, users, self.road, self._shows, way)
 
     def _user(self, frame: Frame, index: int, horizon_s: float) -> RoadUser:
         name, kind = frame.ids[index], frame.types[index]
         x, y, yaw = (float(values[index]) for values in (frame.x, frame.y, frame.yaw))
         agent = Agent(name, kind.kind, kind.length, kind.width, "ego" if index == 0 else "background")
         speed = max(float(frame.speed[index]), 0.0)
-        nose = to_sumo(Pose(x, y, yaw), kind.length)
-        front = float(nose.x), float(nose.y)
-        path = self.path(name, front, yaw, speed, horizon_s, is_ego=index == 0)
-        return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), float(frame.z[index]))
+        front = _front(frame, index)
+        z = float(frame.z[index])
+        path = self._known(front, z, yaw, speed, horizon_s) if index == 0 else None
+        if path is None:
+            path = self.path(name, front, yaw, speed, horizon_s, is_ego=index == 0)
+        return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), z)
+
+    def _known(self, front: tuple[float, float], z: float, yaw: float, speed: float, horizon_s: float) -> Path | None:
+        """Where its own route leads the ego; None where that is not known."""
+        if self._known_route is None:
+            return None
+        return self._known_route.path(front, z, yaw, speed, horizon_s + _REACH_S)
 
     def path(
         self, name: str, front: tuple[float, float], yaw: float, speed: float, horizon_s: float, is_ego: bool = False
@@ -183,8 +209,8 @@ class Reader:
         """Where a vehicle's route leads it."""
         lanes, along_m, stops, arrives = self._lanes(name, front, yaw, speed, is_ego)
         fastest = max([speed, *(lane.speed_limit for lane in lanes[:3])])
-        reach_m = 20.0 + 1.2 * fastest * (horizon_s + (_REACH_S if is_ego else 0.0))
-        return path_along(lanes, along_m, front, yaw, speed, min(reach_m, 300.0), arrives and not is_ego, stops)
+        reach_m = reach_within(horizon_s + (_REACH_S if is_ego else 0.0), fastest)
+        return path_along(lanes, along_m, front, yaw, speed, reach_m, arrives and not is_ego, stops)
 
     def _lanes(
         self, name: str, front: tuple[float, float], yaw: float, speed: float, is_ego: bool
@@ -201,11 +227,12 @@ class Reader:
         left_m = sum(self.road.lane[one].length for one in names) - along_m
         for link in vehicle.getNextLinks(name):
             approached, _, is_open, _, _, state = link[:6]
-            waits = state in _CLOSED if state in "ryuUgGsoO" else False
-            yields = not is_open and left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M)
-            if waits or yields:
-                stops.append(Stop(left_m - 1.0))
             onward = self._chains.between(names[-1], approached)
+            shut_s = self._shut_s(names[-1], onward[0] if onward else "", state)
+            if shut_s:
+                stops.append(Stop(left_m - 1.0, shut_s))
+            if not is_open and state not in _CLOSED and left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M):
+                stops.append(Stop(left_m - 1.0))
             if onward is None:
                 break
             names += onward
@@ -216,6 +243,16 @@ class Reader:
         if is_ego:
             lanes = self._further(lanes)
         return lanes, along_m, stops, arrives
+
+    def _shut_s(self, lane: str, onward: str, state: str) -> tuple[tuple[float, float], ...]:
+        """From when until when [s] the light from a lane to the next is closed, which is in that `state` now."""
+        link = next((link for link in self.road.exits[lane] if link.target == onward), None)
+        shows = self._shows.get(link.signal or "") if link is not None else None
+        if link is None or shows is None:
+            return ((0.0, np.inf),) if state in _CLOSED else ()
+        since = [since_s for since_s, _ in shows]
+        spans = zip(since, [*since[1:], np.inf], shows, strict=True)
+        return tuple((begin, end) for begin, end, (_, letters) in spans if letters[link.link] in _CLOSED)
 
     def _lanes_beneath(self, name: str, front: tuple[float, float], yaw: float) -> tuple[list[Lane], float]:
         """The lane that runs under a vehicle that SUMO has on none, and those after it, and how far along it is [m].
@@ -264,5 +301,12 @@ class Reader:
                 min_gap_m=max(vehicle.getMinGap(name), 0.0),
                 speed_factor=max(vehicle.getSpeedFactor(name), 0.01),
                 max_speed_m_s=max(vehicle.getMaxSpeed(name), 0.1),
+                sigma=vehicle.getImperfection(name),
             )
         return self._following[name]
+
+
+def _front(frame: Frame, index: int) -> tuple[float, float]:
+    """The middle of a vehicle's front bumper [m]."""
+    nose = to_sumo(Pose(*(float(values[index]) for values in (frame.x, frame.y, frame.yaw))), frame.types[index].length)
+    return float(nose.x), float(nose.y)

@@ -9,6 +9,8 @@ from regents_cosim.live.paths import Path
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
 
+Shows = tuple[tuple[float, str], ...]  # letters of a light, from how many seconds on; the first from now on
+
 
 @dataclass(frozen=True)
 class Following:
@@ -20,6 +22,7 @@ class Following:
     min_gap_m: float = 2.5
     speed_factor: float = 1.0  # of the limit
     max_speed_m_s: float = 55.6
+    sigma: float = -1.0  # how much a driver by Krauss' model dawdles; negative: by the Intelligent Driver Model
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,8 @@ class TrafficState:
     time_s: float
     users: tuple[RoadUser, ...]  # the ego first, then by increasing id
     road: RoadMap
-    lights: dict[str, str]  # letters by the id of the signal
+    lights: dict[str, Shows]  # by the id of the signal
+    way: Float[np.ndarray, "point 2"] | None = None  # [m] the line that the ego's planner is known to drive along
 
     @property
     def ego(self) -> RoadUser:

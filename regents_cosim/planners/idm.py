@@ -78,16 +78,18 @@ class IDM(JaxPlanner):
 
     def init(self, scene: LoopScene) -> IdmMemory:
         """The route of the ego: its logged path, extended along the lanes."""
-        memory = self.on_route(scene.scenario, scene.origin)
+        memory = self.on_route(scene.scenario, scene.origin, scene.way)
         if scene.world.heights is None:
             return memory
         x, y = memory.x + scene.origin[0], memory.y + scene.origin[1]
         z = scene.scenario.heights.of(0, np.asarray(x, float), np.asarray(y, float))
         return eqx.tree_at(lambda m: m.z, memory, jnp.asarray(z, jnp.float32), is_leaf=lambda leaf: leaf is None)
 
-    def on_route(self, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> IdmMemory:
-        """What it knows of the route of a scenario's ego, in the map's coordinates less `origin` [m]."""
-        route = plan_route(scenario)
+    def on_route(
+        self, scenario: Scenario, origin: Float[np.ndarray, " 2"], way: Float[np.ndarray, "point 2"] | None = None
+    ) -> IdmMemory:
+        """What it knows of the route of a scenario's ego, or of another `way`, in coordinates less `origin` [m]."""
+        route = plan_route(scenario, way)
         points = _pad_line(route.points)
         direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
         angle = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))

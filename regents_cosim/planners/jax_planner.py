@@ -47,6 +47,7 @@ class LoopScene:
 
     scenario: Scenario
     world: World
+    way: Float[np.ndarray, "point 2"] | None = None  # [m] it is to drive along; None: its logged path, extended
 
     @property
     def origin(self) -> Float[np.ndarray, " 2"]:

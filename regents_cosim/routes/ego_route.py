@@ -37,14 +37,21 @@ class Route:
     stop_lines: tuple[StopLine, ...]
 
 
-def plan_route(scenario: Scenario) -> Route:
-    """The ego's logged path, then straight on along connected lanes, with limits and lights."""
-    logged = logged_path(scenario.tracks if scenario.original is None else scenario.original)
-    lanes = lanes_ahead(scenario.road, lanes_under(scenario, 0, logged)[-1])
-    points = evenly(np.concatenate([logged, _extension(logged, lanes)]), SPACING_M)
+def plan_route(scenario: Scenario, way: Float[np.ndarray, "point 2"] | None = None) -> Route:
+    """The ego's logged path, then straight on along connected lanes, with limits and lights.
+
+    Where a `way` [m] is given, with a point every `SPACING_M`, that is its line.
+    """
+    points = _logged_way(scenario) if way is None else way
     on_lane = lanes_under(scenario, 0, points)
     height = scenario.heights.of(0, *points.T)
-    return Route(points, height, _limits(on_lane), _stop_lines(scenario, points, on_lane))
+    return Route(points, height, speed_limits(on_lane), _stop_lines(scenario, points, on_lane))
+
+
+def _logged_way(scenario: Scenario) -> Float[np.ndarray, "point 2"]:
+    logged = logged_path(scenario.tracks if scenario.original is None else scenario.original)
+    lanes = lanes_ahead(scenario.road, lanes_under(scenario, 0, logged)[-1])
+    return evenly(np.concatenate([logged, _extension(logged, lanes)]), SPACING_M)
 
 
 def lanes_under(scenario: Scenario, agent: int, points: Float[np.ndarray, "point 2"]) -> list[Lane | None]:
@@ -107,7 +114,7 @@ def evenly(points: Float[np.ndarray, "point 2"], spacing_m: float) -> Float[np.n
     return np.stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])], axis=1)
 
 
-def _limits(on_lane: list[Lane | None]) -> Float[np.ndarray, " point"]:
+def speed_limits(on_lane: list[Lane | None]) -> Float[np.ndarray, " point"]:
     """Speed limit at every point; where there is no lane, that of the nearest point which has one."""
     limits = np.array([np.nan if lane is None else lane.speed_limit for lane in on_lane])
     known = np.flatnonzero(np.isfinite(limits))

@@ -36,7 +36,8 @@ def replay_in_sumo(
     scenario; at step 0 the ego is always at its track. Agents that are `released` (by index) are
     placed once, where and as fast as they first are, and then driven by SUMO until their route
     ends; those without a route stay on their tracks. `seed` is for SUMO's dice. What `attach` returns is called after
-    every step; the ego then has the route of its track, which the attached code may read.
+    every step; the ego then has the route of its track, and the lights programmes that show what they showed: the
+    attached code may read both.
 
     Pedestrians are persons in SUMO, unless it drives others (`persons`).
     A map that does not come from SUMO is a network of bare lanes there, without lights (`bare_network`).
@@ -54,6 +55,8 @@ def replay_in_sumo(
     drivers = {index: (released or {})[index] for index in routes}
     with _files(scenario, drivers) as files, running_sumo(_options(scenario, files, gui, seed), gui) as sumo:
         stage = Stage(sumo, scenario, routes, drivers, route_of(scenario, 0) if attach is not None else None)
+        if attach is not None:
+            stage.show_signals_ahead()
         watch: Callable[[], object] = _watch_nothing
         for step in range(scenario.tracks.steps):
             stage.play(step)

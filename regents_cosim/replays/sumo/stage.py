@@ -25,6 +25,7 @@ _EXACT_ON_ROUTE = 3  # the same, and the route is kept
 _AS_SUMO_LIKES = -1.0  # speed
 _COLOURS = {"ego": (0, 114, 178, 255), "adversary": (213, 94, 0, 255), "background": (150, 150, 150, 255)}
 _LETTERS = "rygGuosOY"
+_PROGRAMME, _LASTS_S = "replay", 1e5  # of lights; their last phase
 _IN_SIGHT_M = 40.0  # around the ego, in sumo-gui
 
 
@@ -68,6 +69,7 @@ class Stage:
         self._signals = scenario.signals if scenario.road.sumo_net else ()  # bare lanes have no lights
         self._letters: dict[str, list[str]] = {signal.id: [] for signal in self._signals}
         self._check_signals()
+        self._switched = False  # SUMO itself switches the lights
         self._walking = moved_as_persons(scenario, drivers)
         self._persons = Persons(sumo, _some_edge(scenario))
         sumo.route.add("replay", [_some_edge(scenario)])
@@ -230,8 +232,18 @@ class Stage:
                 )
             _check_letters(signal)
 
-    def _show_signals(self, step: int) -> None:
+    def show_signals_ahead(self) -> None:
+        """Call it before the first step: SUMO switches the lights from then on, by programmes that can be read."""
+        light = self._sumo.trafficlight
         for signal in self._signals:
+            lasts = [*np.diff([step for step, _ in signal.changes]) * self._scenario.dt, _LASTS_S]
+            phases = [light.Phase(float(s), letters) for s, (_, letters) in zip(lasts, signal.changes, strict=True)]
+            light.setProgramLogic(signal.id, light.Logic(_PROGRAMME, 0, 0, phases))
+            light.setProgram(signal.id, _PROGRAMME)
+        self._switched = True
+
+    def _show_signals(self, step: int) -> None:
+        for signal in () if self._switched else self._signals:
             for since, letters in signal.changes:
                 if since == step:
                     self._sumo.trafficlight.setRedYellowGreenState(signal.id, letters)
