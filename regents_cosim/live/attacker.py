@@ -18,6 +18,7 @@ from regents_cosim.live.plan import Plan
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.safety import braking, would_touch_others
 
+_LOOKS_S = 0.2  # from one look for a plan to the next, at most
 _MISSES = 3  # renewals that fail one after the other, after which a plan is given up
 _LATE_S = 1.0  # after it should have met the ego
 _NO_PLAN_S = 0.4  # to the contact: what is planned by then stays
@@ -91,7 +92,7 @@ class Attacker:
             self._come_home(frame, self._home)
         elif self._first is not None and self._first.adversary in frame.number and wanted():
             self._begin_with(frame, self._first)
-        elif not self._is_time(frame):
+        elif not self._is_time(frame, min(_LOOKS_S, self._replan_s)):
             self._replanner.prepare(frame)
         elif wanted():
             self._begin(frame)
@@ -109,11 +110,11 @@ class Attacker:
         if held is not None:
             self._tally.given_back += held.control.give_back()
 
-    def _is_time(self, frame: Frame) -> bool:
-        """Whether another plan is due; if so, the next is not before `replan_s`."""
+    def _is_time(self, frame: Frame, every_s: float | None = None) -> bool:
+        """Whether another plan is due; if so, the next is not before `every_s`, by default `replan_s`."""
         if frame.time_s < self._next_s - _EARLY_S:
             return False
-        self._next_s = frame.time_s + self._replan_s
+        self._next_s = frame.time_s + (every_s or self._replan_s)
         return True
 
     # --- beginning -------------------------------------------------------------------------------

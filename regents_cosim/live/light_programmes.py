@@ -18,6 +18,7 @@ class LightProgrammes:
 
     def __init__(self, connection: Any) -> None:
         self._sumo = connection
+        self._step_s = float(connection.simulation.getDeltaT())  # SUMO switches in the step that begins then
         self._known: dict[tuple[str, str], list[_Phase]] = {}
 
     def ahead(self, light: str, letters: str, now_s: float, seconds: float) -> Shows:
@@ -27,7 +28,7 @@ class LightProgrammes:
         shows = [(0.0, letters)]
         if number >= len(phases) or phases[number][1] != letters:
             return tuple(shows)  # the user's own code has set the lamps
-        at_s = float(lights.getNextSwitch(light)) - now_s
+        at_s = float(lights.getNextSwitch(light)) - now_s + self._step_s
         while phases[number][2] and 0.0 < at_s < seconds and len(shows) < _PHASES_AHEAD:
             number = phases[number][3]
             shows.append((at_s, phases[number][1]))

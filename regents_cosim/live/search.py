@@ -38,7 +38,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
 
 _LOOKED_AT = 12  # candidates whose ways are compared with the ego's at one look ...
-_MOST_ASKED = 4  # ... and those of them that could meet it which are asked for drives
+_MOST_ASKED = 2  # ... and those of them that could meet it which are asked for drives
 _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
 _MOST_GAINED_M = 25.0  # ... up to so far
@@ -58,6 +58,7 @@ class Search:
         self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
         self._warm = False  # all programs are compiled
         self._asked: dict[str, float] = {}  # when a candidate was looked at last
+        self._missed: str | None = None  # whose drives are descended from at the next look
         self._road: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # of which adversary, and since when
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Search":
@@ -78,7 +79,7 @@ class Search:
 
     def forget(self) -> None:
         """Another run begins: nothing is known of its vehicles."""
-        self._asked, self._road = {}, ("", -np.inf, None)
+        self._asked, self._missed, self._road = {}, None, ("", -np.inf, None)
 
     def fresh(self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
@@ -90,11 +91,17 @@ class Search:
             ego = loop.unattacked()
             self._warm_up(loop)
             most = _MOST_ASKED if self.config.starts else 1
+            missed, self._missed = self._missed, None
+            again = None if missed is None or missed in barred else moment.traffic.index(missed)
+            if again is not None:
+                return self._descended(loop, again, ego, speed_only)
             for agent in itertools.islice(self._candidates(loop, ego, barred), most):
                 found = self._starts(loop, agent, ego, speed_only)
                 plan = None if found is None else self._plan_from(loop, agent, found)
                 if plan is not None:
                     return plan
+                if found and self._missed is None:
+                    self._missed = moment.scenario.agents[agent].id
             return None
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
@@ -167,6 +174,15 @@ class Search:
             if plan is not None:
                 return plan
         return None
+
+    def _descended(self, loop: PlannerInLoop, agent: int, ego: Tracks, speed_only: bool) -> Plan | None:
+        """What a short descent makes of the most promising drive of an agent whose drives crash the ego not as wanted."""
+        found = self._starts(loop, agent, ego, speed_only)
+        if not found or not self.config.iterations:
+            return None
+        job = self._job(loop, agent)
+        (begun,) = followed(loop.moment.scenario, job, found[:1], self.config.starts, FIT)
+        return _plan(loop.moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
 
     def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False) -> SearchJob:
         """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it."""

@@ -8,11 +8,12 @@ from shapely import box
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.live.paths import Stop, path_along
 from regents_cosim.live.predict import Mirror
-from regents_cosim.live.traffic import RoadUser, TrafficState
+from regents_cosim.live.traffic import Following, RoadUser, TrafficState
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Agent
 
 LIMIT = 14.0
+KRAUSS = Following(sigma=0.5)
 ROAD = RoadMap(
     lanes=(
         Lane("a_0", np.array([[0.0, 0.0], [150.0, 0.0]]), 3.2, LIMIT),
@@ -23,23 +24,28 @@ ROAD = RoadMap(
 )
 
 
-def user(name, front_m, speed, aside=0.0, stops=(), arrives=False):
+def user(name, front_m, speed, aside=0.0, stops=(), arrives=False, following=Following()):
     lanes = list(ROAD.lanes) if not arrives else [ROAD.lanes[0]]
     path = path_along(lanes, front_m, (front_m, aside), 0.0, speed, 150.0, arrives, stops)
     role = "ego" if name == "ego" else "background"
-    return RoadUser(Agent(name, "car", 4.7, 1.8, role), front_m - 2.35, aside, 0.0, speed, path)
+    return RoadUser(Agent(name, "car", 4.7, 1.8, role), front_m - 2.35, aside, 0.0, speed, path, following)
 
 
 def predicted(*users, steps=51):
     return Mirror().predict(TrafficState(0.0, users, ROAD, {}), 0.1, steps)
 
 
-@given(gap=st.floats(3.0, 60.0), speed=st.floats(0.0, LIMIT), lead=st.floats(0.0, LIMIT))
-@settings(max_examples=20)
-def test_a_follower_never_touches_a_leader_that_it_can_brake_for(gap, speed, lead):
+@given(
+    gap=st.floats(3.0, 60.0),
+    speed=st.floats(0.0, LIMIT),
+    lead=st.floats(0.0, LIMIT),
+    follows=st.sampled_from([Following(), KRAUSS]),
+)
+@settings(max_examples=30)
+def test_a_follower_never_touches_a_leader_that_it_can_brake_for(gap, speed, lead, follows):
     if speed > lead and gap < 2.5 + (speed**2 - lead**2) / (2.0 * 4.0) + speed:
         return
-    tracks = predicted(user("ego", 30.0 + 4.7 + gap, lead), user("x", 30.0, speed))
+    tracks = predicted(user("ego", 30.0 + 4.7 + gap, lead), user("x", 30.0, speed, following=follows))
     one, two = (Boxes(tracks.x[k], tracks.y[k], tracks.yaw[k], 4.7, 1.8) for k in (0, 1))
     assert not overlap(one, two).any()
 
@@ -68,3 +74,24 @@ def test_the_limit_is_kept():
     tracks = predicted(user("ego", 30.0, 5.0), steps=101)
     assert tracks.speed[0].max() <= LIMIT * 1.001
     assert tracks.speed[0, -1] > 12.0
+
+
+def test_a_light_is_waited_for_as_long_as_it_is_red():
+    tracks = predicted(user("ego", 30.0, 10.0, stops=(Stop(40.0, ((0.0, 4.0),)),)), steps=121)
+    assert tracks.x[0, 40] + 2.35 < 70.5
+    assert tracks.x[0, -1] + 2.35 > 90.0
+
+
+def test_who_can_no_longer_stop_when_a_light_turns_drives_on():
+    far, near = (
+        predicted(user("ego", 30.0, 13.0, stops=(Stop(at_m, ((1.0, np.inf),)),)), steps=81) for at_m in (50, 20)
+    )
+    assert far.x[0, -1] + 2.35 < 80.5
+    assert near.x[0, -1] + 2.35 > 100.0
+
+
+def test_by_krauss_one_speeds_up_by_all_it_has_less_what_it_dawdles():
+    tracks = predicted(user("ego", 30.0, 5.0, following=KRAUSS), steps=11)
+    assert abs(tracks.speed[0, -1] - 5.0 - 2.6 * 0.75) < 0.05
+    following = predicted(user("ego", 60.0, 10.0, following=KRAUSS), user("x", 42.0, 10.0, following=KRAUSS), steps=2)
+    assert following.speed[1, 1] <= 10.2  # behind a leader at the distance that it wants: 10 m and what SUMO adds
