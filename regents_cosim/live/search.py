@@ -1,8 +1,9 @@
 """Plans of one adversary, found again and again while the traffic goes on: a moment in, a plan out. No SUMO here.
 
 The same search as offline, with a short horizon. A few candidates that could meet the ego are asked for lawful drives
-that do (`attacks.starts`); the first that crashes it as wanted in the planner's closed loop is the plan. Methods
-without such drives descend from the prediction, in few iterations. A plan that is being carried out is looked at again
+that do (`attacks.starts`); the first that crashes it as wanted in the planner's closed loop is the plan. Where a
+candidate's drives do not, the next look descends from one of them. Methods without such drives descend from the
+prediction. All descents have few iterations. A plan that is being carried out is looked at again
 from where all vehicles are by now, and descended from where it would miss.
 """
 
@@ -84,8 +85,8 @@ class Search:
     def fresh(self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
-        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. A few candidates are searched
-        at a look; the others have their turn at the next.
+        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. A look asks a few candidates; the
+        next descends from the drives of one of them, if there were any, or asks others.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
@@ -176,7 +177,7 @@ class Search:
         return None
 
     def _descended(self, loop: PlannerInLoop, agent: int, ego: Tracks, speed_only: bool) -> Plan | None:
-        """What a short descent makes of the most promising drive of an agent whose drives crash the ego not as wanted."""
+        """What a short descent makes of the most promising of an agent's drives, none of which crashed as wanted."""
         found = self._starts(loop, agent, ego, speed_only)
         if not found or not self.config.iterations:
             return None

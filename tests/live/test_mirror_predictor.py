@@ -13,7 +13,7 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Agent
 
 LIMIT = 14.0
-KRAUSS = Following(sigma=0.5)
+KRAUSS, IDM = Following(sigma=0.5), Following()
 ROAD = RoadMap(
     lanes=(
         Lane("a_0", np.array([[0.0, 0.0], [150.0, 0.0]]), 3.2, LIMIT),
@@ -24,7 +24,7 @@ ROAD = RoadMap(
 )
 
 
-def user(name, front_m, speed, aside=0.0, stops=(), arrives=False, following=Following()):
+def user(name, front_m, speed, aside=0.0, stops=(), arrives=False, following=IDM):
     lanes = list(ROAD.lanes) if not arrives else [ROAD.lanes[0]]
     path = path_along(lanes, front_m, (front_m, aside), 0.0, speed, 150.0, arrives, stops)
     role = "ego" if name == "ego" else "background"
@@ -39,7 +39,7 @@ def predicted(*users, steps=51):
     gap=st.floats(3.0, 60.0),
     speed=st.floats(0.0, LIMIT),
     lead=st.floats(0.0, LIMIT),
-    follows=st.sampled_from([Following(), KRAUSS]),
+    follows=st.sampled_from([IDM, KRAUSS]),
 )
 @settings(max_examples=30)
 def test_a_follower_never_touches_a_leader_that_it_can_brake_for(gap, speed, lead, follows):

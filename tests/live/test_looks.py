@@ -1,0 +1,76 @@
+"""Who is asked at a look for a plan, and who at the next."""
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import pytest
+
+from regents_cosim.live.search import Search
+from regents_cosim.live.settings import live_config
+
+NAMES = ("ego", "a", "b", "c", "d")
+
+
+class Asked(Search):
+    """A search that notes who is asked; `drives` have lawful drives, of which none crashes the ego as wanted."""
+
+    def __init__(self, drives):
+        super().__init__("idm", live_config("focused"))
+        self.noted, self._drives, self._turn = [], drives, 0
+
+    def _in_loop(self, moment):
+        return nullcontext(SimpleNamespace(moment=moment, unattacked=lambda: None))
+
+    def _warm_up(self, loop):
+        pass
+
+    def _candidates(self, loop, ego, barred):
+        while True:
+            self._turn = self._turn % 4 + 1
+            yield self._turn
+
+    def _starts(self, loop, agent, ego, speed_only):
+        self.noted.append(f"ask {NAMES[agent]}")
+        return ["drive"] if NAMES[agent] in self._drives else None
+
+    def _plan_from(self, loop, agent, found):
+        return None
+
+    def _descended(self, loop, agent, ego, speed_only):
+        self.noted.append(f"descend {NAMES[agent]}")
+
+
+@pytest.fixture
+def moment():
+    return SimpleNamespace(
+        scenario=SimpleNamespace(agents=[SimpleNamespace(id=name) for name in NAMES]),
+        traffic=SimpleNamespace(index=lambda name: NAMES.index(name)),
+    )
+
+
+def looks(search, moment, count, **more):
+    for _ in range(count):
+        assert search.fresh(moment, **more) is None
+    return search.noted
+
+
+def test_a_look_asks_two_and_the_next_goes_on_from_drives_that_did_not_crash_as_wanted(moment):
+    said = looks(Asked({"b"}), moment, 4)
+    assert said == ["ask a", "ask b", "descend b", "ask c", "ask d", "ask a", "ask b"]
+
+
+def test_without_drives_every_look_asks_two_more(moment):
+    assert looks(Asked(set()), moment, 2) == ["ask a", "ask b", "ask c", "ask d"]
+
+
+def test_who_is_barred_by_then_is_not_descended_from(moment):
+    search = Asked({"a"})
+    looks(search, moment, 1)
+    assert looks(search, moment, 1, barred={"a"})[2:] == ["ask c", "ask d"]
+
+
+def test_another_run_knows_nothing_of_the_one_before(moment):
+    search = Asked({"a"})
+    looks(search, moment, 1)
+    search.forget()
+    assert looks(search, moment, 1)[2:] == ["ask c", "ask d"]
