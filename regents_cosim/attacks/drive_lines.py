@@ -60,6 +60,19 @@ class DriveLine:
         return tuple(np.interp(way, along, values) for values in (*self.points.T, self.heading))  # pyright: ignore
 
 
+class AlongLines(NamedTuple):
+    """Where some that follow lines are, [row time]."""
+
+    along: Float[np.ndarray, "row time"]  # [m] on the line
+    x: Float[np.ndarray, "row time"]  # [m]
+    y: Float[np.ndarray, "row time"]  # [m]
+    yaw: Float[np.ndarray, "row time"]  # [rad]
+
+    def take(self, chosen: np.ndarray) -> "AlongLines":
+        """Some of them, by mask or index."""
+        return AlongLines(*(values[chosen] for values in self))
+
+
 class Near(NamedTuple):
     """Places of the ego, and how far from them the middle of one that touches it can be."""
 

@@ -5,10 +5,11 @@ from dataclasses import fields, replace
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.limits import ACCEL_WINDOW_S
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, Controls, stopping_speed
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.world import DriveBounds, World
@@ -19,7 +20,7 @@ from regents_cosim.verdicts.ordinary import AT_ONCE_M_S3, DrivingLimits, ordinar
 _LIMITED = tuple(field.name for field in fields(DriveBounds))
 _NO_BOUND = 1e3  # m/s^2 and m/s^3: no control of the mirror comes near
 _ROUNDING = 1e-3  # of the seconds that so many steps take
-_SLOWEST_M_S = 1.0  # below, curvature is bounded as if it were as fast: who crawls may turn on the spot
+SLOWEST_TURN_M_S = 1.0  # below, curvature is bounded as if it were as fast: who crawls may turn on the spot
 
 
 def limits_by_kind(scenario: Scenario, config: AttackConfig) -> dict[str, DrivingLimits]:
@@ -53,14 +54,20 @@ def within_bounds(world: World, searched: SearchedAgents, controls: Controls) ->
         return controls
     rows = searched.rows
     bounds, logged, moving = rows(world.bounds), rows(world.controls), rows(world.moving)
-    accel = _eased(controls.accel, logged.accel, moving, bounds, world.dt)
+    first = jnp.argmax(moving, axis=1)[:, None]
+    begun = jnp.take_along_axis(logged.accel, first, axis=1)
+    if world.walks is not None:
+        walks = rows(world.walks)[:, None]
+        begun = jnp.where(walks, _begun_on_foot(logged.accel, first, world.dt), begun)
+        first = jnp.where(walks, first - 1, first)  # by a mean over some steps no single one is bound
+    accel = _eased(controls.accel, logged.accel, first, begun, bounds, world.dt)
     speed = stopping_speed(rows(world.start.speed), jnp.where(moving, accel, 0.0) * world.dt)
     if world.slower_users:  # those on foot or on a bicycle stop getting faster at once, however jerk eases it off
         slower = jnp.minimum(speed, rows(world.top_speed)[:, None])
         too_fast = moving & (speed[:, 1:] > slower[:, 1:])
         accel = jnp.where(too_fast, jnp.minimum(accel, jnp.diff(slower) / world.dt), accel)
         speed = slower
-    tightest = _lateral(bounds, logged, rows(world.log.speed)) / jnp.maximum(_square(speed), _SLOWEST_M_S**2)
+    tightest = _lateral(bounds, logged, rows(world.log.speed)) / jnp.maximum(_square(speed), SLOWEST_TURN_M_S**2)
     if world.walks is not None:
         tightest = jnp.where(rows(world.walks)[:, None], _fastest_turn(bounds, logged, speed), tightest)
     return Controls(accel, jnp.clip(controls.curvature, -tightest, tightest))
@@ -71,27 +78,35 @@ def _fastest_turn(
 ) -> Float[Array, "searched step"]:
     """How fast who walks may turn, as a curvature: sideways acceleration is speed times turn rate; as in the log, too.
 
-    Who stands or is slower than `_SLOWEST_M_S` turns as if it went so fast.
+    Who stands or is slower than `SLOWEST_TURN_M_S` turns as if it went so fast.
     """
-    pace = TURN_PACE_M_S * jnp.maximum(0.5 * (speed[:, :-1] + speed[:, 1:]), _SLOWEST_M_S)
+    pace = TURN_PACE_M_S * jnp.maximum(0.5 * (speed[:, :-1] + speed[:, 1:]), SLOWEST_TURN_M_S)
     return jnp.maximum(bounds.lateral_accel[:, None] / pace, jnp.abs(logged.curvature))
+
+
+def _begun_on_foot(
+    logged: Float[Array, "searched step"], first: Int[Array, "searched 1"], dt: Float[Array, ""]
+) -> Float[Array, "searched 1"]:
+    """The mean of the first accelerations of a log [m/s^2]: those of single steps on foot are as large as any."""
+    steps = jnp.arange(logged.shape[1])
+    begins = (steps >= first) & (steps < first + jnp.maximum(jnp.round(ACCEL_WINDOW_S / dt), 1.0))
+    return (logged * begins).sum(axis=1, keepdims=True) / begins.sum(axis=1, keepdims=True)
 
 
 def _eased(
     accel: Float[Array, "searched step"],
     logged: Float[Array, "searched step"],
-    moving: Array,
+    first: Int[Array, "searched 1"],
+    begun: Float[Array, "searched 1"],
     bounds: DriveBounds,
     dt: Float[Array, ""],
 ) -> Float[Array, "searched step"]:
-    """Clipped, and changing over any second by no more than the jerk allows, the first from what the log begins with.
+    """Clipped, and changing over any second by no more than the jerk allows, at step `first` from what it has `begun`.
 
     How far apart the accelerations of two steps may be is a metric on the steps. The mean of the least function above
     and the greatest below that keep to it (McShane 1934): of all that do, none has a smaller greatest difference.
     """
     steps = jnp.arange(accel.shape[1], dtype=jnp.float32)
-    first = jnp.argmax(moving, axis=1)[:, None]
-    begun = jnp.take_along_axis(logged, first, axis=1)
     since = jnp.maximum(_may_change(jnp.abs(steps - first) * dt, bounds.jerk[:, None]), jnp.abs(logged - begun))
     most = jnp.maximum(jnp.minimum(bounds.accel[:, None], begun + since), logged)
     least = jnp.minimum(jnp.maximum(-bounds.braking[:, None], begun - since), logged)

@@ -20,8 +20,20 @@ _BEFORE_LIGHT_M = 1.0  # it stops
 _BRAKES = (1.0, 0.6, 0.4, 0.2)  # shares of the hardest braking
 _SLOWER = (0.0, 0.25, 0.5, 0.75)  # shares of the speed at first that braking ends at
 _GAINS = (0.3, 0.6, 1.0)  # shares of the greatest acceleration
-_FASTER_M_S = (1.0, 2.0, 4.0, 6.0, 9.0, 13.0)
-_BEGINS_S = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)  # until then it goes on, or waits
+
+
+@dataclass(frozen=True)
+class Paces:
+    """Which changes of speed are tried."""
+
+    usual_m_s: float  # who is slower brakes to shares of this
+    faster_m_s: tuple[float, ...]
+    begins_s: tuple[float, ...]  # until then it goes on, or waits
+
+
+DRIVING = Paces(PULLING_OUT_M_S, (1.0, 2.0, 4.0, 6.0, 9.0, 13.0), (0.0, 1.0, 2.0, 3.0, 4.0, 5.0))
+# On foot half a second decides whether the front meets one or passes.
+WALKING = Paces(1.2, (0.3, 0.6, 1.0, 1.5, 2.1), tuple(0.5 * k for k in range(11)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,23 +77,25 @@ class Lights:
         )
 
 
-def profiles(lines: Sequence[DriveLine], speed: float, fastest_logged: float, limits: DrivingLimits) -> Profiles:
+def profiles(
+    lines: Sequence[DriveLine], speed: float, fastest_logged: float, limits: DrivingLimits, paces: Paces
+) -> Profiles:
     """Those that one with that speed [m/s] has on the lines; at most 1.2 times the limit, or as fast as in its log."""
     rows = [
         (index, *change)
         for index, line in enumerate(lines)
-        for change in _changes(speed, _most(line.limit, fastest_logged), limits)
+        for change in _changes(speed, _most(line.limit, fastest_logged), limits, paces)
     ]
     line, accel, wanted, begins_s = np.array(rows).T
     return Profiles(line.astype(int), accel, wanted, begins_s)
 
 
-def _changes(speed: float, most: float, limits: DrivingLimits) -> Iterator[tuple[float, float, float]]:
+def _changes(speed: float, most: float, limits: DrivingLimits, paces: Paces) -> Iterator[tuple[float, float, float]]:
     """Accelerations [m/s^2], the speeds [m/s] at which they end, and when they begin [s]."""
-    slower = [(-b * limits.braking, share * max(speed, PULLING_OUT_M_S)) for b in _BRAKES for share in _SLOWER]
-    faster = [(gain * limits.accel, speed + more) for gain in _GAINS for more in _FASTER_M_S]
+    slower = [(-b * limits.braking, share * max(speed, paces.usual_m_s)) for b in _BRAKES for share in _SLOWER]
+    faster = [(gain * limits.accel, speed + more) for gain in _GAINS for more in paces.faster_m_s]
     yield 0.0, speed, 0.0
-    for begins_s in _BEGINS_S:
+    for begins_s in paces.begins_s:
         yield from ((accel, wanted, begins_s) for accel, wanted in slower if wanted < speed)
         yield from ((accel, wanted, begins_s) for accel, wanted in faster if wanted <= most)
 

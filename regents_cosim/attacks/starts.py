@@ -10,6 +10,7 @@ the ego's place would see coming for some seconds: gentle, from the side.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -18,22 +19,24 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.actions import to_actions
-from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, Near, lines_ahead
+from regents_cosim.attacks.drive_lines import SPACING_M, AlongLines, DriveLine, Near, lines_ahead
 from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.meeting import MeetingDrives, MeetingPair, contact_of
 from regents_cosim.attacks.promise import promise_of, promise_on_foot
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.attacks.speed_profiles import Lights, Profiles, drive, profiles
+from regents_cosim.attacks.speed_profiles import DRIVING, WALKING, Lights, Profiles, drive, profiles
 from regents_cosim.attacks.walked_lines import walked_lines
+from regents_cosim.attacks.walking import walk
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.limits import ACCEL_WINDOW_S, MOST_SPEED_M_S, OVER_LIMIT
 from regents_cosim.mirror.actions import OF_RECORDINGS, Fit, fit_controls
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import Controls, Motion, clip
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.offences import is_unlawful
 from regents_cosim.verdicts.ordinary import DrivingLimits
 from regents_cosim.verdicts.safe_distance import safe_distance
 
@@ -77,11 +80,16 @@ def followed(
 
 
 def _fitted(job: SearchJob, wanted: Motion, how: Fit) -> Controls:
-    """The controls [drive, step] with which the job's candidate follows drives [drive, time]."""
+    """The controls [drive, step] with which the job's candidate follows drives [drive, time].
+
+    Walks are made of such controls (`walking`).
+    """
     start, moving, mobility = jax.tree.map(
         lambda values: jnp.repeat(values, len(wanted.x), axis=0),
         job.searched.rows((job.world.start, job.world.moving, job.world.mobility)),
     )
+    if mobility.dynamics == "bicycle" and mobility.walks is not None and bool(mobility.walks[0]):
+        return clip(mobility.controls_between(wanted, job.world.dt))
     there = jnp.ones(wanted.x.shape, bool)
     return fit_controls(wanted, there, start, moving, job.world.dt, mobility, how)
 
@@ -105,14 +113,16 @@ def starts(
         return []
     contact = np.column_stack([(pair.first + drives.meets) * scenario.dt, contact_of(drives, pair.own)])
     promise, alike = promise_of(drives, pair.own, scenario), _ALIKE
-    if scenario.agents[agent].kind == "pedestrian":
+    walks = scenario.agents[agent].kind == "pedestrian"
+    if walks:
         promise, alike = promise + promise_on_foot(drives, pair, scenario.dt), _ALIKE_ON_FOOT
+    may_walk = partial(_keeps_law, scenario, agent, ego) if walks and lawful else lambda _: True
     others, chosen, left = _Others(scenario, agent), list[Start](), np.ones(len(promise), bool)
     for row in np.argsort(-promise, kind="stable").tolist():
         if len(chosen) == most:
             break
         start = _start(drives, row, pair.first, contact[row], float(promise[row])) if left[row] else None
-        if start is not None and others.left_alone_by(start):
+        if start is not None and others.left_alone_by(start) and may_walk(start):
             chosen.append(start)
             left &= (np.abs(contact - contact[row]) > alike).any(axis=1)
     return chosen
@@ -126,6 +136,16 @@ def _start(drives: MeetingDrives, row: int, first: int, contact: Float[np.ndarra
     )
     when, ahead, turn = contact.tolist()
     return Start(x, y, yaw, speed, first + int(drives.meets[row]), (when, ahead, turn), promise)
+
+
+def _keeps_law(scenario: Scenario, agent: int, ego: Tracks, start: Start) -> bool:
+    """Whether one on foot breaks no law until it meets the `ego`: its line may not, but it cuts the line's corners."""
+    moved = {}
+    for name in ("x", "y", "yaw", "speed"):
+        values = np.array(getattr(scenario.tracks, name))
+        values[0], values[agent] = getattr(ego, name)[0], getattr(start, name)
+        moved[name] = values
+    return not is_unlawful(scenario, replace(scenario.tracks, **moved, accel=None, curvature=None), agent, start.meets)
 
 
 class _Others:
@@ -162,14 +182,22 @@ def _drives(
         return None
     logged, lines = scenario.tracks.speed[agent], [line for line, _ in marked]
     begun = float(logged[pair.first]), _begun_accel(logged[pair.first :], scenario.dt)
-    wanted = profiles(lines, begun[0], float(logged.max()), limits)
-    wanted, driven = _driven(lines, begun, wanted, pair, scenario.dt, limits)
+    walks = scenario.agents[agent].kind == "pedestrian"
+    wanted = profiles(lines, begun[0], float(logged.max()), limits, WALKING if walks else DRIVING)
+    wanted, (speed, travelled) = _driven(lines, begun, wanted, pair, scenario.dt, limits)
+    walked = None
+    if walks:
+        begun_at = tuple(float(getattr(scenario.tracks, name)[agent, pair.first]) for name in ("x", "y", "yaw"))
+        walked = walk(lines, wanted.line, begun_at, speed, scenario.dt, limits)
     found = []
     for index, (line, touched) in enumerate(marked):
         rows = np.flatnonzero(wanted.line == index)
-        rows = rows[_enters(touched, driven[1][rows])]
-        speed, travelled = (values[rows] for values in driven)
-        some = _along(line, speed, travelled, np.abs(wanted.accel[rows]), pair, scenario.dt)
+        if walked is None:
+            rows = rows[_enters(touched, travelled[rows])]
+            placed = AlongLines(travelled[rows], *line.at(travelled[rows]))
+        else:
+            placed = walked.take(rows)
+        some = _along(line, speed[rows], placed, np.abs(wanted.accel[rows]), pair, scenario.dt)
         found.append(_kept(some, _hardest_turn(some, scenario.dt) <= limits.lateral_accel))
     return MeetingDrives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(MeetingDrives)))
 
@@ -218,10 +246,10 @@ def _enters(touched: Bool[np.ndarray, "point time"], travelled: Float[np.ndarray
 
 
 def _along(
-    line: DriveLine, speed: np.ndarray, travelled: np.ndarray, accel: np.ndarray, pair: MeetingPair, dt: float
+    line: DriveLine, speed: np.ndarray, placed: AlongLines, accel: np.ndarray, pair: MeetingPair, dt: float
 ) -> MeetingDrives:
     """Those of some drives along a line [drive, time] that may be starts."""
-    x, y, yaw = line.at(travelled)
+    travelled, x, y, yaw = placed
     hits = pair.touch(x, y, yaw)
     meets = np.argmax(hits, axis=1)
     shows_s = (travelled < line.shows_m).sum(axis=1) * dt

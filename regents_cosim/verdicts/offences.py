@@ -15,7 +15,7 @@ from regents_cosim.judgement import Law, Offence, OffenceName
 from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import RED, Scenario
+from regents_cosim.scenario import RED, Scenario, Tracks
 from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT, stepped_in_log, unknown_on_foot
@@ -52,6 +52,12 @@ def law_of(attacked: Scenario) -> Law | None:
     one, two = (driven(attacked, agent, hit.step) for agent in (other, 0))
     its, own = _unknown(attacked, other), _unknown(attacked)
     return Law(_offences(one, two, its), _offences(two, one, own), tuple(dict.fromkeys((*own, *its))))
+
+
+def is_unlawful(scenario: Scenario, moved: Tracks, agent: int, step: int) -> bool:
+    """Whether an agent of a recording that meets the ego at `step`, both moving along `moved`, breaks a law."""
+    own, ego = (AgentDrive(scenario, one, moved, step) for one in (agent, 0))
+    return Law(_offences(own, ego, _unknown(scenario, agent)), ()).lawful is False
 
 
 def _offences(drive: AgentDrive, partner: AgentDrive, unknown: tuple[OffenceName, ...]) -> tuple[Offence, ...]:

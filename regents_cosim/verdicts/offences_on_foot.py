@@ -11,7 +11,7 @@ import numpy as np
 from regents_cosim.judgement import OffenceName
 from regents_cosim.limits import MOVED_M, OFF_ROAD_M
 from regents_cosim.scenario import RED, Scenario
-from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct
+from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, logged
 from regents_cosim.verdicts.priority import gives_no_way
 from regents_cosim.verdicts.safe_distance import safe_distance
 from regents_cosim.verdicts.walking_ground import (
@@ -72,10 +72,7 @@ def _steps_out(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | 
 
 def stepped_in_log(drive: AgentDrive, act: OffendingAct) -> bool:
     """Whether it had come so in its log, up to the step at which it stepped out."""
-    log, upto = drive.scenario.original, slice(act.step + 1)
-    if log is None:
-        return True
-    own = drive.agent
+    log, own, upto = logged(drive.scenario, drive.agent).tracks, drive.agent, slice(act.step + 1)
     away = np.hypot(drive.tracks.x[own, upto] - log.x[own, upto], drive.tracks.y[own, upto] - log.y[own, upto])
     return not np.any(away > MOVED_M)
 

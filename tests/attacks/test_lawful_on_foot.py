@@ -9,13 +9,18 @@ from scenes import crash, scene
 from walkers import moved_through, walked, zebra
 
 from regents_cosim.attacks.acceptance import ego_contacts, is_clean
+from regents_cosim.attacks.actions import to_controls
 from regents_cosim.attacks.costs import road_deviation
+from regents_cosim.attacks.driving_limits import with_bounds
+from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.lawful import lawful_road, under_the_law
+from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.attacks.starts import starts
+from regents_cosim.attacks.starts import followed, starts
 from regents_cosim.collisions import first_contact
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.clean import flaws
@@ -57,6 +62,24 @@ def test_starts_keep_the_law():
                 assert light != "Gr"
                 tried += 1
     assert tried >= 8
+
+
+def test_walks_begin_with_the_heading_that_they_are_seen_with_and_can_be_walked():
+    rng, tried = np.random.default_rng(2), 0
+    for heading in rng.uniform(-np.pi, np.pi, 6):
+        pace = rng.uniform(0.6, 1.8)
+        made = street(rng.uniform(28, 46), rng.choice([-2.6, 5.8]))
+        gone = pace * TIME
+        made = walked(made, 1, made.tracks.x[1] + gone * np.cos(heading), made.tracks.y[1] + gone * np.sin(heading))
+        world = with_bounds(to_world(made), made, REGENTS_FOCUSED, {"pedestrian": PEDESTRIAN})
+        job = SearchJob(world, None, SearchedAgents.only(1, len(world.valid)))
+        some = found(made, lawful=False)
+        for start, actions in zip(some, followed(made, job, some, 12), strict=True):
+            motion = roll_out_background(world, job.searched.put(world.controls, to_controls(actions)))
+            off = np.hypot(motion.x[1] + scene_origin(made)[0] - start.x, motion.y[1] + scene_origin(made)[1] - start.y)
+            assert off[: start.meets + 1].max() < 0.3
+            tried += 1
+    assert tried >= 30
 
 
 def test_those_come_first_that_are_hit_by_the_front_and_are_not_long_in_the_way():
