@@ -187,8 +187,9 @@ def _drives(
     wanted, (speed, travelled) = _driven(lines, begun, wanted, pair, scenario.dt, limits)
     walked = None
     if walks:
-        begun_at = tuple(float(getattr(scenario.tracks, name)[agent, pair.first]) for name in ("x", "y", "yaw"))
-        walked = walk(lines, wanted.line, begun_at, speed, scenario.dt, limits)
+        tracks, at = scenario.tracks, (agent, pair.first)
+        pose = float(tracks.x[at]), float(tracks.y[at]), float(tracks.yaw[at])
+        walked = walk(lines, wanted.line, pose, speed, scenario.dt, limits)
     found = []
     for index, (line, touched) in enumerate(marked):
         rows = np.flatnonzero(wanted.line == index)
