@@ -68,8 +68,8 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
         if setup.chooses_drives:
             nearest = [agent for agent in nearest if found[agent]]
     if not nearest:
-        nobody = SearchedAgents.among(jnp.zeros(allowed.shape, bool))
-        return [_together(setup, scenario, SearchJob(world, memory, nobody))]
+        none = SearchedAgents.among(jnp.zeros(allowed.shape, bool))
+        return [_together(setup, scenario, SearchJob(world, memory, none))]
     return [
         Candidate(
             scenario,

@@ -56,7 +56,7 @@ class Wanted:
         return wanted
 
     def promised_by(self, cases: Sequence[Scenario]) -> frozenset[str] | None:
-        """The kinds that drives in a window would make, by what was found there; None where nobody looked."""
+        """The kinds that drives in a window would make, by what was found there; None where no one looked."""
         said = [case.attack.settings.get("kinds") for case in cases if case.attack]
         known = [kinds.split() for kinds in said if isinstance(kinds, str)]
         return frozenset[str]().union(*known) if known else None
