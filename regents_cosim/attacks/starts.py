@@ -183,6 +183,8 @@ def _drives(
     logged, lines = scenario.tracks.speed[agent], [line for line, _ in marked]
     begun = float(logged[pair.first]), _begun_accel(logged[pair.first :], scenario.dt)
     walks = scenario.agents[agent].kind == "pedestrian"
+    if walks:
+        begun = begun[0], min(max(begun[1], -limits.braking), limits.accel)
     wanted = profiles(lines, begun[0], float(logged.max()), limits, WALKING if walks else DRIVING)
     wanted, (speed, travelled) = _driven(lines, begun, wanted, pair, scenario.dt, limits)
     walked = None

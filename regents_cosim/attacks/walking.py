@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.attacks.drive_lines import SPACING_M, AlongLines, DriveLine
-from regents_cosim.attacks.driving_limits import SLOWEST_TURN_M_S
+from regents_cosim.attacks.driving_limits import SLOWEST_TURN_M_S, STEADY_TURN
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
 _AHEAD_M, _AHEAD_S = 0.5, 0.5  # so far ahead on the line it heads for, and how far it walks in so long
-_OF_FASTEST = 0.98  # of the fastest turn: the search works with fewer digits
+_OF_FASTEST = 0.998 * STEADY_TURN  # of the fastest turn: the search works with fewer digits
 
 
 def walk(

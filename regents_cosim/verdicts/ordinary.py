@@ -40,9 +40,8 @@ HEAVY = replace(CAR, accel=1.3, lateral_accel=2.5)
 # ways are designed for (AASHTO 1999, Guide for the Development of Bicycle Facilities), holds 2.6 sideways. The four
 # cyclists of eight Waymo and two Argoverse 2 scenes stay far below (99th percentiles: 0.9, 0.9, 0.3, jerk 1.7).
 CYCLIST = DrivingLimits(accel=1.2, braking=3.0, lateral_accel=2.5, jerk=2.0)
-# 99th percentiles over the moving steps of the 19 pedestrians of those scenes: acceleration 0.85, braking 0.83,
-# sideways 0.91 m/s^2, jerk 1.4 m/s^3, rounded up.
-PEDESTRIAN = DrivingLimits(accel=0.9, braking=0.9, lateral_accel=1.0, jerk=1.5)
+# 99th percentiles over the moving steps of the 19 pedestrians of those scenes.
+PEDESTRIAN = DrivingLimits(accel=0.85, braking=0.83, lateral_accel=0.91, jerk=1.4)
 
 # No percentile of noisy tracks goes beyond: what the mirror's controls and tyres on dry asphalt can do.
 _CEILING = DrivingLimits(accel=6.0, braking=6.0, lateral_accel=MOST_ACCEL_M_S2, jerk=AT_ONCE_M_S3)
@@ -62,8 +61,11 @@ def ordinary(scenario: Scenario, kind: str) -> DrivingLimits:
     """What drivers of one kind do at most in the scenario's traffic as it was recorded.
 
     The 99th percentile over the steps of those that move, and at least what is ordinary for the kind anywhere: a
-    window of some seconds may hold none that has to brake. Where there are too few of them, the latter alone.
+    window of some seconds may hold none that has to brake. Where there are too few of them, the latter alone, and of
+    pedestrians always: those of simulators turn on the spot, which no recorded one does.
     """
+    if kind == "pedestrian":
+        return PEDESTRIAN
     alike = [index for index, one in enumerate(scenario.agents) if one.kind == kind]
     return _at_least(of_kind(kind), scenario.original or scenario.tracks, alike, scenario.dt)
 

@@ -22,7 +22,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from regents_cosim.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
 from regents_cosim.verdicts.handling import MEAN_S, Handling, handling
-from regents_cosim.verdicts.ordinary import CAR, PEDESTRIAN, DrivingLimits
+from regents_cosim.verdicts.ordinary import CAR, DrivingLimits
 
 CONTINUATIONS = 400
 _NEAREST_OF = 8  # pieces drawn, the nearest of which goes on
@@ -49,7 +49,8 @@ class _Kind:
 # Peaks of the vehicles that `ordinary.CAR` was taken from and of those of Argoverse 2 and USA_Peach; of 17 pedestrians
 # of the eight scenes of Waymo and the two of Argoverse 2 that had a say. The two cyclists there say nothing.
 _VEHICLES = _Kind(VEHICLE_KINDS, CAR, np.array([2.0, 1.0, 1.0]), median=0.7, spread=0.8)
-_ON_FOOT = _Kind(frozenset({"pedestrian"}), PEDESTRIAN, np.array([0.5, 0.3, 0.3]), median=1.0, spread=0.7)
+_HARD_ON_FOOT = DrivingLimits(accel=0.9, braking=0.9, lateral_accel=1.0, jerk=1.5)  # `ordinary.PEDESTRIAN`, rounded up
+_ON_FOOT = _Kind(frozenset({"pedestrian"}), _HARD_ON_FOOT, np.array([0.5, 0.3, 0.3]), median=1.0, spread=0.7)
 
 
 def usual(attacked: Scenario) -> float | None:

@@ -9,7 +9,8 @@ from pathlib import Path
 import jax
 import pytest
 from plain_numpy import cost
-from timing import STILL, attack, dense_traffic, in_threads, job, seconds
+from timing import STILL, attack, bounded_job, dense_traffic, in_threads, job, seconds
+from walkers import as_kind
 
 from regents_cosim.attacks.attack import attack as attack_scenarios
 from regents_cosim.attacks.presets import KING, REGENTS
@@ -26,6 +27,20 @@ def test_one_iteration(benchmark, planner):
     benchmark.pedantic(lambda: attack(under_test, wanted), rounds=1)
     benchmark.extra_info["ms_per_iteration"] = took
     print(f"\n{planner}: {took:.3f} ms per iteration, {AGENTS} agents, 80 steps, one scenario")
+
+
+@pytest.mark.parametrize("one", [False, True])
+def test_an_iteration_with_people(benchmark, one):
+    """A third of the 32 on foot beside vehicles alone, the same bounds in both: of all together, or of one of them."""
+    config = replace(STILL, driving="ordinary", adversary_kinds=("vehicle", "pedestrian"))
+    vehicles = mixed = dense_traffic(AGENTS)
+    for agent in range(2, AGENTS, 3):
+        mixed = as_kind(mixed, agent, "pedestrian")
+    jobs = [bounded_job(made, config, 2 if one else None) for made in (vehicles, mixed)]
+    of_vehicles, of_mixed = (1e3 * seconds(lambda j=j: attack(*j, config)) / STILL.iterations for j in jobs)
+    benchmark.pedantic(attack, (*jobs[1], config), rounds=1)
+    benchmark.extra_info |= {"ms_per_iteration": of_mixed, "times_vehicles_alone": of_mixed / of_vehicles}
+    print(f"\n{'one' if one else 'joint'}: {of_mixed:.3f} ms, {of_mixed / of_vehicles:.2f} x that of vehicles alone")
 
 
 @pytest.mark.parametrize("planner", ["log_replay", "idm"])

@@ -11,7 +11,9 @@ import numpy as np
 from scenes import scene
 
 from regents_cosim.attacks.batched_search import SearchJob
+from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
 from regents_cosim.attacks.presets import KING, AttackConfig
+from regents_cosim.attacks.rules import of_kinds
 from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.world import to_world
@@ -38,6 +40,15 @@ def job(scenario: Scenario, planner: str) -> tuple[Any, SearchJob]:
     return under_test, SearchJob(
         world, memory, SearchedAgents.among(world.vehicle & (np.arange(len(world.vehicle)) > 0))
     )
+
+
+def bounded_job(scenario: Scenario, config: AttackConfig, agent: int | None) -> tuple[Any, SearchJob]:
+    """The same with the bounds of a configuration, by which its kinds may attack; with an `agent`, one for it alone."""
+    under_test, wanted = job(scenario, "log_replay")
+    world = with_bounds(wanted.world, scenario, config, limits_by_kind(scenario, config))
+    everyone = SearchedAgents.among(of_kinds(world, config.adversary_kinds) & (np.arange(len(world.vehicle)) > 0))
+    searched = everyone if agent is None else SearchedAgents.only(agent, len(world.vehicle))
+    return under_test, SearchJob(world, wanted.memory, searched)
 
 
 def attack(planner: Any, wanted: SearchJob, config: AttackConfig = STILL) -> Any:
