@@ -251,6 +251,12 @@ NETWORKS = {
         MOTORWAY,
         {"main exit": 2500, "main off": 550, "on exit": 500, "on off": 50},
     ),
+    "lane_drop": Network(
+        "netconvert",
+        "-x lane_drop.con.xml",
+        URBAN,
+        {"main exit": 1200},
+    ),
     "town": Network(
         "netconvert",
         "-x town.con.xml --walkingareas --default.junctions.radius 6 --tls.cycle.time 70 --tls.allred.time 3",

@@ -64,8 +64,8 @@ class TrafficOptions:
     """Ordinary traffic, in SUMO's own option names, and the windows to cut out of it."""
 
     config: Annotated[Path | None, Parameter(["--configuration-file", "-c"])] = None
-    """SUMO configuration (.sumocfg), or shipped:NETWORK: merge, crossing, signals, roundabout, grid, multilane, town or
-    street"""
+    """SUMO configuration (.sumocfg), or shipped:NETWORK: merge, crossing, signals, roundabout, grid, multilane,
+    lane_drop, town or street"""
     net: Annotated[Path | None, Parameter(["--net-file", "-n"])] = None
     """SUMO network (.net.xml, .net.xml.gz)"""
     routes: Annotated[str, Parameter(["--route-files", "-r"])] = ""

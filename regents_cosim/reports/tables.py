@@ -9,7 +9,7 @@ import numpy as np
 from regents_cosim.campaign.status import RunStatus
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases
-from regents_cosim.cases.shipped import NETWORKS, SUITES, WITH_PERSONS, suite_folder
+from regents_cosim.cases.shipped import NAMED_ONLY, NETWORKS, SUITES, WITH_PERSONS, suite_folder
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.inspection import Inspection
@@ -42,7 +42,7 @@ SCORED = ("score", "driver", "value")
 def shipped_rows() -> list[dict[str, Any]]:
     """The suites and networks that come with the package, by the names that commands take."""
     suites = [(name, f"suite of {len(find_cases(suite_folder(name)))} cases") for name in SUITES]
-    networks = [(name, "SUMO network with traffic") for name in NETWORKS]
+    networks = [(name, "SUMO network with traffic") for name in NETWORKS + NAMED_ONLY]
     networks += [(name, "SUMO network with traffic, pedestrians and cyclists") for name in WITH_PERSONS]
     return [{"name": f"shipped:{name}", "what": what} for name, what in (*suites, *networks)]
 

@@ -15,7 +15,7 @@ from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.verdicts.lane_pieces import neighbours
 
 NETS = ROOT / "sumo_nets"
-NAMES = ["merge", "crossing", "signals", "roundabout", "grid", "multilane", *map(slow, ["town", "street"])]
+NAMES = ["merge", "crossing", "signals", "roundabout", "grid", "multilane", *map(slow, ["lane_drop", "town", "street"])]
 
 
 def net_file(name: str) -> Path:
