@@ -23,12 +23,12 @@ from regents_cosim.attacks.drive_lines import SPACING_M, AlongLines, DriveLine, 
 from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.meeting import MeetingDrives, MeetingPair, contact_of
+from regents_cosim.attacks.other_traffic import OtherTraffic
 from regents_cosim.attacks.promise import promise_of, promise_on_foot
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.speed_profiles import DRIVING, WALKING, Lights, Profiles, drive, profiles
 from regents_cosim.attacks.walked_lines import walked_lines
 from regents_cosim.attacks.walking import walk
-from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.limits import ACCEL_WINDOW_S, MOST_SPEED_M_S, OVER_LIMIT
 from regents_cosim.mirror.actions import OF_RECORDINGS, Fit, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion, clip
@@ -117,12 +117,13 @@ def starts(
     if walks:
         promise, alike = promise + promise_on_foot(drives, pair, scenario.dt), _ALIKE_ON_FOOT
     may_walk = partial(_keeps_law, scenario, agent, ego) if walks and lawful else lambda _: True
-    others, chosen, left = _Others(scenario, agent), list[Start](), np.ones(len(promise), bool)
-    for row in np.argsort(-promise, kind="stable").tolist():
+    chosen, left = list[Start](), np.ones(len(promise), bool)
+    order = np.argsort(-promise, kind="stable")
+    for row in OtherTraffic(scenario, agent).left_alone(drives, order, pair.first, left):
         if len(chosen) == most:
             break
         start = _start(drives, row, pair.first, contact[row], float(promise[row])) if left[row] else None
-        if start is not None and others.left_alone_by(start) and may_walk(start):
+        if start is not None and may_walk(start):
             chosen.append(start)
             left &= (np.abs(contact - contact[row]) > alike).any(axis=1)
     return chosen
@@ -146,29 +147,6 @@ def _keeps_law(scenario: Scenario, agent: int, ego: Tracks, start: Start) -> boo
         values[0], values[agent] = getattr(ego, name)[0], getattr(start, name)
         moved[name] = values
     return not is_unlawful(scenario, replace(scenario.tracks, **moved, accel=None, curvature=None), agent, start.meets)
-
-
-class _Others:
-    """All but the ego and the candidate, where the log has them."""
-
-    def __init__(self, scenario: Scenario, agent: int) -> None:
-        index = np.arange(len(scenario.agents))
-        known = {name for pair in scenario.overlaps if scenario.agents[agent].id in pair.agents for name in pair.agents}
-        counts = [i not in (0, agent) and scenario.agents[i].id not in known for i in index.tolist()]
-        self._x, self._y, yaw, length, width, _ = (values[counts] for values in np.broadcast_arrays(*scenario.boxes))
-        self._yaw, self._length, self._width = yaw, length, width
-        self._there = scenario.tracks.valid[counts] & scenario.tracks.valid[agent]
-        self._size = scenario.agents[agent].length, scenario.agents[agent].width
-
-    def left_alone_by(self, start: Start) -> bool:
-        """Whether the drive touches none of them up to where it meets the ego."""
-        upto = np.s_[: start.meets + 1]
-        near = np.hypot(self._x[:, upto] - start.x[upto], self._y[:, upto] - start.y[upto])
-        reach = 0.5 * (np.hypot(self._length, self._width)[:, upto] + np.hypot(*self._size))
-        at = np.nonzero(self._there[:, upto] & (near < reach))
-        mine = Boxes(start.x[at[1]], start.y[at[1]], start.yaw[at[1]], *self._size)
-        theirs = Boxes(self._x[at], self._y[at], self._yaw[at], self._length[at], self._width[at])
-        return not np.any(overlap(mine, theirs))
 
 
 def _drives(

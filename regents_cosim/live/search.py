@@ -1,8 +1,8 @@
 """Plans of one adversary, found again and again while the traffic goes on: a moment in, a plan out. No SUMO here.
 
 The same search as offline, with a short horizon. A few candidates that could meet the ego are asked for lawful drives
-that do (`attacks.starts`); the first that crashes it as wanted in the planner's closed loop is the plan. Where a
-candidate's drives do not, the next look descends from one of them. Methods without such drives descend from the
+that do (`attacks.starts`), until one has any; the first of these that crashes it as wanted in the planner's closed
+loop is the plan. Where none does, the next look descends from one of them. Methods without such drives descend from the
 prediction. All descents have few iterations. A plan that is being carried out is looked at again
 from where all vehicles are by now, and descended from where it would miss.
 """
@@ -37,9 +37,11 @@ from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.ways import ways_ahead
 
 _LOOKED_AT = 12  # candidates whose ways are compared with the ego's at one look ...
-_MOST_ASKED = 2  # ... and those of them that could meet it which are asked for drives
+_MOST_ASKED = 2  # ... and those of them that could meet it which are asked for drives, until one has any ...
+_FEW_WAYS = 2  # ... or had more ways than this on: drawing drives along all of them is what takes time
 _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
 _MOST_GAINED_M = 25.0  # ... up to so far
@@ -85,8 +87,8 @@ class Search:
     def fresh(self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
-        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. A look asks a few candidates; the
-        next descends from the drives of one of them, if there were any, or asks others.
+        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. A look asks candidates until one
+        has drives. Where none of these is the plan, the next look descends from one of them.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
@@ -99,10 +101,11 @@ class Search:
             for agent in itertools.islice(self._candidates(loop, ego, barred), most):
                 found = self._starts(loop, agent, ego, speed_only)
                 plan = None if found is None else self._plan_from(loop, agent, found)
-                if plan is not None:
+                if plan is not None or found:
+                    self._missed = None if plan is not None else moment.scenario.agents[agent].id
                     return plan
-                if found and self._missed is None:
-                    self._missed = moment.scenario.agents[agent].id
+                if self._takes_long(loop, agent):
+                    return None
             return None
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
@@ -144,6 +147,10 @@ class Search:
             self._asked[names[k]] = now
             if not self.config.starts or self._could_meet(loop, k, ego):
                 yield k
+
+    def _takes_long(self, loop: PlannerInLoop, agent: int) -> bool:
+        """Whether to ask it was enough for one look."""
+        return len(ways_ahead(loop.moment.scenario, agent)) > _FEW_WAYS
 
     def _could_meet(self, loop: PlannerInLoop, agent: int, ego: Tracks) -> bool:
         scenario = loop.moment.scenario
