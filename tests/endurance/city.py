@@ -35,12 +35,18 @@ class Seen:
     last: dict[str, str] = field(default_factory=dict)  # of those that attacked: when, where and how they were last
 
 
-def run(config: Path, after_s: float, minutes: float, longest_s: float = 900.0) -> dict[str, Any]:
-    """Both runs; `longest_s` is what vehicles are given to arrive when the attacks are over."""
-    with_us, without = (_drive(config, after_s, 60.0 * minutes, longest_s, attacked) for attacked in (True, False))
+def run(config: Path, after_s: float, minutes: float, scale: float = 1.0, longest_s: float = 900.0) -> dict[str, Any]:
+    """Both runs; `longest_s` is what vehicles are given to arrive when the attacks are over.
+
+    Of each vehicle that the configuration has there are `scale`.
+    """
+    given = config, after_s, 60.0 * minutes, scale, longest_s
+    with_us = _drive(*given)
+    without = _drive(*given, asked=with_us.attacked)
     would = with_us.attacked & without.arrived
     return {
         "vehicles": round(sum(with_us.vehicles) / max(len(with_us.vehicles), 1)),
+        "least vehicles": min(with_us.vehicles, default=0),
         "attacks": with_us.attacks,
         "crashes": with_us.crashes,
         "given back": len(with_us.attacked),
@@ -51,11 +57,15 @@ def run(config: Path, after_s: float, minutes: float, longest_s: float = 900.0) 
     }
 
 
-def _drive(config: Path, after_s: float, lasting_s: float, longest_s: float, attacked: bool) -> Seen:
+def _drive(
+    config: Path, after_s: float, lasting_s: float, scale: float, longest_s: float, asked: set[str] | None = None
+) -> Seen:
+    """A run with us, or one without us that ends as soon as those that are `asked` for have arrived."""
     import libsumo as sumo  # one simulation a process: not before it is needed
 
     seen = Seen()
     options = ["--no-step-log", "--no-warnings", "--step-length", "0.1", "--seed", "11", "--time-to-teleport", "300"]
+    options += ["--scale", str(scale)]
     sumo.start(["sumo", "-c", str(config), "--collision.action", "warn", *options])
     begin = sumo.simulation.getTime() + after_s
     adversary, egos, until = None, _egos(sumo), 0.0
@@ -64,7 +74,10 @@ def _drive(config: Path, after_s: float, lasting_s: float, longest_s: float, att
         seen.arrived.update(sumo.simulation.getArrivedIDList())
         there = seen.attacked.intersection(sumo.vehicle.getIDList() if seen.attacked else ())
         seen.last.update({name: _where(sumo, name) for name in there})
-        if not attacked or not begin <= now < begin + lasting_s + _EACH_S:
+        over = asked is not None or now >= begin + lasting_s + _EACH_S
+        if over and seen.arrived >= (seen.attacked if asked is None else asked):
+            break
+        if asked is not None or not begin <= now < begin + lasting_s + _EACH_S:
             continue
         seen.vehicles.append(sumo.vehicle.getIDCount())
         if adversary is None or now >= until:
@@ -116,8 +129,9 @@ def main() -> int:
     parser.add_argument("config", type=Path)
     parser.add_argument("--after", type=float, default=600.0, help="simulated seconds before the first attack")
     parser.add_argument("--minutes", type=float, default=20.0, help="of attacks, simulated")
+    parser.add_argument("--scale", type=float, default=1.0, help="so many times the traffic of the configuration")
     asked = parser.parse_args()
-    found = run(asked.config, asked.after, asked.minutes)
+    found = run(asked.config, asked.after, asked.minutes, asked.scale)
     print(json.dumps(found))
     return int(found["arrive with us"] < ARRIVE * found["arrive without us"])
 
