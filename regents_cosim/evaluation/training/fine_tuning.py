@@ -4,7 +4,7 @@ A fine-tuning takes the crashes of the weights that it begins with which could h
 (19 m to each side, or as far as the weights say), keeps as much of what was learnt as ordinary traffic bears, and says
 what that changed.
 
-Who teaches, and what it gave, was measured: `docs/how-to/aim-bev.md`.
+Who teaches, and what it gave, was measured: `docs/aim-bev-results.md`.
 """
 
 from collections.abc import Sequence
