@@ -57,8 +57,9 @@ def build(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Record traffic, attack it, and keep a balanced choice. The same command gives the same suite, bit for bit.
+    """Record traffic, attack it, and keep a balanced choice.
 
+    On the same machine the same command gives the same suite, bit for bit.
     What the folder held before is replaced when the new suite is complete; its baseline stays.
 
     Parameters

@@ -91,8 +91,9 @@ class Recipe:
 def build_suite(
     output: Path | str, recipe: Recipe, *, tell: Callable[[str], None] = lambda line: None
 ) -> list[Scenario]:
-    """Make the suite of `recipe` in the folder `output`; its cases. The same recipe gives the same suite, bit for bit.
+    """Make the suite of `recipe` in the folder `output`; its cases.
 
+    On the same machine the same recipe gives the same suite, bit for bit.
     What the folder held before is replaced when the new suite is complete; its baseline stays. Until then recorded
     windows and attacks are kept in it, and the same recipe goes on from them after a stop. Raises RegentsError where
     traffic cannot be recorded, no case is left, or `output` holds something else.
