@@ -247,7 +247,7 @@ class AdversarialRounds:
         """All that decides the rounds. Raises RegentsError."""
         from regents_cosim.attacks.presets import preset
         from regents_cosim.cases.shipped import NETWORKS
-        from regents_cosim.evaluation.training.rounds_settings import Rounds
+        from regents_cosim.evaluation.training.rounds_settings import REPLAN_EVERY, Rounds
 
         return Rounds(
             rounds=self.adversarial or 1,
@@ -255,7 +255,7 @@ class AdversarialRounds:
             windows=self.windows,
             held_out=self.held_out_windows,
             first_seed=self.first_seed,
-            attack=preset(self.method),
+            attack=preset(self.method, replan_every=REPLAN_EVERY),
             training=training,
             neighbours=self.neighbours,
             verify=self.verify,

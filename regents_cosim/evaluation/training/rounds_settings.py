@@ -1,6 +1,6 @@
 """What decides the rounds of a training against fresh attacks."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 from regents_cosim.archive.axes import Axes
 from regents_cosim.attacks.presets import OURS, AttackConfig
@@ -8,6 +8,9 @@ from regents_cosim.cases.shipped import NETWORKS
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig, require_as_begun
+
+REPLAN_EVERY = 25  # iterations between two drives of the network: attacks end alike, in a fifteenth of the time
+ATTACK = replace(OURS, replan_every=REPLAN_EVERY)
 
 
 @dataclass(frozen=True)
@@ -19,7 +22,7 @@ class Rounds:
     windows: int = 24  # of each network, in each round
     held_out: int = 24  # of each network, to judge by at the end
     first_seed: int = 1  # of SUMO, in the first round; each takes the next, and the judgement the one after the last
-    attack: AttackConfig = OURS
+    attack: AttackConfig = ATTACK
     training: TrainConfig = FINE_TUNING
     neighbours: bool = True  # the scenes of crashes with so little of the attack left that nothing happens
     verify: bool = True  # crashes that join the suite are replayed in SUMO
