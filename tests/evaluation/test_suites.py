@@ -30,6 +30,7 @@ from regents_cosim.evaluation.suites.building import Recipe, build, follows
 from regents_cosim.evaluation.suites.cards import CaseCard, card_of
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.suites.folders import write_suite
+from regents_cosim.geometry.frames import wrap
 
 KINDS = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on")
 
@@ -160,8 +161,10 @@ def test_a_part_of_quickstart_is_made_again(tmp_path):
         again, shipped = load_case(tmp_path / "again" / case), load_case(QUICKSTART / case)
         assert (again.attack and again.attack.outcome) == (shipped.attack and shipped.attack.outcome)
         assert again.agents == shipped.agents
-        for name in ("x", "y", "yaw", "speed"):
+        for name in ("x", "y", "speed", "valid"):
             np.testing.assert_allclose(getattr(again.tracks, name), getattr(shipped.tracks, name), rtol=0.0, atol=1e-3)
+        turned = wrap(again.tracks.yaw - shipped.tracks.yaw)  # pi and -pi are one heading
+        np.testing.assert_allclose(turned[shipped.tracks.valid], 0.0, atol=1e-3)
         recorded = "original.npz"
         assert (tmp_path / "again" / case / recorded).read_bytes() == (QUICKSTART / case / recorded).read_bytes()
 
