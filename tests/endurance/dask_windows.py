@@ -2,8 +2,10 @@
 
     python -m tests.endurance.dask_windows FOLDER --windows 10000
     python -m tests.endurance.dask_windows FOLDER --windows 80 --on local --as-users-do
+    python -m tests.endurance.dask_windows FOLDER --city ../shared/data/sumo/wildau/wildau.sumocfg
 
-Windows of the shipped networks, which come again under other names where more are wanted than `--recorded`. After
+Windows of the shipped networks, and of each `--city` as many as of a network. They come again under other names, in an
+order drawn by chance, where more are wanted than `--recorded`. After
 `--minutes` the command that attacks is killed; given again, it goes on where it was. With `--on dask:ADDRESS` the
 workers live on meanwhile.
 """
@@ -48,12 +50,18 @@ class Held:
 
 
 def run(
-    folder: Path, windows: int, recorded: int, on: str, minutes: float = 1e6, options: Sequence[str] = CHEAP
+    folder: Path,
+    windows: int,
+    recorded: int,
+    on: str,
+    minutes: float = 1e6,
+    options: Sequence[str] = CHEAP,
+    cities: Sequence[Path] = (),
 ) -> dict[str, Any]:
     """Attack what is left of so many windows; what it took, and who held how much."""
     cases, output = folder / "windows", folder / on.partition(":")[0]
     if not cases.exists():
-        make_large_suite(cases, windows, _traffic(min(recorded, windows)))
+        make_large_suite(cases, windows, _traffic(min(recorded, windows), cities))
     done = _count(output, _DONE)
     with nullcontext(on) if on != "dask" else _cluster() as place, _client(place) as client:
         scheduler, workers = _pids(client)
@@ -90,10 +98,12 @@ def growth(samples: Sequence[Held]) -> dict[str, float]:
     return {name: round(float(np.polyfit(at, values, 1)[0]), 2) for name, values in held.items()}
 
 
-def _traffic(count: int) -> list[Scenario]:
-    """Windows of the shipped networks, as many of each."""
-    each = -(-count // len(NETWORKS))
-    return [case for net in NETWORKS for case in record(network(net), count=each, seed=0)][:count]
+def _traffic(count: int, cities: Sequence[Path]) -> list[Scenario]:
+    """Windows of the shipped networks and the cities, as many of each, shuffled."""
+    places = [*map(network, NETWORKS), *cities]
+    each = -(-count // len(places))
+    found = [case for place in places for case in record(place, count=each, seed=0)]
+    return [found[k] for k in np.random.default_rng(0).permutation(len(found))[:count]]
 
 
 @contextmanager
@@ -175,10 +185,11 @@ def main() -> int:
     parser.add_argument("--recorded", type=int, default=600)
     parser.add_argument("--on", default="dask", help="local, dask (two workers of this machine) or dask:ADDRESS")
     parser.add_argument("--minutes", type=float, default=1e6)
+    parser.add_argument("--city", type=Path, action="append", default=[], help="a .sumocfg to record as well")
     parser.add_argument("--as-users-do", action="store_true", help="the whole search of focused, in place of a short")
     asked = parser.parse_args()
     options = () if asked.as_users_do else CHEAP
-    found = run(asked.folder, asked.windows, asked.recorded, asked.on, asked.minutes, options)
+    found = run(asked.folder, asked.windows, asked.recorded, asked.on, asked.minutes, options, asked.city)
     print(json.dumps(found))
     grown = any(each > MOST_KB_PER_WINDOW for each in found["kb_per_window"].values())
     return int(found["exit"] not in _ENDS or found["failed"] > 0 or found["done"] < asked.windows or grown)
