@@ -45,6 +45,16 @@ class Walker:
 
 
 @dataclass(frozen=True)
+class Train:
+    """Vehicles of one kind that depart one after the other, always as far apart: what meets whom is planned."""
+
+    kind: str
+    ends: str  # "from to" (edges)
+    first_s: float
+    every_s: float
+
+
+@dataclass(frozen=True)
 class Network:
     """How one network is made and what drives and walks on it."""
 
@@ -54,6 +64,7 @@ class Network:
     flows: dict[str, float]  # "from to" (edges) -> vehicles per hour
     rides: dict[str, float] = field(default_factory=dict)  # "from to" (edges) -> bicycles per hour
     walks: dict[str, float] = field(default_factory=dict)  # "from to" (edges) -> persons per hour
+    trains: tuple[Train, ...] = ()
 
     def command(self, name: str) -> list[str]:
         """Say what to run inside the network's folder; the output file is left to the caller."""
@@ -101,6 +112,7 @@ def vehicle_lines(network: Network) -> Iterator[str]:
     if network.rides:
         yield f'    <vType id="bicycle" vClass="bicycle"{driving(BICYCLE)}/>'
         yield from (flow_line("bicycle", ".riding", *one) for one in network.rides.items())
+    yield from map(train_line, sorted(network.trains, key=lambda train: train.first_s))  # as SUMO reads them
 
 
 def driving(vehicle: Vehicle) -> str:
@@ -118,6 +130,15 @@ def flow_line(kind: str, suffix: str, ends: str, per_hour: float) -> str:
     return (
         f'    <flow id="{start}.{end}{suffix}" type="{kind}" from="{start}" to="{end}" begin="0" end="{DURATION}"'
         f' period="exp({per_hour / 3600:.4f})" departLane="best" departSpeed="max"/>'
+    )
+
+
+def train_line(train: Train) -> str:
+    """Departures in a fixed rhythm."""
+    start, end = train.ends.split()
+    return (
+        f'    <flow id="{start}.{end}.{train.kind}" type="{train.kind}" from="{start}" to="{end}" begin="{train.first_s}"'
+        f' end="{DURATION}" period="{train.every_s}" departLane="best" departSpeed="max"/>'
     )
 
 
@@ -173,6 +194,10 @@ URBAN = {
 TOWN = {kind: URBAN[kind] for kind in ("passenger", "delivery", "motorcycle")}
 BICYCLE = Vehicle(1.0, 1.8, 0.65, "normc(1,0.1,0.8,1.2)", accel=1.2, decel=3.0)
 WALKERS = {"adult": Walker(0.7, 1.4), "hurried": Walker(0.2, 2.0), "elderly": Walker(0.1, 0.9)}
+SLOW_AND_QUICK = {
+    "passenger": Vehicle(0.5, 4.8, 1.8, "normc(0.96,0.03,0.85,1.05)"),
+    "truck": Vehicle(0.5, 7.5, 2.5, "normc(0.42,0.015,0.35,0.45)", accel=1.0, decel=4.0),
+}
 MOTORWAY = {
     "passenger": Vehicle(0.70, 4.8, 1.8, "normc(1,0.12,0.75,1.3)"),
     "delivery": Vehicle(0.12, 6.0, 2.0, "normc(0.92,0.08,0.75,1.1)", accel=2.2),
@@ -191,6 +216,12 @@ def turns(arms: str, straight: float, left: float, right: float) -> dict[str, fl
         for k, per_hour in ((1, right), (2, straight), (3, left))
         if per_hour
     }
+
+
+def uncovered(begin: str, off: str, onward: str, first_s: float) -> tuple[Train, ...]:
+    """A slow one, one that comes up behind it as the exit lane begins, and takes it, and one that follows that one."""
+    ways = (("truck", onward, 0.0), ("passenger", off, 15.5), ("passenger", onward, 17.0))
+    return tuple(Train(kind, f"{begin} {end}", first_s + after_s, every_s=18.5) for kind, end, after_s in ways)
 
 
 def along(street: str, side: str, straight: float, turning: float) -> dict[str, float]:
@@ -256,6 +287,14 @@ NETWORKS = {
         "-x lane_drop.con.xml",
         URBAN,
         {"main exit": 1200},
+    ),
+    "exit_lane": Network(
+        "netconvert",
+        "-x exit_lane.con.xml",
+        SLOW_AND_QUICK,
+        {},
+        trains=uncovered("road", "off", "onward", first_s=0.0)
+        + uncovered("back", "back_off", "back_onward", first_s=9.3),
     ),
     "town": Network(
         "netconvert",

@@ -6,7 +6,7 @@ from regents_cosim.errors import RegentsError
 
 NETWORKS = ("merge", "crossing", "signals", "roundabout", "grid", "multilane")  # taken where none is named
 WITH_PERSONS = ("town", "street")  # pedestrians and cyclists too; taken where they are named
-NAMED_ONLY = ("lane_drop",)  # vehicles alone, in no table: taken where they are named
+NAMED_ONLY = ("lane_drop", "exit_lane")  # vehicles alone, in no table: taken where they are named
 ALL_NETWORKS = NETWORKS + NAMED_ONLY + WITH_PERSONS
 SUITES = ("standard", "quickstart", "on_foot")
 _PREFIX = "shipped:"

@@ -65,7 +65,7 @@ class TrafficOptions:
 
     config: Annotated[Path | None, Parameter(["--configuration-file", "-c"])] = None
     """SUMO configuration (.sumocfg), or shipped:NETWORK: merge, crossing, signals, roundabout, grid, multilane,
-    lane_drop, town or street"""
+    lane_drop, exit_lane, town or street"""
     net: Annotated[Path | None, Parameter(["--net-file", "-n"])] = None
     """SUMO network (.net.xml, .net.xml.gz)"""
     routes: Annotated[str, Parameter(["--route-files", "-r"])] = ""

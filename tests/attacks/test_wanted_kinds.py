@@ -12,6 +12,9 @@ from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.starts import Start
 from regents_cosim.attacks.wanted_kinds import Unattacked, of_wanted_kinds
 from regents_cosim.campaign.requests import parse_types
+from regents_cosim.cases.shipped import network_config
+from regents_cosim.sources.record import record
+from regents_cosim.sources.sumo_config import SumoInput
 
 BEFORE = scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0), name="before")
 STEPS = BEFORE.tracks.steps
@@ -69,3 +72,14 @@ def test_only_crashes_of_the_kind_are_found_and_where_no_drive_leads_to_one_noth
     assert all(kind in wanted.of_crash(case) for case in crashes)
     assert bool(promised) == bool(crashes) == (kind == "crossing_path")
     assert promised or found[0].attack.rollouts == 1
+
+
+@pytest.mark.slow
+def test_a_cut_out_is_found_where_traffic_has_one_that_leaves_the_lane_late():
+    source = SumoInput(network_config("exit_lane"), end_s=65.0, ego="road.onward.passenger.2")
+    (window,), wanted = record(source, count=1, seed=5), parse_types(["cut_out"], 1)
+    ((crash,),) = attack_each([window], REGENTS_FOCUSED, "constant_velocity", wanted=wanted)
+    assert crash.attack.outcome == "collision"
+    assert wanted.of_crash(crash) == {"cut_out"}
+    (seen_through,) = attack_each([window], replace(REGENTS_FOCUSED, iterations=5), "idm", wanted=wanted)
+    assert all(case.attack.outcome != "collision" for case in seen_through)

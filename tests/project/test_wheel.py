@@ -42,7 +42,7 @@ def both(installed, code):
 def test_networks_and_scenarios_come_with_it(installed):
     code = "from regents_cosim.cases.shipped import *; print(shipped('scenarios'), *map(network_config, ALL_NETWORKS))"
     paths = [Path(line) for line in run(installed, code).split()]
-    assert len(paths) == 10
+    assert len(paths) == 11
     assert all(path.exists() and path.is_relative_to(installed) for path in paths)
 
 

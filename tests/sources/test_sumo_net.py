@@ -15,7 +15,15 @@ from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.verdicts.lane_pieces import neighbours
 
 NETS = ROOT / "sumo_nets"
-NAMES = ["merge", "crossing", "signals", "roundabout", "grid", "multilane", *map(slow, ["lane_drop", "town", "street"])]
+NAMES = [
+    "merge",
+    "crossing",
+    "signals",
+    "roundabout",
+    "grid",
+    "multilane",
+    *map(slow, ["lane_drop", "exit_lane", "town", "street"]),
+]
 
 
 def net_file(name: str) -> Path:

@@ -19,7 +19,7 @@ from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_net import read_road_map
 
 NETS = ROOT / "sumo_nets"
-VEHICLES_ONLY = ["merge", "crossing", "signals", "roundabout", "grid", "multilane", "lane_drop"]
+VEHICLES_ONLY = ["merge", "crossing", "signals", "roundabout", "grid", "multilane", "lane_drop", "exit_lane"]
 WITH_PERSONS = ["town", "street"]
 NAMES = VEHICLES_ONLY + WITH_PERSONS
 MADE = [".net.xml", ".rou.xml", ".sumocfg"]  # what build.py writes
