@@ -1,6 +1,15 @@
-"""What the law forbids the other, as the offences of `verdicts.offences` have it."""
+"""What the law forbids the other: as the offences of `verdicts.offences` have it, or told by its place alone."""
 
+import numpy as np
+
+from regents_cosim.geometry.boxes import Boxes
+from regents_cosim.limits import STANDING_M_S
 from regents_cosim.tags.meeting import Meeting
+from regents_cosim.verdicts.oncoming import oncoming_share
+
+_LATE_S = 1.0
+_BODY_SHARE = 0.17  # as the law has it: 0.3 m of a car 1.8 m wide
+_STEPS = 2
 
 
 def run_red_light(meeting: Meeting) -> bool:
@@ -9,5 +18,10 @@ def run_red_light(meeting: Meeting) -> bool:
 
 
 def wrong_way(meeting: Meeting) -> bool:
-    """In the last second the other's centre is where only oncoming traffic may be, or more than 17 % of its body."""
-    return any(meeting.other in meeting.crash.late_acts(name) for name in ("against_direction", "oncoming_lanes"))
+    """In the last second more than 17 % of the other's body is where only oncoming traffic may be, and it moves."""
+    drive = meeting.drive(meeting.other)
+    late = drive.steps >= meeting.step - round(_LATE_S / meeting.scenario.dt)
+    body = Boxes(*(np.broadcast_to(values, late.shape)[late] for values in drive.box))
+    # The law counts only the ways that it may take itself; here one that takes another way through is not wrong.
+    share = oncoming_share(meeting.scenario.road, body)
+    return bool((share > _BODY_SHARE).sum() >= _STEPS and drive.speed[late].max() > STANDING_M_S)

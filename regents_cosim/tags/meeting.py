@@ -16,6 +16,7 @@ from regents_cosim.verdicts.ego_path import EgoPath, ego_path
 
 EGO = 0
 CROSS_RAD = np.deg2rad(30.0)  # ways at this angle or more cross
+_AROUND_RAD = np.deg2rad(270.0)
 LATELY_S = 5.0  # before they touch: what was longer ago did not lead to it
 
 
@@ -36,8 +37,12 @@ class Meeting:
 
     @cached_property
     def path(self) -> EgoPath:
-        """The way that the ego drives."""
-        return ego_path(self.scenario)
+        """The way that the ego drives, before it leads around a roundabout to where it is when they touch."""
+        path = ego_path(self.scenario)
+        here = path.driven[self.step]
+        turned = np.abs(path.yaw - np.interp(here, path.distance, path.yaw))
+        around = path.distance[(path.distance > here) & (turned > _AROUND_RAD)]
+        return path.up_to(around[0]) if len(around) else path
 
     @cached_property
     def _place(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -29,6 +29,19 @@ class EgoPath:
         x, y, yaw = (np.interp(distance, self.distance, values) for values in (self.x, self.y, self.yaw))
         return x, y, yaw
 
+    def up_to(self, distance: float) -> "EgoPath":
+        """The same up to a distance [m], and straight on from there."""
+        kept = self.distance <= distance
+        x, y, yaw = (values[kept] for values in (self.x, self.y, self.yaw))
+        ahead = _FURTHER_M * np.array([np.cos(yaw[-1]), np.sin(yaw[-1])])
+        return EgoPath(
+            driven=self.driven,
+            distance=np.append(self.distance[kept], self.distance[kept][-1] + _FURTHER_M),
+            x=np.append(x, x[-1] + ahead[0]),
+            y=np.append(y, y[-1] + ahead[1]),
+            yaw=np.append(yaw, yaw[-1]),
+        )
+
     @cached_property
     def _dense(self) -> tuple[np.ndarray, KDTree]:
         along = np.arange(0.0, self.distance[-1] - _FURTHER_M, _SPACING_M)
