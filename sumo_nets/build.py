@@ -137,8 +137,8 @@ def train_line(train: Train) -> str:
     """Departures in a fixed rhythm."""
     start, end = train.ends.split()
     return (
-        f'    <flow id="{start}.{end}.{train.kind}" type="{train.kind}" from="{start}" to="{end}" begin="{train.first_s}"'
-        f' end="{DURATION}" period="{train.every_s}" departLane="best" departSpeed="max"/>'
+        f'    <flow id="{start}.{end}.{train.kind}" type="{train.kind}" from="{start}" to="{end}"'
+        f' begin="{train.first_s}" end="{DURATION}" period="{train.every_s}" departLane="best" departSpeed="max"/>'
     )
 
 
