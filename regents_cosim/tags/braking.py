@@ -9,12 +9,13 @@ _LASTING_S = 0.5
 
 
 def hard_brake(meeting: Meeting) -> bool:
-    """The other, in the ego's way and ahead, brakes by 3.5 m/s^2 or more over half a second."""
+    """The other, ahead in the ego's way and in it to the end, brakes by 3.5 m/s^2 or more over half a second."""
     over = max(round(_LASTING_S / meeting.scenario.dt), 1)
     if len(meeting.steps) <= over:
         return False
     speed = meeting.scenario.tracks.speed[meeting.other, meeting.steps]
     lost = speed[:-over] - speed[over:]
-    leads = meeting.in_way & meeting.in_front & meeting.same_way
+    stays = np.arange(len(speed)) >= (meeting.entry or 0)  # one that left the way has not braked in front of the ego
+    leads = stays & meeting.in_way & meeting.in_front & meeting.same_way
     hard = lost >= _HARD_M_S2 * _LASTING_S - 1e-9
     return bool((hard & leads[:-over] & leads[over:] & (np.diff(meeting.steps)[: len(lost)] == 1)).any())
