@@ -105,10 +105,10 @@ def attack_each(
     ACT_TIMEOUT.check("act-timeout", act_timeout_s)
     if loop is None:
         with HostPool(under_test, act_timeout_s) as hosts:
-            setup = AttackSetup(_replanning(config, 10), None, name, extra_cost, wanted)
+            setup = AttackSetup(_replanning(config, 10), None, name, extra_cost, wanted).with_due_patience()
             yield from on_hosts(scenarios, setup, batch, hosts)
         return
-    under_attack = AttackSetup(_replanning(config, 1), loop, name, extra_cost, wanted)
+    under_attack = AttackSetup(_replanning(config, 1), loop, name, extra_cost, wanted).with_due_patience()
     if _in_batches(under_attack.config, engine):
         yield from in_batches(scenarios, under_attack, batch)
     else:

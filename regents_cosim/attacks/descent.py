@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.acceptance import ego_contacts, is_wanted
 from regents_cosim.attacks.actions import allowed, to_actions, to_controls
 from regents_cosim.attacks.costs import Costs, total_cost
+from regents_cosim.attacks.patience import comes_down, waits
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
 from regents_cosim.attacks.search_state import Looks, Rollout, SearchResult, SearchState
@@ -31,7 +32,6 @@ from regents_cosim.mirror.world import World
 # Whatever else a user wants of the scenario, as a cost to be lowered: smooth, in the cost's units.
 ExtraCost = Callable[[World, Motion, Controls], Float[Array, ""]]
 
-PROGRESS = 0.02  # share of the ego's cost by which it has to come down for the search to go on
 _UNCHANGED = 1e-6  # [1] actions that differ by less from the logged ones are rounding
 
 
@@ -146,8 +146,9 @@ class Descent(eqx.Module):
 
     def has_patience(self, search: SearchState) -> Bool[Array, ""]:
         """Whether the ego's distance has come down lately, or need not."""
-        waited = search.iterations - search.least_at
-        return (waited <= self.config.patience) if self.config.patience else jnp.asarray(True)
+        if not self.config.patience:
+            return jnp.asarray(True)
+        return search.iterations - search.least_at <= waits(self.config, search.least)
 
     def update(self, search: SearchState) -> SearchState:
         """One step of Adam; of a search that has not looked yet, the search as it is."""
@@ -162,7 +163,7 @@ class Descent(eqx.Module):
         )
         actions = self.allowed(moved)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
-        comes_down = costs.ego < (1.0 - PROGRESS) * search.least
+        nearer = comes_down(self.config, costs.ego, search.least, self.config.iterations - search.iterations)
         updated = replace(
             search,
             actions=actions,
@@ -170,8 +171,8 @@ class Descent(eqx.Module):
             finite=jnp.isfinite(total),
             iterations=search.iterations + 1,
             history=search.history.at[search.iterations].set(terms),
-            least=jnp.where(comes_down, costs.ego, search.least),
-            least_at=jnp.where(comes_down, search.iterations, search.least_at),
+            least=jnp.where(nearer, costs.ego, search.least),
+            least_at=jnp.where(nearer, search.iterations, search.least_at),
         )
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
 

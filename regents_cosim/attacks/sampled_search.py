@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.attacks.actions import allowed, to_actions
-from regents_cosim.attacks.descent import PROGRESS, ExtraCost
+from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.patience import comes_down, waits
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import LOOKED_AT, descend, look_and_descend, shared
 from regents_cosim.attacks.search_state import Looks, SearchResult
@@ -105,8 +106,8 @@ def _search(
     sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
     history = np.zeros(begun.history.shape, np.float32)
     best, least, tried = np.zeros(2 * KNOTS), np.inf, 0
-    nearest, nearest_at = np.inf, 0  # the ego's cost when it last came down, and the roll-out of that
-    while tried < most and (not config.patience or tried - nearest_at <= config.patience):
+    nearest, nearest_at = np.float32(np.inf), 0  # the ego's cost when it last came down, and the roll-out of that
+    while tried < most and (not config.patience or tried - nearest_at <= waits(config, nearest)):
         changes = sampler.ask()[: most - tried]
         found, looks = _look(job, planner, config, extra_cost, changes)
         seen = (looks.cost, looks.terms, looks.accepted)
@@ -118,8 +119,8 @@ def _search(
             return _after(found, tried, history)
         if costs.min() < least:
             best, least = changes[np.argmin(costs)], float(costs.min())
-        if terms[:, 0].min() < (1.0 - PROGRESS) * nearest:
-            nearest, nearest_at = float(terms[:, 0].min()), tried
+        if comes_down(config, terms[:, 0].min(), nearest, most - tried + made):
+            nearest, nearest_at = terms[:, 0].min(), tried
         if len(changes) == LOOKED_AT:
             sampler.tell(changes, costs)
     found, _ = _look(job, planner, config, extra_cost, best[None])

@@ -53,5 +53,5 @@ class SearchState(eqx.Module):
     finite: Bool[Array, ""]
     iterations: Int[Array, ""]
     history: Float[Array, "iteration term"]
-    least: Float[Array, ""]  # of the ego's cost, when it last came down by `PROGRESS`
+    least: Float[Array, ""]  # of the ego's cost, when it last came down by enough (`patience`)
     least_at: Int[Array, ""]  # the iteration of that

@@ -19,7 +19,6 @@ from regents_cosim.attacks.sampled_search import search_by_samples
 from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign
 from regents_cosim.scenario import Scenario
@@ -75,9 +74,8 @@ def _search(
 
 
 def _sampling(setup: AttackSetup) -> RunSearches | None:
-    """Searches that sample: against one planner that drives in every roll-out. None otherwise."""
-    one = isinstance(setup.planner, JaxPlanner) and not isinstance(setup.planner, AttackedPlanners)
-    if not setup.config.samples or not one or setup.config.replan_every > 1:
+    """Searches that sample; None where none does."""
+    if not setup.samples:
         return None
     return partial(sampled_searches, replace(setup, config=replace(setup.config, optimiser="cma-es")))
 

@@ -1,6 +1,6 @@
 """What is the same for all scenarios of an attack."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.presets import AttackConfig
@@ -26,6 +26,16 @@ class AttackSetup:
         """Whether only those drives are searched from that may lead to a kind that is asked for."""
         by_drives = self.config.starts > 0 and self.config.search == "per-candidate"
         return by_drives and self.wanted is not None and self.wanted.lawful
+
+    @property
+    def samples(self) -> bool:
+        """Whether some searches sample: against one planner, that drives in every roll-out."""
+        one = isinstance(self.planner, JaxPlanner) and not isinstance(self.planner, AttackedPlanners)
+        return self.config.samples > 0 and one and self.config.replan_every <= 1
+
+    def with_due_patience(self) -> "AttackSetup":
+        """Where none samples, descents far from the ego have the patience of all: they are all that there is."""
+        return self if self.samples else replace(self, config=replace(self.config, near_m=0.0))
 
     def dynamics(self, scenario: Scenario) -> Dynamics:
         """The model by which vehicles move in `scenario`."""

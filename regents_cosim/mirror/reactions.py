@@ -12,8 +12,9 @@ stays exactly as it was recorded. No gradient passes through reactions.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Motion
 from regents_cosim.mirror.levels import same_level
@@ -28,6 +29,7 @@ _FAR_M = 1e3
 _STRAIGHT = 1e-4  # [1/m] curvatures below are straight
 _STANDING_M_S = 0.05
 _CONTACT_M = 0.1  # gaps below count as this
+_AT_A_TIME = 4  # of the disturbed
 
 
 class LogProgress(eqx.Module):
@@ -67,10 +69,8 @@ def react(
     disturbed = present & (jnp.hypot(now.x - log_now.x, now.y - log_now.y) > _OFF_LOG_M)
     before, _, _ = _neighbours(log, progress.step)
     bend = jnp.take_along_axis(curvature, jnp.minimum(before, curvature.shape[1] - 1)[:, None], axis=1)[:, 0]
-    gap, closing = _gaps(now, bend, disturbed, half_length, half_width)
-    if z is not None:
-        gap = jnp.where(same_level(z[:, None], z[None]), gap, _FAR_M)
-    pressure = _pressure(progress.speed[:, None], gap, closing)
+    bodies = _Bodies(now, jnp.cos(now.yaw), jnp.sin(now.yaw), half_length, half_width, jnp.arange(len(now.x)), z)
+    pressure = _pressure_of(disturbed, bodies, bend, progress.speed)
     accel = jnp.clip(_ACCEL * (1.0 - pressure), -ACCEL_LIMIT, _ACCEL)
     logged = _at(log.speed, log, progress.step)
     following = (pressure == 0.0) & (progress.speed >= logged - _ACCEL * dt)
@@ -85,10 +85,43 @@ def react(
     return LogProgress(step, jnp.where(following, ahead, jnp.minimum(speed, ahead)))
 
 
-def _pressure(
-    speed: Float[Array, "agent 1"], gap: Float[Array, "agent agent"], closing: Float[Array, "agent agent"]
+class _Bodies(eqx.Module):
+    """Agents as bodies in the way of others: [agent]."""
+
+    now: Motion
+    cos: Float[Array, " agent"]
+    sin: Float[Array, " agent"]
+    half_length: Float[Array, " agent"]  # [m]
+    half_width: Float[Array, " agent"]  # [m]
+    index: Int[Array, " agent"]
+    z: Float[Array, " agent"] | None  # [m]
+
+
+def _pressure_of(
+    disturbed: Bool[Array, " agent"], bodies: _Bodies, bend: Float[Array, " agent"], speed: Float[Array, " agent"]
 ) -> Float[Array, " agent"]:
-    """(s* / s)^2 of the tightest agent in the way, 0 where none is closer than s*."""
+    """(s* / s)^2 of the tightest disturbed agent in the way of each, 0 where none is closer than s*.
+
+    Few are disturbed at a time, so a few are looked at in each turn, and not all pairs.
+    """
+    few = min(_AT_A_TIME, len(speed))
+
+    def turn(now: tuple[Array, Array]) -> tuple[Array, Array]:
+        left, pressure = now
+        chosen = jax.lax.top_k(left, few)[1]
+        ahead = jax.tree.map(lambda values: values[chosen], bodies)
+        gap, closing = _gaps(bodies, bend, ahead)
+        gap = jnp.where(left[chosen] > 0.0, gap, _FAR_M)
+        return left.at[chosen].set(0.0), jnp.maximum(pressure, _pressure(speed[:, None], gap, closing))
+
+    begin = disturbed.astype(speed.dtype), jnp.zeros_like(speed)
+    return jax.lax.while_loop(lambda now: now[0].any(), turn, begin)[1]
+
+
+def _pressure(
+    speed: Float[Array, "agent 1"], gap: Float[Array, "agent ahead"], closing: Float[Array, "agent ahead"]
+) -> Float[Array, " agent"]:
+    """(s* / s)^2 of the tightest of those ahead, 0 where none is closer than s*."""
     wanted = _STANDSTILL_M + jnp.maximum(speed * _HEADWAY_S + speed * closing / (2.0 * (_ACCEL * _BRAKE) ** 0.5), 0.0)
     return jnp.where(gap < wanted, (wanted / jnp.maximum(gap, _CONTACT_M)) ** 2, 0.0).max(axis=1)
 
@@ -107,34 +140,35 @@ def _neighbours(log: Motion, step: Float[Array, " agent"]) -> tuple[Array, Array
 
 
 def _gaps(
-    now: Motion, bend: Array, disturbed: Array, half_length: Array, half_width: Array
-) -> tuple[Float[Array, "agent agent"], Float[Array, "agent agent"]]:
-    """For every agent (row) the gap [m] to each disturbed one in its way, and how fast it closes [m/s].
+    bodies: _Bodies, bend: Float[Array, " agent"], ahead: _Bodies
+) -> tuple[Float[Array, "agent ahead"], Float[Array, "agent ahead"]]:
+    """For every agent (row) the gap [m] to each of those `ahead` that is in its way, and how fast it closes [m/s].
 
     The way is the arc that the agent is on: distance along it and off it are exact for a circle.
     """
-    dx, dy = now.x[None] - now.x[:, None], now.y[None] - now.y[:, None]
-    cos, sin = jnp.cos(now.yaw), jnp.sin(now.yaw)
-    ahead, left = dx * cos[:, None] + dy * sin[:, None], dy * cos[:, None] - dx * sin[:, None]
+    now, then, cos, sin = bodies.now, ahead.now, bodies.cos, bodies.sin
+    dx, dy = then.x[None] - now.x[:, None], then.y[None] - now.y[:, None]
+    far, left = dx * cos[:, None] + dy * sin[:, None], dy * cos[:, None] - dx * sin[:, None]
     k = jnp.where(jnp.abs(bend) < _STRAIGHT, _STRAIGHT, bend)[:, None]
     # The direction of the arc where it passes the other, as a vector: only its length needs an angle.
-    from_centre = jnp.sqrt((k * ahead) ** 2 + (1.0 - k * left) ** 2)
-    arc_cos, arc_sin = (1.0 - k * left) / from_centre, k * ahead / from_centre
+    from_centre = jnp.sqrt((k * far) ** 2 + (1.0 - k * left) ** 2)
+    arc_cos, arc_sin = (1.0 - k * left) / from_centre, k * far / from_centre
     along = _angle(arc_cos, arc_sin) / k
     off = (1.0 - from_centre) / k
     turned_cos, turned_sin = (
         cos[:, None] * arc_cos - sin[:, None] * arc_sin,
         sin[:, None] * arc_cos + cos[:, None] * arc_sin,
     )
-    same = cos[None] * turned_cos + sin[None] * turned_sin
-    across = jnp.abs(sin[None] * turned_cos - cos[None] * turned_sin)
-    reach = jnp.abs(same) * half_length[None] + across * half_width[None]
-    breadth = across * half_length[None] + jnp.abs(same) * half_width[None]
-    inside = jnp.abs(off) - breadth < half_width[:, None] + _SIDE_MARGIN_M
-    others = ~jnp.eye(now.x.shape[0], dtype=bool)
-    in_way = others & disturbed[None] & inside & (along > 0.0)
-    gap = jnp.where(in_way, along - reach - half_length[:, None], _FAR_M)
-    return gap, now.speed[:, None] - now.speed[None] * same
+    same = ahead.cos[None] * turned_cos + ahead.sin[None] * turned_sin
+    across = jnp.abs(ahead.sin[None] * turned_cos - ahead.cos[None] * turned_sin)
+    reach = jnp.abs(same) * ahead.half_length[None] + across * ahead.half_width[None]
+    breadth = across * ahead.half_length[None] + jnp.abs(same) * ahead.half_width[None]
+    inside = jnp.abs(off) - breadth < bodies.half_width[:, None] + _SIDE_MARGIN_M
+    in_way = (bodies.index[:, None] != ahead.index[None]) & inside & (along > 0.0)
+    if bodies.z is not None and ahead.z is not None:
+        in_way &= same_level(bodies.z[:, None], ahead.z[None])
+    gap = jnp.where(in_way, along - reach - bodies.half_length[:, None], _FAR_M)
+    return gap, now.speed[:, None] - then.speed[None] * same
 
 
 def _angle(cos: Float[Array, "*axes"], sin: Float[Array, "*axes"]) -> Float[Array, "*axes"]:

@@ -11,8 +11,10 @@ from scenes import DT, crash, platoon, scene, straight_road
 
 from regents_cosim.attacks.acceptance import ego_contacts, is_clean
 from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.patience import comes_down, waits
 from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS_FOCUSED
 from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.boxes import Boxes, corners, overlap
@@ -20,6 +22,7 @@ from regents_cosim.maps.levels import beyond_road
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, scene_origin, to_world
+from regents_cosim.planners.log_replay import LogReplay
 from regents_cosim.verdicts.clean import flaws, touches_in
 from regents_cosim.verdicts.leaving_road import corners_leave
 
@@ -181,15 +184,42 @@ def test_at_least_one_attempt_is_made():
 
 
 @pytest.mark.slow
-def test_a_search_that_stands_still_ends_at_the_end_of_its_patience():
-    """A car on the road's other side, far ahead, comes no nearer."""
+@pytest.mark.parametrize(("near_m", "least", "most"), [(0.0, 10, 500), (4.0, 0, 10)])
+def test_a_search_that_stands_still_ends_at_the_end_of_its_patience(near_m, least, most):
+    """A car on the road's other side, far ahead, comes no nearer; who is so far has hardly any patience."""
     far = scene((0, 0, 10), (90, 6.4, 10), (95, 3.2, 10))
     patience = 10
-    found = next(attack([far], replace(REGENTS_FOCUSED, nearest=1, patience=patience), "log_replay")).attack
+    config = replace(REGENTS_FOCUSED, nearest=1, patience=patience, near_m=near_m)
+    found = next(attack([far], config, "log_replay")).attack
     distances = found.cost_history["ego"]  # of the last attempt
     assert found.outcome == "no_collision"
-    assert patience < len(distances) < 500
-    assert min(distances[-patience:]) > 0.98 * min(distances[:-patience])
+    assert least < len(distances) < most
+    assert min(distances[-patience:]) > 0.98 * min(distances[:-patience], default=0.0)
+
+
+def test_who_is_further_away_waits_less():
+    config = replace(REGENTS_FOCUSED, patience=100, near_m=4.0)
+    least = np.array([0.0, 4.0, 8.0, 40.0, np.inf])
+    assert waits(config, least) == pytest.approx([100, 100, 50, 10, 0])
+    assert waits(replace(config, near_m=0.0), least) == 100
+
+
+def test_who_is_further_away_has_to_come_down_as_fast_as_it_needs_to_get_near():
+    """From 20 m in 500 updates: 3.2 m in 100, of which it waits for 20. By 2 % one that is near gets on."""
+    config = replace(REGENTS_FOCUSED, patience=100, near_m=4.0)
+    least = np.float32(20.0)
+    assert [bool(comes_down(config, cost, least, 500)) for cost in (19.37, 19.35)] == [False, True]
+    assert [bool(comes_down(config, cost, np.float32(4.0), 500)) for cost in (3.93, 3.91)] == [False, True]
+    assert bool(comes_down(replace(config, near_m=0.0), 19.5, least, 500))
+    assert bool(comes_down(config, 1e4, np.float32(np.inf), 500)), "the first cost is always the least so far"
+
+
+@pytest.mark.parametrize("given", [{"replan_every": 25}, {"sampled": 0}])
+def test_where_none_samples_patience_is_the_same_everywhere(given):
+    setup = AttackSetup(replace(REGENTS_FOCUSED, **given), LogReplay(), "log_replay", None)
+    assert setup.with_due_patience().config.near_m == 0.0
+    sampling = AttackSetup(REGENTS_FOCUSED, LogReplay(), "log_replay", None)
+    assert sampling.with_due_patience() == sampling
 
 
 def test_patience_is_none_or_some():

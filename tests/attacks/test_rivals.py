@@ -105,7 +105,7 @@ def test_before_the_descent_from_the_log_samples_are_tried_there(monkeypatch, sa
         return sampling(jobs, *given)
 
     monkeypatch.setattr(searching, "search_by_samples", noted)
-    few = replace(REGENTS_FOCUSED, iterations=10, nearest=1, sampled=sampled)
+    few = replace(REGENTS_FOCUSED, iterations=10, nearest=1, sampled=sampled, near_m=0.0)
     (missed,) = attack([scene((0, 0, 10), (200, 0, 10))], few, "log_replay")  # no drive meets the ego
     assert missed.attack.outcome == "no_collision"
     assert len(made) == searches

@@ -6,6 +6,7 @@ import pytest
 from scenes import platoon, scene
 
 from regents_cosim.mirror import reactions, rollout
+from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.reactions import begin, place
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import to_world
@@ -91,3 +92,20 @@ def test_the_ego_drives_as_among_traffic_that_does_not_react_when_nobody_has_to(
     _, blind = driven(made, ConstantVelocity(), reacting=False)
     _, motion = driven(made, ConstantVelocity())
     assert motion.x[0] == pytest.approx(np.asarray(blind.x[0]), abs=1e-4)
+
+
+@pytest.mark.parametrize("count", [1, 4, 5, 12])
+def test_of_however_many_in_the_way_the_tightest_alone_holds_one_up(count):
+    """They are looked at a few at a time."""
+
+    def next_speed(ahead_m):
+        x = jnp.concatenate([jnp.zeros(1), jnp.asarray(ahead_m, jnp.float32), jnp.full(15 - len(ahead_m), -1e3)])
+        now = Motion(x, jnp.zeros(16), jnp.zeros(16), jnp.zeros(16).at[0].set(10.0))
+        log_now = Motion(now.x, now.y.at[1:].set(5.0), now.yaw, now.speed)
+        log = jax.tree.map(lambda values: jnp.repeat(values[:, None], 81, axis=1), log_now)
+        present = jnp.arange(16) <= len(ahead_m)
+        half = (jnp.full(16, 2.3), jnp.full(16, 0.9))
+        return react(begin(log), now, log, jnp.zeros((16, 80)), log_now, present, *half, jnp.float32(0.1)).speed[0]
+
+    gaps = np.random.default_rng(count).permutation(np.linspace(9.0, 40.0, count))
+    assert float(next_speed(gaps)) == float(next_speed([9.0])) < 9.5
