@@ -31,7 +31,7 @@ class _Said(msgspec.Struct, frozen=True):
     planner: str
     rollouts: int
     seconds: float
-    protocol: list[tuple[str, str | int]]  # in its order
+    protocol: list[tuple[str, str | int | float]]  # in its order
     windows: list[list[str]]  # ids of the results of each
     in_sumo: list[CrashInSumo]
 
@@ -76,7 +76,7 @@ def _said(run: MethodRun) -> _Said:
         run.planner,
         run.rollouts,
         run.seconds,
-        [(name, value if isinstance(value, int) else str(value)) for name, value in run.protocol],
+        [(name, value if isinstance(value, int | float) else str(value)) for name, value in run.protocol],
         [[case.id for case in results] for results in run.windows],
         list(run.in_sumo),
     )

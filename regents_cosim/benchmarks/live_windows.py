@@ -1,8 +1,14 @@
-"""Windows that go on in SUMO's live traffic: a planner at the wheel, and an adversary that aims while they do."""
+"""Windows that go on in SUMO's live traffic: a planner at the wheel, and an adversary that aims while they do.
+
+Attacks begin within the window. One that has begun is carried out to its end, which may come later: an adversary that
+looks eight seconds ahead meets the ego up to eight seconds after it began.
+"""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.collisions import first_contact
@@ -18,7 +24,7 @@ from regents_cosim.planners.driver import Drivers
 from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.routes.ego_route import plan_route
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import run_each
 
@@ -77,13 +83,27 @@ class LiveWindowsRow:
 def drive_window(window: LiveWindow) -> LiveWindowEnd:
     """Drive one. Call it in a worker process. Raises DriveError, SumoError."""
     keep_compiled_programs()
-    scenario, attached = window.case.before_attack(), _Attached(window)
+    scenario, attached = _going_on(window.case.before_attack(), HORIZON_S), _Attached(window)
     with Drivers(window.planner) as drivers, drivers.lend() as driver:
         seen = replay_in_sumo(
             scenario, driver, released=background_drivers(scenario), seed=window.seed, attach=attached
         ).tracks
     contact = first_contact(scenario.agents, seen)
     return attached.end(None if contact is None else scenario.agents[contact[0]].id)
+
+
+def _going_on(scenario: Scenario, seconds: float) -> Scenario:
+    """The same for so long after its end, where only the ego is still told to be there; SUMO drives the others on."""
+    steps = round(seconds / scenario.dt)
+
+    def longer(values: np.ndarray) -> np.ndarray:
+        return np.pad(values, ((0, 0), (0, steps)), "edge")
+
+    tracks = scenario.tracks
+    valid = longer(tracks.valid)
+    valid[1:, tracks.steps :] = False
+    moved = {name: longer(getattr(tracks, name)) for name in ("x", "y", "yaw", "speed", "z")}
+    return replace(scenario, tracks=Tracks(**moved, valid=valid))
 
 
 def drive_windows(
@@ -139,14 +159,15 @@ def _row(place: str, ends: Sequence[tuple[LiveWindowEnd | RegentsError, ...]]) -
 
 
 class _Attached:
-    """The adversary of one window; it lets go with the first crash, and with the window's last step."""
+    """The adversary of one window; it lets go with the first crash, and where the run ends."""
 
     def __init__(self, window: LiveWindow) -> None:
         self._window, self._left = window, window.case.tracks.steps
+        self._last = self._left + round(HORIZON_S / window.case.dt)  # the last step of the run
         self._adversary: Adversary | None = None
         self._told: list[str] = []
 
-    def __call__(self, sumo: Any, ego: str) -> Callable[[], None]:
+    def __call__(self, sumo: Any, ego: str) -> Callable[[], bool]:
         """Attach it to the simulation; what is to be called after each step."""
         case = self._window.case
         if self._window.attacked:
@@ -157,6 +178,7 @@ class _Attached:
             self._adversary = Adversary(
                 sumo, ego, self._window.expected, self._window.method, horizon_s=whole_s if plan else HORIZON_S,
                 source=case.provenance.file, seed=self._window.seed, plan=plan, route=route, tell=self._told.append,
+                attack_when=lambda _: self._left > 0,
             )  # fmt: skip
         return self._step
 
@@ -167,9 +189,15 @@ class _Attached:
         cases, tally = self._adversary.cases, self._adversary.tally
         return LiveWindowEnd(met, tally.attacks, cases[-1] if cases else None, tuple(self._told))
 
-    def _step(self) -> None:
-        self._left -= 1
-        if self._adversary is not None:
-            self._adversary.step()
-            if self._adversary.tally.crashes or not self._left:
-                self._adversary.detach()
+    def _step(self) -> bool:
+        """After each step: whether the run goes on."""
+        self._left, self._last = self._left - 1, self._last - 1
+        adversary = self._adversary
+        if adversary is None:
+            return True
+        adversary.step()
+        over = self._left <= 0 and adversary.adversary is None
+        if over or adversary.tally.crashes or not self._last:
+            adversary.detach()
+            return False
+        return True

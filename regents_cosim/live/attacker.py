@@ -24,7 +24,6 @@ _LATE_S = 1.0  # after it should have met the ego
 _NO_PLAN_S = 0.4  # to the contact: what is planned by then stays
 _LONGEST_S = 12.0  # that one attack may take
 _RESTS_S = 10.0  # that a vehicle is left alone after an attack
-_LEAST_EGO_M_S = 0.5  # an ego that stands is not attacked
 _STANDS_M_S = 0.1
 _OFF_LANE_M = 0.3  # so near to the middle of a lane a vehicle is given back
 _LONGEST_RETURN_S = 12.0
@@ -121,7 +120,7 @@ class Attacker:
 
     def _begin(self, frame: Frame) -> None:
         """Look for a plan, and take its vehicle."""
-        if len(frame.ids) < 2 or frame.speed[0] < _LEAST_EGO_M_S:
+        if len(frame.ids) < 2:
             return
         self._barred = {name: until for name, until in self._barred.items() if until > frame.time_s}
         standing = (name for name in frame.ids[1:] if frame.speed[frame.number[name]] < _STANDS_M_S)

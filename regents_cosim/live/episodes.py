@@ -12,6 +12,7 @@ from regents_cosim.errors import DriveError
 from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.history import touched
 from regents_cosim.live.planner_driver import PlannerDriver
+from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
@@ -40,7 +41,7 @@ class Episodes:
     expected: str = ""  # how the ego is expected to react, where that is not its planner
     attack: bool = True
     replan_s: float = 0.5
-    horizon_s: float = 5.0
+    horizon_s: float = HORIZON_S
     radius_m: float = 100.0
     most_s: float = 60.0
     output: Path | None = None

@@ -26,10 +26,12 @@ from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
+from regents_cosim.limits import STANDING_M_S
 from regents_cosim.live.moments import DT_S, FIT, Moment
 from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.planner_in_loop import PlannerInLoop
+from regents_cosim.live.predict import Drive
 from regents_cosim.live.reach import could_meet, near_enough
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import World, to_tracks
@@ -39,8 +41,8 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ways import ways_ahead
 
-_LOOKED_AT = 12  # candidates whose ways are compared with the ego's at one look ...
-_MOST_ASKED = 2  # ... and those of them that could meet it which are asked for drives, until one has any ...
+_LOOKED_AT = 12  # candidates whose ways are compared with the ego's at one look; the first look asks all for drives ...
+_MOST_ASKED = 2  # ... a later one so many of those that could meet it, until one has any ...
 _FEW_WAYS = 2  # ... or had more ways than this on: drawing drives along all of them is what takes time
 _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
@@ -61,7 +63,7 @@ class Search:
         self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
         self._warm = False  # all programs are compiled
         self._asked: dict[str, float] = {}  # when a candidate was looked at last
-        self._missed: str | None = None  # whose drives are descended from at the next look
+        self._missed: Plan | None = None  # a drive that did not crash as wanted: the next look descends from it
         self._road: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # of which adversary, and since when
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Search":
@@ -87,24 +89,29 @@ class Search:
     def fresh(self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
-        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. A look asks candidates until one
-        has drives. Where none of these is the plan, the next look descends from one of them.
+        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. The first look asks all
+        candidates that could meet the ego, a later one asks until one has drives. Where none of these is the plan, the
+        next look descends from one of them. An ego that will stand all the time is not attacked.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
             self._warm_up(loop)
-            most = _MOST_ASKED if self.config.starts else 1
+            if ego.speed.max() < STANDING_M_S:
+                return None
+            most = self._most_asked()
             missed, self._missed = self._missed, None
-            again = None if missed is None or missed in barred else moment.traffic.index(missed)
-            if again is not None:
-                return self._descended(loop, again, ego, speed_only)
+            again = None if missed is None or missed.adversary in barred else moment.traffic.index(missed.adversary)
+            if missed is not None and again is not None:
+                return self._descended(loop, again, missed)
             for agent in itertools.islice(self._candidates(loop, ego, barred), most):
                 found = self._starts(loop, agent, ego, speed_only)
                 plan = None if found is None else self._plan_from(loop, agent, found)
-                if plan is not None or found:
-                    self._missed = None if plan is not None else moment.scenario.agents[agent].id
+                if plan is not None:
+                    self._missed = None
                     return plan
-                if self._takes_long(loop, agent):
+                if found and self._missed is None:
+                    self._missed = _driven(moment, agent, found[0])
+                if most == _MOST_ASKED and (found or self._takes_long(loop, agent)):
                     return None
             return None
 
@@ -125,8 +132,8 @@ class Search:
         if self._warm or len(loop.moment.scenario.agents) < 2:
             return
         job, tracks = self._job(loop, 1), loop.moment.scenario.tracks
-        onward = Start(tracks.x[1], tracks.y[1], tracks.yaw[1], tracks.speed[1], 0, (0.0, 0.0, 0.0), 0.0)
         if self.config.starts:
+            onward = _start(np.stack([tracks.x[1], tracks.y[1], tracks.yaw[1], tracks.speed[1]]))
             followed(loop.moment.scenario, job, [onward], self.config.starts, FIT)
         for config in dict.fromkeys((self.config, self._renewing)):
             loop.search(job, 0, config)
@@ -147,6 +154,12 @@ class Search:
             self._asked[names[k]] = now
             if not self.config.starts or self._could_meet(loop, k, ego):
                 yield k
+
+    def _most_asked(self) -> int:
+        """How many candidates a look may ask: of an ego of which nothing is known yet, all that could meet it."""
+        if not self.config.starts:
+            return 1
+        return _MOST_ASKED if self._asked else _LOOKED_AT
 
     def _takes_long(self, loop: PlannerInLoop, agent: int) -> bool:
         """Whether to ask it was enough for one look."""
@@ -183,14 +196,14 @@ class Search:
                 return plan
         return None
 
-    def _descended(self, loop: PlannerInLoop, agent: int, ego: Tracks, speed_only: bool) -> Plan | None:
-        """What a short descent makes of the most promising of an agent's drives, none of which crashed as wanted."""
-        found = self._starts(loop, agent, ego, speed_only)
-        if not found or not self.config.iterations:
+    def _descended(self, loop: PlannerInLoop, agent: int, missed: Plan) -> Plan | None:
+        """What a short descent makes of a drive that did not crash the ego as wanted at the look before."""
+        if not self.config.iterations:
             return None
-        job = self._job(loop, agent)
-        (begun,) = followed(loop.moment.scenario, job, found[:1], self.config.starts, FIT)
-        return _plan(loop.moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
+        job, moment = self._job(loop, agent), loop.moment
+        rest = missed.rest(moment.traffic.time_s, moment.scenario.tracks.steps)
+        (begun,) = followed(moment.scenario, job, [_start(rest)], self.config.starts, FIT)
+        return _plan(moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
 
     def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False) -> SearchJob:
         """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it."""
@@ -239,6 +252,19 @@ def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan |
         np.maximum(np.asarray(found.motion.speed[agent], float), 0.0), begun + contact[1] * DT_S,
         int(found.iterations), rollouts + int(found.iterations),
     )  # fmt: skip
+
+
+def _driven(moment: Moment, agent: int, start: Start) -> Plan:
+    """A drive as a plan of an agent."""
+    begun = moment.traffic.time_s
+    return Plan(
+        moment.scenario.agents[agent].id, begun, start.x, start.y, start.yaw, start.speed, begun + start.meets * DT_S
+    )  # fmt: skip
+
+
+def _start(drive: Drive) -> Start:
+    """A drive as one that a search may begin with; when it meets the ego is not asked of it."""
+    return Start(*drive, meets=0, contact=(0.0, 0.0, 0.0), promise=0.0)
 
 
 def _least_apart(scenario: Scenario, ego: Tracks) -> Float[np.ndarray, " agent"]:

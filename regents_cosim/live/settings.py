@@ -5,14 +5,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 from regents_cosim.attacks.presets import METHODS, AttackConfig
+from regents_cosim.attacks.search import LOOKED_AT
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError, require
 
 Keep = Literal["crashes", "near-misses"]
 
-HORIZON_S = 5.0  # unless another is given
+HORIZON_S = 8.0  # unless another is given: as far as windows that are attacked at leisure
 
-_STARTS, _ITERATIONS = 4, 15  # live: there is half a second, and another moment after it
+_STARTS, _ITERATIONS = LOOKED_AT, 15  # live: one look at once, and another moment after it
 _LEARNING_RATE = 5e-3  # as far in so few iterations as offline in its median of 75
 _RANGES = {
     "replan_s": Range(0.05, 60.0, "seconds from one plan to the next"),

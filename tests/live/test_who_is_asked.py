@@ -3,38 +3,45 @@
 from contextlib import nullcontext
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from regents_cosim.attacks.starts import Start
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import live_config
 
 NAMES = ("ego", "a", "b", "c", "d")
+DRIVE = Start(*np.zeros((4, 10)), meets=5, contact=(0.0, 0.0, 0.0), promise=0.0)
 
 
 class Asked(Search):
     """A search that notes who is asked; `drives` have lawful drives, of which none crashes the ego as wanted.
 
-    Those of `long` have many ways on.
+    Those of `long` have many ways on. The ego drives at `speed` [m/s]. All have been looked at before, unless `first`.
     """
 
-    def __init__(self, drives, long=()):
+    def __init__(self, drives, long=(), speed=8.0, first=False):
         super().__init__("idm", live_config("focused"))
         self.noted, self._drives, self._long, self._turn = [], drives, long, 0
+        self._ego = SimpleNamespace(speed=np.full((1, 10), speed))
+        if not first:
+            self._asked = dict.fromkeys(NAMES[1:], 0.0)
 
     def _in_loop(self, moment):
-        return nullcontext(SimpleNamespace(moment=moment, unattacked=lambda: None))
+        return nullcontext(SimpleNamespace(moment=moment, unattacked=lambda: self._ego))
 
     def _warm_up(self, loop):
         pass
 
     def _candidates(self, loop, ego, barred):
-        while True:
+        for _ in NAMES[1:]:
             self._turn = self._turn % 4 + 1
+            self._asked[NAMES[self._turn]] = 0.0
             yield self._turn
 
     def _starts(self, loop, agent, ego, speed_only):
         self.noted.append(f"ask {NAMES[agent]}")
-        return ["drive"] if NAMES[agent] in self._drives else None
+        return [DRIVE] if NAMES[agent] in self._drives else None
 
     def _takes_long(self, loop, agent):
         return NAMES[agent] in self._long
@@ -42,7 +49,8 @@ class Asked(Search):
     def _plan_from(self, loop, agent, found):
         return None
 
-    def _descended(self, loop, agent, ego, speed_only):
+    def _descended(self, loop, agent, missed):
+        assert missed.adversary == NAMES[agent]
         self.noted.append(f"descend {NAMES[agent]}")
 
 
@@ -50,7 +58,7 @@ class Asked(Search):
 def moment():
     return SimpleNamespace(
         scenario=SimpleNamespace(agents=[SimpleNamespace(id=name) for name in NAMES]),
-        traffic=SimpleNamespace(index=lambda name: NAMES.index(name)),
+        traffic=SimpleNamespace(index=lambda name: NAMES.index(name), time_s=0.0),
     )
 
 
@@ -79,8 +87,17 @@ def test_who_is_barred_by_then_is_not_descended_from(moment):
     assert looks(search, moment, 1, barred={"a"})[1:] == ["ask b", "ask c"]
 
 
+def test_the_first_look_asks_all_and_the_next_descends_from_the_nearest_that_had_drives(moment):
+    said = looks(Asked({"b", "c"}, long={"a"}, first=True), moment, 3)
+    assert said == ["ask a", "ask b", "ask c", "ask d", "descend b", "ask a"]
+
+
+def test_an_ego_that_stands_all_the_time_is_not_attacked(moment):
+    assert looks(Asked({"a"}, speed=0.0, first=True), moment, 2) == []
+
+
 def test_another_run_knows_nothing_of_the_one_before(moment):
     search = Asked({"a"})
     looks(search, moment, 1)
     search.forget()
-    assert looks(search, moment, 1)[1:] == ["ask b", "ask c"]
+    assert looks(search, moment, 1)[1:] == ["ask b", "ask c", "ask d", "ask a"]

@@ -42,7 +42,7 @@ def live(
     seed: Seed = 0,
     longest: float = 60.0,
     replan: float = 0.5,
-    horizon: float = 5.0,
+    horizon: float = 8.0,
     radius: float = 100.0,
     keep: Literal["crashes", "near-misses"] = "crashes",
     gui: bool = False,

@@ -19,7 +19,8 @@ from regents_cosim.replays.sumo.stage import Stage, SumoReplay
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
 
-Attach = Callable[[ModuleType, str], Callable[[], object]]  # given SUMO, and its name of the ego
+# Given SUMO, and its name of the ego: what is called after each step, and ends the replay where it answers False.
+Attach = Callable[[ModuleType, str], Callable[[], object]]
 
 
 def replay_in_sumo(
@@ -62,7 +63,8 @@ def replay_in_sumo(
             stage.play(step)
             if attach is not None and step == 0:
                 watch = attach(sumo, stage.ego)
-            watch()
+            if watch() is False:
+                break
             if gui:
                 stage.show(step)
             if driver is not None and step + 1 < scenario.tracks.steps:
