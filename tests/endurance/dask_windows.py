@@ -32,7 +32,7 @@ from regents_cosim.sources.record import record
 from tests.endurance.processes import REGENTS
 from tests.speed.large_suite import make_large_suite
 
-CHEAP = ("--nearest", "1", "--iterations", "1", "--no-pictures")
+CHEAP = ("--nearest", "1", "--attempts", "1", "--sampled", "0", "--iterations", "1", "--no-pictures")
 MOST_KB_PER_WINDOW = 20.0  # that any of the processes may hold more and more
 _EVERY_S = 2.0
 _DONE = b'"type":"done"'
