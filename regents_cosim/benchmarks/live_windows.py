@@ -162,8 +162,8 @@ class _Attached:
     """The adversary of one window; it lets go with the first crash, and where the run ends."""
 
     def __init__(self, window: LiveWindow) -> None:
-        self._window, self._left = window, window.case.tracks.steps
-        self._last = self._left + round(HORIZON_S / window.case.dt)  # the last step of the run
+        self._window, self._left = window, window.case.tracks.steps  # of the window; below 0 once that is over
+        self._ends = -round(HORIZON_S / window.case.dt)  # where the run does
         self._adversary: Adversary | None = None
         self._told: list[str] = []
 
@@ -191,13 +191,13 @@ class _Attached:
 
     def _step(self) -> bool:
         """After each step: whether the run goes on."""
-        self._left, self._last = self._left - 1, self._last - 1
+        self._left -= 1
         adversary = self._adversary
         if adversary is None:
             return True
         adversary.step()
         over = self._left <= 0 and adversary.adversary is None
-        if over or adversary.tally.crashes or not self._last:
+        if over or adversary.tally.crashes or self._left == self._ends:
             adversary.detach()
             return False
         return True

@@ -98,7 +98,8 @@ class Search:
             self._warm_up(loop)
             if ego.speed.max() < STANDING_M_S:
                 return None
-            most = self._most_asked()
+            asks_all = not self._asked  # nothing is known yet of who is around this ego
+            most = 1 if not self.config.starts else _LOOKED_AT if asks_all else _MOST_ASKED
             missed, self._missed = self._missed, None
             again = None if missed is None or missed.adversary in barred else moment.traffic.index(missed.adversary)
             if missed is not None and again is not None:
@@ -111,7 +112,7 @@ class Search:
                     return plan
                 if found and self._missed is None:
                     self._missed = _driven(moment, agent, found[0])
-                if most == _MOST_ASKED and (found or self._takes_long(loop, agent)):
+                if not asks_all and (found or self._takes_long(loop, agent)):
                     return None
             return None
 
@@ -154,12 +155,6 @@ class Search:
             self._asked[names[k]] = now
             if not self.config.starts or self._could_meet(loop, k, ego):
                 yield k
-
-    def _most_asked(self) -> int:
-        """How many candidates a look may ask: of an ego of which nothing is known yet, all that could meet it."""
-        if not self.config.starts:
-            return 1
-        return _MOST_ASKED if self._asked else _LOOKED_AT
 
     def _takes_long(self, loop: PlannerInLoop, agent: int) -> bool:
         """Whether to ask it was enough for one look."""

@@ -11,9 +11,9 @@ from regents_cosim.errors import RegentsError, require
 
 Keep = Literal["crashes", "near-misses"]
 
-HORIZON_S = 8.0  # unless another is given: as far as windows that are attacked at leisure
+HORIZON_S = 8.0  # unless another is given: as long as the windows that `regents attack` searches
 
-_STARTS, _ITERATIONS = LOOKED_AT, 15  # live: one look at once, and another moment after it
+_STARTS, _ITERATIONS = LOOKED_AT, 15  # live: as many drives as offline, few iterations, for another look comes soon
 _LEARNING_RATE = 5e-3  # as far in so few iterations as offline in its median of 75
 _RANGES = {
     "replan_s": Range(0.05, 60.0, "seconds from one plan to the next"),
