@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from regents_cosim.attack_record import Outcome
-from regents_cosim.live.case import Forecast
+from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import touched
 from regents_cosim.live.host import Host, VehicleControl

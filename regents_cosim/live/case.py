@@ -16,6 +16,7 @@ from regents_cosim.attack_record import AttackRecord, Outcome
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.live.forecast import FIELDS, Forecast
 from regents_cosim.live.frame import Frame
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario, Signal, Tracks
@@ -23,32 +24,6 @@ from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.windows import RecordedScene, RecordingOrigin, Windows, make_scenario
 
 _LABEL = 40  # characters of a planner or an adversary in the id of a case
-_FIELDS = ("x", "y", "yaw", "z")
-
-
-@dataclass(frozen=True, eq=False)
-class Forecast:
-    """What was predicted at some time, by id."""
-
-    time_s: float
-    dt: float  # [s]
-    ids: tuple[str, ...]
-    tracks: Tracks
-
-    def at(self, name: str, times_s: np.ndarray) -> dict[str, np.ndarray]:
-        """X, y, yaw, z and speed of a vehicle at times; straight on beyond the prediction's end."""
-        row = self.ids.index(name)
-        own = np.arange(self.tracks.steps) * self.dt
-        since = np.asarray(times_s) - self.time_s
-        found = {key: np.interp(since, own, getattr(self.tracks, key)[row]) for key in (*_FIELDS, "speed")}
-        beyond = np.maximum(since - own[-1], 0.0) * found["speed"]
-        found["x"] = found["x"] + beyond * np.cos(found["yaw"])
-        found["y"] = found["y"] + beyond * np.sin(found["yaw"])
-        return found
-
-    def there(self, name: str) -> bool:
-        """Whether a vehicle is there throughout."""
-        return name in self.ids and bool(self.tracks.valid[self.ids.index(name)].all())
 
 
 @dataclass(frozen=True)
@@ -111,18 +86,18 @@ def _recording(frames: Sequence[Frame], dt: float, after: Forecast, further: int
     ids = sorted({name for frame in frames for name in frame.ids})
     row = {name: index for index, name in enumerate(ids)}
     types = {name: kind for frame in frames for name, kind in zip(frame.ids, frame.types, strict=True)}
-    values = {key: np.zeros((len(ids), len(frames) + further)) for key in _FIELDS}
+    values = {key: np.zeros((len(ids), len(frames) + further)) for key in FIELDS}
     valid = np.zeros((len(ids), len(frames) + further), bool)
     for step, frame in enumerate(frames):
         at = [row[name] for name in frame.ids]
-        for key in _FIELDS:
+        for key in FIELDS:
             values[key][at, step] = getattr(frame, key)
         valid[at, step] = True
     times = frames[-1].time_s + np.arange(1, further + 1) * dt
     for name in frames[-1].ids:
         if after.there(name):
             foretold = after.at(name, times)
-            for key in _FIELDS:
+            for key in FIELDS:
                 values[key][row[name], len(frames) :] = foretold[key]
             valid[row[name], len(frames) :] = True
     lights = sorted({name for frame in frames for name in frame.lights})
@@ -155,7 +130,7 @@ def _letters(name: str, frames: Sequence[Frame], further: int) -> list[str]:
 def _original(base: Scenario, begin_s: float, dt: float, names: Sequence[str], before: Forecast) -> Tracks:
     """The tracks, with what was foretold of some from then on."""
     tracks = base.tracks
-    values = {key: getattr(tracks, key).copy() for key in (*_FIELDS, "speed")}
+    values = {key: getattr(tracks, key).copy() for key in (*FIELDS, "speed")}
     times = begin_s + np.arange(tracks.steps) * dt
     since = int(np.searchsorted(times, before.time_s + 1e-6))
     for name in names:

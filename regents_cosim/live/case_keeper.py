@@ -6,7 +6,8 @@ from regents_cosim.attack_record import Outcome
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.live.attacker import Attack
-from regents_cosim.live.case import AttackSummary, Forecast, case_of
+from regents_cosim.live.case import AttackSummary, case_of
+from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.settings import LiveSettings
 from regents_cosim.maps.roadmap import RoadMap

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.errors import RegentsError
+from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.moments import DT_S
 from regents_cosim.live.predict import Drive
 from regents_cosim.scenario import Scenario
@@ -24,18 +25,24 @@ class Plan:
     meets_s: float  # when it would meet the ego
     iterations: int = 0
     rollouts: int = 1
+    foreseen: Forecast | None = None  # what all do meanwhile, where that is known
 
     def at(self, time_s: float) -> tuple[float, float, float, float]:
         """X, y [m], yaw [rad] and speed [m/s] at a time; straight on after its end."""
-        since = time_s - self.begun_s
+        x, y, yaw, speed = self.at_times(np.array([time_s]))[:, 0].tolist()
+        return x, y, yaw, speed
+
+    def at_times(self, times_s: Float[np.ndarray, " time"]) -> Drive:
+        """The same at several times."""
+        since = times_s - self.begun_s
         own = np.arange(len(self.x)) * DT_S
-        x, y, yaw, speed = (float(np.interp(since, own, v)) for v in (self.x, self.y, self.yaw, self.speed))
-        beyond = max(since - own[-1], 0.0) * speed
-        return x + beyond * float(np.cos(yaw)), y + beyond * float(np.sin(yaw)), yaw, speed
+        x, y, yaw, speed = (np.interp(since, own, values) for values in (self.x, self.y, self.yaw, self.speed))
+        beyond = np.maximum(since - own[-1], 0.0) * speed
+        return np.stack([x + beyond * np.cos(yaw), y + beyond * np.sin(yaw), yaw, speed])
 
     def rest(self, time_s: float, steps: int) -> Drive:
         """What is left of it from a time on, as long as `steps` instants."""
-        return np.array([self.at(time_s + step * DT_S) for step in range(steps)]).T
+        return self.at_times(time_s + np.arange(steps) * DT_S)
 
 
 def plan_of_case(case: Scenario, begun_s: float) -> Plan:

@@ -14,7 +14,7 @@ from traci import constants as tc
 
 from regents_cosim.errors import SumoError
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
-from regents_cosim.limits import ALONG_RAD
+from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.known_route import GivenRoute, KnownRoute
 from regents_cosim.live.light_programmes import LightProgrammes
@@ -29,6 +29,7 @@ from regents_cosim.verdicts.lane_pieces import lane_pieces
 
 _WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED]
 _CLOSED = "ryuU"  # letters of a light before which one waits
+_GIVES_WAY = "gm=sw"  # letters of a link on which others may have to be let through
 _NEAR_JUNCTION_S = 1.5  # so near, those with priority are waited for as SUMO sees it now
 _LEAST_NEAR_M = 8.0
 _CHANGES_WITHIN_M = 120.0  # of the end of its lane, the ego changes it if its route needs that
@@ -70,6 +71,7 @@ class Reader:
         self._shows: dict[str, Shows] = {}  # what the lights around will show
         self._types: dict[str, VehicleType] = {}
         self._following: dict[str, Following] = {}
+        self._departed = frozenset[str]()  # in this step: SUMO has not found out yet whom they let through
         self._subscribed = ""  # the ego whose surroundings are subscribed to
         places: dict[str, list[np.ndarray]] = {}
         for link in self.road.connections:
@@ -175,6 +177,7 @@ class Reader:
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
         """The ego and the nearest others, `most` in all, with what they are about to do."""
         self._keep_only(set(frame.ids))
+        self._departed = frozenset(self._sumo.simulation.getDepartedIDList())
         if callable(self._route):
             self._known_route = KnownRoute(self._route(self._sumo), self.road)
         self._shows = {
@@ -231,7 +234,8 @@ class Reader:
             shut_s = self._shut_s(names[-1], onward[0] if onward else "", state)
             if shut_s:
                 stops.append(Stop(left_m - 1.0, shut_s))
-            if not is_open and state not in _CLOSED and left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M):
+            waits = not is_open or (state in _GIVES_WAY and speed < STANDING_M_S and name in self._departed)
+            if waits and state not in _CLOSED and left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M):
                 stops.append(Stop(left_m - 1.0))
             if onward is None:
                 break

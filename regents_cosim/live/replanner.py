@@ -5,7 +5,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from regents_cosim.live.case import Forecast
+from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import History
 from regents_cosim.live.host import Host

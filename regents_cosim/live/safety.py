@@ -1,44 +1,91 @@
-"""The adversary touches no vehicle but the ego: whether it soon would, and how it stops instead."""
+"""The adversary touches no vehicle but the ego: whether it soon would, and how it stops instead.
+
+Two views of the others count. As they were foreseen when the plan was made: a leader that is about to go, or a vehicle
+that is about to turn, is no obstacle. And straight on at their speed, whatever was foreseen: then the adversary brakes
+at the last step in which braking still helps.
+"""
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.moments import DT_S
 from regents_cosim.live.plan import Plan
 
-_CHECKED_S = (0.4, 0.8)  # ahead, beside the next step
+_FORESEEN_S = 0.8  # so far ahead what was foreseen counts
 _BRAKING_M_S2 = 7.0
-_NEAR_M = 40.0
+_STOPPED_S = 0.3  # after it has braked to a stop
+_SPACING_S = 0.1
+_NEAR_M = 40.0  # beside the way that braking takes
 
 
 def would_touch_others(frame: Frame, plan: Plan, step_s: float) -> bool:
-    """Whether the adversary soon touches a vehicle but the ego, if that goes straight on.
+    """Whether the adversary has to brake now, so as not to touch a vehicle but the ego.
 
     False where they touch already, as SUMO has them.
     """
-    boxes, own = frame.boxes, frame.number[plan.adversary]
-    others = np.hypot(frame.x - frame.x[own], frame.y - frame.y[own]) < _NEAR_M
+    own = frame.number[plan.adversary]
+    near_m = _NEAR_M + frame.speed[own] ** 2 / (2.0 * _BRAKING_M_S2)
+    others = np.hypot(frame.x - frame.x[own], frame.y - frame.y[own]) < near_m
     others[[0, own]] = False
-    kept = Boxes(*(np.broadcast_to(values, others.shape)[others] for values in boxes))
-    mine, kind = Boxes(*(np.asarray(values)[own] for values in boxes)), frame.types[own]
-    if not others.any() or np.any(overlap(mine, kept)):
+    rows = np.flatnonzero(others)
+    if not len(rows) or np.any(overlap(_row(frame.boxes, own), _row(frame.boxes, rows))):
         return False
-    for ahead_s in (step_s, *_CHECKED_S):
-        x, y, yaw, _ = plan.at(frame.time_s + ahead_s)
-        way_m = frame.speed[others] * ahead_s
-        there = kept._replace(x=kept.x + way_m * np.cos(kept.yaw), y=kept.y + way_m * np.sin(kept.yaw))
-        if np.any(overlap(Boxes(x, y, yaw, kind.length, kind.width, frame.z[own]), there)):
-            return True
-    return False
+    kind, now = frame.types[own], frame.time_s
+
+    def touches(driven: Plan, ahead_s: Float[np.ndarray, " time"], there: Boxes) -> Bool[np.ndarray, " time"]:
+        x, y, yaw, _ = driven.at_times(now + ahead_s)
+        return np.any(overlap(Boxes(x, y, yaw, kind.length, kind.width, frame.z[own]), there), axis=0)
+
+    soon = _instants(step_s, _FORESEEN_S)
+    if touches(plan, soon, _as_foreseen(frame, rows, soon, plan.foreseen)).any():
+        return True
+    braked = _instants(step_s, step_s + plan.at(now)[3] / _BRAKING_M_S2 + _STOPPED_S)
+    there = _straight_on(frame, rows, braked)
+    onward = touches(plan, braked, there)
+    if onward[0] or not onward.any():
+        return bool(onward[0])
+    later = touches(braking(plan, now + step_s), braked, there)
+    return bool(later.any()) and not touches(braking(plan, now), braked, there).any()
 
 
 def braking(plan: Plan, now_s: float) -> Plan:
-    """Along a plan, but braking to a stop."""
+    """Along a plan, but braking to a stop from then on."""
     since = np.arange(len(plan.x)) * DT_S
     slower = np.maximum(plan.at(now_s)[3] - _BRAKING_M_S2 * since, 0.0)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (slower[1:] + slower[:-1]) * DT_S)])
-    ahead = np.array([plan.at(now_s + step * DT_S) for step in range(len(plan.x))])
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ahead[:, :2], axis=0).T))])
-    x, y, yaw = (np.interp(way, driven, ahead[:, k]) for k in range(3))
+    ahead = plan.rest(now_s, len(plan.x))
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ahead[:2])))])
+    x, y, yaw = (np.interp(way, driven, values) for values in ahead[:3])
     return Plan(plan.adversary, now_s, x, y, yaw, slower, np.inf)
+
+
+def _instants(step_s: float, last_s: float) -> Float[np.ndarray, " time"]:
+    """From the next step on, at least that."""
+    return np.arange(step_s, max(last_s, step_s) + 0.5 * _SPACING_S, _SPACING_S)
+
+
+def _row(boxes: Boxes, rows: np.ndarray | int) -> Boxes:
+    return Boxes(*(np.asarray(values)[rows] for values in boxes))
+
+
+def _straight_on(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray) -> Boxes:
+    """Some [row time], if they go straight on at their speed."""
+    boxes = _row(frame.boxes, rows[:, None])
+    way_m = frame.speed[rows, None] * ahead_s
+    return boxes._replace(x=boxes.x + way_m * np.cos(boxes.yaw), y=boxes.y + way_m * np.sin(boxes.yaw))
+
+
+def _as_foreseen(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
+    """Some [row time], if they go on from where they are as was foreseen; straight on, of whom nothing was."""
+    there = _straight_on(frame, rows, ahead_s)
+    shape = len(rows), len(ahead_s)
+    x, y, yaw = (np.broadcast_to(values, shape).copy() for values in (there.x, there.y, there.yaw))
+    for k, row in enumerate(rows):
+        if foreseen is not None and foreseen.there(frame.ids[row], frame.time_s + ahead_s[-1]):
+            from_now = foreseen.at(frame.ids[row], frame.time_s + np.concatenate([[0.0], ahead_s]))
+            for values, key in ((x, "x"), (y, "y"), (yaw, "yaw")):
+                values[k] = getattr(frame, key)[row] + from_now[key][1:] - from_now[key][0]
+    return there._replace(x=x, y=y, yaw=yaw)

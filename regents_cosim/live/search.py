@@ -27,6 +27,7 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
 from regents_cosim.limits import STANDING_M_S
+from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.moments import DT_S, FIT, Moment
 from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.live.plan import Plan
@@ -246,6 +247,7 @@ def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan |
         scenario.agents[agent].id, begun, x + moment.origin[0], y + moment.origin[1], yaw,
         np.maximum(np.asarray(found.motion.speed[agent], float), 0.0), begun + contact[1] * DT_S,
         int(found.iterations), rollouts + int(found.iterations),
+        Forecast(begun, DT_S, tuple(one.id for one in scenario.agents), tracks),
     )  # fmt: skip
 
 

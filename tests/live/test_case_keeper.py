@@ -6,8 +6,8 @@ from shapely import box
 
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.live.attacker import Attack
-from regents_cosim.live.case import Forecast
 from regents_cosim.live.case_keeper import CaseKeeper
+from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.settings import LiveSettings, live_config

@@ -1,0 +1,37 @@
+"""What was predicted at some time of the vehicles around an ego."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from regents_cosim.scenario import Tracks
+
+FIELDS = ("x", "y", "yaw", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """What was predicted at some time, by id."""
+
+    time_s: float
+    dt: float  # [s]
+    ids: tuple[str, ...]
+    tracks: Tracks
+
+    def at(self, name: str, times_s: np.ndarray) -> dict[str, np.ndarray]:
+        """X, y, yaw, z and speed of a vehicle at times; straight on beyond the prediction's end."""
+        row = self.ids.index(name)
+        own = np.arange(self.tracks.steps) * self.dt
+        since = np.asarray(times_s) - self.time_s
+        found = {key: np.interp(since, own, getattr(self.tracks, key)[row]) for key in (*FIELDS, "speed")}
+        beyond = np.maximum(since - own[-1], 0.0) * found["speed"]
+        found["x"] = found["x"] + beyond * np.cos(found["yaw"])
+        found["y"] = found["y"] + beyond * np.sin(found["yaw"])
+        return found
+
+    def there(self, name: str, until_s: float = np.inf) -> bool:
+        """Whether a vehicle is there all the time, or until then."""
+        if name not in self.ids:
+            return False
+        steps = int(min(np.ceil((until_s - self.time_s) / self.dt) + 1, self.tracks.steps))
+        return bool(self.tracks.valid[self.ids.index(name), :steps].all())
