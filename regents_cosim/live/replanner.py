@@ -42,6 +42,10 @@ class Replanner:
         known = {plan.adversary: plan.rest(frame.time_s, self._moments.steps)}
         return self._search.renewed(self._moments.of(self._traffic(frame), known), plan.adversary)
 
+    def redrawn(self, frame: Frame, adversary: str) -> Plan | None:
+        """Another plan for a vehicle whose plan could not be changed; None where there is none."""
+        return self._search.redrawn(self._moments.of(self._traffic(frame)), adversary, self._host.speed_only)
+
     def homeward(self, frame: Frame, name: str) -> Plan | None:
         """A drive from where a vehicle is back to the middle of its lane, behind its leader."""
         traffic = self._traffic(frame)

@@ -126,6 +126,15 @@ class Search:
             job = self._job(loop, agent)
             return self._tried(loop, job, agent, self._renewing)
 
+    def redrawn(self, moment: Moment, adversary: str, speed_only: bool = False) -> Plan | None:
+        """Another plan for an adversary whose plan could not be changed: the first of its drives that is wanted."""
+        agent = moment.traffic.index(adversary)
+        if agent is None or not self.config.starts:
+            return None
+        with self._in_loop(moment) as loop:
+            found = self._starts(loop, agent, loop.unattacked(), speed_only)
+            return self._plan_from(loop, agent, found) if found else None
+
     def _in_loop(self, moment: Moment) -> PlannerInLoop:
         return PlannerInLoop(moment, self.config, self.planner_name, self.loop, self.hosts)
 
