@@ -65,7 +65,7 @@ def _drive(
 
     seen = Seen()
     options = ["--no-step-log", "--no-warnings", "--step-length", "0.1", "--seed", "11", "--time-to-teleport", "300"]
-    options += ["--scale", str(scale)]
+    options += ["--scale", str(scale), "--random", "false"]  # both runs are to throw the same dice
     sumo.start(["sumo", "-c", str(config), "--collision.action", "warn", *options])
     begin = sumo.simulation.getTime() + after_s
     adversary, egos, until = None, _egos(sumo), 0.0

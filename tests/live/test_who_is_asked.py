@@ -96,6 +96,12 @@ def test_an_ego_that_stands_all_the_time_is_not_attacked(moment):
     assert looks(Asked({"a"}, speed=0.0, first=True), moment, 2) == []
 
 
+def test_where_a_plan_could_not_be_changed_its_own_vehicle_is_asked_alone(moment):
+    search = Asked({"b", "c"})
+    assert search.redrawn(moment, "c") is None
+    assert search.noted == ["ask c"]
+
+
 def test_another_run_knows_nothing_of_the_one_before(moment):
     search = Asked({"a"})
     looks(search, moment, 1)
