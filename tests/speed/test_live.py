@@ -40,7 +40,7 @@ def timed(name):
     setattr(Replanner, name, call)
 
 
-for name in ("fresh", "renewed"):
+for name in ("fresh", "renewed", "redrawn"):
     timed(name)
 
 
@@ -62,9 +62,9 @@ def run(how, net):
             adversary.step()
             kind = "planning" if len(replans) > known else state
             ours.setdefault(kind, []).append(time.perf_counter() - begin)
-    sumo.close()
     if adversary is not None:
         adversary.detach()
+    sumo.close()
     assert not told, told
     return 1e3 * float(np.mean(bare)), {kind: 1e3 * float(np.median(values)) for kind, values in ours.items()}
 
