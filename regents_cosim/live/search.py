@@ -2,14 +2,13 @@
 
 The same search as offline, with a short horizon. A few candidates that could meet the ego are asked for lawful drives
 that do (`attacks.starts`), until one has any; the first of these that crashes it as wanted in the planner's closed
-loop is the plan. Where none does, the next look descends from one of them, and later ones go on as long as that comes
-nearer. Methods without such drives descend from the prediction. All descents have few iterations. A plan that is being
-carried out is looked at again from where all vehicles are by now, and descended from where it would miss.
+loop is the plan. Where none does, the next look descends from one of them. Methods without such drives descend from the
+prediction. All descents have few iterations. A plan that is being carried out is looked at again
+from where all vehicles are by now, and descended from where it would miss.
 """
 
 import copy
 import itertools
-from collections import deque
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -50,8 +49,6 @@ _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
 _MOST_GAINED_M = 25.0  # ... up to so far
 _ALONE_M = 1.1  # off its own way, where it can only be driven faster or slower
-_MOST_NEAR = 3  # drives that looks descend from in turn ...
-_NEARER = 0.95  # ... and again where the ego's cost has come down to so much of it
 _ROAD_LASTS_S = 2.0  # that the adversary's road is kept: it reaches as far as it could come in the horizon
 
 
@@ -67,14 +64,13 @@ class Search:
         self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
         self._warm = False  # all programs are compiled
         self._asked: dict[str, float] = {}  # when a candidate was looked at last
-        self._near = deque[Plan](maxlen=_MOST_NEAR)  # drives that did not crash as wanted: looks descend from them
-        self._descends = False  # the last look did
+        self._missed: Plan | None = None  # a drive that did not crash as wanted: the next look descends from it
         self._road: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # of which adversary, and since when
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Search":
         """One that goes on by itself, against the same planner."""
         other = copy.copy(self)
-        other._asked, other._near = dict(self._asked), self._near.copy()
+        other._asked = dict(self._asked)
         return other
 
     def __enter__(self) -> "Search":
@@ -89,28 +85,37 @@ class Search:
 
     def forget(self) -> None:
         """Another run begins: nothing is known of its vehicles."""
-        self._asked, self._descends, self._road = {}, False, ("", -np.inf, None)
-        self._near.clear()
+        self._asked, self._missed, self._road = {}, None, ("", -np.inf, None)
 
     def fresh(self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
         `barred` are no candidates. With `speed_only` the adversary keeps to its lane. The first look asks all
         candidates that could meet the ego, a later one asks until one has drives. Where none of these is the plan, the
-        next look descends from one of them; every second look does so, as long as there are any that came nearer. An
-        ego that will stand all the time is not attacked.
+        next look descends from one of them. An ego that will stand all the time is not attacked.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
             self._warm_up(loop)
             if ego.speed.max() < STANDING_M_S:
                 return None
-            self._descends = not self._descends and bool(self._near)
-            near = self._next_near(moment, barred) if self._descends else None
-            plan = self._of_candidates(loop, ego, barred, speed_only) if near is None else self._descended(loop, *near)
-            if plan is not None:
-                self._near.clear()
-            return plan
+            asks_all = not self._asked  # nothing is known yet of who is around this ego
+            most = 1 if not self.config.starts else _LOOKED_AT if asks_all else _MOST_ASKED
+            missed, self._missed = self._missed, None
+            again = None if missed is None or missed.adversary in barred else moment.traffic.index(missed.adversary)
+            if missed is not None and again is not None:
+                return self._descended(loop, again, missed)
+            for agent in itertools.islice(self._candidates(loop, ego, barred), most):
+                found = self._starts(loop, agent, ego, speed_only)
+                plan = None if found is None else self._plan_from(loop, agent, found)
+                if plan is not None:
+                    self._missed = None
+                    return plan
+                if found and self._missed is None:
+                    self._missed = _driven(moment, agent, found[0])
+                if not asks_all and (found or self._takes_long(loop, agent)):
+                    return None
+            return None
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
         """The plan that a moment knows its adversary to follow, changed where it would miss; None if it cannot be."""
@@ -169,34 +174,7 @@ class Search:
         scenario = loop.moment.scenario
         return could_meet(scenario, agent, ego, _EARLIEST_S, loop.limits[scenario.agents[agent].kind])
 
-    def _next_near(self, moment: Moment, barred: Collection[str]) -> tuple[int, Plan] | None:
-        """The next drive to descend from, and its agent; None where there is no such vehicle any more."""
-        while self._near:
-            near = self._near.popleft()
-            agent = None if near.adversary in barred else moment.traffic.index(near.adversary)
-            if agent is not None:
-                return agent, near
-        return None
-
     # --- plans -----------------------------------------------------------------------------------
-
-    def _of_candidates(
-        self, loop: PlannerInLoop, ego: Tracks, barred: Collection[str], speed_only: bool
-    ) -> Plan | None:
-        """The first plan that one of the candidates has; of those that have none, one drive is remembered."""
-        asks_all = not self._asked  # nothing is known yet of who is around this ego
-        most = 1 if not self.config.starts else _LOOKED_AT if asks_all else _MOST_ASKED
-        near: Plan | None = None
-        for agent in itertools.islice(self._candidates(loop, ego, barred), most):
-            found = self._starts(loop, agent, ego, speed_only)
-            plan = None if found is None else self._plan_from(loop, agent, found)
-            if plan is not None:
-                return plan
-            near = _driven(loop.moment, agent, found[0]) if found and near is None else near
-            if not asks_all and (found or self._takes_long(loop, agent)):
-                break
-        self._near.extend([] if near is None else [near])
-        return None
 
     def _starts(self, loop: PlannerInLoop, agent: int, ego: Tracks, speed_only: bool) -> list[Start] | None:
         """Drives with which a search may begin: no drive where it begins with the prediction, None for no search."""
@@ -223,19 +201,14 @@ class Search:
                 return plan
         return None
 
-    def _descended(self, loop: PlannerInLoop, agent: int, near: Plan) -> Plan | None:
-        """What a short descent makes of a drive that did not crash the ego as wanted; remembered if it comes nearer."""
+    def _descended(self, loop: PlannerInLoop, agent: int, missed: Plan) -> Plan | None:
+        """What a short descent makes of a drive that did not crash the ego as wanted at the look before."""
         if not self.config.iterations:
             return None
         job, moment = self._job(loop, agent), loop.moment
-        rest = near.rest(moment.traffic.time_s, moment.scenario.tracks.steps)
+        rest = missed.rest(moment.traffic.time_s, moment.scenario.tracks.steps)
         (begun,) = followed(moment.scenario, job, [_start(rest)], self.config.starts, FIT)
-        ended = loop.search(job._replace(start=begun), self.config.iterations, self.config)
-        plan = _plan(moment, agent, ended, 2)
-        found = ended.found
-        if plan is None and isinstance(found, SearchResult) and _came_nearer(found):
-            self._near.append(_found(moment, agent, found))
-        return plan
+        return _plan(moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
 
     def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False) -> SearchJob:
         """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it."""
@@ -276,29 +249,15 @@ def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan |
     contact = first_contact(scenario.agents, tracks)
     if contact is None or contact[0] != agent:
         return None
-    now, iterations = moment.traffic.time_s, int(found.iterations)
-    return replace(
-        _found(moment, agent, found),
-        meets_s=now + contact[1] * DT_S,
-        iterations=iterations,
-        rollouts=rollouts + iterations,
-        foreseen=Forecast(now, DT_S, tuple(one.id for one in scenario.agents), tracks),
-    )
-
-
-def _found(moment: Moment, agent: int, found: SearchResult) -> Plan:
-    """What an agent does where a search ended, wanted or not."""
-    motion = found.motion
-    x, y, yaw, speed = (np.asarray(values[agent], float) for values in (motion.x, motion.y, motion.yaw, motion.speed))
-    x, y = x + moment.origin[0], y + moment.origin[1]
-    name = moment.scenario.agents[agent].id
-    return Plan(name, moment.traffic.time_s, x, y, yaw, np.maximum(speed, 0.0), meets_s=np.inf)
-
-
-def _came_nearer(found: SearchResult) -> bool:
-    """Whether the ego's cost has come down by enough in a search."""
-    cost = np.asarray(found.history)[: int(found.iterations), 0]
-    return bool(found.finite) and len(cost) > 1 and bool(cost[-1] < _NEARER * cost[0])
+    begun = moment.traffic.time_s
+    rows = (np.asarray(values[agent], float) for values in (found.motion.x, found.motion.y, found.motion.yaw))
+    x, y, yaw = rows
+    return Plan(
+        scenario.agents[agent].id, begun, x + moment.origin[0], y + moment.origin[1], yaw,
+        np.maximum(np.asarray(found.motion.speed[agent], float), 0.0), begun + contact[1] * DT_S,
+        int(found.iterations), rollouts + int(found.iterations),
+        Forecast(begun, DT_S, tuple(one.id for one in scenario.agents), tracks),
+    )  # fmt: skip
 
 
 def _driven(moment: Moment, agent: int, start: Start) -> Plan:

@@ -17,13 +17,12 @@ DRIVE = Start(*np.zeros((4, 10)), meets=5, contact=(0.0, 0.0, 0.0), promise=0.0)
 class Asked(Search):
     """A search that notes who is asked; `drives` have lawful drives, of which none crashes the ego as wanted.
 
-    Descents from drives of `nearer` come nearer. Those of `long` have many ways on. The ego drives at `speed` [m/s].
-    All have been looked at before, unless `first`.
+    Those of `long` have many ways on. The ego drives at `speed` [m/s]. All have been looked at before, unless `first`.
     """
 
-    def __init__(self, drives, long=(), speed=8.0, first=False, nearer=()):
+    def __init__(self, drives, long=(), speed=8.0, first=False):
         super().__init__("idm", live_config("focused"))
-        self.noted, self._drives, self._long, self._nearer, self._turn = [], drives, long, nearer, 0
+        self.noted, self._drives, self._long, self._turn = [], drives, long, 0
         self._ego = SimpleNamespace(speed=np.full((1, 10), speed))
         if not first:
             self._asked = dict.fromkeys(NAMES[1:], 0.0)
@@ -50,10 +49,9 @@ class Asked(Search):
     def _plan_from(self, loop, agent, found):
         return None
 
-    def _descended(self, loop, agent, near):
-        assert near.adversary == NAMES[agent]
+    def _descended(self, loop, agent, missed):
+        assert missed.adversary == NAMES[agent]
         self.noted.append(f"descend {NAMES[agent]}")
-        self._near.extend([near] if NAMES[agent] in self._nearer else [])
 
 
 @pytest.fixture
@@ -73,11 +71,6 @@ def looks(search, moment, count, **more):
 def test_a_look_asks_until_one_has_drives_and_the_next_goes_on_from_those_that_did_not_crash_as_wanted(moment):
     said = looks(Asked({"b", "c"}), moment, 5)
     assert said == ["ask a", "ask b", "descend b", "ask c", "descend c", "ask d", "ask a"]
-
-
-def test_a_descent_that_comes_nearer_goes_on_at_every_second_look(moment):
-    said = looks(Asked({"b"}, nearer={"b"}), moment, 4)
-    assert said == ["ask a", "ask b", "descend b", "ask c", "ask d", "descend b"]
 
 
 def test_without_drives_every_look_asks_two_more(moment):
