@@ -20,7 +20,7 @@ from regents_cosim.live.safety import braking, would_touch_others
 
 _LOOKS_S = 0.2  # from one look for a plan to the next, at most
 _REDRAWN_S = 0.2  # after a renewal has failed, other drives of its vehicle are tried
-_MISSES = 3  # renewals that fail one after the other, after which a plan is given up
+_MISSES = 6  # three renewals, and each time other drives of the vehicle, that fail one after the other: it is given up
 _LATE_S = 1.0  # after it should have met the ego
 _NO_PLAN_S = 0.4  # to the contact: what is planned by then stays
 _LONGEST_S = 12.0  # that one attack may take
@@ -40,8 +40,7 @@ class Attack:
     begun_s: float
     before: Forecast  # what was predicted when it began
     closest_m: float = np.inf
-    misses: int = 0
-    redraw: bool = False  # its last renewal has failed: other drives of its vehicle are to be tried
+    misses: int = 0  # looks for another plan that failed since the last that did not
     met: bool = False  # it has touched the ego
     iterations: int = 0
     rollouts: int = 0
@@ -165,7 +164,7 @@ class Attacker:
             return
         attack.closest_m = min(attack.closest_m, frame.gap_m(name))
         late = frame.time_s > attack.plan.meets_s + _LATE_S or frame.time_s > attack.begun_s + _LONGEST_S
-        if late or (attack.misses >= _MISSES and not attack.redraw):
+        if late or attack.misses >= _MISSES:
             self._end(frame, attack, "no_collision")
         elif not self._is_time(frame):
             self._replanner.prepare(frame)
@@ -174,16 +173,15 @@ class Attacker:
 
     def _renew(self, frame: Frame, attack: Attack) -> None:
         """Change the plan where it would miss. Where that fails, the vehicle's other drives are tried soon after."""
-        redraws = attack.redraw
+        redraws = attack.misses % 2 == 1
         if redraws:
             plan = self._replanner.redrawn(frame, attack.plan.adversary)
         else:
             plan = self._replanner.renewed(frame, attack.plan)
-        attack.redraw = plan is None and not redraws
         if plan is None:
-            attack.misses += attack.redraw
+            attack.misses += 1
             soon_s = min(_REDRAWN_S, 0.5 * self._replan_s)
-            self._next_s = frame.time_s + (soon_s if attack.redraw else self._replan_s - soon_s)
+            self._next_s = frame.time_s + (self._replan_s - soon_s if redraws else soon_s)
             return
         attack.misses = 0
         attack.plan = plan

@@ -44,6 +44,8 @@ class Replanner:
 
     def redrawn(self, frame: Frame, adversary: str) -> Plan | None:
         """Another plan for a vehicle whose plan could not be changed; None where there is none."""
+        if not self._search.config.starts:  # it knows no other drives: predicting would be for nothing
+            return None
         return self._search.redrawn(self._moments.of(self._traffic(frame)), adversary, self._host.speed_only)
 
     def homeward(self, frame: Frame, name: str) -> Plan | None:

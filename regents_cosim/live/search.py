@@ -129,7 +129,7 @@ class Search:
     def redrawn(self, moment: Moment, adversary: str, speed_only: bool = False) -> Plan | None:
         """Another plan for an adversary whose plan could not be changed: the first of its drives that is wanted."""
         agent = moment.traffic.index(adversary)
-        if agent is None or not self.config.starts:
+        if agent is None:
             return None
         with self._in_loop(moment) as loop:
             found = self._starts(loop, agent, loop.unattacked(), speed_only)
