@@ -31,7 +31,7 @@ _CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
 _PARTED_M = 1.0  # neighbours whose middles are so much further apart than where the change begins
 _JOIN_M = 6.0  # over which a logged path leads on into the middle of its lane
-_SMOOTHED_M = 2.0  # no line is moved further where it is smoothed
+SMOOTHED_M = 2.0  # no line is moved further where it is smoothed
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class Near(NamedTuple):
         """Near those places [m]."""
         places = shapely.MultiPoint(np.column_stack([x, y]))
         shapely.prepare(places)
-        return cls(places, reach_m + _SMOOTHED_M)
+        return cls(places, reach_m + SMOOTHED_M)
 
     def is_met_by(self, line: shapely.LineString, further_m: float = 0.0) -> bool:
         """Whether a line comes there, or within so much more."""

@@ -49,12 +49,18 @@ class MeetingPair:
         """How far apart the middles of the two can be where they touch."""
         return float(0.5 * (np.hypot(*self.mine) + np.hypot(*self.its)) + _ROUNDING_M)
 
-    def touch(self, x: np.ndarray, y: np.ndarray, yaw: np.ndarray) -> Bool[np.ndarray, "row time"]:
-        """Whether the candidate touches the ego at places [row time]; asked only of those that are near."""
+    def touch(
+        self, x: np.ndarray, y: np.ndarray, yaw: np.ndarray, may: Bool[np.ndarray, "row time"] | bool = True
+    ) -> Bool[np.ndarray, "row time"]:
+        """Whether the candidate touches the ego at places [row time]; asked only of those that are near.
+
+        And only where it `may`.
+        """
         reach = self.reach_m
         hits = np.zeros(np.broadcast_shapes(x.shape, self.there.shape), bool)
         some = np.flatnonzero(_within(x, self.own[0], reach) & _within(y, self.own[1], reach))
         hits[some] = ((x[some] - self.own[0]) ** 2 + (y[some] - self.own[1]) ** 2 < reach**2) & self.there
+        hits &= may
         row, step = np.nonzero(hits)
         mx, my, heading = (np.broadcast_to(values, hits.shape)[row, step] for values in (x, y, yaw))
         ex, ey, towards = (values[step] for values in self.own)

@@ -84,7 +84,7 @@ def profiles(
     rows = [
         (index, *change)
         for index, line in enumerate(lines)
-        for change in _changes(speed, _most(line.limit, fastest_logged), limits, paces)
+        for change in _changes(speed, fastest_wanted(line.limit, fastest_logged), limits, paces)
     ]
     line, accel, wanted, begins_s = np.array(rows).T
     return Profiles(line.astype(int), accel, wanted, begins_s)
@@ -100,7 +100,8 @@ def _changes(speed: float, most: float, limits: DrivingLimits, paces: Paces) -> 
         yield from ((accel, wanted, begins_s) for accel, wanted in faster if wanted <= most)
 
 
-def _most(limit: float, logged: float) -> float:
+def fastest_wanted(limit: float, logged: float) -> float:
+    """What one may get as fast as [m/s] where there is such a limit; beyond all lanes by what it does in its log."""
     return max(OVER_LIMIT * limit, logged) if np.isfinite(limit) else 1.3 * max(logged, PULLING_OUT_M_S)
 
 

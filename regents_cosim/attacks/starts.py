@@ -8,7 +8,7 @@ of many speed profiles (`speed_profiles`) that enter a marked place are starts. 
 the ego's place would see coming for some seconds: gentle, from the side.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
@@ -19,17 +19,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.actions import to_actions
-from regents_cosim.attacks.drive_lines import SPACING_M, AlongLines, DriveLine, Near, lines_ahead
+from regents_cosim.attacks.drive_lines import SPACING_M, AlongLines, DriveLine
 from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.job import SearchJob
+from regents_cosim.attacks.marked_lines import marked_lines, marked_walked_lines
 from regents_cosim.attacks.meeting import MeetingDrives, MeetingPair, contact_of
 from regents_cosim.attacks.other_traffic import OtherTraffic
 from regents_cosim.attacks.promise import promise_of, promise_on_foot
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.speed_profiles import DRIVING, WALKING, Lights, Profiles, drive, profiles
-from regents_cosim.attacks.walked_lines import walked_lines
 from regents_cosim.attacks.walking import walk
-from regents_cosim.limits import ACCEL_WINDOW_S, MOST_SPEED_M_S, OVER_LIMIT
+from regents_cosim.limits import ACCEL_WINDOW_S
 from regents_cosim.mirror.actions import OF_RECORDINGS, Fit, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion, clip
 from regents_cosim.mirror.compiled import compiled
@@ -153,16 +153,18 @@ def _drives(
     scenario: Scenario, agent: int, pair: MeetingPair, limits: DrivingLimits, lawful: bool
 ) -> MeetingDrives | None:
     """Those along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
-    near = Near.to(pair.own[0], pair.own[1], pair.reach_m)
-    marked = [(line, _touched(line, pair)) for line in _lines(scenario, agent, near, lawful)]
-    marked = [(line, touched) for line, touched in marked if touched.any()]
-    if not marked:
-        return None
-    logged, lines = scenario.tracks.speed[agent], [line for line, _ in marked]
-    begun = float(logged[pair.first]), _begun_accel(logged[pair.first :], scenario.dt)
     walks = scenario.agents[agent].kind == "pedestrian"
+    logged = scenario.tracks.speed[agent]
+    begun = float(logged[pair.first]), _begun_accel(logged[pair.first :], scenario.dt)
     if walks:
         begun = begun[0], min(max(begun[1], -limits.braking), limits.accel)
+    if walks:
+        marked = marked_walked_lines(scenario, agent, pair, lawful)
+    else:
+        marked = marked_lines(scenario, agent, pair, begun, limits, _EARLIEST_S)
+    if not marked:
+        return None
+    lines = [line for line, _ in marked]
     wanted = profiles(lines, begun[0], float(logged.max()), limits, WALKING if walks else DRIVING)
     wanted, (speed, travelled) = _driven(lines, begun, wanted, pair, scenario.dt, limits)
     walked = None
@@ -181,15 +183,6 @@ def _drives(
         some = _along(line, speed[rows], placed, np.abs(wanted.accel[rows]), pair, scenario.dt)
         found.append(_kept(some, _hardest_turn(some, scenario.dt) <= limits.lateral_accel))
     return MeetingDrives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(MeetingDrives)))
-
-
-def _lines(scenario: Scenario, agent: int, near: Near, lawful: bool) -> Iterator[DriveLine]:
-    """What its kind may drive or walk along, no faster than an attack lets it get."""
-    kind = scenario.agents[agent].kind
-    if kind == "pedestrian":
-        return walked_lines(scenario, agent, near, lawful)
-    most = MOST_SPEED_M_S.get(kind, np.inf) / OVER_LIMIT
-    return (replace(line, limit=min(line.limit, most)) for line in lines_ahead(scenario, agent, near))
 
 
 def _driven(
@@ -213,11 +206,6 @@ def _driven(
     stopping = drive(lines, begun, wanted.take(runs), steps, dt, limits, lights)
     both = np.concatenate([np.arange(len(runs)), np.flatnonzero(runs)])
     return wanted.take(both), (np.concatenate([speed, stopping[0]]), np.concatenate([travelled, stopping[1]]))
-
-
-def _touched(line: DriveLine, pair: MeetingPair) -> Bool[np.ndarray, "point time"]:
-    """The places on a line at which the candidate would touch the ego at each step."""
-    return pair.touch(line.points[:, :1], line.points[:, 1:], line.heading[:, None])
 
 
 def _enters(touched: Bool[np.ndarray, "point time"], travelled: Float[np.ndarray, "drive time"]) -> Any:

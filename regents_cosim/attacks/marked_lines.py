@@ -1,0 +1,60 @@
+"""The lines that a candidate may drive or walk along, with the places marked at which it would touch the ego in time.
+
+That is the path-time space of Kant and Zucker 1986: place along the line, and time.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool
+
+from regents_cosim.attacks.drive_lines import DriveLine, Near, lines_ahead
+from regents_cosim.attacks.meeting import MeetingPair
+from regents_cosim.attacks.reachable import Reachable
+from regents_cosim.attacks.walked_lines import walked_lines
+from regents_cosim.limits import MOST_SPEED_M_S, OVER_LIMIT
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.ordinary import DrivingLimits
+
+
+class MarkedLine(NamedTuple):
+    """A line, and at which of its points the candidate would touch the ego at each step."""
+
+    line: DriveLine
+    touched: Bool[np.ndarray, "point time"]
+
+
+def marked_lines(
+    scenario: Scenario,
+    agent: int,
+    pair: MeetingPair,
+    begun: tuple[float, float],
+    limits: DrivingLimits,
+    earliest_s: float,
+) -> list[MarkedLine]:
+    """Those of a vehicle that enters with that speed [m/s] and acceleration [m/s^2], from `earliest_s` on.
+
+    It drives no faster than an attack lets its kind get.
+    """
+    logged, seconds = float(scenario.tracks.speed[agent].max()), np.arange(len(pair.there)) * scenario.dt
+    reachable, earliest_s = Reachable(*begun, logged, limits, seconds), earliest_s - pair.first * scenario.dt
+    begin = float(scenario.tracks.x[agent, pair.first]), float(scenario.tracks.y[agent, pair.first])
+    near = reachable.near(pair, scenario.road, begin, earliest_s)
+    most = MOST_SPEED_M_S.get(scenario.agents[agent].kind, np.inf) / OVER_LIMIT
+    lines = lines_ahead(scenario, agent, near) if near else ()
+    slow = (replace(line, limit=min(line.limit, most)) for line in lines)
+    return _marked(MarkedLine(line, reachable.touched(line, pair, earliest_s)) for line in slow)
+
+
+def marked_walked_lines(scenario: Scenario, agent: int, pair: MeetingPair, lawful: bool) -> list[MarkedLine]:
+    """Those of one who walks, at any time: it cuts the corners of its lines."""
+    lines = walked_lines(scenario, agent, Near.to(pair.own[0], pair.own[1], pair.reach_m), lawful)
+    return _marked(
+        MarkedLine(one, pair.touch(one.points[:, :1], one.points[:, 1:], one.heading[:, None])) for one in lines
+    )
+
+
+def _marked(lines: Iterator[MarkedLine]) -> list[MarkedLine]:
+    return [one for one in lines if one.touched.any()]

@@ -1,0 +1,61 @@
+"""Where a candidate can be at each step, at most: drives that come there later or sooner need not be looked for.
+
+The bounds hold for every profile that `speed_profiles` drives, on any line: no profile gets faster, speeds up harder or
+brakes harder.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.attacks.drive_lines import SMOOTHED_M, SPACING_M, DriveLine, Near
+from regents_cosim.attacks.meeting import MeetingPair
+from regents_cosim.attacks.speed_profiles import fastest_wanted
+from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.verdicts.ordinary import DrivingLimits
+
+_ROUNDED_M = 1.0  # along a line: its length is not to the last digit that of the drive
+_EARLIER_S = 0.2  # contacts are marked at places on lines, drives are between them
+
+
+@dataclass(frozen=True, eq=False)
+class Reachable:
+    """Where a vehicle can be that enters with a speed and an acceleration."""
+
+    speed: float  # [m/s]
+    accel: float  # [m/s^2]
+    fastest_logged: float  # [m/s]
+    limits: DrivingLimits
+    times: Float[np.ndarray, " time"]  # [s] since it entered
+
+    def near(self, pair: MeetingPair, road: RoadMap, begin: tuple[float, float], earliest_s: float) -> Near | None:
+        """The places at which the ego is when the vehicle, which enters at `begin` [m], may be there as well.
+
+        None where there is none from `earliest_s` on.
+        """
+        x, y, _ = pair.own
+        most = np.max([self.along(limit)[1] for limit in {np.inf, *(lane.speed_limit for lane in road.lanes)}], axis=0)
+        away = np.hypot(x - begin[0], y - begin[1])
+        may = pair.there & (away <= most + pair.reach_m + SMOOTHED_M) & (self.times >= earliest_s - _EARLIER_S)
+        return Near.to(x[may], y[may], pair.reach_m) if may.any() else None
+
+    def touched(self, line: DriveLine, pair: MeetingPair, earliest_s: float) -> Bool[np.ndarray, "point time"]:
+        """The places on a line, as far as it gets, at which it may touch the ego at each step."""
+        least, most = self.along(line.limit)
+        points = line.points[: int(most[-1] / SPACING_M) + 2]
+        along = np.arange(len(points))[:, None] * SPACING_M
+        may = (along >= least) & (along <= most) & (self.times >= earliest_s - _EARLIER_S)
+        return pair.touch(points[:, :1], points[:, 1:], line.heading[: len(points), None], may)
+
+    def along(self, limit: float) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
+        """How far [m] it is at least and at most along a line where it may drive as fast as that [m/s]."""
+        fastest = max(fastest_wanted(limit, self.fastest_logged), self.speed)
+        # What it speeds up by at first ends as the jerk allows, also where it is fast enough already.
+        gained = max(self.accel, 0.0) * (max(self.accel, 0.0) / self.limits.jerk + 1.0)
+        hardest, braking = max(self.limits.accel, self.accel), max(self.limits.braking, -self.accel)
+        gains_s = np.minimum(self.times, (fastest + gained - self.speed) / hardest)
+        brakes_s = np.minimum(self.times, self.speed / braking)
+        most = self.speed * self.times + hardest * gains_s * (self.times - 0.5 * gains_s)
+        least = self.speed * brakes_s - 0.5 * braking * brakes_s**2
+        return least - _ROUNDED_M, most + _ROUNDED_M
