@@ -104,12 +104,13 @@ def _search(
         return begun
     seed = zlib.crc32(f"{scenario.id} {int(job.searched.first)}".encode())
     sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
-    history = np.zeros(begun.history.shape, np.float32)
+    bare = job._replace(world=replace(job.world.without_road(), bounds=job.world.bounds), memory=None)
+    program, history = shared(config), np.zeros(begun.history.shape, np.float32)
     best, least, tried = np.zeros(2 * KNOTS), np.inf, 0
     nearest, nearest_at = np.float32(np.inf), 0  # the ego's cost when it last came down, and the roll-out of that
     while tried < most and (not config.patience or tried - nearest_at <= waits(config, nearest)):
         changes = sampler.ask()[: most - tried]
-        found, looks = _look(job, planner, config, extra_cost, changes)
+        found, looks = _look(job, bare, planner, program, extra_cost, changes)
         seen = (looks.cost, looks.terms, looks.accepted)
         costs, terms, accepted = (np.asarray(values)[: len(changes)] for values in seen)
         made = int(np.argmax(accepted)) + 1 if accepted.any() else len(changes)
@@ -123,27 +124,28 @@ def _search(
             nearest, nearest_at = terms[:, 0].min(), tried
         if len(changes) == LOOKED_AT:
             sampler.tell(changes, costs)
-    found, _ = _look(job, planner, config, extra_cost, best[None])
+    found, _ = _look(job, bare, planner, program, extra_cost, best[None])
     return _after(found, tried, history)
 
 
 def _look(
     job: SearchJob,
+    bare: SearchJob,
     planner: LoopPlanner,
-    config: AttackConfig,
+    program: AttackConfig,
     extra_cost: ExtraCost | None,
     changes: Float[np.ndarray, "change coordinate"],
 ) -> tuple[SearchResult, Looks]:
-    """What changes do, up to the first that is accepted, and the last of these as a search that ended with it."""
+    """What changes do, up to the first that is accepted, and the last of these as a search that ended with it.
+
+    `bare` is the job without the road, which the changed actions do not depend on.
+    """
     padded = np.pad(changes, ((0, LOOKED_AT - len(changes)), (0, 0)), mode="edge")
-    bare = replace(job.world.without_road(), bounds=job.world.bounds)
-    made = _changed(job._replace(world=bare, memory=None), shared(config), on_device(padded, np.float32))
+    made = _changed(bare, program, on_device(padded, np.float32))
     # What another program returns is bound to its device: to JAX an input of another kind, with a program of its own.
     starts = jax.tree.map(lambda actions: on_device(actions, np.float32), made)
     count, none = on_device(len(changes), np.int32), on_device(0, np.int32)
-    return look_and_descend(
-        job.world, planner, job.memory, shared(config), job.searched, starts, count, none, extra_cost
-    )
+    return look_and_descend(job.world, planner, job.memory, program, job.searched, starts, count, none, extra_cost)
 
 
 def _after(found: SearchResult, tried: int, history: Float[np.ndarray, "iteration term"]) -> SearchResult:

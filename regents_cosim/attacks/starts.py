@@ -30,7 +30,7 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.speed_profiles import DRIVING, WALKING, Lights, Profiles, drive, profiles
 from regents_cosim.attacks.walking import walk
 from regents_cosim.limits import ACCEL_WINDOW_S
-from regents_cosim.mirror.actions import OF_RECORDINGS, Fit, fit_controls
+from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion, clip
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device
@@ -59,13 +59,8 @@ class Start:
     promise: float  # the greater the earlier it is tried
 
 
-def followed(
-    scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int, how: Fit = OF_RECORDINGS
-) -> list[Controls]:
-    """The actions [1, step] with which a job's candidate follows drives, of which there are at most `most`.
-
-    `how` they are fitted.
-    """
+def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int) -> list[Controls]:
+    """The actions [1, step] with which a job's candidate follows drives, of which there are at most `most`."""
     if not found:
         return []
     padded = [*found, *[found[-1]] * (most - len(found))]  # one compiled program for any number
@@ -75,11 +70,11 @@ def followed(
     yaw = yaw + 2.0 * np.pi * np.round((begun - yaw[:, :1]) / (2.0 * np.pi))
     wanted = Motion(*(on_device(v, np.float32) for v in (x - origin[0], y - origin[1], yaw, speed)))
     world = replace(job.world.without_road(), bounds=job.world.bounds)
-    actions = to_actions(_allowed(world, job.searched, _fitted(job, wanted, how)))
+    actions = to_actions(_allowed(world, job.searched, _fitted(job, wanted)))
     return [jax.tree.map(lambda values, k=k: values[k], actions) for k in range(len(found))]
 
 
-def _fitted(job: SearchJob, wanted: Motion, how: Fit) -> Controls:
+def _fitted(job: SearchJob, wanted: Motion) -> Controls:
     """The controls [drive, step] with which the job's candidate follows drives [drive, time].
 
     Walks are made of such controls (`walking`).
@@ -91,7 +86,7 @@ def _fitted(job: SearchJob, wanted: Motion, how: Fit) -> Controls:
     if mobility.dynamics == "bicycle" and mobility.walks is not None and bool(mobility.walks[0]):
         return clip(mobility.controls_between(wanted, job.world.dt))
     there = jnp.ones(wanted.x.shape, bool)
-    return fit_controls(wanted, there, start, moving, job.world.dt, mobility, how)
+    return fit_controls(wanted, there, start, moving, job.world.dt, mobility, OF_SMOOTH_TRACKS)
 
 
 @compiled

@@ -18,7 +18,7 @@ from regents_cosim.live.predict import Drive, Predictor
 from regents_cosim.live.traffic import Shows, TrafficState
 from regents_cosim.maps.levels import has_levels
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.mirror.actions import Fit
+from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lane_centres import lane_centres
@@ -30,7 +30,6 @@ from regents_cosim.scenario import Provenance, Scenario, Signal, Tracks
 
 DT_S = 0.1  # of predictions and plans, whatever the simulation's step
 MOST_AGENTS = 32
-FIT = Fit(passes=3, summed=True)  # of predictions and drives, which are smooth
 _LANE_POINTS = 2**12
 _TILE_M = 80.0  # the road is known so far around the middle of a tile ...
 _LEAVES_TILE_M = 25.0  # ... which the ego leaves here
@@ -101,7 +100,7 @@ class Moments:
             signals=tuple(Signal(name, self._changes(shows)) for name, shows in sorted(traffic.lights.items())),
         )
         road = None if scenario.heights.stacked else self._road(scenario)
-        return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, fit=FIT))
+        return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, passes=OF_SMOOTH_TRACKS))
 
     def _changes(self, shows: Shows) -> tuple[tuple[int, str], ...]:
         """What a light shows from which step on."""

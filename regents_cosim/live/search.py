@@ -28,7 +28,7 @@ from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
 from regents_cosim.limits import STANDING_M_S
 from regents_cosim.live.forecast import Forecast
-from regents_cosim.live.moments import DT_S, FIT, Moment
+from regents_cosim.live.moments import DT_S, Moment
 from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.planner_in_loop import PlannerInLoop
@@ -145,7 +145,7 @@ class Search:
         job, tracks = self._job(loop, 1), loop.moment.scenario.tracks
         if self.config.starts:
             onward = _start(np.stack([tracks.x[1], tracks.y[1], tracks.yaw[1], tracks.speed[1]]))
-            followed(loop.moment.scenario, job, [onward], self.config.starts, FIT)
+            followed(loop.moment.scenario, job, [onward], self.config.starts)
         for config in dict.fromkeys((self.config, self._renewing)):
             loop.search(job, 0, config)
         self._warm = True
@@ -192,7 +192,7 @@ class Search:
         if not found:
             return self._tried(loop, self._job(loop, agent), agent, self.config)
         job = self._job(loop, agent, everywhere=True)
-        begun = followed(loop.moment.scenario, job, found, self.config.starts, FIT)
+        begun = followed(loop.moment.scenario, job, found, self.config.starts)
         for rank in loop.wanted(job, begun, self.config):
             # Few come so far: for them alone it takes the time to find out where their vehicle may drive.
             job = self._job(loop, agent)._replace(start=begun[rank])
@@ -207,7 +207,7 @@ class Search:
             return None
         job, moment = self._job(loop, agent), loop.moment
         rest = missed.rest(moment.traffic.time_s, moment.scenario.tracks.steps)
-        (begun,) = followed(moment.scenario, job, [_start(rest)], self.config.starts, FIT)
+        (begun,) = followed(moment.scenario, job, [_start(rest)], self.config.starts)
         return _plan(moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
 
     def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False) -> SearchJob:

@@ -15,7 +15,6 @@ open-loop fit does. Source: Li and Todorov 2004 (iLQR); limits by clipping in th
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -37,14 +36,9 @@ _ACCEL_CHANGE = 2.0  # [m/s^2]
 _CURVATURE_CHANGE = 0.02  # [1/m]
 
 
-class Fit(NamedTuple):
-    """How controls are fitted."""
-
-    passes: int  # on smooth tracks three of them end within 0.1 mm of eight
-    summed: bool = False  # `_summed`: for many agents a third of the time, and another rounding
-
-
-OF_RECORDINGS = Fit(8)  # noise and all
+# How many passes the fit makes: of smooth tracks three of them end within 0.1 mm of eight.
+OF_RECORDINGS = 8  # noise and all
+OF_SMOOTH_TRACKS = 3
 
 
 def fill_gaps(tracks: Tracks) -> Tracks:
@@ -67,7 +61,7 @@ def fit_controls(
     moving: Bool[Array, "agent step"],
     dt: Float[Array, ""],
     mobility: Mobility,
-    how: Fit = OF_RECORDINGS,
+    passes: int = OF_RECORDINGS,
 ) -> Controls:
     """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time].
 
@@ -75,8 +69,7 @@ def fit_controls(
     highway-env it is exact.
     """
     first = clip(mobility.controls_between(log, dt))
-    product = _summed if how.summed else jnp.matmul
-    fit = partial(_fit_own if mobility.dynamics == "bicycle" else _fit_highway, product, how.passes)
+    fit = partial(_fit_own if mobility.dynamics == "bicycle" else _fit_highway, passes)
     return jax.vmap(fit, (0, 0, 0, 0, 0, 0, None))(mobility, log, valid, start, moving, first, dt)
 
 
@@ -104,17 +97,15 @@ _LIMITS = np.array([ACCEL_LIMIT, CURVATURE_LIMIT], np.float32)
 
 # (state, control, moves, dt) -> the state one step later
 _Advance = Callable[[Array, Array, Array, Array], Float[Array, " 6"]]
-_Product = Callable[[Array, Array], Array]  # of a matrix with a matrix or a vector
 
 
-def _summed(a: Float[Array, "row inner"], b: Float[Array, "inner *column"]) -> Float[Array, "row *column"]:
+def _product(a: Float[Array, "row inner"], b: Float[Array, "inner *column"]) -> Float[Array, "row *column"]:
     """The product, entry by entry: for the small matrices of a batch XLA calls a library once for each of them."""
     return (a[:, :, None] * b[None]).sum(axis=1) if b.ndim == 2 else (a * b[None]).sum(axis=1)
 
 
 def _fit_one(
     advance: _Advance,
-    product: _Product,
     passes: int,
     log: Motion,
     valid: Array,
@@ -129,9 +120,9 @@ def _fit_one(
     begin = jnp.concatenate([jnp.stack([start.x, start.y, start.yaw, start.speed]), controls[0]])
 
     def improve(best: _Trajectory, _: None) -> tuple[_Trajectory, None]:
-        policy = _solve_backwards(advance, product, best, goal, valid, moving, dt)
+        policy = _solve_backwards(advance, best, goal, valid, moving, dt)
         for scale in (1.0, 0.3):
-            new = _roll_forwards(advance, product, best, policy, scale, begin, goal, valid, moving, dt)
+            new = _roll_forwards(advance, best, policy, scale, begin, goal, valid, moving, dt)
             better = new.cost < best.cost
             best = jax.tree.map(lambda a, b, better=better: jnp.where(better, a, b), new, best)
         return best, None
@@ -142,7 +133,6 @@ def _fit_one(
 
 
 def _fit_own(
-    product: _Product,
     passes: int,
     mobility: Mobility,
     log: Motion,
@@ -153,7 +143,7 @@ def _fit_own(
     dt: Array,
 ) -> Controls:
     """The fit by our own models."""
-    return _fit_one(partial(_advance, mobility.walks), product, passes, log, valid, start, moving, first, dt)
+    return _fit_one(partial(_advance, mobility.walks), passes, log, valid, start, moving, first, dt)
 
 
 def _advance(walks: Array | None, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
@@ -175,7 +165,6 @@ def _advance_highway(mobility: Mobility, state: Array, control: Array, moves: Ar
 
 
 def _fit_highway(
-    product: _Product,
     passes: int,
     mobility: Mobility,
     log: Motion,
@@ -198,7 +187,7 @@ def _fit_highway(
         x, y = jnp.concatenate([places, last[None, :2]]).T
         return jnp.max(jnp.where(valid, jnp.hypot(x - log.x, y - log.y), 0.0))
 
-    fit = _fit_one(advance, product, passes, log, valid, start, moving, first, dt)
+    fit = _fit_one(advance, passes, log, valid, start, moving, first, dt)
     keep = miss(first) < miss(fit)
     return jax.tree.map(lambda a, b: jnp.where(keep, a, b), first, fit)
 
@@ -208,7 +197,7 @@ def _deviation(state: Array, goal: Array) -> Float[Array, " 6"]:
 
 
 def _solve_backwards(
-    advance: _Advance, product: _Product, nominal: _Trajectory, goal: Array, valid: Array, moving: Array, dt: Array
+    advance: _Advance, nominal: _Trajectory, goal: Array, valid: Array, moving: Array, dt: Array
 ) -> _Policy:
     """Gauss-Newton policy around `nominal`, whose states need not follow from its controls."""
     states, controls = nominal.states, nominal.controls
@@ -222,16 +211,16 @@ def _solve_backwards(
     def back(value: tuple[Array, Array], step: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         slope, curve = value
         a_k, b_k, defect_k, weight_k, pull_k, change_k = step
-        slope = slope + product(curve, defect_k)
+        slope = slope + _product(curve, defect_k)
         steer = jnp.diag(_CHANGE_WEIGHT)
-        along_state = pull_k + product(a_k.T, slope) - jnp.pad(product(steer, change_k), (4, 0))
-        along_control = product(steer, change_k) + product(b_k.T, slope)
-        state_state = jnp.diag(weight_k) + product(product(a_k.T, curve), a_k) + jnp.pad(steer, ((4, 0), (4, 0)))
-        control_state = product(product(b_k.T, curve), a_k) - jnp.pad(steer, ((0, 0), (4, 0)))
-        inverse = _inverse_2x2(steer + product(product(b_k.T, curve), b_k))
-        offset, gain = product(-inverse, along_control), product(-inverse, control_state)
-        slope = along_state + product(control_state.T, offset)
-        curve = state_state + product(control_state.T, gain)
+        along_state = pull_k + _product(a_k.T, slope) - jnp.pad(_product(steer, change_k), (4, 0))
+        along_control = _product(steer, change_k) + _product(b_k.T, slope)
+        state_state = jnp.diag(weight_k) + _product(_product(a_k.T, curve), a_k) + jnp.pad(steer, ((4, 0), (4, 0)))
+        control_state = _product(_product(b_k.T, curve), a_k) - jnp.pad(steer, ((0, 0), (4, 0)))
+        inverse = _inverse_2x2(steer + _product(_product(b_k.T, curve), b_k))
+        offset, gain = _product(-inverse, along_control), _product(-inverse, control_state)
+        slope = along_state + _product(control_state.T, offset)
+        curve = state_state + _product(control_state.T, gain)
         return (slope, 0.5 * (curve + curve.T)), (offset, gain)
 
     last = (pull[-1], jnp.diag(weight[-1]))
@@ -246,7 +235,6 @@ def _inverse_2x2(m: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
 
 def _roll_forwards(
     advance: _Advance,
-    product: _Product,
     nominal: _Trajectory,
     policy: _Policy,
     scale: float,
@@ -260,7 +248,7 @@ def _roll_forwards(
 
     def forward(state: Array, step: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
         nominal_state, nominal_control, offset, gain, moves = step
-        correction = scale * offset + product(gain, _deviation(state, nominal_state))
+        correction = scale * offset + _product(gain, _deviation(state, nominal_state))
         control = jnp.clip(nominal_control + correction, -_LIMITS, _LIMITS)
         return advance(state, control, moves, dt), (state, control)
 

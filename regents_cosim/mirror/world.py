@@ -15,7 +15,7 @@ from regents_cosim.geometry import boxes
 from regents_cosim.limits import MOST_SPEED_M_S
 from regents_cosim.maps.levels import contains, has_levels
 from regents_cosim.mirror import bicycle
-from regents_cosim.mirror.actions import OF_RECORDINGS, Fit, fill_gaps, fit_controls
+from regents_cosim.mirror.actions import OF_RECORDINGS, fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.lane_centres import LaneCentres
@@ -115,13 +115,14 @@ def to_world(
     dynamics: Dynamics | None = None,
     room: int = 0,
     road: RoadField | None = None,
-    fit: Fit = OF_RECORDINGS,
+    passes: int = OF_RECORDINGS,
 ) -> World:
     """Move a Scenario to the device; controls are the smooth fit of its tracks (`actions`).
 
     Agents move by `dynamics`, by default by the model that the scenario's controls belong to. Pedestrians walk, but for
     highway-env's model, which is one of vehicles. There is `room` for so many agents at least. `road` is the field of
-    its map where that is known already, in the mirror's coordinates. `fit` says how the controls are fitted.
+    its map where that is known already, in the mirror's coordinates. The fit makes so
+    many `passes`.
     """
     dynamics = dynamics or scenario.dynamics
     tracks, origin = scenario.tracks, scene_origin(scenario)
@@ -150,7 +151,7 @@ def to_world(
     return World(
         log=motion,
         valid=there,
-        controls=fit_controls(motion, there, start, enters, dt, Mobility(half_length, walks, dynamics), fit),
+        controls=fit_controls(motion, there, start, enters, dt, Mobility(half_length, walks, dynamics), passes),
         start=start,
         moving=enters,
         half_length=half_length,
