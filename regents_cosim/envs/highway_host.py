@@ -170,6 +170,7 @@ def _following(vehicle: Any) -> Following:
         tau_s=kind.TIME_WANTED,
         min_gap_m=kind.DISTANCE_WANTED - kind.LENGTH,
         max_speed_m_s=wanted,
+        model="idm",
     )
 
 

@@ -30,6 +30,17 @@ class Stop:
 
     at_m: float  # from the front bumper
     shut_s: tuple[tuple[float, float], ...] = ((0.0, np.inf),)  # from when until when
+    seen_m: float = -np.inf  # who is so near no longer has to
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """A way through a junction."""
+
+    lane: str  # its first lane inside
+    enters_m: float  # from the front bumper
+    leaves_m: float  # where it ends
+    gives_way: bool = True  # at times: its light does not say that it goes first
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +51,7 @@ class Path:
     limit: Float[np.ndarray, " point"]  # [m/s] speed limit of the lane there
     ends_m: float  # ahead of the front bumper, where the route ends; infinite where it goes on
     stops: tuple[Stop, ...] = ()
+    crossings: tuple[Crossing, ...] = ()
 
 
 def reach_within(seconds: float, fastest: float) -> float:
@@ -55,7 +67,6 @@ def path_along(
     speed: float,
     reach_m: float,
     arrives: bool = False,
-    stops: Sequence[Stop] = (),
 ) -> Path:
     """The path of a vehicle whose front bumper is beside the first of `lanes`, `along_m` from its begin.
 
@@ -67,7 +78,7 @@ def path_along(
         centre = place + np.array([[0.0], [1.0]]) * heading
         limit = np.full(2, lanes[0].speed_limit if lanes else max(speed, _LEAST_M_S))
     ends_m = length if arrives and length < reach_m else np.inf
-    return joined(centre, limit, front, yaw, speed, reach_m, ends_m, stops)
+    return joined(centre, limit, front, yaw, speed, reach_m, ends_m)
 
 
 def joined(
@@ -78,7 +89,6 @@ def joined(
     speed: float,
     reach_m: float,
     ends_m: float = np.inf,
-    stops: Sequence[Stop] = (),
 ) -> Path:
     """The path along a line that begins beside the front bumper, with the speed limit [m/s] every metre along it."""
     place, heading = np.array(front), np.array([np.cos(yaw), np.sin(yaw)])
@@ -90,7 +100,7 @@ def joined(
     behind = place - np.arange(BEHIND_M, 0, -1)[:, None] * SPACING_M * heading
     limits = np.concatenate([np.full(BEHIND_M, limit[0]), limit, np.full(len(centre), limit[-1])])
     points = np.concatenate([behind, ahead])
-    return Path(points, limits[: len(points)], ends_m, tuple(stops))
+    return Path(points, limits[: len(points)], ends_m)
 
 
 def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.ndarray, np.ndarray, float]:

@@ -5,13 +5,15 @@ route by car-following with its own parameters, and minds the lights.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.live.car_following import CarFollowing
+from regents_cosim.live.giving_way import FAR_M, GivingWay
 from regents_cosim.live.paths import BEHIND_M, SPACING_M, Stop
 from regents_cosim.live.traffic import TrafficState
 from regents_cosim.scenario import Tracks
@@ -20,8 +22,10 @@ _CELL_M = 2.0  # of the grid that knows which point of a path is near
 _STEPS_AT_ONCE = 2  # of the tracks, for each step of the drivers
 _BESIDE_M = 0.1  # that a leader may be beside the body
 _HARDEST_BRAKE = 8.0  # [m/s^2]
-_LEAST_GAP_M = 0.1
-_FAR_M = 1e4
+_BEFORE_JUNCTION_M = 1.0  # one waits
+# Who is that fast, keeps its speed and by its model would speed up, does not want to: in SUMO nobody is to overtake on
+# the right, for one.
+_FAST_M_S, _KEEPS_M_S2, _MODEL_MORE_M_S2 = 14.0, 0.6, 0.3
 
 Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s]
 
@@ -61,6 +65,8 @@ class _Driven(NamedTuple):
     along: Float[np.ndarray, " user"]
     speed: Float[np.ndarray, " user"]
     passes: Bool[np.ndarray, "user stop"]
+    accel: Float[np.ndarray, " user"]  # [m/s^2]
+    waits: Bool[np.ndarray, " user"]  # for others at a junction
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +82,14 @@ class _Drivers:
     length: Float[np.ndarray, " user"]
     width: Float[np.ndarray, " user"]
     speed: Float[np.ndarray, " user"]
-    accel: Float[np.ndarray, " user"]
-    decel: Float[np.ndarray, " user"]
-    tau: Float[np.ndarray, " user"]
-    min_gap: Float[np.ndarray, " user"]
-    sigma: Float[np.ndarray, " user"]
+    follows: CarFollowing
     stop: Float[np.ndarray, "user stop"]  # [m] ahead of the front at first, where it has to wait ...
-    shut: Float[np.ndarray, "2 user stop"]  # ... from when until when [s]
+    shut: Float[np.ndarray, "2 user stop"]  # ... from when until when [s] ...
+    seen: Float[np.ndarray, "user stop"]  # ... unless it is as near as that [m]
     ends: Float[np.ndarray, " user"]  # [m] likewise, where the route ends
+    giving_way: GivingWay
+    accel: Float[np.ndarray, " user"]  # [m/s^2] lately; infinite where that is not known
+    most: Float[np.ndarray, " user"]  # [m/s] that it drives for reasons which no model knows
 
     @classmethod
     def of(cls, traffic: TrafficState) -> "_Drivers":
@@ -92,12 +98,11 @@ class _Drivers:
         most = max(len(user.path.points) for user in users)
         points = np.stack([_prolonged(user.path.points, most) for user in users])
         limit = np.stack([np.pad(u.path.limit, (0, most - len(u.path.limit)), "edge") for u in users])
-        follows = {name: np.array([getattr(u.following, name) for u in users]) for name in vars(users[0].following)}
-        allowed = np.minimum(limit * follows["speed_factor"][:, None], follows["max_speed_m_s"][:, None])
-        wanted = _in_time(np.maximum(allowed, 0.1), follows["decel"])
+        follows = CarFollowing.of([user.following for user in users])
+        factor, fastest = np.array([(u.following.speed_factor, u.following.max_speed_m_s) for u in users]).T[..., None]
+        wanted = _in_time(np.maximum(np.minimum(limit * factor, fastest), 0.1), follows.eases)
         near, corner, columns = _grid(points)
-        decel, speed = follows["decel"], traffic.values("speed")
-        stop, shut = _stops([user.path.stops for user in users])
+        stop, shut, seen = _stops([user.path.stops for user in users])
         return cls(
             points=points,
             ways=_ways(points),
@@ -107,54 +112,54 @@ class _Drivers:
             columns=columns,
             length=np.array([user.agent.length for user in users]),
             width=np.array([user.agent.width for user in users]),
-            speed=speed,
-            accel=follows["accel"],
-            decel=decel,
-            tau=follows["tau_s"],
-            min_gap=follows["min_gap_m"],
-            sigma=follows["sigma"],
+            speed=traffic.values("speed"),
+            follows=follows,
             stop=stop,
             shut=shut,
+            seen=seen,
             ends=np.array([user.path.ends_m for user in users]),
+            giving_way=GivingWay.of(traffic),
+            accel=np.nan_to_num(traffic.values("accel"), nan=np.inf),
+            most=np.full(len(users), np.inf),
+        ).as_seen()
+
+    def as_seen(self) -> "_Drivers":
+        """The same, no faster than now where they keep their speed although their models would speed up."""
+        begun = self.begin()
+        by_model = self.follows.accelerations(
+            self.speed, *self._leaders(begun.along, self.speed), self._wanted(begun.along), _STEPS_AT_ONCE * 0.1
         )
+        keeps = (
+            (self.speed > _FAST_M_S) & (np.abs(self.accel) < _KEEPS_M_S2) & (by_model > self.accel + _MODEL_MORE_M_S2)
+        )
+        return replace(self, most=np.where(keeps, self.speed, np.inf))
 
     def begin(self) -> _Driven:
         """Where they are."""
-        return _Driven(np.zeros_like(self.speed), self.speed, np.zeros(self.stop.shape, bool))
+        none = np.zeros(len(self.speed), bool)
+        return _Driven(np.zeros_like(self.speed), self.speed, np.zeros(self.stop.shape, bool), self.accel, none)
 
     def advance(self, driven: _Driven, time_s: float, dt: float) -> _Driven:
         """The same a step later. Who can no longer stop where a line is shut drives on."""
-        along, speed, _ = driven
+        along, speed = driven.along, driven.speed
         gap, lead = self._leaders(along, speed)
         left = self.stop - along[:, None]
         shuts = (self.shut[0] <= time_s) & (self.shut[0] > time_s - dt)
-        passes = driven.passes | (shuts & (left < (speed**2 / (2.0 * self.decel))[:, None] - 1.0))
-        closed = (self.shut[0] <= time_s) & (time_s < self.shut[1]) & ~passes & (left > -1.0)
-        waits = np.where(closed, left, _FAR_M).min(axis=1, initial=_FAR_M) + self.min_gap
+        passes = driven.passes | (shuts & (left < (speed**2 / (2.0 * self.follows.decel))[:, None] - 1.0))
+        closed = (self.shut[0] <= time_s) & (time_s < self.shut[1]) & ~passes & (left > np.maximum(self.seen, -1.0))
+        waits = np.where(closed, left, FAR_M).min(axis=1, initial=FAR_M) + self.follows.min_gap
+        lets_m = self.giving_way.waits_m(along, speed, driven.waits)
+        waits = np.minimum(waits, lets_m - _BEFORE_JUNCTION_M + self.follows.min_gap)
         lead = np.where(waits <= gap, 0.0, lead)
         gap = np.minimum(gap, waits)
-        wanted = self.wanted[np.arange(len(along)), self._index(along)]
-        accel = np.where(
-            self.sigma < 0.0, self._idm(speed, gap, lead, wanted), self._krauss(speed, gap, lead, wanted, dt)
-        )
+        accel = self.follows.accelerations(speed, gap, lead, self._wanted(along), dt)
+        accel = np.minimum(accel, driven.accel + self.follows.most_jerk * dt)
         after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
-        return _Driven(along + 0.5 * (speed + after) * dt, after, passes)
+        waits = (lets_m < FAR_M) | (closed & (self.seen < 0.0)).any(axis=1)
+        return _Driven(along + 0.5 * (speed + after) * dt, after, passes, (after - speed) / dt, waits)
 
-    def _krauss(
-        self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray, dt: float
-    ) -> np.ndarray:
-        """Accelerations [m/s^2] to the speed from which one can still stop behind the leader."""
-        brakes = self.decel * self.tau
-        room = 2.0 * self.decel * np.maximum(gap - self.min_gap, 0.0) + lead**2
-        safe = np.sqrt(brakes**2 + room) - brakes
-        gained = self.accel * (1.0 - 0.5 * np.maximum(self.sigma, 0.0))
-        return np.minimum(gained, (np.minimum(safe, wanted) - speed) / dt)
-
-    def _idm(self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        closing = speed * (speed - lead) / (2.0 * np.sqrt(self.accel * self.decel))
-        apart = self.min_gap + np.maximum(speed * self.tau + closing, 0.0)
-        free = np.maximum(1.0 - (speed / wanted) ** 4, -self.decel / self.accel)
-        return self.accel * (free - (apart / np.maximum(gap, _LEAST_GAP_M)) ** 2)
+    def _wanted(self, along: Float[np.ndarray, " user"]) -> Float[np.ndarray, " user"]:
+        return np.minimum(self.wanted[np.arange(len(along)), self._index(along)], self.most)
 
     def tracks(self, along: np.ndarray, speed: np.ndarray, traffic: TrafficState) -> Tracks:
         """The tracks of users that are so far along [user time], with those speeds."""
@@ -190,8 +195,8 @@ class _Drivers:
         across = away[:, 1] * way[:, 0] - away[:, 0] * way[:, 1]
         beside = 0.5 * (self.width[user] + self.width[other]) + _BESIDE_M
         ahead = (np.abs(across) < beside) & (gap > -0.5 * self.length[user]) & (user != other)
-        gaps = np.full(index.shape, _FAR_M)
-        gaps[near] = np.where(ahead, gap, _FAR_M)
+        gaps = np.full(index.shape, FAR_M)
+        gaps[near] = np.where(ahead, gap, FAR_M)
         mine = np.arange(len(along))
         other, part = np.divmod(gaps.reshape(len(along), -1).argmin(axis=1), index.shape[2])
         nearest = gaps[mine, other, part]
@@ -199,7 +204,7 @@ class _Drivers:
         heading /= np.maximum(np.hypot(*heading.T), 1e-6)[:, None]
         way = self.ways[mine, np.maximum(index[mine, other, part], 0)]
         lead = speed[other] * (heading[other] * way).sum(axis=-1)
-        return nearest, np.where(nearest < _FAR_M, np.maximum(lead, 0.0), speed)
+        return nearest, np.where(nearest < FAR_M, np.maximum(lead, 0.0), speed)
 
     def _index(self, along: np.ndarray) -> Int[np.ndarray, " user"]:
         return np.clip((along / SPACING_M + BEHIND_M).astype(int), 0, self.points.shape[1] - 1)
@@ -232,13 +237,16 @@ def _in_time(allowed: Float[np.ndarray, "user point"], decel: Float[np.ndarray, 
 
 def _stops(
     of_users: Sequence[Sequence[Stop]],
-) -> tuple[Float[np.ndarray, "user stop"], Float[np.ndarray, "2 user stop"]]:
-    """Where users have to wait [m], and from when until when [s]; never where one has fewer than another."""
-    rows = [[(stop.at_m, *span) for stop in stops for span in stop.shut_s] for stops in of_users]
+) -> tuple[Float[np.ndarray, "user stop"], Float[np.ndarray, "2 user stop"], Float[np.ndarray, "user stop"]]:
+    """Where users have to wait [m], from when until when [s], and how near no longer [m].
+
+    Never where one has fewer than another.
+    """
+    rows = [[(stop.at_m, *span, stop.seen_m) for stop in stops for span in stop.shut_s] for stops in of_users]
     room = max((len(row) for row in rows), default=0)
-    filled = [row + [(_FAR_M, np.inf, np.inf)] * (room - len(row)) for row in rows]
-    at, since, until = np.array(filled).reshape(len(rows), room, 3).transpose(2, 0, 1)
-    return at, np.stack([since, until])
+    filled = [row + [(FAR_M, np.inf, np.inf, 0.0)] * (room - len(row)) for row in rows]
+    at, since, until, seen = np.array(filled).reshape(len(rows), room, 4).transpose(2, 0, 1)
+    return at, np.stack([since, until]), seen
 
 
 def _grid(points: Float[np.ndarray, "user point 2"]) -> tuple[Int[np.ndarray, "user cell"], np.ndarray, int]:

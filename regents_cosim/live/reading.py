@@ -5,9 +5,12 @@ Every step: who is where around the ego (`Frame`). Before a plan: where their ro
 subscribed to, unless the user's own code has subscribed to them already.
 """
 
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path as File
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from traci import constants as tc
@@ -18,7 +21,7 @@ from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.known_route import GivenRoute, KnownRoute
 from regents_cosim.live.light_programmes import LightProgrammes
-from regents_cosim.live.paths import LaneChains, Path, Stop, path_along, reach_within
+from regents_cosim.live.paths import Crossing, LaneChains, Path, Stop, path_along, reach_within
 from regents_cosim.live.traffic import Following, RoadUser, Shows, TrafficState
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead
@@ -26,10 +29,13 @@ from regents_cosim.scenario import Agent
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
 from regents_cosim.verdicts.lane_pieces import lane_pieces
+from regents_cosim.verdicts.right_of_way import Priorities, priorities
 
 _WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED]
 _CLOSED = "ryuU"  # letters of a light before which one waits
 _GIVES_WAY = "gm=sw"  # letters of a link on which others may have to be let through
+_SEEN_FROM_M = 4.5  # before a junction: those that have to be let through; where its network says nothing else
+_SHUT_S = 3.0  # that others whom we may not know are taken to come
 _NEAR_JUNCTION_S = 1.5  # so near, those with priority are waited for as SUMO sees it now
 _LEAST_NEAR_M = 8.0
 _CHANGES_WITHIN_M = 120.0  # of the end of its lane, the ego changes it if its route needs that
@@ -41,6 +47,16 @@ _REACH_S = 3.0  # of paths, beyond the horizon
 def _road(net: File, written_ns: int) -> RoadMap:
     """The map of a network as it was `written_ns`; runs of one after the other share it."""
     return read_road_map(net)
+
+
+class _Ahead(NamedTuple):
+    """What a vehicle's route leads over."""
+
+    lanes: list[Lane]
+    along_m: float  # of the first lane
+    stops: tuple[Stop, ...] = ()
+    crossings: tuple[Crossing, ...] = ()
+    arrives: bool = False
 
 
 class Reader:
@@ -68,6 +84,7 @@ class Reader:
         self._route = route
         self._known_route = None if route is None or callable(route) else KnownRoute(route, self.road)
         self._chains, self._programmes = LaneChains(self.road), LightProgrammes(connection)
+        self._priorities = priorities(self.road) or Priorities({}, {})
         self._shows: dict[str, Shows] = {}  # what the lights around will show
         self._types: dict[str, VehicleType] = {}
         self._following: dict[str, Following] = {}
@@ -85,6 +102,9 @@ class Reader:
             return str(self._sumo.simulation.getOption(name))
         except Exception:  # an older SUMO, or none: TraCI's errors have no common class
             return ""
+
+    def _length_m(self, lanes: Sequence[str]) -> float:
+        return sum(self.road.lane[one].length for one in lanes)
 
     # --- every step ------------------------------------------------------------------------------
 
@@ -198,7 +218,7 @@ class Reader:
         path = self._known(front, z, yaw, speed, horizon_s) if index == 0 else None
         if path is None:
             path = self.path(name, front, yaw, speed, horizon_s, is_ego=index == 0)
-        return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), z)
+        return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), z, self._sumo.vehicle.getAcceleration(name))
 
     def _known(self, front: tuple[float, float], z: float, yaw: float, speed: float, horizon_s: float) -> Path | None:
         """Where its own route leads the ego; None where that is not known."""
@@ -210,43 +230,60 @@ class Reader:
         self, name: str, front: tuple[float, float], yaw: float, speed: float, horizon_s: float, is_ego: bool = False
     ) -> Path:
         """Where a vehicle's route leads it."""
-        lanes, along_m, stops, arrives = self._lanes(name, front, yaw, speed, is_ego)
-        fastest = max([speed, *(lane.speed_limit for lane in lanes[:3])])
+        ahead = self._ahead(name, front, yaw, speed, is_ego)
+        fastest = max([speed, *(lane.speed_limit for lane in ahead.lanes[:3])])
         reach_m = reach_within(horizon_s + (_REACH_S if is_ego else 0.0), fastest)
-        return path_along(lanes, along_m, front, yaw, speed, reach_m, arrives and not is_ego, stops)
+        found = path_along(ahead.lanes, ahead.along_m, front, yaw, speed, reach_m, ahead.arrives and not is_ego)
+        return replace(found, stops=ahead.stops, crossings=ahead.crossings)
 
-    def _lanes(
-        self, name: str, front: tuple[float, float], yaw: float, speed: float, is_ego: bool
-    ) -> tuple[list[Lane], float, list[Stop], bool]:
-        """The lanes ahead, how far along the first it is [m], where it has to wait, and whether it arrives there."""
+    def _ahead(self, name: str, front: tuple[float, float], yaw: float, speed: float, is_ego: bool) -> _Ahead:
         vehicle = self._sumo.vehicle
         lane, along_m = vehicle.getLaneID(name), vehicle.getLanePosition(name)
         if lane not in self.road.lane:
-            return *self._lanes_beneath(name, front, yaw), [], False
+            return _Ahead(*self._lanes_beneath(name, front, yaw))
         changed = self._changed_lane(name, lane, along_m) if is_ego else None
         if changed is not None:
-            return *changed, [], False
-        names, stops, link = [lane, *self._chains.out_of_junction(lane)], list[Stop](), None
-        left_m = sum(self.road.lane[one].length for one in names) - along_m
+            return _Ahead(*changed)
+        names, stops, crossings = [lane, *self._chains.out_of_junction(lane)], list[Stop](), list[Crossing]()
+        left_m = self._length_m(names) - along_m
+        crossings += self._crossings(names, -along_m)
         for link in vehicle.getNextLinks(name):
             approached, _, is_open, _, _, state = link[:6]
             onward = self._chains.between(names[-1], approached)
             shut_s = self._shut_s(names[-1], onward[0] if onward else "", state)
             if shut_s:
                 stops.append(Stop(left_m - 1.0, shut_s))
+            inside = [one for one in onward or () if self.road.lane[one].junction]
+            if state in _GIVES_WAY and not is_ego and len(inside) < 2:
+                seen_m = self._priorities.seen_from_m.get(inside[0] if inside else "", _SEEN_FROM_M)
+                stops.append(Stop(left_m - 1.0, seen_m=seen_m - 1.0))
+            told = not is_ego and bool(inside) and inside[-1] in self._priorities.links
             waits = not is_open or (state in _GIVES_WAY and speed < STANDING_M_S and name in self._departed)
-            if waits and state not in _CLOSED and left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M):
-                stops.append(Stop(left_m - 1.0))
+            near = left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M)
+            if waits and near and state not in _CLOSED:
+                stops.append(Stop(left_m - 1.0, ((0.0, _SHUT_S if told else np.inf),)))
             if onward is None:
                 break
+            crossings += self._crossings(onward, left_m, state in _GIVES_WAY)
             names += onward
-            left_m += sum(self.road.lane[one].length for one in onward)
+            left_m += self._length_m(onward)
         route = vehicle.getRoute(name)
         arrives = bool(route) and names[-1].rpartition("_")[0] == route[-1]
         lanes = self._chains.lanes(names)
         if is_ego:
             lanes = self._further(lanes)
-        return lanes, along_m, stops, arrives
+        return _Ahead(lanes, along_m, tuple(stops), tuple(crossings), arrives)
+
+    def _crossings(self, lanes: Sequence[str], begins_m: float, gives_way: bool = True) -> list[Crossing]:
+        """The way through a junction that lanes begin with, if any, which begin so far ahead of the front bumper [m].
+
+        Of a way in several parts others are let through before the last one.
+        """
+        inside = list(itertools.takewhile(lambda name: self.road.lane[name].junction, lanes))
+        if not inside:
+            return []
+        leaves_m = begins_m + self._length_m(inside)
+        return [Crossing(inside[-1], leaves_m - self.road.lane[inside[-1]].length, leaves_m, gives_way)]
 
     def _shut_s(self, lane: str, onward: str, state: str) -> tuple[tuple[float, float], ...]:
         """From when until when [s] the light from a lane to the next is closed, which is in that `state` now."""
@@ -298,6 +335,7 @@ class Reader:
     def _follows(self, name: str) -> Following:
         if name not in self._following:
             vehicle = self._sumo.vehicle
+            sigma = vehicle.getImperfection(name)  # negative for all models but Krauss'
             self._following[name] = Following(
                 accel=max(vehicle.getAccel(name), 0.1),
                 decel=max(vehicle.getDecel(name), 0.5),
@@ -305,7 +343,8 @@ class Reader:
                 min_gap_m=max(vehicle.getMinGap(name), 0.0),
                 speed_factor=max(vehicle.getSpeedFactor(name), 0.01),
                 max_speed_m_s=max(vehicle.getMaxSpeed(name), 0.1),
-                sigma=vehicle.getImperfection(name),
+                sigma=max(sigma, 0.0),
+                model="krauss" if sigma >= 0.0 else "improved_idm",
             )
         return self._following[name]
 

@@ -1,6 +1,7 @@
 """Traffic at one instant, as a plan needs it: who is where, where routes lead, how each follows. No SUMO here."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +10,7 @@ from regents_cosim.live.paths import Path
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
 
+CarFollowingModel = Literal["krauss", "idm", "improved_idm"]
 Shows = tuple[tuple[float, str], ...]  # letters of a light, from how many seconds on; the first from now on
 
 
@@ -22,7 +24,8 @@ class Following:
     min_gap_m: float = 2.5
     speed_factor: float = 1.0  # of the limit
     max_speed_m_s: float = 55.6
-    sigma: float = -1.0  # how much a driver by Krauss' model dawdles; negative: by the Intelligent Driver Model
+    sigma: float = 0.0  # how much a driver by Krauss' model dawdles
+    model: CarFollowingModel = "improved_idm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,7 @@ class RoadUser:
     path: Path  # from its front bumper on
     following: Following = Following()
     z: float = 0.0  # [m] of the road
+    accel: float = np.nan  # [m/s^2] lately, where that is known
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ junction, in the order of its `intLanes`, the bits of `response` say to which li
 rightmost.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from xml.parsers import expat
 
@@ -32,6 +32,7 @@ class Priorities:
 
     links: dict[str, Link]  # by the lanes inside junctions that are part of them
     gives_way: dict[Link, frozenset[int]]  # to the links of these indices
+    seen_from_m: dict[str, float] = field(default_factory=dict)  # before the first lanes of some: others are seen
 
     def must_yield(self, lane: str, other: str) -> bool:
         """Whether who drives along one lane inside a junction gives way to those on another one."""
@@ -61,6 +62,7 @@ class _Reader:
         self._junction: str | None = None
         self._links: dict[str, Link] = {}
         self._gives_way: dict[Link, frozenset[int]] = {}
+        self._seen_from_m: dict[str, float] = {}
         self._before: dict[str, str] = {}  # the lane that comes after another inside a junction, and that one
 
     def read(self, content: bytes) -> Priorities:
@@ -70,7 +72,7 @@ class _Reader:
         parser.EndElementHandler = self._end
         parser.Parse(content, True)
         self._name_first_parts()
-        return Priorities(self._links, self._gives_way)
+        return Priorities(self._links, self._gives_way, self._seen_from_m)
 
     def _begin(self, name: str, attributes: dict[str, str]) -> None:
         self._count.open()
@@ -85,8 +87,11 @@ class _Reader:
             bits = attributes["response"][::-1]
             yields = frozenset(index for index, bit in enumerate(bits) if bit == "1")
             self._gives_way[Link(self._junction, int(attributes["index"]))] = yields
-        elif name == "connection" and attributes.get("from", "").startswith(":") and "via" in attributes:
-            self._before[attributes["via"]] = f"{attributes['from']}_{attributes['fromLane']}"
+        elif name == "connection" and "via" in attributes:
+            if attributes.get("from", "").startswith(":"):
+                self._before[attributes["via"]] = f"{attributes['from']}_{attributes['fromLane']}"
+            elif "visibility" in attributes:
+                self._seen_from_m[attributes["via"]] = float(attributes["visibility"])
 
     def _end(self, name: str) -> None:
         self._count.close()

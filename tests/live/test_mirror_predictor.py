@@ -1,5 +1,7 @@
 """Everybody goes on along their own route, behind whom they follow, and stops where they have to."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +15,7 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Agent
 
 LIMIT = 14.0
-KRAUSS, IDM = Following(sigma=0.5), Following()
+KRAUSS, IDM = Following(sigma=0.5, model="krauss"), Following(model="idm")
 ROAD = RoadMap(
     lanes=(
         Lane("a_0", np.array([[0.0, 0.0], [150.0, 0.0]]), 3.2, LIMIT),
@@ -26,7 +28,7 @@ ROAD = RoadMap(
 
 def user(name, front_m, speed, aside=0.0, stops=(), arrives=False, following=IDM):
     lanes = list(ROAD.lanes) if not arrives else [ROAD.lanes[0]]
-    path = path_along(lanes, front_m, (front_m, aside), 0.0, speed, 150.0, arrives, stops)
+    path = replace(path_along(lanes, front_m, (front_m, aside), 0.0, speed, 150.0, arrives), stops=stops)
     role = "ego" if name == "ego" else "background"
     return RoadUser(Agent(name, "car", 4.7, 1.8, role), front_m - 2.35, aside, 0.0, speed, path, following)
 

@@ -1,0 +1,102 @@
+"""How vehicles speed up and brake behind leaders: the models by which the vehicles around are predicted.
+
+Sources: Krauss 1998, with the dawdling that is to be expected; Treiber, Hennecke and Helbing 2000 (Intelligent Driver
+Model, `idm`); Treiber and Kesting 2013, chapter 11 (`improved_idm`, which gets as fast as is wanted behind a leader).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from regents_cosim.live.traffic import Following
+
+_EXPONENT = 4.0  # of the speed in the Intelligent Driver Model
+_LEAST_GAP_M = 0.1
+_LEAST_FREE = 0.01  # of the acceleration: what is left of it at the speed that is wanted
+_LEAST_M_S = 0.1
+_MOST_JERK = 3.0  # [m/s^3] of drivers by the improved model
+_EASY = 1.5  # [m/s^2] with which drivers by the improved model slow down for a limit
+
+
+@dataclass(frozen=True, eq=False)
+class CarFollowing:
+    """Parameters and models of all."""
+
+    krauss: Bool[np.ndarray, " user"]
+    improved: Bool[np.ndarray, " user"]
+    accel: Float[np.ndarray, " user"]  # [m/s^2]
+    decel: Float[np.ndarray, " user"]  # [m/s^2]
+    tau: Float[np.ndarray, " user"]  # [s]
+    min_gap: Float[np.ndarray, " user"]  # [m]
+    sigma: Float[np.ndarray, " user"]
+
+    @classmethod
+    def of(cls, users: Sequence[Following]) -> "CarFollowing":
+        """Those of some users."""
+        model = np.array([one.model for one in users])
+        values = (np.array([getattr(one, name) for one in users])
+                  for name in ("accel", "decel", "tau_s", "min_gap_m", "sigma"))  # fmt: skip
+        return cls(model == "krauss", model == "improved_idm", *values)
+
+    @property
+    def most_jerk(self) -> Float[np.ndarray, " user"]:
+        """How fast they may begin to speed up [m/s^3]."""
+        return np.where(self.improved, _MOST_JERK, np.inf)
+
+    @property
+    def eases(self) -> Float[np.ndarray, " user"]:
+        """How hard they brake for a lower limit [m/s^2]."""
+        return np.where(self.improved, np.minimum(_EASY, self.decel), self.decel)
+
+    def accelerations(
+        self,
+        speed: Float[np.ndarray, " user"],
+        gap: Float[np.ndarray, " user"],
+        lead: Float[np.ndarray, " user"],
+        wanted: Float[np.ndarray, " user"],
+        dt: float,
+    ) -> Float[np.ndarray, " user"]:
+        """What they do [m/s^2] for `dt` [s], that far [m] behind a leader.
+
+        `speed` is theirs, `lead` the leader's, `wanted` what they would drive without it [m/s].
+        """
+        plain, found = ~(self.krauss | self.improved), np.zeros(len(speed))
+        for mine, model in ((self.krauss, self._krauss), (plain, self._idm), (self.improved, self._improved_idm)):
+            if mine.any():
+                found = np.where(mine, model(speed, gap, lead, wanted, dt), found)
+        return found
+
+    def _krauss(
+        self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """To the speed from which one can still stop behind the leader."""
+        brakes = self.decel * self.tau
+        room = 2.0 * self.decel * np.maximum(gap - self.min_gap, 0.0) + lead**2
+        safe = np.sqrt(brakes**2 + room) - brakes
+        gained = self.accel * (1.0 - 0.5 * self.sigma)
+        return np.minimum(gained, (np.minimum(safe, wanted) - speed) / dt)
+
+    def _idm(self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray, _: float) -> np.ndarray:
+        free = np.maximum(1.0 - (speed / wanted) ** _EXPONENT, -self.decel / self.accel)
+        return self.accel * (free - self._near(speed, gap, lead) ** 2)
+
+    def _improved_idm(
+        self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray, _: float
+    ) -> np.ndarray:
+        near = self._near(speed, gap, lead)
+        follows = self.accel * (1.0 - near**2)
+        slower = np.maximum(1.0 - (speed / wanted) ** _EXPONENT, _LEAST_FREE)
+        eased = self.accel * slower * (1.0 - np.minimum(near, 1.0) ** (2.0 / slower))
+        share = np.minimum(wanted / np.maximum(speed, _LEAST_M_S), 1.0)
+        faster = self.decel * (1.0 - share ** (_EXPONENT * self.accel / self.decel))
+        return np.where(
+            speed <= wanted, np.where(near >= 1.0, follows, eased), np.where(near >= 1.0, follows, 0.0) - faster
+        )
+
+    def _near(self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray) -> np.ndarray:
+        """The gaps that are wanted over those that are there."""
+        closing = speed * (speed - lead) / (2.0 * np.sqrt(self.accel * self.decel))
+        wanted = self.min_gap + np.maximum(speed * self.tau + closing, 0.0)
+        return wanted / np.maximum(gap, _LEAST_GAP_M)

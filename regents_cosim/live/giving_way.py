@@ -1,0 +1,109 @@
+"""Who lets whom pass at junctions while traffic is predicted, by the network's right of way.
+
+As SUMO decides it (`MSLink::opened`): a vehicle may enter if those that it has to let through are gone before it comes,
+or come a while after it is through, if all speed up as they may. Those that wait themselves need not be let through.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from regents_cosim.live.paths import Crossing
+from regents_cosim.live.traffic import RoadUser, TrafficState
+from regents_cosim.verdicts.right_of_way import Link, priorities
+
+_CLEAR_S = 1.0  # later than that the others may come
+_SLOWS = 1.5  # [m/s^2] for a way that is slower
+_LEAST_M_S = 0.1
+FAR_M = 1e4
+
+
+class _Way(NamedTuple):
+    """Of one user through a junction."""
+
+    user: int
+    enters_m: float  # ahead of the front at first
+    leaves_m: float  # likewise, with all of its body
+    fastest: float  # [m/s] that it wants to drive inside
+    accel: float  # [m/s^2]
+    decel: float  # [m/s^2]
+
+    @classmethod
+    def of(cls, index: int, user: RoadUser, crossing: Crossing, limit: float) -> "_Way":
+        follows = user.following
+        fastest = max(min(limit * follows.speed_factor, follows.max_speed_m_s), _LEAST_M_S)
+        leaves_m = crossing.leaves_m + user.agent.length
+        return cls(index, crossing.enters_m, leaves_m, fastest, follows.accel, follows.decel)
+
+
+@dataclass(frozen=True, eq=False)
+class GivingWay:
+    """Pairs of ways through junctions: who is on the first lets those on the second pass."""
+
+    users: Int[np.ndarray, "2 pair"]
+    enters: Float[np.ndarray, "2 pair"]  # and the rest as of `_Way`
+    leaves: Float[np.ndarray, "2 pair"]
+    fastest: Float[np.ndarray, "2 pair"]
+    accel: Float[np.ndarray, "2 pair"]
+    decel: Float[np.ndarray, "2 pair"]
+
+    @classmethod
+    def of(cls, traffic: TrafficState) -> "GivingWay":
+        """Those of the traffic; none where the map does not tell the right of way. The ego's planner knows none."""
+        table = priorities(traffic.road)
+        ways = list[tuple[Link, bool, _Way]]()
+        for index, user in enumerate(traffic.users if table is not None else ()):
+            for one in user.path.crossings:
+                if table is not None and one.lane in table.links:
+                    way = _Way.of(index, user, one, traffic.road.lane[one.lane].speed_limit)
+                    ways.append((table.links[one.lane], one.gives_way and index > 0, way))
+        pairs = [
+            (mine, other)
+            for link, gives_way, mine in ways
+            for foe, _, other in ways
+            if gives_way and table is not None and foe.junction == link.junction and mine.user != other.user
+            and foe.index in table.gives_way.get(link, ())
+        ]  # fmt: skip
+        users, *rest = np.array(pairs).reshape(-1, 2, len(_Way._fields)).transpose(2, 1, 0)
+        return cls(users.astype(int), *rest)
+
+    def waits_m(
+        self, along: Float[np.ndarray, " user"], speed: Float[np.ndarray, " user"], waiting: Bool[np.ndarray, " user"]
+    ) -> Float[np.ndarray, " user"]:
+        """How far ahead [m] each has to wait for others; `FAR_M` where it has not to.
+
+        They are so far `along` since the begin [m], and some are `waiting` themselves.
+        """
+        waits = np.full(len(along), FAR_M)
+        if not self.users.size:
+            return waits
+        mine, other = self.users
+        left, through = self.enters - along[self.users], self.leaves - along[self.users]
+        comes_s, gone_s = self._times_s(left, through, speed[self.users])
+        meets = (comes_s[0] <= gone_s[1]) & (comes_s[1] <= gone_s[0] + _CLEAR_S) & (through[1] > 0.0)
+        can_stop = (left[0] > 0.0) & (left[0] >= speed[mine] ** 2 / (2.0 * self.decel[0]))
+        stops = meets & can_stop & ~(waiting[other] & (left[1] > 0.0))
+        np.minimum.at(waits, mine[stops], left[0][stops])
+        return waits
+
+    def _times_s(self, left: np.ndarray, through: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """When they come and when they are through [s]."""
+        ahead = np.maximum(left, 0.0)
+        enters = np.minimum(np.sqrt(speed**2 + 2.0 * self.accel * ahead), self.fastest)
+        slowing_m = np.minimum(np.maximum(speed**2 - enters**2, 0.0) / (2.0 * _SLOWS), ahead)
+        slows_s = (ahead - slowing_m) / np.maximum(speed, _LEAST_M_S) + 2.0 * slowing_m / np.maximum(
+            speed + enters, _LEAST_M_S
+        )
+        gains_s = _gaining_s(ahead, speed, self.accel, np.maximum(self.fastest, speed))
+        comes_s = np.where(enters < speed, slows_s, gains_s)
+        inside_s = _gaining_s(np.maximum(through - ahead, 0.0), enters, self.accel, self.fastest)
+        return comes_s, comes_s + inside_s
+
+
+def _gaining_s(metres: np.ndarray, speed: np.ndarray, accel: np.ndarray, fastest: np.ndarray) -> np.ndarray:
+    """How long it takes to go so far for those that speed up to their fastest."""
+    gains_m = (fastest**2 - speed**2) / (2.0 * accel)
+    gaining_s = (np.sqrt(speed**2 + 2.0 * accel * metres) - speed) / accel
+    return np.where(metres <= gains_m, gaining_s, (fastest - speed) / accel + (metres - gains_m) / fastest)

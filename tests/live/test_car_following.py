@@ -1,0 +1,42 @@
+"""The models by which the vehicles around are predicted."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from regents_cosim.live.car_following import CarFollowing
+from regents_cosim.live.traffic import Following
+
+FAR_M = 1e4
+
+
+def accelerates(model, speed, gap, lead, wanted):
+    followers = CarFollowing.of([Following(sigma=0.5 if model == "krauss" else 0.0, model=model)])
+    values = (np.array([one], float) for one in (speed, gap, lead, wanted))
+    return float(followers.accelerations(*values, dt=0.2)[0])
+
+
+MODELS = pytest.mark.parametrize("model", ["krauss", "idm", "improved_idm"])
+
+
+@MODELS
+@given(speed=st.floats(0.0, 30.0), lead=st.floats(0.0, 30.0), gap=st.floats(0.1, 200.0), wanted=st.floats(1.0, 30.0))
+def test_a_nearer_leader_is_never_followed_faster(model, speed, lead, gap, wanted):
+    assert accelerates(model, speed, gap, lead, wanted) <= accelerates(model, speed, gap + 5.0, lead, wanted) + 1e-6
+
+
+@MODELS
+@given(wanted=st.floats(2.0, 30.0))
+def test_alone_one_gets_to_the_speed_that_is_wanted_and_keeps_it(model, wanted):
+    assert accelerates(model, 0.5 * wanted, FAR_M, 0.0, wanted) > 0.5
+    assert abs(accelerates(model, wanted, FAR_M, wanted, wanted)) < 0.05
+    assert accelerates(model, 1.2 * wanted, FAR_M, wanted, wanted) < -0.3
+
+
+def test_only_the_improved_model_gets_as_fast_as_is_wanted_behind_a_leader():
+    """At one and a half times the distance that is kept at that speed; Treiber and Kesting 2013, section 11.3.7."""
+    gap = 1.5 * (2.5 + 20.0)
+    plain, improved = (accelerates(model, 19.0, gap, 20.0, 20.0) for model in ("idm", "improved_idm"))
+    assert plain < -0.1
+    assert improved > 0.1
