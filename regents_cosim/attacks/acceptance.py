@@ -46,7 +46,7 @@ def is_clean(
     so_far = there & (jnp.arange(there.shape[0]) <= step)
     clean = (
         take(searched.candidate, agent)
-        & _moved(world, adversary, agent, so_far)
+        & (searched.continues | _moved(world, adversary, agent, so_far))
         & (motion.speed[0, step] >= limits.STANDING_M_S)
         & ~_from_behind(ego, adversary, there, step, world.dt)
         & ~_too_hard(world, motion, agent, there, so_far)

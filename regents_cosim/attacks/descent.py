@@ -268,7 +268,7 @@ class Descent(eqx.Module):
             return self.hit(search.seen)
         contacts = ego_contacts(self.world, search.seen.boxes)
         hit = contacts.any()
-        at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
+        at_log = (search.iterations == 0) & ~self.departs(search.actions).any() & (not self.searched.continues)
         seen, world, searched = search.seen, self.world, self.searched
         wanted = jax.lax.cond(
             hit,

@@ -23,6 +23,9 @@ class SearchedAgents(eqx.Module):
     candidate: Bool[Array, " agent"]
     first: Int[Array, ""]
     count: int = eqx.field(static=True)
+    continues: bool = eqx.field(
+        static=True, default=False
+    )  # their log is an attack already: it counts, unchanged as well
 
     @staticmethod
     def among(candidate: Bool[Array, " agent"]) -> "SearchedAgents":
@@ -30,9 +33,10 @@ class SearchedAgents(eqx.Module):
         return SearchedAgents(candidate, jnp.int32(0), candidate.shape[0])
 
     @staticmethod
-    def only(agent: int, agents: int) -> "SearchedAgents":
-        """One of `agents` agents."""
-        return SearchedAgents(on_device(np.arange(agents) == agent, np.bool_), on_device(agent, np.int32), 1)
+    def only(agent: int, agents: int, continues: bool = False) -> "SearchedAgents":
+        """One of `agents` agents; `continues`: what it does in the log is an attack already."""
+        candidate = on_device(np.arange(agents) == agent, np.bool_)
+        return SearchedAgents(candidate, on_device(agent, np.int32), 1, continues)
 
     @property
     def are_all(self) -> bool:

@@ -1,8 +1,8 @@
 """The adversary touches no vehicle but the ego: whether it soon would, and how it stops instead.
 
 Two views of the others count. As they were foreseen when the plan was made: a leader that is about to go, or a vehicle
-that is about to turn, is no obstacle. And straight on at their speed, whatever was foreseen: then the adversary brakes
-at the last step in which braking still helps.
+that is about to turn, is no obstacle. And on along their ways at the speed that they have, however they were foreseen
+to speed up or brake: then the adversary brakes at the last step in which braking still helps.
 """
 
 import numpy as np
@@ -18,6 +18,7 @@ _FORESEEN_S = 0.8  # so far ahead what was foreseen counts
 _BRAKING_M_S2 = 7.0
 _STOPPED_S = 0.3  # after it has braked to a stop
 _SPACING_S = 0.1
+_WAY_S = 8.0  # of the ways that were foreseen
 _NEAR_M = 40.0  # beside the way that braking takes
 
 
@@ -43,7 +44,7 @@ def would_touch_others(frame: Frame, plan: Plan, step_s: float) -> bool:
     if touches(plan, soon, _as_foreseen(frame, rows, soon, plan.foreseen)).any():
         return True
     braked = _instants(step_s, step_s + plan.at(now)[3] / _BRAKING_M_S2 + _STOPPED_S)
-    there = _straight_on(frame, rows, braked)
+    there = _at_their_speed(frame, rows, braked, plan.foreseen)
     onward = touches(plan, braked, there)
     if onward[0] or not onward.any():
         return bool(onward[0])
@@ -76,6 +77,25 @@ def _straight_on(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray) -> Boxes:
     boxes = _row(frame.boxes, rows[:, None])
     way_m = frame.speed[rows, None] * ahead_s
     return boxes._replace(x=boxes.x + way_m * np.cos(boxes.yaw), y=boxes.y + way_m * np.sin(boxes.yaw))
+
+
+def _at_their_speed(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
+    """Some [row time], if they go on along the ways that were foreseen, each at the speed that it has."""
+    there = _straight_on(frame, rows, ahead_s)
+    x, y, yaw = (np.broadcast_to(values, (len(rows), len(ahead_s))).copy() for values in (there.x, there.y, there.yaw))
+    for k, row in enumerate(rows):
+        if foreseen is None or not foreseen.there(frame.ids[row], frame.time_s):
+            continue
+        way = foreseen.at(frame.ids[row], frame.time_s + np.arange(0.0, _WAY_S, DT_S))
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(way["x"]), np.diff(way["y"])))])
+        wanted = frame.speed[row] * ahead_s
+        beyond = np.maximum(wanted - along[-1], 0.0)
+        for values, key, onward in ((x, "x", np.cos), (y, "y", np.sin), (yaw, "yaw", None)):
+            passed = np.interp(wanted, along, way[key]) - way[key][0]
+            values[k] = getattr(frame, key)[row] + passed
+            if onward is not None:
+                values[k] += beyond * onward(frame.yaw[row] + way["yaw"][-1] - way["yaw"][0])
+    return there._replace(x=x, y=y, yaw=yaw)
 
 
 def _as_foreseen(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:

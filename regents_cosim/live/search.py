@@ -123,7 +123,7 @@ class Search:
         if agent is None:
             return None
         with self._in_loop(moment) as loop:
-            job = self._job(loop, agent)
+            job = self._job(loop, agent, continues=True)
             return self._tried(loop, job, agent, self._renewing)
 
     def redrawn(self, moment: Moment, adversary: str, speed_only: bool = False) -> Plan | None:
@@ -146,8 +146,8 @@ class Search:
         if self.config.starts:
             onward = _start(np.stack([tracks.x[1], tracks.y[1], tracks.yaw[1], tracks.speed[1]]))
             followed(loop.moment.scenario, job, [onward], self.config.starts)
-        for config in dict.fromkeys((self.config, self._renewing)):
-            loop.search(job, 0, config)
+        loop.search(job, 0, self.config)
+        loop.search(self._job(loop, 1, continues=True), 0, self._renewing)
         self._warm = True
 
     # --- who attacks -----------------------------------------------------------------------------
@@ -210,15 +210,18 @@ class Search:
         (begun,) = followed(moment.scenario, job, [_start(rest)], self.config.starts)
         return _plan(moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
 
-    def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False) -> SearchJob:
-        """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it."""
+    def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False, continues: bool = False) -> SearchJob:
+        """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it.
+
+        `continues`: that is the attack that it carries out.
+        """
         moment = loop.moment
         world = moment.with_lanes
         if self.config.law == "strict":
             road = None if everywhere else self._road_of(moment, agent)
             world = under_the_law(world, moment.scenario, agent, road)
         world = with_bounds(world, moment.scenario, self.config, loop.limits)
-        searched = SearchedAgents.only(agent, len(world.valid))
+        searched = SearchedAgents.only(agent, len(world.valid), continues)
         return SearchJob(world, loop.memory, searched, searched.rows(to_actions(world.controls)))
 
     def _road_of(self, moment: Moment, agent: int) -> LawfulRoad | None:

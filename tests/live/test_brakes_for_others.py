@@ -87,3 +87,18 @@ def test_it_never_touches_a_leader_for_whom_it_can_brake(step_s, speed_m_s, room
 def test_one_that_touches_already_is_left_as_it_is():
     frame = a_frame(0.0, (0.0, 0.0, 0.0, 5.0), (4.0, 0.0, 0.0, 0.0))
     assert not would_touch_others(frame, straight(0.0, 5.0), 0.1)
+
+
+def test_one_that_goes_around_a_bend_counts_along_its_way():
+    """At its speed, but not across the lane that it comes near and turns away from, as in a roundabout."""
+    yaw = np.maximum(0.5 * np.pi - 2.0 * SINCE_S, 0.0)
+    way = np.cumsum(np.stack([np.cos(yaw), np.sin(yaw)]) * 8.0 * DT_S, axis=1)
+    bends = foreseen(10.0 + way[0] - way[0, 0], -7.5 + way[1] - way[1, 0], yaw)
+
+    def stops(known):
+        frames = [(x_m, a_frame(0.0, (x_m, 0.0, 0.0, 10.0), (10.0, -7.5, 0.5 * np.pi, 8.0))) for x_m in range(-10, 4)]
+        plans = [(dataclasses.replace(straight(x_m, 10.0), foreseen=known), frame) for x_m, frame in frames]
+        return any(would_touch_others(frame, plan, 0.1) for plan, frame in plans)
+
+    assert stops(None)
+    assert not stops(bends)
