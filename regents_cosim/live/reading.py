@@ -5,58 +5,34 @@ Every step: who is where around the ego (`Frame`). Before a plan: where their ro
 subscribed to, unless the user's own code has subscribed to them already.
 """
 
-import itertools
-from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path as File
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from traci import constants as tc
 
 from regents_cosim.errors import SumoError
-from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
-from regents_cosim.limits import ALONG_RAD, STANDING_M_S
+from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.known_route import GivenRoute, KnownRoute
 from regents_cosim.live.light_programmes import LightProgrammes
-from regents_cosim.live.paths import Crossing, LaneChains, Path, Stop, path_along, reach_within
-from regents_cosim.live.traffic import Following, RoadUser, Shows, TrafficState
-from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.routes.ego_route import lanes_ahead
+from regents_cosim.live.paths import Path
+from regents_cosim.live.sumo_routes import REACH_S, SumoRoutes
+from regents_cosim.live.traffic import Following, RoadUser, TrafficState
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
-from regents_cosim.verdicts.lane_pieces import lane_pieces
-from regents_cosim.verdicts.right_of_way import Priorities, priorities
 
 _WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED]
-_CLOSED = "ryuU"  # letters of a light before which one waits
-_GIVES_WAY = "gm=sw"  # letters of a link on which others may have to be let through
-_SEEN_FROM_M = 4.5  # before a junction: those that have to be let through; where its network says nothing else
-_SHUT_S = 3.0  # that others whom we may not know are taken to come
-_NEAR_JUNCTION_S = 1.5  # so near, those with priority are waited for as SUMO sees it now
-_LEAST_NEAR_M = 8.0
-_CHANGES_WITHIN_M = 120.0  # of the end of its lane, the ego changes it if its route needs that
 _NOWHERE_M = 1e8
-_REACH_S = 3.0  # of paths, beyond the horizon
 
 
 @lru_cache(maxsize=4)
 def _road(net: File, written_ns: int) -> RoadMap:
     """The map of a network as it was `written_ns`; runs of one after the other share it."""
     return read_road_map(net)
-
-
-class _Ahead(NamedTuple):
-    """What a vehicle's route leads over."""
-
-    lanes: list[Lane]
-    along_m: float  # of the first lane
-    stops: tuple[Stop, ...] = ()
-    crossings: tuple[Crossing, ...] = ()
-    arrives: bool = False
 
 
 class Reader:
@@ -83,12 +59,9 @@ class Reader:
         )
         self._route = route
         self._known_route = None if route is None or callable(route) else KnownRoute(route, self.road)
-        self._chains, self._programmes = LaneChains(self.road), LightProgrammes(connection)
-        self._priorities = priorities(self.road) or Priorities({}, {})
-        self._shows: dict[str, Shows] = {}  # what the lights around will show
+        self.routes, self._programmes = SumoRoutes(connection, self.road), LightProgrammes(connection)
         self._types: dict[str, VehicleType] = {}
         self._following: dict[str, Following] = {}
-        self._departed = frozenset[str]()  # in this step: SUMO has not found out yet whom they let through
         self._subscribed = ""  # the ego whose surroundings are subscribed to
         places: dict[str, list[np.ndarray]] = {}
         for link in self.road.connections:
@@ -102,9 +75,6 @@ class Reader:
             return str(self._sumo.simulation.getOption(name))
         except Exception:  # an older SUMO, or none: TraCI's errors have no common class
             return ""
-
-    def _length_m(self, lanes: Sequence[str]) -> float:
-        return sum(self.road.lane[one].length for one in lanes)
 
     # --- every step ------------------------------------------------------------------------------
 
@@ -197,16 +167,16 @@ class Reader:
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
         """The ego and the nearest others, `most` in all, with what they are about to do."""
         self._keep_only(set(frame.ids))
-        self._departed = frozenset(self._sumo.simulation.getDepartedIDList())
         if callable(self._route):
             self._known_route = KnownRoute(self._route(self._sumo), self.road)
-        self._shows = {
+        shows = {
             name: self._programmes.ahead(name, letters, frame.time_s, horizon_s)
             for name, letters in frame.lights.items()
         }
+        self.routes.begin(shows)
         users = tuple(self._user(frame, row, horizon_s) for row in frame.nearest(most))
         way = None if self._known_route is None else self._known_route.ahead(_front(frame, 0), float(frame.yaw[0]))
-        return TrafficState(frame.time_s, users, self.road, self._shows, way)
+        return TrafficState(frame.time_s, users, self.road, shows, way)
 
     def _user(self, frame: Frame, index: int, horizon_s: float) -> RoadUser:
         name, kind = frame.ids[index], frame.types[index]
@@ -217,120 +187,14 @@ class Reader:
         z = float(frame.z[index])
         path = self._known(front, z, yaw, speed, horizon_s) if index == 0 else None
         if path is None:
-            path = self.path(name, front, yaw, speed, horizon_s, is_ego=index == 0)
+            path = self.routes.path(name, front, yaw, speed, horizon_s, is_ego=index == 0)
         return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), z, self._sumo.vehicle.getAcceleration(name))
 
     def _known(self, front: tuple[float, float], z: float, yaw: float, speed: float, horizon_s: float) -> Path | None:
         """Where its own route leads the ego; None where that is not known."""
         if self._known_route is None:
             return None
-        return self._known_route.path(front, z, yaw, speed, horizon_s + _REACH_S)
-
-    def path(
-        self, name: str, front: tuple[float, float], yaw: float, speed: float, horizon_s: float, is_ego: bool = False
-    ) -> Path:
-        """Where a vehicle's route leads it."""
-        ahead = self._ahead(name, front, yaw, speed, is_ego)
-        fastest = max([speed, *(lane.speed_limit for lane in ahead.lanes[:3])])
-        reach_m = reach_within(horizon_s + (_REACH_S if is_ego else 0.0), fastest)
-        found = path_along(ahead.lanes, ahead.along_m, front, yaw, speed, reach_m, ahead.arrives and not is_ego)
-        return replace(found, stops=ahead.stops, crossings=ahead.crossings)
-
-    def _ahead(self, name: str, front: tuple[float, float], yaw: float, speed: float, is_ego: bool) -> _Ahead:
-        vehicle = self._sumo.vehicle
-        lane, along_m = vehicle.getLaneID(name), vehicle.getLanePosition(name)
-        if lane not in self.road.lane:
-            return _Ahead(*self._lanes_beneath(name, front, yaw))
-        changed = self._changed_lane(name, lane, along_m) if is_ego else None
-        if changed is not None:
-            return _Ahead(*changed)
-        names, stops, crossings = [lane, *self._chains.out_of_junction(lane)], list[Stop](), list[Crossing]()
-        left_m = self._length_m(names) - along_m
-        crossings += self._crossings(names, -along_m)
-        for link in vehicle.getNextLinks(name):
-            approached, _, is_open, _, _, state = link[:6]
-            onward = self._chains.between(names[-1], approached)
-            shut_s = self._shut_s(names[-1], onward[0] if onward else "", state)
-            if shut_s:
-                stops.append(Stop(left_m - 1.0, shut_s))
-            inside = [one for one in onward or () if self.road.lane[one].junction]
-            if state in _GIVES_WAY and not is_ego and len(inside) < 2:
-                seen_m = self._priorities.seen_from_m.get(inside[0] if inside else "", _SEEN_FROM_M)
-                stops.append(Stop(left_m - 1.0, seen_m=seen_m - 1.0))
-            told = not is_ego and bool(inside) and inside[-1] in self._priorities.links
-            waits = not is_open or (state in _GIVES_WAY and speed < STANDING_M_S and name in self._departed)
-            near = left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M)
-            if waits and near and state not in _CLOSED:
-                stops.append(Stop(left_m - 1.0, ((0.0, _SHUT_S if told else np.inf),)))
-            if onward is None:
-                break
-            crossings += self._crossings(onward, left_m, state in _GIVES_WAY)
-            names += onward
-            left_m += self._length_m(onward)
-        route = vehicle.getRoute(name)
-        arrives = bool(route) and names[-1].rpartition("_")[0] == route[-1]
-        lanes = self._chains.lanes(names)
-        if is_ego:
-            lanes = self._further(lanes)
-        return _Ahead(lanes, along_m, tuple(stops), tuple(crossings), arrives)
-
-    def _crossings(self, lanes: Sequence[str], begins_m: float, gives_way: bool = True) -> list[Crossing]:
-        """The way through a junction that lanes begin with, if any, which begin so far ahead of the front bumper [m].
-
-        Of a way in several parts others are let through before the last one.
-        """
-        inside = list(itertools.takewhile(lambda name: self.road.lane[name].junction, lanes))
-        if not inside:
-            return []
-        leaves_m = begins_m + self._length_m(inside)
-        return [Crossing(inside[-1], leaves_m - self.road.lane[inside[-1]].length, leaves_m, gives_way)]
-
-    def _shut_s(self, lane: str, onward: str, state: str) -> tuple[tuple[float, float], ...]:
-        """From when until when [s] the light from a lane to the next is closed, which is in that `state` now."""
-        link = next((link for link in self.road.exits[lane] if link.target == onward), None)
-        shows = self._shows.get(link.signal or "") if link is not None else None
-        if link is None or shows is None:
-            return ((0.0, np.inf),) if state in _CLOSED else ()
-        since = [since_s for since_s, _ in shows]
-        spans = zip(since, [*since[1:], np.inf], shows, strict=True)
-        return tuple((begin, end) for begin, end, (_, letters) in spans if letters[link.link] in _CLOSED)
-
-    def _lanes_beneath(self, name: str, front: tuple[float, float], yaw: float) -> tuple[list[Lane], float]:
-        """The lane that runs under a vehicle that SUMO has on none, and those after it, and how far along it is [m].
-
-        SUMO has a vehicle that was put on another turn of a junction than that of its route on no lane at all.
-        """
-        at = lane_pieces(self.road).under(np.array([front]), float(self._sumo.vehicle.getPosition3D(name)[2]))
-        turn = np.abs(np.asarray(wrap(at.heading - yaw)))
-        if not len(turn) or turn.min() > ALONG_RAD:
-            return [], 0.0
-        nearest = int(turn.argmin())
-        return self._further([self.road.lanes[int(at.lane[nearest])]]), float(at.along[nearest])
-
-    def _changed_lane(self, name: str, lane: str, along_m: float) -> tuple[list[Lane], float] | None:
-        """The neighbour that the route needs soon, and those that follow it; None where it needs none."""
-        if self.road.lane[lane].junction:
-            return None
-        best = {one[0]: one for one in self._sumo.vehicle.getBestLanes(name)}
-        own = best.get(lane)
-        if own is None or own[3] == 0 or own[1] - along_m > _CHANGES_WITHIN_M:
-            return None
-        edge, _, number = lane.rpartition("_")
-        target = f"{edge}_{int(number) + (1 if own[3] > 0 else -1)}"
-        if target not in best or target not in self.road.lane:
-            return None
-        names = [target]
-        for onward in best[target][5][1:]:
-            through = self._chains.between(names[-1], onward)
-            if through is None:
-                break
-            names += through
-        share = along_m / max(self.road.lane[lane].length, 1e-3)
-        return self._further(self._chains.lanes(names)), share * self.road.lane[target].length
-
-    def _further(self, lanes: list[Lane]) -> list[Lane]:
-        """With the straightest ones that follow: an ego may be faster than its route is known."""
-        return [*lanes, *lanes_ahead(self.road, lanes[-1])[1:]] if lanes else lanes
+        return self._known_route.path(front, z, yaw, speed, horizon_s + REACH_S)
 
     def _follows(self, name: str) -> Following:
         if name not in self._following:

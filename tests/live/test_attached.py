@@ -29,7 +29,7 @@ def test_a_paused_adversary_leaves_the_run_alone(tmp_path):
 def test_what_happens_live_becomes_a_case_that_replays_to_the_same_step(tmp_path, by):
     suite = tmp_path / "suite"
     warn = ["--collision.action", "warn"]
-    given = {"ego": "west_in.east_out.2", "planner": "idm", "output": str(suite)}
+    given = {"ego": "west_in.east_out.1", "planner": "idm", "output": str(suite)}
     found = run(by, 60.0, given, options=warn, driven="idm", until_crash=True)
     assert found["crashes"] == 1
     assert found["states"][:3] == ["waiting", "watching", "attacking"]

@@ -52,7 +52,7 @@ for _ in x[1:]:
     sumo.simulationStep()
     control.confirm()
     lost |= not vehicle.getLaneID(NAME)
-ahead = shapely.Point(reader.path(NAME, *nose(), SPEED, 5.0).points[BEHIND_M + 15])
+ahead = shapely.Point(reader.routes.path(NAME, *nose(), SPEED, 5.0).points[BEHIND_M + 15])
 off_m = shapely.LineString(turn[-1].centre).distance(ahead)
 control.give_back()
 arrived = False
