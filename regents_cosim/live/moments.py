@@ -14,8 +14,8 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.live.predict import Drive, Predictor
-from regents_cosim.live.traffic import Shows, TrafficState
+from regents_cosim.live.predict import Predictor
+from regents_cosim.live.traffic import Drive, Shows, TrafficState
 from regents_cosim.maps.levels import has_levels
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS
@@ -88,7 +88,8 @@ class Moments:
 
     def of(self, traffic: TrafficState, known: Mapping[str, Drive] | None = None) -> Moment:
         """The moment of some traffic, of which some will drive as is `known`, by id."""
-        tracks = with_drives(self.predictor.predict(traffic, DT_S, self.steps), traffic, known or {})
+        foreseen = self.predictor.predict(traffic.driving(known or {}), DT_S, self.steps)
+        tracks = with_drives(foreseen, traffic, known or {})
         scenario = Scenario(
             id="live",
             dt=DT_S,

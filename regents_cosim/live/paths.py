@@ -103,6 +103,17 @@ def joined(
     return Path(points, limits[: len(points)], ends_m)
 
 
+def path_of_drive(places: Float[np.ndarray, "time 2"], yaw: Float[np.ndarray, " time"], length_m: float) -> Path:
+    """The path of a vehicle whose middle is at such `places` [m] one after the other, and straight on."""
+    heading = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+    front = places + 0.5 * length_m * heading
+    moves = np.hypot(*np.diff(front, axis=0, prepend=front[:1] - 1.0).T) > 1e-3
+    line = np.vstack([front[moves], front[moves][-1] + SPACING_M * heading[-1]])
+    behind = front[0] - np.arange(BEHIND_M, 0, -1)[:, None] * SPACING_M * heading[0]
+    points = np.concatenate([behind, evenly(_straight_on(line, _SHORTEST_M), SPACING_M)])
+    return Path(points, np.full(len(points), np.inf), np.inf)
+
+
 def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Points along the middle of the lanes from a place on the first, the limit every metre, and their length [m]."""
     points, limits, length = [np.zeros((0, 2))], [np.zeros(0)], 0.0

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from regents_cosim.errors import RegentsError
 from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.moments import DT_S
-from regents_cosim.live.predict import Drive
+from regents_cosim.live.traffic import Drive
 from regents_cosim.scenario import Scenario
 
 

@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.live.car_following import CarFollowing
 from regents_cosim.live.giving_way import FAR_M, GivingWay
-from regents_cosim.live.paths import BEHIND_M, SPACING_M, Stop
-from regents_cosim.live.traffic import TrafficState
+from regents_cosim.live.paths import BEHIND_M, SPACING_M, Stop, path_of_drive
+from regents_cosim.live.traffic import RoadUser, TrafficState
 from regents_cosim.scenario import Tracks
 
 _CELL_M = 2.0  # of the grid that knows which point of a path is near
@@ -26,8 +26,6 @@ _BEFORE_JUNCTION_M = 1.0  # one waits
 # Who is that fast, keeps its speed and by its model would speed up, does not want to: in SUMO nobody is to overtake on
 # the right, for one.
 _FAST_M_S, _KEEPS_M_S2, _MODEL_MORE_M_S2 = 14.0, 0.6, 0.3
-
-Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s]
 
 
 class Predictor(Protocol):
@@ -47,12 +45,13 @@ class Mirror:
 
     def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
         """The tracks [user, time] from now on."""
-        drivers = _Drivers.of(traffic)
+        drivers = _Drivers.of(traffic, steps)
         coarse = _STEPS_AT_ONCE * dt
         begun = drivers.begin()
         driven = [begun]
         while len(driven) * _STEPS_AT_ONCE < steps + _STEPS_AT_ONCE - 1:
-            driven.append(drivers.advance(driven[-1], (len(driven) - 1) * coarse, coarse))
+            advanced = drivers.advance(driven[-1], (len(driven) - 1) * coarse, coarse)
+            driven.append(drivers.as_known(driven[-1], advanced, len(driven) * _STEPS_AT_ONCE, coarse))
         along, speed = (np.stack(values, axis=1) for values in list(zip(*driven, strict=True))[:2])
         at, fine = np.arange(along.shape[1]) * coarse, np.arange(steps) * dt
         along, speed = (np.stack([np.interp(fine, at, row) for row in values]) for values in (along, speed))
@@ -89,12 +88,13 @@ class _Drivers:
     ends: Float[np.ndarray, " user"]  # [m] likewise, where the route ends
     giving_way: GivingWay
     accel: Float[np.ndarray, " user"]  # [m/s^2] lately; infinite where that is not known
+    known: Float[np.ndarray, "user time"]  # [m] how far along those are whose drive is known, else NaN
     most: Float[np.ndarray, " user"]  # [m/s] that it drives for reasons which no model knows
 
     @classmethod
-    def of(cls, traffic: TrafficState) -> "_Drivers":
-        """Those of the traffic."""
-        users = traffic.users
+    def of(cls, traffic: TrafficState, steps: int) -> "_Drivers":
+        """Those of the traffic; of drives that are known so many `steps` are wanted."""
+        users = [_on_its_drive(user) for user in traffic.users]
         most = max(len(user.path.points) for user in users)
         points = np.stack([_prolonged(user.path.points, most) for user in users])
         limit = np.stack([np.pad(u.path.limit, (0, most - len(u.path.limit)), "edge") for u in users])
@@ -120,6 +120,7 @@ class _Drivers:
             ends=np.array([user.path.ends_m for user in users]),
             giving_way=GivingWay.of(traffic),
             accel=np.nan_to_num(traffic.values("accel"), nan=np.inf),
+            known=np.stack([_along_drive(user, steps) for user in users]),
             most=np.full(len(users), np.inf),
         ).as_seen()
 
@@ -157,6 +158,13 @@ class _Drivers:
         after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
         waits = (lets_m < FAR_M) | (closed & (self.seen < 0.0)).any(axis=1)
         return _Driven(along + 0.5 * (speed + after) * dt, after, passes, (after - speed) / dt, waits)
+
+    def as_known(self, before: _Driven, after: _Driven, step: int, dt: float) -> _Driven:
+        """What they have come to, `dt` [s] before and now; those whose drive is known are where that has them."""
+        there = self.known[:, min(step, self.known.shape[1] - 1)]
+        told = ~np.isnan(there)
+        speed = np.where(told, (there - before.along) / dt, after.speed)
+        return after._replace(along=np.where(told, there, after.along), speed=speed)
 
     def _wanted(self, along: Float[np.ndarray, " user"]) -> Float[np.ndarray, " user"]:
         return np.minimum(self.wanted[np.arange(len(along)), self._index(along)], self.most)
@@ -216,6 +224,26 @@ class _Drivers:
         part = (at - index)[..., None]
         user = np.arange(len(along)).reshape(-1, *(1,) * (along.ndim - 1))
         return self.points[user, index] * (1.0 - part) + self.points[user, index + 1] * part
+
+
+def _on_its_drive(user: RoadUser) -> RoadUser:
+    """The same, on the path of the drive that is known of it, if one is."""
+    if user.drive is None:
+        return user
+    x, y, yaw, _ = user.drive
+    path = path_of_drive(np.stack([x, y], axis=1), yaw, user.agent.length)
+    return replace(user, path=replace(path, crossings=user.path.crossings))
+
+
+def _along_drive(user: RoadUser, steps: int) -> Float[np.ndarray, " time"]:
+    """How far its front has come at each step [m]; NaN where its drive is not known."""
+    if user.drive is None:
+        return np.full(steps, np.nan)
+    x, y, yaw, _ = user.drive[:, :steps]
+    half = 0.5 * user.agent.length
+    moved = np.hypot(np.diff(x + half * np.cos(yaw)), np.diff(y + half * np.sin(yaw)))
+    along = np.concatenate([[0.0], np.cumsum(moved)])
+    return np.pad(along, (0, steps - len(along)), "edge")
 
 
 def _prolonged(points: Float[np.ndarray, "point 2"], most: int) -> Float[np.ndarray, "most 2"]:

@@ -64,9 +64,8 @@ class Replanner:
     def forecast(self, frame: Frame, plan: Plan | None = None, seconds: float | None = None) -> Forecast:
         """What all do from now on, for so long or as far as plans reach; the adversary by its plan, if there is one."""
         traffic, steps = self._traffic(frame), self._moments.steps if seconds is None else round(seconds / DT_S) + 1
-        tracks = self._moments.predictor.predict(traffic, DT_S, steps)
-        if plan is not None:
-            tracks = with_drives(tracks, traffic, {plan.adversary: plan.rest(frame.time_s, steps)})
+        known = {} if plan is None else {plan.adversary: plan.rest(frame.time_s, steps)}
+        tracks = with_drives(self._moments.predictor.predict(traffic.driving(known), DT_S, steps), traffic, known)
         return Forecast(frame.time_s, DT_S, tuple(user.agent.id for user in traffic.users), tracks)
 
     def _traffic(self, frame: Frame) -> TrafficState:

@@ -32,8 +32,8 @@ from regents_cosim.live.moments import DT_S, Moment
 from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.planner_in_loop import PlannerInLoop
-from regents_cosim.live.predict import Drive
 from regents_cosim.live.reach import could_meet, near_enough
+from regents_cosim.live.traffic import Drive
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import World, to_tracks
 from regents_cosim.planners.host_pool import HostPool

@@ -1,6 +1,7 @@
 """Traffic at one instant, as a plan needs it: who is where, where routes lead, how each follows. No SUMO here."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
 
 CarFollowingModel = Literal["krauss", "idm", "improved_idm"]
+Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s], every step of a prediction
 Shows = tuple[tuple[float, str], ...]  # letters of a light, from how many seconds on; the first from now on
 
 
@@ -41,6 +43,7 @@ class RoadUser:
     following: Following = Following()
     z: float = 0.0  # [m] of the road
     accel: float = np.nan  # [m/s^2] lately, where that is known
+    drive: Drive | None = None  # what it will do, where that is known: an adversary's plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,11 @@ class TrafficState:
     def values(self, name: str) -> Float[np.ndarray, " user"]:
         """One field of all users."""
         return np.array([getattr(user, name) for user in self.users], float)
+
+    def driving(self, known: Mapping[str, Drive]) -> "TrafficState":
+        """The same, where some are `known` to drive so, by id."""
+        users = tuple(replace(user, drive=known.get(user.agent.id, user.drive)) for user in self.users)
+        return replace(self, users=users) if known else self
 
     def index(self, agent: str) -> int | None:
         """Where an agent stands among the users; None where it is not there."""

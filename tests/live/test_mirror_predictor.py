@@ -97,3 +97,17 @@ def test_by_krauss_one_speeds_up_by_all_it_has_less_what_it_dawdles():
     assert abs(tracks.speed[0, -1] - 5.0 - 2.6 * 0.75) < 0.05
     following = predicted(user("ego", 60.0, 10.0, following=KRAUSS), user("x", 42.0, 10.0, following=KRAUSS), steps=2)
     assert following.speed[1, 1] <= 10.2  # behind a leader at the distance that it wants: 10 m and what SUMO adds
+
+
+def test_others_brake_for_one_whose_drive_is_known():
+    """It brakes to a stop on their lane, which its route would not have told."""
+    speed = np.maximum(10.0 - 4.0 * 0.1 * np.arange(121), 0.0)
+    x = 57.65 + np.concatenate([[0.0], np.cumsum(0.05 * (speed[1:] + speed[:-1]))])
+    known = {"first": np.stack([x, 0.0 * x, 0.0 * x, speed])}
+    users = user("ego", 25.0, 10.0), user("first", 60.0, 10.0)
+    traffic = TrafficState(0.0, users, ROAD, {})
+    told, untold = (Mirror().predict(one, 0.1, 121) for one in (traffic.driving(known), traffic))
+    assert np.abs(told.x[1] - x).max() < 0.2
+    assert told.speed[0, -1] < 0.3
+    assert told.x[0, -1] < x[-1] - 4.7
+    assert untold.speed[0, -1] > 10.0
