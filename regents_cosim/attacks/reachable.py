@@ -5,6 +5,7 @@ brakes harder.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -35,7 +36,7 @@ class Reachable:
         None where there is none from `earliest_s` on.
         """
         x, y, _ = pair.own
-        most = np.max([self.along(limit)[1] for limit in {np.inf, *(lane.speed_limit for lane in road.lanes)}], axis=0)
+        most = np.maximum(self.along(np.inf)[1], self.along(_highest_limit(road))[1])
         away = np.hypot(x - begin[0], y - begin[1])
         may = pair.there & (away <= most + pair.reach_m + SMOOTHED_M) & (self.times >= earliest_s - _EARLIER_S)
         return Near.to(x[may], y[may], pair.reach_m) if may.any() else None
@@ -54,8 +55,19 @@ class Reachable:
         # What it speeds up by at first ends as the jerk allows, also where it is fast enough already.
         gained = max(self.accel, 0.0) * (max(self.accel, 0.0) / self.limits.jerk + 1.0)
         hardest, braking = max(self.limits.accel, self.accel), max(self.limits.braking, -self.accel)
-        gains_s = np.minimum(self.times, (fastest + gained - self.speed) / hardest)
-        brakes_s = np.minimum(self.times, self.speed / braking)
-        most = self.speed * self.times + hardest * gains_s * (self.times - 0.5 * gains_s)
-        least = self.speed * brakes_s - 0.5 * braking * brakes_s**2
+        least, most = travelled(self.times, self.speed, fastest + gained, hardest, braking)
         return least - _ROUNDED_M, most + _ROUNDED_M
+
+
+def travelled(
+    times: Float[np.ndarray, " time"], speed: float, fastest: float, accel: float, braking: float
+) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
+    """How far [m] one gets from a speed [m/s]: `braking` [m/s^2] at least, at most by `accel` until it is `fastest`."""
+    gains_s, brakes_s = np.minimum(times, (fastest - speed) / accel), np.minimum(times, speed / braking)
+    least = speed * brakes_s - 0.5 * braking * brakes_s**2
+    return least, speed * times + accel * gains_s * (times - 0.5 * gains_s)
+
+
+@lru_cache(maxsize=16)  # a city has thousands of lanes, and every candidate asks
+def _highest_limit(road: RoadMap) -> float:
+    return max((lane.speed_limit for lane in road.lanes if np.isfinite(lane.speed_limit)), default=0.0)

@@ -23,9 +23,7 @@ class SearchedAgents(eqx.Module):
     candidate: Bool[Array, " agent"]
     first: Int[Array, ""]
     count: int = eqx.field(static=True)
-    continues: bool = eqx.field(
-        static=True, default=False
-    )  # their log is an attack already: it counts, unchanged as well
+    continues: bool = eqx.field(static=True, default=False)  # their log is an attack already, and counts unchanged
 
     @staticmethod
     def among(candidate: Bool[Array, " agent"]) -> "SearchedAgents":

@@ -29,6 +29,17 @@ class Forecast:
         found["y"] = found["y"] + beyond * np.sin(found["yaw"])
         return found
 
+    def along(self, name: str, time_s: float, metres: np.ndarray) -> dict[str, np.ndarray]:
+        """X, y, yaw and z of a vehicle so far along the way that it takes from then on; straight on beyond its end."""
+        own = np.arange(self.tracks.steps) * self.dt
+        way = self.at(name, time_s + own)
+        driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(way["x"]), np.diff(way["y"])))])
+        found = {key: np.interp(metres, driven, way[key]) for key in FIELDS}
+        beyond = np.maximum(metres - driven[-1], 0.0)
+        found["x"] = found["x"] + beyond * np.cos(found["yaw"])
+        found["y"] = found["y"] + beyond * np.sin(found["yaw"])
+        return found
+
     def there(self, name: str, until_s: float = np.inf) -> bool:
         """Whether a vehicle is there all the time, or until then."""
         if name not in self.ids:

@@ -1,4 +1,4 @@
-"""Who lets whom pass at junctions while traffic is predicted, by the network's right of way.
+"""Which vehicles wait at junctions while traffic is predicted, by the network's right of way.
 
 As SUMO decides it (`MSLink::opened`): a vehicle may enter if those that it has to let through are gone before it comes,
 or come a while after it is through, if all speed up as they may. Those that wait themselves need not be let through.
@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.live.paths import Crossing
 from regents_cosim.live.traffic import RoadUser, TrafficState
-from regents_cosim.verdicts.right_of_way import Link, priorities
+from regents_cosim.verdicts.right_of_way import Priorities, priorities
 
 _CLEAR_S = 1.0  # later than that the others may come
 _SLOWS = 1.5  # [m/s^2] for a way that is slower
@@ -52,20 +52,23 @@ class GivingWay:
     @classmethod
     def of(cls, traffic: TrafficState) -> "GivingWay":
         """Those of the traffic; none where the map does not tell the right of way. The ego's planner knows none."""
-        table = priorities(traffic.road)
-        ways = list[tuple[Link, bool, _Way]]()
-        for index, user in enumerate(traffic.users if table is not None else ()):
-            for one in user.path.crossings:
-                if table is not None and one.lane in table.links:
-                    way = _Way.of(index, user, one, traffic.road.lane[one.lane].speed_limit)
-                    ways.append((table.links[one.lane], one.gives_way and index > 0, way))
+        table, limits = priorities(traffic.road) or Priorities({}, {}), traffic.road.lane
+        ways = [
+            (
+                table.links[one.lane],
+                one.gives_way and index > 0,
+                _Way.of(index, user, one, limits[one.lane].speed_limit),
+            )
+            for index, user in enumerate(traffic.users)
+            for one in user.path.crossings
+            if one.lane in table.links
+        ]
         pairs = [
             (mine, other)
             for link, gives_way, mine in ways
             for foe, _, other in ways
-            if gives_way and table is not None and foe.junction == link.junction and mine.user != other.user
-            and foe.index in table.gives_way.get(link, ())
-        ]  # fmt: skip
+            if gives_way and mine.user != other.user and table.lets_pass(link, foe)
+        ]
         users, *rest = np.array(pairs).reshape(-1, 2, len(_Way._fields)).transpose(2, 1, 0)
         return cls(users.astype(int), *rest)
 

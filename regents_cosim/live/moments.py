@@ -88,8 +88,7 @@ class Moments:
 
     def of(self, traffic: TrafficState, known: Mapping[str, Drive] | None = None) -> Moment:
         """The moment of some traffic, of which some will drive as is `known`, by id."""
-        foreseen = self.predictor.predict(traffic.driving(known or {}), DT_S, self.steps)
-        tracks = with_drives(foreseen, traffic, known or {})
+        tracks = self.foreseen(traffic, self.steps, known or {})
         scenario = Scenario(
             id="live",
             dt=DT_S,
@@ -102,6 +101,10 @@ class Moments:
         )
         road = None if scenario.heights.stacked else self._road(scenario)
         return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, passes=OF_SMOOTH_TRACKS))
+
+    def foreseen(self, traffic: TrafficState, steps: int, known: Mapping[str, Drive]) -> Tracks:
+        """The tracks of some traffic, as above: others mind the drives that are known, and these are kept exactly."""
+        return _with_drives(self.predictor.predict(traffic.driving(known), DT_S, steps), traffic, known)
 
     def _changes(self, shows: Shows) -> tuple[tuple[int, str], ...]:
         """What a light shows from which step on."""
@@ -125,7 +128,7 @@ class Moments:
         return known[1], known[2]
 
 
-def with_drives(tracks: Tracks, traffic: TrafficState, known: Mapping[str, Drive]) -> Tracks:
+def _with_drives(tracks: Tracks, traffic: TrafficState, known: Mapping[str, Drive]) -> Tracks:
     """Tracks of the traffic's users in which those that are known drive as they will."""
     rows = {index: drive for name, drive in known.items() if (index := traffic.index(name)) is not None}
     if not rows:

@@ -23,8 +23,8 @@ _STEPS_AT_ONCE = 2  # of the tracks, for each step of the drivers
 _BESIDE_M = 0.1  # that a leader may be beside the body
 _HARDEST_BRAKE = 8.0  # [m/s^2]
 _BEFORE_JUNCTION_M = 1.0  # one waits
-# Who is that fast, keeps its speed and by its model would speed up, does not want to: in SUMO nobody is to overtake on
-# the right, for one.
+# A vehicle that is so fast and keeps its speed, although its model would speed up, is taken to keep it: one reason is
+# that in SUMO no vehicle may overtake on the right.
 _FAST_M_S, _KEEPS_M_S2, _MODEL_MORE_M_S2 = 14.0, 0.6, 0.3
 
 
@@ -37,16 +37,16 @@ class Predictor(Protocol):
 
 
 class Mirror:
-    """Each vehicle on its own route, by Krauss' model or the Intelligent Driver Model, with its parameters in SUMO.
+    """Each vehicle on its own route, by a car-following model (`car_following`) with its parameters in SUMO.
 
-    Sources: Krauss 1998, with the dawdling that is to be expected; Treiber, Hennecke and Helbing 2000. A body on the
-    path is a leader; closed lights, and junctions that others have to be let through first, are standing leaders.
+    A body on the path is a leader; closed lights, and junctions where others come first (`giving_way`), are standing
+    leaders.
     """
 
     def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
         """The tracks [user, time] from now on."""
-        drivers = _Drivers.of(traffic, steps)
         coarse = _STEPS_AT_ONCE * dt
+        drivers = _Drivers.of(traffic, steps).as_seen(coarse)
         begun = drivers.begin()
         driven = [begun]
         while len(driven) * _STEPS_AT_ONCE < steps + _STEPS_AT_ONCE - 1:
@@ -122,13 +122,16 @@ class _Drivers:
             accel=np.nan_to_num(traffic.values("accel"), nan=np.inf),
             known=np.stack([_along_drive(user, steps) for user in users]),
             most=np.full(len(users), np.inf),
-        ).as_seen()
+        )
 
-    def as_seen(self) -> "_Drivers":
-        """The same, no faster than now where they keep their speed although their models would speed up."""
+    def as_seen(self, dt: float) -> "_Drivers":
+        """The same, no faster than now where they keep their speed although their models would speed up.
+
+        In steps of `dt` [s].
+        """
         begun = self.begin()
         by_model = self.follows.accelerations(
-            self.speed, *self._leaders(begun.along, self.speed), self._wanted(begun.along), _STEPS_AT_ONCE * 0.1
+            self.speed, *self._leaders(begun.along, self.speed), self._wanted(begun.along), dt
         )
         keeps = (
             (self.speed > _FAST_M_S) & (np.abs(self.accel) < _KEEPS_M_S2) & (by_model > self.accel + _MODEL_MORE_M_S2)

@@ -13,6 +13,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim.attacks.meeting import MeetingPair
+from regents_cosim.attacks.reachable import travelled
 from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.routes.ego_route import evenly
 from regents_cosim.scenario import Scenario, Tracks
@@ -82,9 +83,6 @@ def _gets_to(
     """Which of the `places` on a way, a metre apart, a vehicle with the first `logged` speed [m/s] can have reached."""
     speed = float(logged[0])
     fastest = max(float(logged.max()), OVER_LIMIT * max(lane.speed_limit for lane in way.lanes))
-    braked_s = np.minimum(seconds, speed / limits.braking)
-    gained_s = np.minimum(seconds, (fastest - speed) / limits.accel)
-    least = speed * braked_s - 0.5 * limits.braking * braked_s**2
-    most = speed * seconds + limits.accel * gained_s * (seconds - 0.5 * gained_s)
+    least, most = travelled(seconds, speed, fastest, limits.accel, limits.braking)
     along = np.arange(places)[:, None] * _SPACING_M
     return (along > least - _ROUNDED_M) & (along < most + _ROUNDED_M)

@@ -9,7 +9,7 @@ from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import History
 from regents_cosim.live.host import Host
-from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moments, with_drives
+from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moments
 from regents_cosim.live.observed import OBSERVED
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.search import Search
@@ -65,8 +65,8 @@ class Replanner:
         """What all do from now on, for so long or as far as plans reach; the adversary by its plan, if there is one."""
         traffic, steps = self._traffic(frame), self._moments.steps if seconds is None else round(seconds / DT_S) + 1
         known = {} if plan is None else {plan.adversary: plan.rest(frame.time_s, steps)}
-        tracks = with_drives(self._moments.predictor.predict(traffic.driving(known), DT_S, steps), traffic, known)
-        return Forecast(frame.time_s, DT_S, tuple(user.agent.id for user in traffic.users), tracks)
+        ids = tuple(user.agent.id for user in traffic.users)
+        return Forecast(frame.time_s, DT_S, ids, self._moments.foreseen(traffic, steps, known))
 
     def _traffic(self, frame: Frame) -> TrafficState:
         """The traffic around; an ego that is only observed wants to go no faster than it went lately."""

@@ -5,6 +5,8 @@ that is about to turn, is no obstacle. And on along their ways at the speed that
 to speed up or brake: then the adversary brakes at the last step in which braking still helps.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -18,7 +20,6 @@ _FORESEEN_S = 0.8  # so far ahead what was foreseen counts
 _BRAKING_M_S2 = 7.0
 _STOPPED_S = 0.3  # after it has braked to a stop
 _SPACING_S = 0.1
-_WAY_S = 8.0  # of the ways that were foreseen
 _NEAR_M = 40.0  # beside the way that braking takes
 
 
@@ -81,31 +82,38 @@ def _straight_on(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray) -> Boxes:
 
 def _at_their_speed(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
     """Some [row time], if they go on along the ways that were foreseen, each at the speed that it has."""
-    there = _straight_on(frame, rows, ahead_s)
-    x, y, yaw = (np.broadcast_to(values, (len(rows), len(ahead_s))).copy() for values in (there.x, there.y, there.yaw))
-    for k, row in enumerate(rows):
-        if foreseen is None or not foreseen.there(frame.ids[row], frame.time_s):
-            continue
-        way = foreseen.at(frame.ids[row], frame.time_s + np.arange(0.0, _WAY_S, DT_S))
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(way["x"]), np.diff(way["y"])))])
-        wanted = frame.speed[row] * ahead_s
-        beyond = np.maximum(wanted - along[-1], 0.0)
-        for values, key, onward in ((x, "x", np.cos), (y, "y", np.sin), (yaw, "yaw", None)):
-            passed = np.interp(wanted, along, way[key]) - way[key][0]
-            values[k] = getattr(frame, key)[row] + passed
-            if onward is not None:
-                values[k] += beyond * onward(frame.yaw[row] + way["yaw"][-1] - way["yaw"][0])
-    return there._replace(x=x, y=y, yaw=yaw)
+    now = frame.time_s
+
+    def along(row: int) -> dict[str, np.ndarray] | None:
+        if foreseen is None or not foreseen.there(frame.ids[row], now):
+            return None
+        return foreseen.along(frame.ids[row], now, frame.speed[row] * np.concatenate([[0.0], ahead_s]))
+
+    return _moved(frame, rows, _straight_on(frame, rows, ahead_s), along)
 
 
 def _as_foreseen(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
     """Some [row time], if they go on from where they are as was foreseen; straight on, of whom nothing was."""
-    there = _straight_on(frame, rows, ahead_s)
-    shape = len(rows), len(ahead_s)
-    x, y, yaw = (np.broadcast_to(values, shape).copy() for values in (there.x, there.y, there.yaw))
+    now = frame.time_s
+
+    def at(row: int) -> dict[str, np.ndarray] | None:
+        if foreseen is None or not foreseen.there(frame.ids[row], now + ahead_s[-1]):
+            return None
+        return foreseen.at(frame.ids[row], now + np.concatenate([[0.0], ahead_s]))
+
+    return _moved(frame, rows, _straight_on(frame, rows, ahead_s), at)
+
+
+def _moved(
+    frame: Frame, rows: np.ndarray, there: Boxes, way_of: Callable[[int], dict[str, np.ndarray] | None]
+) -> Boxes:
+    """Those [row time] that are `there`, but moved from where they are as along their ways, where these are known.
+
+    A way has where it begins, and then as many places as there are times.
+    """
+    moved = {key: np.array(np.broadcast_to(getattr(there, key), np.shape(there.x))) for key in ("x", "y", "yaw")}
     for k, row in enumerate(rows):
-        if foreseen is not None and foreseen.there(frame.ids[row], frame.time_s + ahead_s[-1]):
-            from_now = foreseen.at(frame.ids[row], frame.time_s + np.concatenate([[0.0], ahead_s]))
-            for values, key in ((x, "x"), (y, "y"), (yaw, "yaw")):
-                values[k] = getattr(frame, key)[row] + from_now[key][1:] - from_now[key][0]
-    return there._replace(x=x, y=y, yaw=yaw)
+        if (way := way_of(row)) is not None:
+            for key, values in moved.items():
+                values[k] = getattr(frame, key)[row] + way[key][1:] - way[key][0]
+    return there._replace(**moved)

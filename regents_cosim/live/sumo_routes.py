@@ -21,7 +21,7 @@ REACH_S = 3.0  # of the ego's path, beyond the horizon
 _CLOSED = "ryuU"  # letters of a light before which one waits
 _GIVES_WAY = "gm=sw"  # letters of a link on which others may have to be let through
 _SEEN_FROM_M = 4.5  # before a junction: those that have to be let through; where its network says nothing else
-_OTHERS_COME_S = 3.0  # those whom SUMO says come first, and who may be too far off for us to know
+_OTHERS_COME_S = 3.0  # those that come first as SUMO says, and may be too far off to be predicted
 _BEFORE_LINE_M = 1.0  # one waits
 _NEAR_JUNCTION_S = 1.5  # so near, those with priority are waited for as SUMO sees it now
 _LEAST_NEAR_M = 8.0
@@ -42,10 +42,10 @@ class SumoRoutes:
     """Those of one simulation. `connection` is libsumo, traci, or a connection of traci's."""
 
     def __init__(self, connection: Any, road: RoadMap) -> None:
-        self._sumo, self.road = connection, road
+        self._sumo, self._road = connection, road
         self._chains, self._priorities = LaneChains(road), priorities(road) or Priorities({}, {})
         self._shows: Mapping[str, Shows] = {}
-        self._departed = frozenset[str]()  # in this step: SUMO has not found out yet whom they let through
+        self._departed = frozenset[str]()  # in this step: SUMO does not know yet for which vehicles they wait
 
     def begin(self, shows: Mapping[str, Shows]) -> None:
         """Another step of the simulation; `shows`: what the lights around will show."""
@@ -64,7 +64,7 @@ class SumoRoutes:
     def _ahead(self, name: str, front: tuple[float, float], yaw: float, speed: float, is_ego: bool) -> _Ahead:
         vehicle = self._sumo.vehicle
         lane, along_m = vehicle.getLaneID(name), vehicle.getLanePosition(name)
-        if lane not in self.road.lane:
+        if lane not in self._road.lane:
             return _Ahead(*self._lanes_beneath(name, front, yaw))
         changed = self._changed_lane(name, lane, along_m) if is_ego else None
         if changed is not None:
@@ -100,11 +100,11 @@ class SumoRoutes:
         if not inside:
             return []
         leaves_m = begins_m + self._length_m(inside)
-        return [Crossing(inside[-1], leaves_m - self.road.lane[inside[-1]].length, leaves_m, gives_way)]
+        return [Crossing(inside[-1], leaves_m - self._road.lane[inside[-1]].length, leaves_m, gives_way)]
 
     def _inside(self, lanes: Sequence[str]) -> list[str]:
         """Those in a junction that lanes begin with."""
-        return list(itertools.takewhile(lambda name: self.road.lane[name].junction, lanes))
+        return list(itertools.takewhile(lambda name: self._road.lane[name].junction, lanes))
 
     def _until_seen(self, onward: Sequence[str], left_m: float) -> list[Stop]:
         """The line, so far ahead [m], towards which a vehicle without priority brakes until it sees who comes.
@@ -132,7 +132,7 @@ class SumoRoutes:
 
     def _red_s(self, lane: str, onward: str, state: str) -> list[tuple[float, float]]:
         """From when until when [s] the light from a lane to the next is closed, which is in that `state` now."""
-        link = next((link for link in self.road.exits[lane] if link.target == onward), None)
+        link = next((link for link in self._road.exits[lane] if link.target == onward), None)
         shows = self._shows.get(link.signal or "") if link is not None else None
         if link is None or shows is None:
             return [(0.0, np.inf)] if state in _CLOSED else []
@@ -145,16 +145,16 @@ class SumoRoutes:
 
         SUMO has a vehicle that was put on another turn of a junction than that of its route on no lane at all.
         """
-        at = lane_pieces(self.road).under(np.array([front]), float(self._sumo.vehicle.getPosition3D(name)[2]))
+        at = lane_pieces(self._road).under(np.array([front]), float(self._sumo.vehicle.getPosition3D(name)[2]))
         turn = np.abs(np.asarray(wrap(at.heading - yaw)))
         if not len(turn) or turn.min() > ALONG_RAD:
             return [], 0.0
         nearest = int(turn.argmin())
-        return self._further([self.road.lanes[int(at.lane[nearest])]]), float(at.along[nearest])
+        return self._further([self._road.lanes[int(at.lane[nearest])]]), float(at.along[nearest])
 
     def _changed_lane(self, name: str, lane: str, along_m: float) -> tuple[list[Lane], float] | None:
         """The neighbour that the route needs soon, and those that follow it; None where it needs none."""
-        if self.road.lane[lane].junction:
+        if self._road.lane[lane].junction:
             return None
         best = {one[0]: one for one in self._sumo.vehicle.getBestLanes(name)}
         own = best.get(lane)
@@ -162,7 +162,7 @@ class SumoRoutes:
             return None
         edge, _, number = lane.rpartition("_")
         target = f"{edge}_{int(number) + (1 if own[3] > 0 else -1)}"
-        if target not in best or target not in self.road.lane:
+        if target not in best or target not in self._road.lane:
             return None
         names = [target]
         for onward in best[target][5][1:]:
@@ -170,12 +170,12 @@ class SumoRoutes:
             if through is None:
                 break
             names += through
-        share = along_m / max(self.road.lane[lane].length, 1e-3)
-        return self._further(self._chains.lanes(names)), share * self.road.lane[target].length
+        share = along_m / max(self._road.lane[lane].length, 1e-3)
+        return self._further(self._chains.lanes(names)), share * self._road.lane[target].length
 
     def _further(self, lanes: list[Lane]) -> list[Lane]:
         """With the straightest ones that follow: an ego may be faster than its route is known."""
-        return [*lanes, *lanes_ahead(self.road, lanes[-1])[1:]] if lanes else lanes
+        return [*lanes, *lanes_ahead(self._road, lanes[-1])[1:]] if lanes else lanes
 
     def _length_m(self, lanes: Sequence[str]) -> float:
-        return sum(self.road.lane[one].length for one in lanes)
+        return sum(self._road.lane[one].length for one in lanes)

@@ -37,9 +37,11 @@ class Priorities:
     def must_yield(self, lane: str, other: str) -> bool:
         """Whether who drives along one lane inside a junction gives way to those on another one."""
         one, two = self.links.get(lane), self.links.get(other)
-        if one is None or two is None or one.junction != two.junction:
-            return False
-        return two.index in self.gives_way.get(one, frozenset())
+        return one is not None and two is not None and self.lets_pass(one, two)
+
+    def lets_pass(self, link: Link, other: Link) -> bool:
+        """Whether who takes one movement gives way to those who take another one."""
+        return link.junction == other.junction and other.index in self.gives_way.get(link, frozenset())
 
 
 @lru_cache(maxsize=16)
