@@ -2,7 +2,7 @@
 
 The Intelligent Driver Model (Treiber, Hennecke and Helbing 2000) gives the acceleration
 
-    a (1 - (v / v0)^4 - (s* / s)^2),   s* = s0 + max(0, v T + v dv / (2 sqrt(a b)))
+    a (1 - (v / v0)^d - (s* / s)^2),   s* = s0 + max(0, v T + v dv / (2 sqrt(a b)))
 
 against every agent whose box reaches into the corridor ahead and against red lights; the least
 one counts. Steering is pure pursuit (Coulter 1992) on the route.
@@ -70,6 +70,7 @@ class IDM(JaxPlanner):
     standstill_gap: float = 2.0  # [m]
     max_accel: float = 2.0  # [m/s^2]
     comfortable_brake: float = 3.0  # [m/s^2]
+    exponent: float = 4.0  # of the free road: the greater, the later it stops to accelerate
     stopping_brake: float = 4.5  # [m/s^2] brakes for a light if this is enough to stop before it
     lateral_accel: float = 3.0  # [m/s^2] slows down for curves
     corridor_margin: float = 0.3  # [m] on either side of the ego
@@ -143,7 +144,8 @@ class IDM(JaxPlanner):
         return Controls(accel, self._curvature(memory, along, ego)), memory
 
     def _accel(self, speed: Array, desired: Array, gaps: Array, speeds: Array) -> Float[Array, ""]:
-        free = 1.0 - (speed / jnp.maximum(desired, 0.1)) ** 4
+        power = int(self.exponent) if float(self.exponent).is_integer() else self.exponent  # whole: a few products
+        free = 1.0 - (speed / jnp.maximum(desired, 0.1)) ** power
         closing = speed * (speed - speeds) / (2.0 * np.sqrt(self.max_accel * self.comfortable_brake))
         wanted = self.standstill_gap + jnp.maximum(speed * self.time_headway + closing, 0.0)
         interaction = (wanted / jnp.maximum(gaps, _MIN_GAP_M)) ** 2

@@ -138,9 +138,9 @@ def taught(made, step=20, **off):
     return np.asarray(found)
 
 
-def test_the_teacher_is_idm_in_the_place_of_the_ego():
+def test_the_teacher_is_idm_at_the_pace_of_sumo_in_the_place_of_the_ego():
     made = scene((0, 0, 10.0), (14, 0, 7.0))
-    with MirrorDriver("idm") as driver:
+    with MirrorDriver("idm:max_accel=3,exponent=12,lateral_accel=5") as driver:
         drive = driver.drive(replace(made, tracks=made.tracks))
     found = taught(made, step=0)
     assert found[:, 0] == pytest.approx(drive.tracks.x[0, 1:9] - made.tracks.x[0, 0], abs=1e-3)

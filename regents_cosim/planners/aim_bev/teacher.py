@@ -4,6 +4,9 @@ The log says how to get back to where it was. A network that has driven somewher
 there: brake for who is ahead now. What lies beyond the view must not count, or the network would be taught to
 brake for what it cannot see.
 
+It drives at the pace of SUMO's traffic, whose drivers accelerate to the limit without slackening and turn at up to
+5.5 m/s^2 (netconvert's `junctions.limit-turn-speed`): a pupil that is slower is run into by those who drive as logged.
+
 IDM brakes for who is in its way, not for who will be. A careful teacher brakes for these as well (`dangers`).
 """
 
@@ -29,6 +32,8 @@ from regents_cosim.scenario import Scenario
 # on. So the teacher stands further off, and up to a metre past the line.
 _ROOM_M, _OVER_M, _FIRM_M_S2 = 3.0, 1.0, 4.0
 
+_PACE = IDM(max_accel=3.0, exponent=12.0, lateral_accel=5.0)
+
 _Drives = Callable[[Motion, Array], Controls]  # from a state, so many steps ahead
 
 
@@ -42,7 +47,7 @@ class Teacher(eqx.Module):
     @classmethod
     def of(cls, scenarios: Sequence[Scenario], careful: bool = False, camera: Camera = PAPERS) -> "Teacher":
         """On the route of the ego of each of `scenarios`."""
-        idm = IDM()
+        idm = _PACE
         routes = [idm.on_route(scenario, np.zeros(2)) for scenario in scenarios]
         dangers = Dangers.of(scenarios, camera) if careful else None
         return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes), dangers)
