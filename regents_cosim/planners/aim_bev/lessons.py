@@ -65,7 +65,8 @@ class Classroom(eqx.Module):
     @compiled
     def views(self, lesson: Lesson) -> UInt8[Array, "batch 192 192 3"]:
         """What each of the taught sees."""
-        return jax.lax.map(self._view, lesson)
+        one_by_one = jax.default_backend() == "cpu"  # a picture at a time stays in the cache
+        return jax.lax.map(self._view, lesson) if one_by_one else jax.vmap(self._view)(lesson)
 
     @compiled
     def targets(self, lesson: Lesson) -> Float[Array, "batch 2"]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 from torch import Tensor
 
 from regents_cosim.errors import RegentsError, require
@@ -29,7 +29,8 @@ _FROM_PRACTICE = 0.4  # share of the lessons, once there is any
 _URGENT = 0.3  # of those in which a careful teacher brakes for who will be in its way or might have to, at first
 _ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are looked at for them, per lesson
 _CHECKED = 256  # lessons that are held back, per epoch
-_AT_ONCE = 64  # drives
+_AT_ONCE = 64  # drives, and pictures that the network is shown
+_DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 @dataclass
@@ -82,11 +83,23 @@ def train(
     )
     total = sum(map(len, curriculum.rows.values()))
     require(total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError)
+    yield from _epochs(course, room, curriculum, output, config, begun=resume is not None)
+
+
+def _epochs(
+    course: _ResumableTraining,
+    room: Classroom,
+    curriculum: Curriculum,
+    output: Path,
+    config: TrainConfig,
+    begun: bool,
+) -> Iterator[list[Epoch]]:
+    """Those that are left; a network that has `begun` to learn before drives from the first one on."""
     taught, held_back = _split(curriculum)
     for epoch in range(len(course.done), config.epochs):
         rng = np.random.default_rng((config.seed, epoch))
         driven = (None, None)
-        if config.drives and (resume is not None or epoch >= config.warm_up):
+        if config.drives and (begun or epoch >= config.warm_up):
             driven = _practise(course, room, taught, rng, config)
         _look_elsewhere(course, room, taught, rng, config)
         course.known.append(_prepare(course, room, taught, rng, config, epoch))
@@ -145,6 +158,7 @@ def _teach(course: _ResumableTraining, rng: np.random.Generator, config: TrainCo
     columns = [torch.cat(parts) for parts in zip(*course.known, strict=True)]
     batches = len(columns[0]) // config.batch
     order = torch.from_numpy(rng.permutation(len(columns[0]))[: batches * config.batch].reshape(batches, -1))
+    order = order.to(_DEVICE)
     losses = []
     for number, chosen in enumerate(order):
         begun, speed, target, label = (column[chosen] for column in columns)
@@ -153,8 +167,8 @@ def _teach(course: _ResumableTraining, rng: np.random.Generator, config: TrainCo
         course.adam.zero_grad()
         loss.backward()
         course.adam.step()
-        losses.append(loss.item())
-    return float(np.mean(losses))
+        losses.append(loss.detach())  # a GPU is not waited for
+    return torch.stack(losses).mean().item()
 
 
 def _falling(config: TrainConfig, epoch: float) -> float:
@@ -186,7 +200,7 @@ def _columns(course: _ResumableTraining, room: Classroom, lesson: Lesson, frozen
     """What the first layers make of the views, the speeds, targets and labels of a batch of lessons."""
     labels = course.teacher.labels(room, lesson) if course.teacher else room.labels(lesson)
     found = (room.views(lesson), lesson.state.speed, room.targets(lesson), labels)
-    begun, speed, target, label = (torch.from_numpy(np.array(values)) for values in found)
+    begun, speed, target, label = map(_tensor, found)
     if frozen:
         begun = course.network.encoder.begin(_pictures(begun), frozen).half()
     return begun, speed, target, label
@@ -195,7 +209,14 @@ def _columns(course: _ResumableTraining, room: Classroom, lesson: Lesson, frozen
 def _finish(network: AimBevNetwork, begun: Tensor, speed: Tensor, target: Tensor, frozen: int) -> Tensor:
     """Waypoints [m] from what the first layers made of views."""
     begun = begun.float().contiguous(memory_format=torch.channels_last) if frozen else _pictures(begun)
-    return network.plan(network.encoder.finish(begun, frozen), speed, target)
+    with torch.autocast(_DEVICE.type, torch.bfloat16, enabled=_DEVICE.type == "cuda"):
+        features = network.encoder.finish(begun, frozen)
+    return network.plan(features.float(), speed, target)
+
+
+def _tensor(values: Array) -> Tensor:
+    """An array of JAX where torch computes; the memory is shared if it lies there already."""
+    return torch.from_dlpack(values).to(_DEVICE)
 
 
 def _pictures(views: Tensor) -> Tensor:
@@ -260,18 +281,11 @@ def _draw(scenes: Int[np.ndarray, " scene"], count: int, rng: np.random.Generato
 
 
 def _predict(network: AimBevNetwork) -> Predict:
-    def predict(views: np.ndarray, speed: np.ndarray, target: np.ndarray) -> np.ndarray:
+    def predict(views: Array, speed: Array, target: Array) -> np.ndarray:
         network.eval()
         with torch.inference_mode():
-            parts = [
-                network(
-                    _pictures(torch.tensor(views[i : i + 64])),
-                    torch.tensor(speed[i : i + 64]),
-                    torch.tensor(target[i : i + 64]),
-                )
-                for i in range(0, len(views), 64)
-            ]
-        return torch.cat(parts).numpy()
+            chunks = zip(*(_tensor(values).split(_AT_ONCE) for values in (views, speed, target)), strict=True)
+            return torch.cat([network(_pictures(view), *given) for view, *given in chunks]).cpu().numpy()
 
     return predict
 
@@ -286,7 +300,7 @@ def _with_ego(scenario: Scenario, driven: Float[np.ndarray, "4 time"]) -> Tracks
 
 def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) -> _ResumableTraining:
     network = AimBevNetwork()
-    network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+    network.to(_DEVICE, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
     course = _ResumableTraining(
         network, adam, [], Met.nothing(), Met.nothing(), deque(maxlen=config.kept), None, fine_tuning,
@@ -310,7 +324,7 @@ def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) 
 def _weights(course: _ResumableTraining) -> dict[str, np.ndarray]:
     """By name, with what they are to be shown."""
     state = course.network.state_dict().items()
-    found = {name: values.detach().numpy() for name, values in state if values.is_floating_point()}
+    found = {name: values.detach().cpu().numpy() for name, values in state if values.is_floating_point()}
     return found | course.given.marks()
 
 
@@ -318,7 +332,7 @@ def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
     """Weights, Adam's moments, the epochs so far and the states met in practice."""
     saved = {f"network.{name}": values for name, values in _weights(course).items()}
     for index, state in course.adam.state_dict()["state"].items():
-        saved |= {f"adam.{index}.{name}": np.asarray(value) for name, value in state.items()}
+        saved |= {f"adam.{index}.{name}": value.cpu().numpy() for name, value in state.items()}
     saved["epochs"] = np.array([[np.nan if v is None else v for v in asdict(e).values()] for e in course.done])
     saved |= {"rows": course.met.rows, "states": course.met.states}
     saved |= {"urgent.rows": course.urgent.rows, "urgent.states": course.urgent.states}
