@@ -26,7 +26,8 @@ from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weigh
 from regents_cosim.scenario import Scenario, Tracks
 
 _FROM_PRACTICE = 0.4  # share of the lessons, once there is any
-_URGENT = 0.3  # of those in which a careful teacher brakes for who will be in its way or might have to, at first
+# Of those in which a careful teacher brakes for who will be in its way or might have to: at first, and at last.
+_URGENT = 0.3, 0.15
 _ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are looked at for them, per lesson
 _CHECKED = 256  # lessons that are held back, per epoch
 _AT_ONCE = 64  # drives, and pictures that the network is shown
@@ -192,7 +193,8 @@ def _lessons(
     rows = np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1)
     own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
     drawn = course.met.drawn_into(Met(rows, own.T), _FROM_PRACTICE, rng)
-    drawn = course.urgent.drawn_into(drawn, _URGENT * _falling(config, float(epoch)), rng)
+    first, last = _URGENT
+    drawn = course.urgent.drawn_into(drawn, last + (first - last) * _falling(config, float(epoch)), rng)
     return taught.lessons(drawn.rows, drawn.states, rng)
 
 
