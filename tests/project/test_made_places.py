@@ -1,4 +1,4 @@
-"""The places that the documentation reports on, and those that aim-bev-hardened was taught on: their scripts make them."""
+"""Places that scripts of the documentation make: those it reports on, and those that aim-bev-hardened was taught on."""
 
 import os
 import subprocess
