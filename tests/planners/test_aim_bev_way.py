@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from two_car_scenes import TIME, crossroads, moving
 
 from regents_cosim.cli import run
+from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.observe import COLOURS, Surroundings
@@ -24,6 +25,7 @@ from regents_cosim.planners.aim_bev.met import Met
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
 from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, PIXEL_M, Shown
 from regents_cosim.planners.aim_bev.teacher import Teacher
+from regents_cosim.planners.aim_bev.train_config import TrainConfig
 from regents_cosim.planners.aim_bev.way import AHEAD_M, relit
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.planners.jax_planner import LoopScene
@@ -176,6 +178,21 @@ def test_lessons_with_a_light_in_view_are_kinds_of_their_own():
         assert nose.min() > -10.0 - 38.4 - 1.0
         assert nose.max() <= -10.0
         assert len(steps) > 20
+
+
+@pytest.mark.parametrize("share", ["evading", "urgent"])
+def test_a_share_of_all_or_none_of_the_lessons_is_refused(share):
+    for value in (0.0, 1.0, np.nan):
+        with pytest.raises(RegentsError, match="expected one between 0 and 1"):
+            TrainConfig(**{share: value})
+
+
+def test_a_teacher_is_as_fast_as_traffic_that_keeps_to_the_limit():
+    """The planner idm slackens before the limit, and is slower."""
+    made = moving(crossroads("G", "G"), 0, x=-60.0 + np.arange(81.0), speed=np.full(81, 10.0))
+    speed = 0.9 * made.road.lanes[0].speed_limit
+    way = np.asarray(Teacher.of([made]).labels(gather([made], WIDE), at(made, -60.0, speed)))[0, :, 0]
+    assert (way[-1] - way[-2]) / 0.1 > speed + 0.9
 
 
 def test_a_careful_teacher_brakes_for_who_will_be_in_its_way():

@@ -26,8 +26,6 @@ from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weigh
 from regents_cosim.scenario import Scenario, Tracks
 
 _FROM_PRACTICE = 0.4  # share of the lessons, once there is any
-# Of those in which a careful teacher brakes for who will be in its way or might have to: at first, and at last.
-_URGENT = 0.3, 0.15
 _ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are looked at for them, per lesson
 _CHECKED = 256  # lessons that are held back, per epoch
 _AT_ONCE = 64  # drives, and pictures that the network is shown
@@ -103,7 +101,7 @@ def _epochs(
         if config.drives and (begun or epoch >= config.warm_up):
             driven = _practise(course, room, taught, rng, config)
         _look_elsewhere(course, room, taught, rng, config)
-        course.known.append(_prepare(course, room, taught, rng, config, epoch))
+        course.known.append(_prepare(course, room, taught, rng, config))
         loss = _teach(course, rng, config, epoch)
         check = _check(course, room, held_back, config)
         course.done.append(Epoch(epoch, loss, check, *driven))
@@ -141,14 +139,13 @@ def _prepare(
     taught: Curriculum,
     rng: np.random.Generator,
     config: TrainConfig,
-    epoch: int,
 ) -> list[Tensor]:
     """New lessons, as the first layer that learns gets them."""
     course.network.eval()
     parts = []
     with torch.inference_mode():
         for _ in range(config.lessons // config.batch):
-            parts.append(_columns(course, room, _lessons(course, taught, rng, config, epoch), config.frozen))
+            parts.append(_columns(course, room, _lessons(course, taught, rng, config), config.frozen))
     return [torch.cat(columns).clone() for columns in zip(*parts, strict=True)]
 
 
@@ -172,20 +169,13 @@ def _teach(course: _ResumableTraining, rng: np.random.Generator, config: TrainCo
     return torch.stack(losses).mean().item()
 
 
-def _falling(config: TrainConfig, epoch: float) -> float:
-    """From 1 to 0 over all epochs, along a cosine."""
-    return float(0.5 * (1.0 + np.cos(np.pi * epoch / config.epochs)))
-
-
 def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None:
-    share = _falling(config, epoch)
+    share = float(0.5 * (1.0 + np.cos(np.pi * epoch / config.epochs)))
     for group in adam.param_groups:
         group["lr"] = config.learning_rate * (0.01 + 0.99 * share)
 
 
-def _lessons(
-    course: _ResumableTraining, taught: Curriculum, rng: np.random.Generator, config: TrainConfig, epoch: int
-) -> Lesson:
+def _lessons(course: _ResumableTraining, taught: Curriculum, rng: np.random.Generator, config: TrainConfig) -> Lesson:
     """A batch of lessons, some of them from states that egos got into."""
     lesson = taught.draw(config.batch, rng, config.evading)
     if not len(course.met) and not len(course.urgent):
@@ -193,8 +183,7 @@ def _lessons(
     rows = np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1)
     own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
     drawn = course.met.drawn_into(Met(rows, own.T), _FROM_PRACTICE, rng)
-    first, last = _URGENT
-    drawn = course.urgent.drawn_into(drawn, last + (first - last) * _falling(config, float(epoch)), rng)
+    drawn = course.urgent.drawn_into(drawn, config.urgent, rng)
     return taught.lessons(drawn.rows, drawn.states, rng)
 
 
