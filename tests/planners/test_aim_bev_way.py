@@ -180,6 +180,18 @@ def test_lessons_with_a_light_in_view_are_kinds_of_their_own():
         assert len(steps) > 20
 
 
+def test_a_window_that_is_held_back_is_so_with_all_its_lights():
+    made = [moving(waiting("r"), 0, x=-60.0 - i + np.arange(81.0), speed=np.full(81, 10.0)) for i in range(10)]
+    twins = [(index, twin) for index, one in enumerate(made) for twin in relit(one)]
+    window = np.array([*range(10), *(index for index, _ in twins)])
+    curriculum = plan(gather([*made, *(twin for _, twin in twins)], WIDE), egos=True)
+    taught, held_back = curriculum.split(window)
+    for kind in ("held", "free"):
+        assert set(window[held_back.rows[kind][:, 0]]) == {9}
+        assert set(window[taught.rows[kind][:, 0]]) == set(range(9))
+        assert len(taught.rows[kind]) + len(held_back.rows[kind]) == len(curriculum.rows[kind])
+
+
 @pytest.mark.parametrize("share", ["evading", "urgent"])
 def test_a_share_of_all_or_none_of_the_lessons_is_refused(share):
     for value in (0.0, 1.0, np.nan):

@@ -10,7 +10,7 @@ is nothing to brake for yet.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import jax
@@ -94,6 +94,18 @@ class Curriculum:
         scene, agent, step = (jnp.asarray(values, jnp.int32) for values in (scene, agent, step))
         x, y, yaw, speed = (jnp.asarray(values, jnp.float32) for values in states.T)
         return Lesson(scene, agent, step, goal, Motion(x, y, yaw, speed))
+
+    def split(self, window: Int[np.ndarray, " scene"]) -> tuple["Curriculum", "Curriculum"]:
+        """What is taught, and what every tenth window holds, which is held back.
+
+        Scenes that are the same `window` with other lights are on the same side.
+        """
+        back = {kind: window[rows[:, 0]] % 10 == 9 for kind, rows in self.rows.items()}
+        taught = {kind: rows[~back[kind]] for kind, rows in self.rows.items()}
+        held_back = {kind: rows[back[kind]] for kind, rows in self.rows.items()}
+        if not all(len(rows) for rows in held_back.values()):
+            held_back = {kind: held_back[kind] if len(held_back[kind]) else taught[kind] for kind in KINDS}
+        return replace(self, rows=taught), replace(self, rows=held_back)
 
     def worth_teaching(self, rows: Int[np.ndarray, "lesson 3"]) -> Bool[np.ndarray, " lesson"]:
         """Which of the states that a drive came through have a teacher: where an ego evades, those up to its end."""

@@ -13,7 +13,7 @@ from torch import Tensor
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.mirror.camera import Camera
 from regents_cosim.planners.aim_bev.controller import Controller
-from regents_cosim.planners.aim_bev.curriculum import KINDS, Curriculum, evading_steps, plan
+from regents_cosim.planners.aim_bev.curriculum import Curriculum, evading_steps, plan
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
 from regents_cosim.planners.aim_bev.met import Met
 from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, practise
@@ -70,8 +70,11 @@ def train(
     torch.manual_seed(config.seed)
     course = _begin(config, resume, fine_tuning=bool(crashes))
     windows = [*scenarios, *(crash.evaded() for crash in crashes)]
+    window = [*range(len(windows))]
     if course.given.follows_route:
-        windows += [twin for scenario in scenarios for twin in relit(scenario)]
+        twins = [(index, twin) for index, scenario in enumerate(scenarios) for twin in relit(scenario)]
+        window += [index for index, _ in twins]
+        windows += [twin for _, twin in twins]
     if config.teacher != "log":
         course.teacher = Teacher.of(windows, config.teacher == "careful", course.given.camera)
     room = gather(windows, course.given)
@@ -82,19 +85,20 @@ def train(
     )
     total = sum(map(len, curriculum.rows.values()))
     require(total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError)
-    yield from _epochs(course, room, curriculum, output, config, begun=resume is not None)
+    taught, held_back = curriculum.split(np.array(window))
+    yield from _epochs(course, room, taught, held_back, output, config, begun=resume is not None)
 
 
 def _epochs(
     course: _ResumableTraining,
     room: Classroom,
-    curriculum: Curriculum,
+    taught: Curriculum,
+    held_back: Curriculum,
     output: Path,
     config: TrainConfig,
     begun: bool,
 ) -> Iterator[list[Epoch]]:
     """Those that are left; a network that has `begun` to learn before drives from the first one on."""
-    taught, held_back = _split(curriculum)
     for epoch in range(len(course.done), config.epochs):
         rng = np.random.default_rng((config.seed, epoch))
         driven = (None, None)
@@ -122,15 +126,6 @@ def drive_all(scenarios: Sequence[Scenario], weights: Path) -> Iterator[Tracks]:
         scene = np.minimum(np.arange(first, first + at_once), len(scenarios) - 1)  # the last chunk keeps the shape
         driven = np.stack([known for _, known in drive(room, predict, Controller(), scene)], axis=-1)
         yield from map(_with_ego, scenarios[first : first + at_once], driven)
-
-
-def _split(curriculum: Curriculum) -> tuple[Curriculum, Curriculum]:
-    """Every tenth window is held back."""
-    taught = {kind: rows[rows[:, 0] % 10 != 9] for kind, rows in curriculum.rows.items()}
-    held_back = {kind: rows[rows[:, 0] % 10 == 9] for kind, rows in curriculum.rows.items()}
-    if not all(len(rows) for rows in held_back.values()):
-        held_back = {kind: held_back[kind] if len(held_back[kind]) else taught[kind] for kind in KINDS}
-    return replace(curriculum, rows=taught), replace(curriculum, rows=held_back)
 
 
 def _prepare(
