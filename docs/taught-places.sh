@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The places that SUMO's own tools make for the training of aim-bev-hardened: bash docs/taught-places.sh FOLDER
+# Places that SUMO's own tools make to teach AIM-BEV on, for docs/aim-bev-results.md: bash docs/taught-places.sh FOLDER
 #
 # Random towns, grids and webs: one to three lanes, 30 to 80 km/h, priority, right before left, all-way stops and
 # lights, with traffic on the right and on the left, thin and dense; cars, vans, lorries, buses, motorcycles and

@@ -1,4 +1,4 @@
-"""Places that scripts of the documentation make: those it reports on, and those that aim-bev-hardened was taught on."""
+"""Places that scripts of the documentation make: those it reports on, and those that AIM-BEV is taught on."""
 
 import os
 import subprocess
