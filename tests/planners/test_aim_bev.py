@@ -115,7 +115,7 @@ def test_lessons_cover_what_vehicles_do():
 def test_practice_of_an_expert_stays_on_the_log():
     room = gather([platoon(cars=6)])
 
-    def straight(views, speed, target):
+    def straight(views, speed, target, _):
         assert views.shape == (2, 192, 192, 3)
         assert (target[:, 0] > 0).all()
         ahead = speed[:, None] * 0.1 * np.arange(1, 9)
@@ -262,11 +262,14 @@ def test_torch_and_jax_agree():
     rng = np.random.default_rng(0)
     view = np.repeat(np.repeat(rng.integers(0, 256, (24, 24, 3), np.uint8), 8, axis=0), 8, axis=1)
     forward = jax.jit(lambda network, *seen: network(*seen))
-    for speed, target in ((0.0, (5.0, 1.0)), (9.0, (60.0, -20.0)), (22.0, (0.0, 0.0))):
+    weights["mlp.0.weight"][:, -1] = rng.normal(size=len(weights["mlp.0.weight"]))  # it was never told of lights
+    network.load_state_dict({"mlp.0.weight": torch.tensor(weights["mlp.0.weight"])}, strict=False)
+    told = to_network(weights)
+    for speed, target, light in ((0.0, (5.0, 1.0), 0.0), (9.0, (60.0, -20.0), 0.5), (22.0, (0.0, 0.0), 1.0)):
         with torch.inference_mode():
             pictures = torch.tensor(view).permute(2, 0, 1)[None] / 255.0
-            theirs = network(pictures, torch.tensor([speed]), torch.tensor([target]))[0].numpy()
-        ours = forward(aim_bev().network, jnp.asarray(view), jnp.float32(speed), jnp.array(target, jnp.float32))
+            theirs = network(pictures, *map(torch.tensor, ([speed], [target], [light])))[0].numpy()
+        ours = forward(told, jnp.asarray(view), jnp.float32(speed), jnp.array(target, jnp.float32), jnp.float32(light))
         assert np.abs(theirs - np.asarray(ours)).max() < 1e-5 * max(1.0, np.abs(theirs).max())
 
 

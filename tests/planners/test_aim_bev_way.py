@@ -57,15 +57,14 @@ def at(made, x=-18.0, speed=0.0):
 
 
 def seen(made, x=-18.0, given=ROUTE):
-    """The view and the target that the planner's network is given, the ego being at a place on its way."""
+    """The view, target and closed light that the planner's network is given, the ego being at a place on its way."""
     planner, world = AimBev(aim_bev().network, Controller(), given), to_world(made)
     scene = LoopScene(made, world)
     memory = planner.init(scene)
     ego = Motion(jnp.float32(x - scene.origin[0]), jnp.float32(-scene.origin[1]), jnp.float32(0.0), jnp.float32(0.0))
     now = jax.tree.map(lambda values: values[0], planner.look(memory, others(world, world.log, world.valid)))
     view = Surroundings(now.boxes, now.speed, now.valid, memory.lights[0])
-    picture, target = planner.shown(memory, view, ego)
-    return np.asarray(picture), np.asarray(target)
+    return tuple(map(np.asarray, planner.shown(memory, view, ego)))
 
 
 def shows(picture, letter):
@@ -86,8 +85,8 @@ def test_the_target_is_as_far_ahead_wherever_the_ego_is(x):
 @pytest.mark.slow
 def test_a_log_that_waits_has_a_target_beyond_the_line():
     made = waiting()
-    _, end = seen(made, given=AS_IN_THE_PAPERS)
-    _, ahead = seen(made)
+    _, end, _ = seen(made, given=AS_IN_THE_PAPERS)
+    _, ahead, _ = seen(made)
     assert end[0] == pytest.approx(0.0, abs=1e-3)
     assert ahead == pytest.approx([AHEAD_M, 0.0], abs=1e-3)
 
@@ -95,7 +94,7 @@ def test_a_log_that_waits_has_a_target_beyond_the_line():
 @pytest.mark.parametrize("letter", LIGHT)
 def test_the_light_of_the_own_way_is_in_view_and_no_other(letter):
     for south in LIGHT:
-        picture, _ = seen(waiting(letter, south))
+        picture, _, _ = seen(waiting(letter, south))
         assert [shows(picture, one) for one in LIGHT] == [one == letter for one in LIGHT]
 
 
@@ -104,10 +103,37 @@ def test_the_light_of_the_own_way_is_in_view_and_no_other(letter):
 def test_training_shows_what_the_planner_sees(given):
     for made in (waiting(), *relit(waiting())):
         taught = gather([made], given)
-        picture, target = seen(made, -16.4, given)
+        picture, target, light = seen(made, -16.4, given)
         same = np.asarray(taught.views(at(made, -16.4)))[0] == picture
         assert same.mean() > (0.99 if given.camera == WIDE.camera else 0.9999), "cells of another grid in a wider view"
         assert np.asarray(taught.targets(at(made, -16.4)))[0] == pytest.approx(target, abs=1e-3)
+        assert np.asarray(taught.closed_lights(at(made, -16.4)))[0] == pytest.approx(light, abs=1e-4)
+
+
+@settings(max_examples=20)
+@given(st.floats(-5.0, 45.0))
+def test_a_closed_light_is_told_of_the_nearer_the_more(gap_m):
+    """The line is 10 m before the middle of the crossroads; from 1 m past it on the light is behind."""
+    x = -10.0 - gap_m - 0.5 * waiting().agents[0].length
+    told = float(room().closed_lights(at(waiting(), x))[0])
+    if abs(gap_m + 1.0) > 0.01:
+        assert told == pytest.approx(np.clip(1.0 - gap_m / 40.0, 0.0, 1.0) if gap_m > -1.0 else 0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("letter", "closed"), [("r", True), ("y", True), ("G", False)])
+def test_a_light_that_is_not_closed_is_not_told_of(letter, closed):
+    assert (float(gather([waiting(letter)], ROUTE).closed_lights(at(waiting()))[0]) > 0.0) == closed
+
+
+def test_weights_from_before_lights_were_told_of_plan_as_they_did(tmp_path):
+    before = {name: v[:, :-1] if name == "mlp.0.weight" else v for name, v in load_weights(SHIPPED).items()}
+    save_weights(before, tmp_path / "before.safetensors")
+    again = load_weights(tmp_path / "before.safetensors")
+    assert {name: v.shape for name, v in again.items()} == {name: v.shape for name, v in load_weights(SHIPPED).items()}
+    assert not again["mlp.0.weight"][:, -1].any()
+    assert all(
+        np.array_equal(v, again[name][:, : v.shape[1]] if v.ndim == 2 else again[name]) for name, v in before.items()
+    )
 
 
 def test_the_same_scene_is_taught_all_red_and_all_green():

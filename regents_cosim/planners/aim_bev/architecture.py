@@ -2,7 +2,8 @@
 
 MobileNetV3-small (Howard et al. 2019, table 2), parameters named as in torchvision, and the head
 of AIM-BEV (KING, Hanselmann et al. 2022). Beside the picture the head is given the ego's speed,
-which one picture cannot show.
+which one picture cannot show, and how near the next closed light of its way is. KING's agent is told of a light too, by
+a flag.
 """
 
 from typing import NamedTuple
@@ -44,6 +45,7 @@ NORM_EPSILON = 1e-3
 COORDINATE_M = 10.0  # unit of coordinates inside the network
 SPEED_M_S = 10.0  # unit of speeds inside it
 FAR_TARGET_M = 40.0  # of a target further away only the direction counts
+KNOWN = 2  # numbers that the head is given beside the picture's features: speed, and nearness of a closed light
 
 
 def squeezed(expanded: int) -> int:

@@ -75,6 +75,13 @@ class Classroom(eqx.Module):
         return jax.vmap(to_frame)(goal[:, 0], goal[:, 1], lesson.state)
 
     @compiled
+    def closed_lights(self, lesson: Lesson) -> Float[Array, " batch"]:
+        """How near the next closed light of each is (`way`); 0 where no route is followed."""
+        if self.way is None:
+            return jnp.zeros_like(lesson.state.x)
+        return jax.vmap(lambda one: self._way(one).light(one.state, one.step))(lesson)
+
+    @compiled
     def labels(self, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
         """What the expert would do [m, own frame]."""
 
@@ -85,7 +92,10 @@ class Classroom(eqx.Module):
         return jax.vmap(label)(lesson)
 
     def _ahead(self, one: Lesson) -> Float[Array, " 2"]:
-        return jax.tree.map(lambda values: values[one.scene], self.way).target(one.state)
+        return self._way(one).target(one.state)
+
+    def _way(self, one: Lesson) -> OwnWay:
+        return jax.tree.map(lambda values: values[one.scene], self.way)
 
     def _view(self, one: Lesson) -> UInt8[Array, "192 192 3"]:
         now = jax.tree.map(lambda values: values[one.scene, :, one.step], self.log)

@@ -95,10 +95,18 @@ class NetworkWeights(eqx.Module):
     output: Linear
 
     def __call__(
-        self, view: UInt8[Array, "192 192 3"], speed: Float[Array, ""], target: Float[Array, " 2"]
+        self,
+        view: UInt8[Array, "192 192 3"],
+        speed: Float[Array, ""],
+        target: Float[Array, " 2"],
+        light: Float[Array, ""],
     ) -> Float[Array, "waypoint 2"]:
-        """Waypoints [m] from the view, the ego's speed [m/s] and its target [m]; frame of the ego, x ahead."""
-        hidden = jnp.append(jax.nn.relu(self.join(self.encode(view))), speed / SPEED_M_S)
+        """Waypoints [m] from the view, the ego's speed [m/s], its target [m], and how near a closed light is (`way`).
+
+        Frame of the ego, x ahead.
+        """
+        known = jnp.stack([speed / SPEED_M_S, light])
+        hidden = jnp.concatenate([jax.nn.relu(self.join(self.encode(view))), known])
         for layer in self.mlp:
             hidden = jax.nn.relu(layer(hidden))
         return self._unroll(hidden, speed, target)

@@ -33,7 +33,7 @@ class AimBevMemory(eqx.Module):
     bars: Box
     lights: UInt8[Array, "time bar"]
     target: Float[Array, " 2"]  # [m] the last logged position
-    way: OwnWay | None  # of weights that follow the route: gives their targets
+    way: OwnWay | None  # of weights that follow the route: gives their targets, and closed lights
     now: Int[Array, ""]
     errors: SpeedErrors
     recollection: Recollection
@@ -119,18 +119,19 @@ class AimBev(JaxPlanner):
 
     def plan(self, memory: AimBevMemory, view: Surroundings, ego: Motion) -> Float[Array, "waypoint 2"]:
         """Waypoints [m] in the ego's frame."""
-        picture, target = self.shown(memory, view, ego)
-        return self.network(picture, ego.speed, target)
+        picture, target, light = self.shown(memory, view, ego)
+        return self.network(picture, ego.speed, target, light)
 
     def shown(
         self, memory: AimBevMemory, view: Surroundings, ego: Motion
-    ) -> tuple[UInt8[Array, "192 192 3"], Float[Array, " 2"]]:
-        """What the network is given to see, and where it is to go [m, the ego's frame]."""
+    ) -> tuple[UInt8[Array, "192 192 3"], Float[Array, " 2"], Float[Array, ""]]:
+        """What the network is given to see, where it is to go [m, the ego's frame], and how near a closed light is."""
         place = memory.target if memory.way is None else memory.way.target(ego)
         dx, dy = place - jnp.stack([ego.x, ego.y])
         cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
         target = jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
-        return observe(memory.ground, memory.bars, view, ego, self.given.camera), target
+        light = jnp.float32(0.0) if memory.way is None else memory.way.light(ego, memory.now)
+        return observe(memory.ground, memory.bars, view, ego, self.given.camera), target, light
 
 
 def with_weights(path: Path) -> AimBev:

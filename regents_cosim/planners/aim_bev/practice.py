@@ -18,8 +18,8 @@ from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
 
 LOST_M = 8.0  # further from its log an ego has nothing to learn from it
 
-# Views [batch 192 192 3], speeds [batch], targets [batch 2] to waypoints [batch 8 2].
-Predict = Callable[[Array, Array, Array], np.ndarray]
+# Views [batch 192 192 3], speeds [batch], targets [batch 2], closed lights [batch] to waypoints [batch 8 2].
+Predict = Callable[[Array, Array, Array, Array], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def drive(
         lesson = Lesson(drives, jnp.zeros_like(drives), jnp.full_like(drives, now), room.target[drives], state)
         known = np.stack([np.asarray(value) for value in (state.x, state.y, state.yaw, state.speed)], axis=-1)
         yield lesson, known
-        waypoints = predict(room.views(lesson), state.speed, room.targets(lesson))
+        waypoints = predict(room.views(lesson), state.speed, room.targets(lesson), room.closed_lights(lesson))
         state, errors = _advance(controller, errors, jnp.asarray(waypoints), state, room.dt)
 
 

@@ -25,12 +25,13 @@ from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.dangers import Dangers
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame
+from regents_cosim.planners.aim_bev.way import OVER_M
 from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route
 from regents_cosim.scenario import Scenario
 
 # IDM stands half a metre before a stop line: one or two pixels, which no network keeps to, and past the line it drives
 # on. So the teacher stands further off, and up to a metre past the line.
-_ROOM_M, _OVER_M, _FIRM_M_S2 = 3.0, 1.0, 4.0
+_ROOM_M, _FIRM_M_S2 = 3.0, 4.0
 
 _PACE = IDM(max_accel=3.0, exponent=12.0, lateral_accel=5.0)
 
@@ -104,7 +105,7 @@ def _before_light(route: IdmMemory, one: Lesson) -> Float[Array, ""]:
     """The braking [m/s^2] that leaves room before a closed light; 0 where IDM's is enough, or too late."""
     along, _, _ = place_on_route(route, one.state.x, one.state.y)
     to_line, square = route.line - along - route.half_length, one.state.speed**2
-    can_stop = (to_line > -_OVER_M) & (square < 2.0 * ACCEL_LIMIT * (to_line + _OVER_M))
+    can_stop = (to_line > -OVER_M) & (square < 2.0 * ACCEL_LIMIT * (to_line + OVER_M))
     due = route.closed[one.step] & can_stop & (to_line - square / (2.0 * _FIRM_M_S2) < _ROOM_M)
     wanted = jnp.clip(square / (2.0 * jnp.maximum(to_line - _ROOM_M, 0.5)), _FIRM_M_S2, ACCEL_LIMIT)
     return jnp.where(due, wanted, 0.0).max()

@@ -12,6 +12,7 @@ from regents_cosim.planners.aim_bev.architecture import (
     FAR_TARGET_M,
     FEATURES,
     HIDDEN,
+    KNOWN,
     LAST,
     MLP,
     NORM_EPSILON,
@@ -25,27 +26,29 @@ from regents_cosim.planners.aim_bev.architecture import (
 
 
 class AimBevNetwork(nn.Module):
-    """Views [batch, 3, 192, 192] in 0..1, speeds [batch] [m/s], targets [batch, 2] [m] to waypoints [batch, 8, 2] [m].
+    """Views [batch, 3, 192, 192] in 0..1, and what else is known, to waypoints [batch, 8, 2] [m].
 
-    Targets and waypoints are in the ego's frame, x ahead and y to the left.
+    Known are speeds [batch] [m/s], targets [batch, 2] [m], and how near the next closed light is [batch], 0..1. Targets
+    and waypoints are in the ego's frame, x ahead and y to the left.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.encoder = Encoder()
         self.join = nn.Linear(LAST, FEATURES)
-        sizes = (FEATURES + 1, *MLP)
+        sizes = (FEATURES + KNOWN, *MLP)
         self.mlp = nn.Sequential(*(nn.Linear(a, b) for a, b in pairwise(sizes)))
         self.gru = nn.GRUCell(6, HIDDEN)
         self.output = nn.Linear(HIDDEN, 2)
 
-    def forward(self, view: Tensor, speed: Tensor, target: Tensor) -> Tensor:
+    def forward(self, view: Tensor, speed: Tensor, target: Tensor, light: Tensor) -> Tensor:
         """Waypoints [m]."""
-        return self.plan(self.encoder(view), speed, target)
+        return self.plan(self.encoder(view), speed, target, light)
 
-    def plan(self, features: Tensor, speed: Tensor, target: Tensor) -> Tensor:
+    def plan(self, features: Tensor, speed: Tensor, target: Tensor, light: Tensor) -> Tensor:
         """Waypoints [m] from the encoder's features [batch, 576]."""
-        hidden = torch.cat([functional.relu(self.join(features)), speed[:, None] / SPEED_M_S], dim=1)
+        known = torch.stack([speed / SPEED_M_S, light], dim=1)
+        hidden = torch.cat([functional.relu(self.join(features)), known], dim=1)
         for layer in self.mlp:
             hidden = functional.relu(layer(hidden))
         near = torch.clamp(FAR_TARGET_M / torch.linalg.norm(target, dim=1, keepdim=True).clamp(min=1e-3), max=1.0)

@@ -41,7 +41,7 @@ class _ResumableTraining:
     done: list[Epoch]
     met: Met  # states that it got into in practice
     urgent: Met  # states in which a careful teacher brakes for who will be in its way, and as many others
-    known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, label
+    known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, closed light, label
     teacher: Teacher | None  # who teaches; None: the log
     fine_tuning: bool  # its batch norms keep their statistics
     given: Shown  # what it is shown
@@ -154,9 +154,9 @@ def _teach(course: _ResumableTraining, rng: np.random.Generator, config: TrainCo
     order = order.to(_DEVICE)
     losses = []
     for number, chosen in enumerate(order):
-        begun, speed, target, label = (column[chosen] for column in columns)
+        *given, label = (column[chosen] for column in columns)
         _set_rate(course.adam, config, epoch + number / batches)
-        loss = (_finish(network, begun, speed, target, frozen) - label).abs().mean()
+        loss = (_finish(network, frozen, *given) - label).abs().mean()
         course.adam.zero_grad()
         loss.backward()
         course.adam.step()
@@ -183,21 +183,21 @@ def _lessons(course: _ResumableTraining, taught: Curriculum, rng: np.random.Gene
 
 
 def _columns(course: _ResumableTraining, room: Classroom, lesson: Lesson, frozen: int) -> tuple[Tensor, ...]:
-    """What the first layers make of the views, the speeds, targets and labels of a batch of lessons."""
+    """What the first layers make of the views, the speeds, targets, lights and labels of a batch of lessons."""
     labels = course.teacher.labels(room, lesson) if course.teacher else room.labels(lesson)
-    found = (room.views(lesson), lesson.state.speed, room.targets(lesson), labels)
-    begun, speed, target, label = map(_tensor, found)
+    found = (room.views(lesson), lesson.state.speed, room.targets(lesson), room.closed_lights(lesson), labels)
+    begun, *others = map(_tensor, found)
     if frozen:
         begun = course.network.encoder.begin(_pictures(begun), frozen).half()
-    return begun, speed, target, label
+    return begun, *others
 
 
-def _finish(network: AimBevNetwork, begun: Tensor, speed: Tensor, target: Tensor, frozen: int) -> Tensor:
-    """Waypoints [m] from what the first layers made of views."""
+def _finish(network: AimBevNetwork, frozen: int, begun: Tensor, *known: Tensor) -> Tensor:
+    """Waypoints [m] from what the first layers made of views, and the speeds, targets and lights."""
     begun = begun.float().contiguous(memory_format=torch.channels_last) if frozen else _pictures(begun)
     with torch.autocast(_DEVICE.type, torch.bfloat16, enabled=_DEVICE.type == "cuda"):
         features = network.encoder.finish(begun, frozen)
-    return network.plan(features.float(), speed, target)
+    return network.plan(features.float(), *known)
 
 
 def _tensor(values: Array) -> Tensor:
@@ -217,9 +217,8 @@ def _check(course: _ResumableTraining, room: Classroom, held_back: Curriculum, c
     with torch.inference_mode():
         for _ in range(max(min(_CHECKED, config.lessons) // config.batch, 1)):
             lesson = held_back.draw(config.batch, rng, config.evading)
-            begun, speed, target, label = _columns(course, room, lesson, config.frozen)
-            found = _finish(course.network, begun, speed, target, config.frozen)
-            errors.append((found - label).abs().mean().item())
+            *given, label = _columns(course, room, lesson, config.frozen)
+            errors.append((_finish(course.network, config.frozen, *given) - label).abs().mean().item())
     return float(np.mean(errors))
 
 
@@ -267,10 +266,10 @@ def _draw(scenes: Int[np.ndarray, " scene"], count: int, rng: np.random.Generato
 
 
 def _predict(network: AimBevNetwork) -> Predict:
-    def predict(views: Array, speed: Array, target: Array) -> np.ndarray:
+    def predict(*shown: Array) -> np.ndarray:
         network.eval()
         with torch.inference_mode():
-            chunks = zip(*(_tensor(values).split(_AT_ONCE) for values in (views, speed, target)), strict=True)
+            chunks = zip(*(_tensor(values).split(_AT_ONCE) for values in shown), strict=True)
             return torch.cat([network(_pictures(view), *given) for view, *given in chunks]).cpu().numpy()
 
     return predict

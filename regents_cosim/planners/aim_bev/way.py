@@ -3,7 +3,7 @@
 Weights that follow the route are shown a point of the route some way ahead in place of the log's end: that end tells
 where the log waited, so that lights need not be looked at. Of the lights they are shown those of the ego's own way
 alone, as thick bars: a picture of all of them does not say which one holds for the ego, and where several ways on begin
-at one lane their bars are a few pixels wide.
+at one lane their bars are a few pixels wide. They are also told how near the next closed one is, as a number.
 """
 
 from dataclasses import replace
@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Array, Float, Int, UInt8
 
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.ground import AMBER, DARK, GREEN, RED
@@ -22,6 +22,8 @@ from regents_cosim.routes.ego_route import StopLine, plan_route
 from regents_cosim.scenario import Scenario, Signal
 
 AHEAD_M = 20.0  # how far ahead on the route the target is: as far as the view reaches
+OVER_M = 1.0  # so far past a closed light's line it still holds
+_LIGHT_M = 40.0  # how far ahead a closed light is told of: as far as bars are drawn, and a little further
 _BARS = 4  # lights of a route that are known
 _HALF_THICK_M, _HALF_WIDE_M = 1.0, 1.4  # of their bars, which end at the stop line
 
@@ -52,6 +54,13 @@ class OwnWay(eqx.Module):
         along, _, _ = place_on_route(self.route, ego.x, ego.y)
         x, y, _, _ = route_poses(self.route, along + AHEAD_M)
         return jnp.stack([x, y])
+
+    def light(self, ego: Motion, now: Int[Array, ""]) -> Float[Array, ""]:
+        """How near the front of the ego is to the next closed light: 1 at its line, falling to 0 at 40 m; else 0."""
+        along, _, _ = place_on_route(self.route, ego.x, ego.y)
+        gap = self.route.line - along - self.route.half_length
+        near = jnp.clip(1.0 - gap / _LIGHT_M, 0.0, 1.0)
+        return jnp.where(self.route.closed[now] & (gap > -OVER_M), near, 0.0).max()
 
 
 def _shown(line: StopLine) -> UInt8[np.ndarray, " time"]:

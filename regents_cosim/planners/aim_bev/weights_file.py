@@ -7,20 +7,26 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from regents_cosim.errors import RegentsError, require_file
+from regents_cosim.planners.aim_bev.architecture import FEATURES, KNOWN, MLP
 from regents_cosim.system.atomic import write_atomic
 
 _FOLDER = Path(__file__).parent / "weights"
 SHIPPED = _FOLDER / "aim_bev.safetensors"
 HARDENED = _FOLDER / "aim_bev_hardened.safetensors"  # trained further, on crashes and on lights: MODEL_CARD.md
+_UNTOLD = (MLP[0], FEATURES + KNOWN - 1)  # first layer of the head, and Adam's moments of it
 BY_PLANNER = {"aim-bev": SHIPPED, "aim-bev-hardened": HARDENED}
 
 
 def load_weights(path: Path) -> dict[str, np.ndarray]:
-    """Arrays by name. Raises RegentsError where the file is missing or no safetensors."""
+    """Arrays by name. Raises RegentsError where the file is missing or no safetensors.
+
+    Weights that were never told of closed lights get zeros for them.
+    """
     try:
-        return load(require_file(path, "weights").read_bytes())
+        found = load(require_file(path, "weights").read_bytes())
     except SafetensorError as error:
         raise RegentsError(f"{path} cannot be read as safetensors: {error}") from error
+    return {name: np.pad(v, ((0, 0), (0, 1))) if v.shape == _UNTOLD else v for name, v in found.items()}
 
 
 def save_weights(weights: dict[str, np.ndarray], path: Path) -> None:
