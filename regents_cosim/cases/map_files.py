@@ -6,6 +6,7 @@ import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from weakref import WeakValueDictionary
 
 import msgspec
 import numpy as np
@@ -25,6 +26,7 @@ _PACKED_BYTES = 64 * MIB
 _ROAD_BYTES = 128 * MIB
 _NET_BYTES = 512 * MIB
 _ROAD, _NET = ".road.json.gz", ".net.xml.gz"
+_held: WeakValueDictionary[tuple[bytes, ...], RoadMap] = WeakValueDictionary()
 _NAME = re.compile(rf"[0-9a-f]{{16}}({re.escape(_ROAD)}|{re.escape(_NET)})")
 
 
@@ -123,8 +125,17 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
     return MapFiles(next(iter(content)), net_name), content
 
 
-@functools.lru_cache(maxsize=16)
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
+    """One RoadMap while any case holds it: what was drawn or searched for a map is found by its identity."""
+    key = tuple(hashlib.sha256(data).digest() for data in (road, sumo_net) if data is not None)
+    found = _held.get(key)
+    if found is None:
+        _held[key] = found = _unpacked(road, sumo_net)
+    return found
+
+
+@functools.lru_cache(maxsize=16)  # the latest are kept where no case holds them at the moment
+def _unpacked(road: bytes, sumo_net: bytes | None) -> RoadMap:
     entry = msgspec.json.decode(_gunzipped(road, _ROAD_BYTES), type=_RaisedRoadEntry)
     if sumo_net is not None:
         require_network_alone(_gunzipped(sumo_net, _NET_BYTES), len(sumo_net))

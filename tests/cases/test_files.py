@@ -132,6 +132,17 @@ def test_a_map_is_stored_once_per_suite(tmp_path):
     assert load_case(tmp_path / "platoon0").road is load_case(tmp_path / "platoon1").road
 
 
+def test_a_map_is_shared_among_suites_however_many_others_are_loaded_in_between(tmp_path):
+    made = platoon()
+    suites = []
+    for limit in range(20, 44):  # more maps than are kept for themselves
+        lanes = tuple(replace(lane, speed_limit=float(limit)) for lane in made.road.lanes)
+        suites.append(save_case(replace(made, road=replace(made.road, lanes=lanes)), tmp_path / str(limit)))
+    first, again = ([load_case(folder).road for folder in suites] for _ in range(2))
+    assert all(one is other for one, other in zip(first, again, strict=True))
+    assert len({id(road) for road in first}) == len(suites)
+
+
 def test_saving_again_replaces_the_case_and_leaves_nothing_else(tmp_path):
     save_case(platoon(), tmp_path)
     save_case(replace(platoon(), target=(1.0, 2.0)), tmp_path)
