@@ -3,6 +3,7 @@
 import os
 import stat
 import zlib
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,6 +13,8 @@ LIMIT_BYTES = 2 << 30
 _CHECKED = ".checked"  # its time is that of the last look for entries that are cut off
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _ZLIB = b"\x78"  # how entries of JAX begin where it packs with zlib
+
+_Entry = os.DirEntry[str]
 
 
 def private_folder(folder: Path) -> Path:
@@ -34,23 +37,26 @@ def private_folder(folder: Path) -> Path:
 
 def tidy(folder: Path, limit_bytes: int = LIMIT_BYTES) -> None:
     """Remove entries that a kill has cut off since the last time, then those used longest ago beyond the limit."""
-    _drop_cut_off(folder)
     taken = 0
-    for path, found in sorted(_files(folder), key=lambda file: _last_used(file[1]), reverse=True):
-        taken += found.st_size
+    for entry in sorted(_without_cut_off(folder), key=_last_used, reverse=True):
+        taken += entry.stat().st_size
         if taken > limit_bytes:
             with suppress(OSError):
-                path.unlink()
+                os.unlink(entry)
 
 
-def _drop_cut_off(folder: Path) -> None:
+def _without_cut_off(folder: Path) -> list[_Entry]:
     """JAX writes an entry in place, and complains of a damaged one in every run, but never replaces it."""
     checked = folder / _CHECKED
     since = checked.stat().st_mtime if checked.exists() else 0.0
     checked.touch()
-    for path, found in _files(folder):
-        if found.st_mtime >= since and path.name.endswith("-cache") and _is_cut_off(path):
-            path.unlink(missing_ok=True)
+    kept = []
+    for entry in _entries(folder):
+        if entry.stat().st_mtime >= since and entry.name.endswith("-cache") and _is_cut_off(Path(entry)):
+            Path(entry).unlink(missing_ok=True)
+        else:
+            kept.append(entry)
+    return kept
 
 
 def _is_cut_off(path: Path) -> bool:
@@ -64,17 +70,20 @@ def _is_cut_off(path: Path) -> bool:
     return False
 
 
-def _files(folder: Path) -> list[tuple[Path, os.stat_result]]:
-    found = []
-    for path in folder.rglob("*"):
-        with suppress(OSError):  # another process may tidy as well
-            if path.is_file() and path.name != _CHECKED:
-                found.append((path, path.stat()))
-    return found
+def _entries(folder: Path | _Entry) -> Iterator[_Entry]:
+    """All files. Every process looks at them, thousands where many versions ran, and `Path.rglob` is slow."""
+    with suppress(OSError), os.scandir(folder) as found:  # another process may tidy as well
+        for entry in found:
+            if entry.is_dir(follow_symlinks=False):
+                yield from _entries(entry)
+            elif entry.name != _CHECKED:
+                with suppress(OSError):
+                    if stat.S_ISREG(entry.stat().st_mode):  # which it remembers
+                        yield entry
 
 
-def _last_used(found: os.stat_result) -> float:
-    return max(found.st_atime, found.st_mtime)
+def _last_used(entry: _Entry) -> float:
+    return max(entry.stat().st_atime, entry.stat().st_mtime)
 
 
 def _refused(folder: Path, why: str) -> str:
