@@ -45,6 +45,7 @@ NORM_EPSILON = 1e-3
 COORDINATE_M = 10.0  # unit of coordinates inside the network
 SPEED_M_S = 10.0  # unit of speeds inside it
 FAR_TARGET_M = 40.0  # of a target further away only the direction counts
+NEARNESS = 10.0  # a closed light is told of in tenths inside it: Adam hardly learnt to use a smaller number
 KNOWN = 2  # numbers that the head is given beside the picture's features: speed, and nearness of a closed light
 
 

@@ -19,6 +19,7 @@ from regents_cosim.planners.aim_bev.architecture import (
     FAR_TARGET_M,
     HIDDEN,
     MLP,
+    NEARNESS,
     NORM_EPSILON,
     SPEED_M_S,
     WAYPOINT_S,
@@ -105,7 +106,7 @@ class NetworkWeights(eqx.Module):
 
         Frame of the ego, x ahead.
         """
-        known = jnp.stack([speed / SPEED_M_S, light])
+        known = jnp.stack([speed / SPEED_M_S, NEARNESS * light])
         hidden = jnp.concatenate([jax.nn.relu(self.join(self.encode(view))), known])
         for layer in self.mlp:
             hidden = jax.nn.relu(layer(hidden))

@@ -32,6 +32,8 @@ from regents_cosim.scenario import Scenario
 # IDM stands half a metre before a stop line: one or two pixels, which no network keeps to, and past the line it drives
 # on. So the teacher stands further off, and up to a metre past the line.
 _ROOM_M, _FIRM_M_S2 = 3.0, 4.0
+# Where it is slow that near, it stops there: a network that is taught to creep to the 3 m creeps over the line.
+_NEAR_M, _SLOW_M_S = 6.0, 1.0
 
 _PACE = IDM(max_accel=3.0, exponent=12.0, lateral_accel=5.0)
 
@@ -106,7 +108,8 @@ def _before_light(route: IdmMemory, one: Lesson) -> Float[Array, ""]:
     along, _, _ = place_on_route(route, one.state.x, one.state.y)
     to_line, square = route.line - along - route.half_length, one.state.speed**2
     can_stop = (to_line > -OVER_M) & (square < 2.0 * ACCEL_LIMIT * (to_line + OVER_M))
-    due = route.closed[one.step] & can_stop & (to_line - square / (2.0 * _FIRM_M_S2) < _ROOM_M)
+    slow_and_near = (one.state.speed < _SLOW_M_S) & (to_line < _NEAR_M)
+    due = route.closed[one.step] & can_stop & (slow_and_near | (to_line - square / (2.0 * _FIRM_M_S2) < _ROOM_M))
     wanted = jnp.clip(square / (2.0 * jnp.maximum(to_line - _ROOM_M, 0.5)), _FIRM_M_S2, ACCEL_LIMIT)
     return jnp.where(due, wanted, 0.0).max()
 

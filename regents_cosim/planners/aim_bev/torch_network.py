@@ -15,6 +15,7 @@ from regents_cosim.planners.aim_bev.architecture import (
     KNOWN,
     LAST,
     MLP,
+    NEARNESS,
     NORM_EPSILON,
     SPEED_M_S,
     STEM,
@@ -47,7 +48,7 @@ class AimBevNetwork(nn.Module):
 
     def plan(self, features: Tensor, speed: Tensor, target: Tensor, light: Tensor) -> Tensor:
         """Waypoints [m] from the encoder's features [batch, 576]."""
-        known = torch.stack([speed / SPEED_M_S, light], dim=1)
+        known = torch.stack([speed / SPEED_M_S, NEARNESS * light], dim=1)
         hidden = torch.cat([functional.relu(self.join(features)), known], dim=1)
         for layer in self.mlp:
             hidden = functional.relu(layer(hidden))
