@@ -68,8 +68,8 @@ def observe(
     `ground` was drawn for the same `camera`.
     """
     cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
-    bars, light = _nearest(_from_ego(bars, ego, cos, sin), view.lights)
-    others, speed, valid = _nearest(_from_ego(view.boxes, ego, cos, sin), view.speed, view.valid)
+    bars, light = _nearest(_from_ego(bars, ego, cos, sin), view.lights > 0, view.lights)
+    others, speed, valid = _nearest(_from_ego(view.boxes, ego, cos, sin), view.valid, view.speed, view.valid)
     first, second = (_rows_filled(bars, (light & bit) > 0, camera) for bit in (np.uint8(1), np.uint8(2)))
     moving = (_rows_filled(boxes, valid, camera) for boxes in (others, _marks(others, speed)))
     planes = _in_order(first, second, *moving)
@@ -80,11 +80,14 @@ def observe(
     return (((_TABLE >> (3 * shown[..., None])) & np.uint32(7)) * np.uint32(_LEVEL)).astype(jnp.uint8)
 
 
-def _nearest(boxes: Box, *values: Array) -> tuple[Any, ...]:
-    """The boxes nearest to the ego, of all its frame, with what belongs to them."""
+def _nearest(boxes: Box, there: Bool[Array, " box"], *values: Array) -> tuple[Any, ...]:
+    """The boxes nearest to the ego, of all its frame, with what belongs to them.
+
+    Those that are not there come last: arrays are filled up with boxes at the origin, and who has left lies where it was.
+    """
     if boxes.x.shape[0] <= MOST:
         return boxes, *values
-    _, kept = jax.lax.top_k(-(boxes.x**2 + boxes.y**2), MOST)
+    _, kept = jax.lax.top_k(-jnp.where(there, boxes.x**2 + boxes.y**2, jnp.inf), MOST)
     return jax.tree.map(lambda value: value[kept], (boxes, *values))
 
 
