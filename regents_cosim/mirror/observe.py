@@ -83,7 +83,8 @@ def observe(
 def _nearest(boxes: Box, there: Bool[Array, " box"], *values: Array) -> tuple[Any, ...]:
     """The boxes nearest to the ego, of all its frame, with what belongs to them.
 
-    Those that are not there come last: arrays are filled up with boxes at the origin, and who has left lies where it was.
+    Those that are not there come last: arrays are filled up with boxes at the origin, and the last place of a vehicle
+    that has left may be near.
     """
     if boxes.x.shape[0] <= MOST:
         return boxes, *values

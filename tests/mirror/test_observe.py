@@ -178,6 +178,25 @@ def test_of_a_crowd_the_nearest_are_drawn():
         assert seen[row, column, 2] == 252, "the rear of a near one, or a mark on it"
 
 
+def test_no_vehicle_and_no_light_is_left_out_for_those_that_are_not_there():
+    """Arrays are filled up with absent boxes at the origin, which may lie under the ego."""
+    one, absent = scene((0, 0, 0.0), (12.0, 3.2, 0.0)), MOST + 8
+    eye = Eye(one)
+    alone = eye.sees(0, 0.0, 0.0, 0.0)
+    view = eye.view(0)
+    boxes = jax.tree.map(lambda v: jnp.concatenate([jnp.zeros(absent), v]), view.boxes)
+    lights = jnp.concatenate([jnp.zeros(absent, jnp.uint8), jnp.array([1], jnp.uint8)])
+    bar = Box(*(jnp.array([value], jnp.float32) for value in (8.0 - eye.origin[0], -eye.origin[1], 1.0, 0.0, 1.0, 1.4)))
+    bars = jax.tree.map(lambda v: jnp.concatenate([jnp.zeros(absent), v]), bar)
+    crowd = Surroundings(
+        boxes, jnp.pad(view.speed, (absent, 0)), jnp.pad(view.valid, (absent, 0)), jnp.zeros_like(view.lights)
+    )
+    ego = Motion(*map(jnp.float32, (-eye.origin[0], -eye.origin[1], 0.0, 0.0)))
+    assert (np.asarray(RENDER(eye.ground, eye.bars, crowd, ego)) == alone).all()
+    lit = np.asarray(RENDER(eye.ground, bars, eqx.tree_at(lambda v: v.lights, crowd, lights), ego))
+    assert (lit == COLOURS[RED]).all(axis=-1).any()
+
+
 def test_views_in_a_batch_are_the_views_one_by_one():
     made = CASES["merge"]
     eye = Eye(made)
