@@ -26,7 +26,7 @@ _PACKED_BYTES = 64 * MIB
 _ROAD_BYTES = 128 * MIB
 _NET_BYTES = 512 * MIB
 _ROAD, _NET = ".road.json.gz", ".net.xml.gz"
-_held: WeakValueDictionary[tuple[bytes, ...], RoadMap] = WeakValueDictionary()
+_held: WeakValueDictionary[tuple[bytes, bytes | None], RoadMap] = WeakValueDictionary()
 _NAME = re.compile(rf"[0-9a-f]{{16}}({re.escape(_ROAD)}|{re.escape(_NET)})")
 
 
@@ -127,10 +127,9 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
 
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
     """One RoadMap while any case holds it: what was drawn or searched for a map is found by its identity."""
-    key = tuple(hashlib.sha256(data).digest() for data in (road, sumo_net) if data is not None)
-    found = _held.get(key)
+    found = _held.get((road, sumo_net))
     if found is None:
-        _held[key] = found = _unpacked(road, sumo_net)
+        _held[road, sumo_net] = found = _unpacked(road, sumo_net)
     return found
 
 

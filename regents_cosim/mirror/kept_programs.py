@@ -46,7 +46,10 @@ def tidy(folder: Path, limit_bytes: int = LIMIT_BYTES) -> None:
 
 
 def _without_cut_off(folder: Path) -> list[_Entry]:
-    """JAX writes an entry in place, and complains of a damaged one in every run, but never replaces it."""
+    """What is left when entries that a kill has cut off are removed.
+
+    JAX writes an entry in place, and complains of a damaged one in every run, but never replaces it.
+    """
     checked = folder / _CHECKED
     since = checked.stat().st_mtime if checked.exists() else 0.0
     checked.touch()

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.camera import PAPERS, PIXELS, Camera
-from regents_cosim.mirror.ground import Ground
+from regents_cosim.mirror.ground import DARK, Ground
 from regents_cosim.mirror.separation import Box
 
 MARK_S = 0.5  # how far a heading mark reaches beyond the front, as a way at present speed
@@ -68,7 +68,7 @@ def observe(
     `ground` was drawn for the same `camera`.
     """
     cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
-    bars, light = _nearest(_from_ego(bars, ego, cos, sin), view.lights > 0, view.lights)
+    bars, light = _nearest(_from_ego(bars, ego, cos, sin), view.lights != DARK, view.lights)
     others, speed, valid = _nearest(_from_ego(view.boxes, ego, cos, sin), view.valid, view.speed, view.valid)
     first, second = (_rows_filled(bars, (light & bit) > 0, camera) for bit in (np.uint8(1), np.uint8(2)))
     moving = (_rows_filled(boxes, valid, camera) for boxes in (others, _marks(others, speed)))

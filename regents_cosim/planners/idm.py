@@ -180,6 +180,12 @@ def place_on_route(memory: IdmMemory, x: Array, y: Array) -> tuple[Array, Array,
     return along, across, jnp.arctan2(sin, cos)
 
 
+def to_stop_lines(memory: IdmMemory, x: Array, y: Array) -> Float[Array, " stop_line"]:
+    """How far before each stop line of the route the ego's front is [m], its middle being there; negative past it."""
+    along, _, _ = place_on_route(memory, x, y)
+    return memory.line - along - memory.half_length
+
+
 def route_poses(memory: IdmMemory, along: Array) -> tuple[Array, Array, Array, Array]:
     """Places and directions of the route at distances [m]: x, y [m], cosine, sine; straight on beyond its end."""
     index = jnp.clip(jnp.floor(along / SPACING_M).astype(jnp.int32), 0, _POINTS - 1)

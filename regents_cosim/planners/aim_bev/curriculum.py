@@ -24,7 +24,7 @@ from regents_cosim.limits import ALONG_RAD
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
-from regents_cosim.planners.idm import place_on_route
+from regents_cosim.planners.idm import to_stop_lines
 from regents_cosim.scenario import Scenario
 
 EVADING = "evading"
@@ -231,8 +231,7 @@ def _at_lights(room: Classroom) -> dict[str, Bool[np.ndarray, "scene time"]]:
         never = np.zeros(room.valid.shape[::2], bool)
         return {_HELD: never, _FREE: never}
     route = room.way.route
-    along, _, _ = jax.vmap(jax.vmap(place_on_route, (None, 0, 0)))(route, room.log.x[:, 0], room.log.y[:, 0])
-    gap = np.asarray(route.line[:, None] - along[..., None] - route.half_length[:, None, None])
+    gap = np.asarray(jax.vmap(jax.vmap(to_stop_lines, (None, 0, 0)))(route, room.log.x[:, 0], room.log.y[:, 0]))
     gap = np.where((gap > 0.0) & (gap < room.camera.view_m), gap, np.inf)
     closed = np.take_along_axis(np.asarray(route.closed), gap.argmin(axis=-1)[..., None], axis=-1)[..., 0]
     seen = np.isfinite(gap).any(axis=-1) & np.asarray(room.valid[:, 0])

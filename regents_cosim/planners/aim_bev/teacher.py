@@ -26,7 +26,7 @@ from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.dangers import Dangers
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame
 from regents_cosim.planners.aim_bev.way import OVER_M
-from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route
+from regents_cosim.planners.idm import IDM, IdmMemory, to_stop_lines
 from regents_cosim.scenario import Scenario
 
 # IDM stands half a metre before a stop line: one or two pixels, which no network keeps to, and past the line it drives
@@ -105,8 +105,7 @@ class Teacher(eqx.Module):
 
 def _before_light(route: IdmMemory, one: Lesson) -> Float[Array, ""]:
     """The braking [m/s^2] that leaves room before a closed light; 0 where IDM's is enough, or too late."""
-    along, _, _ = place_on_route(route, one.state.x, one.state.y)
-    to_line, square = route.line - along - route.half_length, one.state.speed**2
+    to_line, square = to_stop_lines(route, one.state.x, one.state.y), one.state.speed**2
     can_stop = (to_line > -OVER_M) & (square < 2.0 * ACCEL_LIMIT * (to_line + OVER_M))
     slow_and_near = (one.state.speed < _SLOW_M_S) & (to_line < _NEAR_M)
     due = route.closed[one.step] & can_stop & (slow_and_near | (to_line - square / (2.0 * _FIRM_M_S2) < _ROOM_M))

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int, UInt8
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.ground import AMBER, DARK, GREEN, RED
 from regents_cosim.mirror.separation import Box
-from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses
+from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses, to_stop_lines
 from regents_cosim.routes.ego_route import StopLine, plan_route
 from regents_cosim.scenario import Scenario, Signal
 
@@ -57,8 +57,7 @@ class OwnWay(eqx.Module):
 
     def light(self, ego: Motion, now: Int[Array, ""]) -> Float[Array, ""]:
         """How near the front of the ego is to the next closed light: 1 at its line, falling to 0 at 40 m; else 0."""
-        along, _, _ = place_on_route(self.route, ego.x, ego.y)
-        gap = self.route.line - along - self.route.half_length
+        gap = to_stop_lines(self.route, ego.x, ego.y)
         near = jnp.clip(1.0 - gap / _LIGHT_M, 0.0, 1.0)
         return jnp.where(self.route.closed[now] & (gap > -OVER_M), near, 0.0).max()
 
