@@ -1,7 +1,7 @@
 """Scenario-iterations per second over batch sizes, of KING and of `focused`, with 32 agents: for a GPU, or a CPU.
 
     make bench-gpu                                       # python tests/speed/accelerator.py
-    python tests/speed/accelerator.py --sizes 1,8 --iterations 5
+    python tests/speed/accelerator.py --sizes 1,8 --iterations 5 --method focused
 
 Each measurement is one program that searches so many scenarios side by side, as `attack --engine batched` does, on the
 device that JAX finds. Nothing is hit, so all iterations are run, an update with its gradient each. Of `focused` it is
@@ -95,6 +95,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", help=f"batches, by default {MANY}, on a CPU {FEW}")
     parser.add_argument("--iterations", type=int, default=200, help="updates of each search")
+    parser.add_argument("--method", choices=METHODS, action="append", help="only this one; can be repeated")
     parser.add_argument("-o", "--output", type=Path, help="file of the table")
     asked = parser.parse_args()
     keep_compiled_programs()
@@ -102,18 +103,18 @@ def main() -> None:
     output = asked.output or OUTPUT / f"accelerator-{jax.default_backend()}.md"
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text("")
-    for text in _table(sizes, asked.iterations):
+    for text in _table(asked.method or list(METHODS), sizes, asked.iterations):
         print(text, flush=True)
         with output.open("a") as file:  # line by line: a long run that is ended leaves what it has measured
             file.write(text + "\n")
     print(f"written to {output}")
 
 
-def _table(sizes: list[int], iterations: int) -> Iterator[str]:
+def _table(methods: list[str], sizes: list[int], iterations: int) -> Iterator[str]:
     yield f"{measured_on()}; {iterations} iterations\n"
     yield "| | batch | scenario-iterations per second | of one alone | first call, s |"
     yield "|---|---|---|---|---|"
-    for method in METHODS:
+    for method in methods:
         alone = None
         for size, *found in rates(method, sizes, iterations):
             if len(found) == 1:
