@@ -26,7 +26,7 @@ class TrainConfig:
     target: Literal["end", "route"] | None = None  # the log's end, or a route point ahead: `way`; None: as the weights
     view: float | None = None  # [m] that it sees to each side; None: as the weights
     evading: float = 0.25  # share of the lessons and drives, where there are crashes to learn from
-    urgent: float = 0.45  # share of the lessons in which a careful teacher brakes for a danger, or might have to
+    urgent: float = 0.25  # share of the lessons in which a careful teacher brakes for a danger, or might have to
     threads: int = 2  # of torch
 
     def __post_init__(self) -> None:
