@@ -17,11 +17,14 @@ from regents_cosim.envs import LiveAdversary
 from regents_cosim.evaluation.statistics import wilson
 
 HELD_OUT = 100_000  # the first seed of those that no policy is trained on
+# The environment's own speeds, 20 to 30 m/s, leave hardly a way out: a policy that always slows down is hit in 17 of 20
+# attacked episodes. One that may stop can learn to.
+ACTION = {"type": "DiscreteMetaAction", "target_speeds": [0, 5, 10, 15, 20, 25, 30]}
 
 
 def ordinary() -> gymnasium.Env:
-    """The environment as it comes."""
-    return gymnasium.make("highway-fast-v0", disable_env_checker=True)
+    """The environment with speeds down to a stop."""
+    return gymnasium.make("highway-fast-v0", disable_env_checker=True, config={"action": ACTION})
 
 
 def attacked(every: int = 1) -> gymnasium.Env:
