@@ -17,8 +17,8 @@ from regents_cosim.envs import LiveAdversary
 from regents_cosim.evaluation.statistics import wilson
 
 HELD_OUT = 100_000  # the first seed of those that no policy is trained on
-# The environment's own speeds, 20 to 30 m/s, leave hardly a way out: a policy that always slows down is hit in 17 of 20
-# attacked episodes. One that may stop can learn to.
+# The environment's own speeds, 20 to 30 m/s, leave hardly a way out of an attack (docs/how-to/highway-env.md). A policy
+# that may stop can learn one.
 ACTION = {"type": "DiscreteMetaAction", "target_speeds": [0, 5, 10, 15, 20, 25, 30]}
 
 
