@@ -29,8 +29,8 @@ class AttachAdversary:
 
         keep_compiled_programs()
         adversary = Adversary(
-            sumo, ego, "observed", self.method, replan_s=self.replan_s, horizon_s=self.horizon_s, judged=False,
-            tell=_nothing,
+            sumo, ego, "observed", self.method, quick=True, replan_s=self.replan_s, horizon_s=self.horizon_s,
+            judged=False, tell=_nothing,
         )  # fmt: skip
 
         def watch() -> dict[str, Any]:

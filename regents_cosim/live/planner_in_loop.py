@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +14,7 @@ from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops, in_compiled_loop, in_process, pursue
 from regents_cosim.attacks.replanned import BackgroundTraffic
+from regents_cosim.attacks.sampled_search import search_by_samples
 from regents_cosim.attacks.search import LOOKED_AT, descend, look_at
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
@@ -73,6 +75,18 @@ class PlannerInLoop:
         (ended,) = pursue([(self.moment.scenario, job)], config, max(iterations, 1), self._drives, iterations)
         if isinstance(ended.found, DriveError):
             raise ended.found
+        return ended
+
+    @property
+    def samples(self) -> bool:
+        """Whether searches may sample: where the configuration says so, on a planner in the compiled loop."""
+        return self._loop is not None and self._config.samples > 0
+
+    def sampled(self, job: SearchJob, most: int) -> SearchEnd:
+        """What changes of a job's actions lead to, in at most so many roll-outs, for a search that `samples`."""
+        assert self._loop is not None
+        by_samples = replace(self._config, optimiser="cma-es")
+        (ended,) = search_by_samples([(self.moment.scenario, job)], self._loop, by_samples, most, None)
         return ended
 
     def wanted(self, job: SearchJob, begun: Sequence[Controls], config: AttackConfig) -> Iterator[int]:

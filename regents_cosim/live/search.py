@@ -2,9 +2,10 @@
 
 The same search as offline, with a short horizon. A few candidates that could meet the ego are asked for lawful drives
 that do (`attacks.starts`), until one has any; the first of these that crashes it as wanted in the planner's closed
-loop is the plan. Where none does, the next look descends from one of them. Methods without such drives descend from the
-prediction. All descents have few iterations. A plan that is being carried out is looked at again
-from where all vehicles are by now, and descended from where it would miss.
+loop is the plan. Where none does, changes of them are sampled, as offline; a quick search leaves that out, and the next
+look descends from one of them. Methods without such drives descend from the prediction. All descents have few
+iterations. A plan that is being carried out is looked at again from where all vehicles are by now, and descended from
+where it would miss.
 """
 
 import copy
@@ -49,6 +50,7 @@ _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
 _MOST_GAINED_M = 25.0  # ... up to so far
 _ALONE_M = 1.1  # off its own way, where it can only be driven faster or slower
+_MOST_SAMPLED = 200  # roll-outs of one search that samples: those that find a crash take no more (docs/performance.md)
 _ROAD_LASTS_S = 2.0  # that the adversary's road is kept: it reaches as far as it could come in the horizon
 
 
@@ -91,8 +93,9 @@ class Search:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
         `barred` are no candidates. With `speed_only` the adversary keeps to its lane. The first look asks all
-        candidates that could meet the ego, a later one asks until one has drives. Where none of these is the plan, the
-        next look descends from one of them. An ego that will stand all the time is not attacked.
+        candidates that could meet the ego, a later one asks until one has drives. Where none of these is the plan,
+        changes of them are sampled, or the next look descends from one of them. An ego that will stand all the time is
+        not attacked.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
@@ -105,17 +108,17 @@ class Search:
             again = None if missed is None or missed.adversary in barred else moment.traffic.index(missed.adversary)
             if missed is not None and again is not None:
                 return self._descended(loop, again, missed)
+            missing = list[tuple[int, Start]]()
             for agent in itertools.islice(self._candidates(loop, ego, barred), most):
                 found = self._starts(loop, agent, ego, speed_only)
                 plan = None if found is None else self._plan_from(loop, agent, found)
                 if plan is not None:
-                    self._missed = None
                     return plan
-                if found and self._missed is None:
-                    self._missed = _driven(moment, agent, found[0])
+                if found:
+                    missing.append((agent, found[0]))
                 if not asks_all and (found or self._takes_long(loop, agent)):
-                    return None
-            return None
+                    break
+            return self._from_missing(loop, missing, speed_only)
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
         """The plan that a moment knows its adversary to follow, changed where it would miss; None if it cannot be."""
@@ -148,6 +151,8 @@ class Search:
             followed(loop.moment.scenario, job, [onward], self.config.starts)
         loop.search(job, 0, self.config)
         loop.search(self._job(loop, 1, continues=True), 0, self._renewing)
+        if loop.samples:
+            loop.sampled(job, 1)
         self._warm = True
 
     # --- who attacks -----------------------------------------------------------------------------
@@ -197,6 +202,28 @@ class Search:
             # Few come so far: for them alone it takes the time to find out where their vehicle may drive.
             job = self._job(loop, agent)._replace(start=begun[rank])
             plan = _plan(loop.moment, agent, loop.search(job, 0, self.config), rank + 2)
+            if plan is not None:
+                return plan
+        return None
+
+    def _from_missing(self, loop: PlannerInLoop, missing: Sequence[tuple[int, Start]], speed_only: bool) -> Plan | None:
+        """What samples find for agents whose drives do not crash the ego as wanted.
+
+        A quick search remembers the first of these drives for the next look; so does one of an adversary that keeps to
+        its lane, as samples steer.
+        """
+        if speed_only or not loop.samples:
+            self._missed = _driven(loop.moment, *missing[0]) if missing else None
+            return None
+        plans = (self._sampled(loop, agent, start) for agent, start in missing)
+        return next((plan for plan in plans if plan is not None), None)
+
+    def _sampled(self, loop: PlannerInLoop, agent: int, start: Start) -> Plan | None:
+        """What samples find around a drive that does not crash the ego as wanted, or around what is predicted."""
+        job, moment = self._job(loop, agent), loop.moment
+        for begun in (*followed(moment.scenario, job, [start], self.config.starts), job.start):
+            ended = loop.sampled(job._replace(start=begun), _MOST_SAMPLED)
+            plan = _plan(moment, agent, ended, 2)
             if plan is not None:
                 return plan
         return None

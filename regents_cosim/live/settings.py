@@ -40,8 +40,8 @@ class LiveSettings:
                 RegentsError)  # fmt: skip
 
 
-def live_config(method: str | AttackConfig) -> AttackConfig:
-    """The preset as it is searched live: one candidate at a time, few starts, few iterations."""
+def live_config(method: str | AttackConfig, quick: bool = False) -> AttackConfig:
+    """The preset as it is searched live: one candidate at a time, few starts, few iterations; `quick`: no samples."""
     if isinstance(method, AttackConfig):
         return method
     preset = METHODS.get(method)
@@ -53,7 +53,8 @@ def live_config(method: str | AttackConfig) -> AttackConfig:
         starts=min(preset.starts, _STARTS),
         iterations=_ITERATIONS,
         learning_rate=_LEARNING_RATE,
-        attempts=1,
-        patience=0,
+        attempts=1 + (0 if quick else preset.samples),
+        patience=0 if quick else preset.patience,
+        near_m=0.0 if quick else preset.near_m,
         adversary_kinds=("vehicle",),
     )

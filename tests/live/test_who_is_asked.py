@@ -18,17 +18,20 @@ class Asked(Search):
     """A search that notes who is asked; `drives` have lawful drives, of which none crashes the ego as wanted.
 
     Those of `long` have many ways on. The ego drives at `speed` [m/s]. All have been looked at before, unless `first`.
+    It is a quick search, unless it `samples`.
     """
 
-    def __init__(self, drives, long=(), speed=8.0, first=False):
-        super().__init__("idm", live_config("focused"))
+    def __init__(self, drives, long=(), speed=8.0, first=False, samples=False):
+        super().__init__("idm", live_config("focused", quick=not samples))
         self.noted, self._drives, self._long, self._turn = [], drives, long, 0
         self._ego = SimpleNamespace(speed=np.full((1, 10), speed))
         if not first:
             self._asked = dict.fromkeys(NAMES[1:], 0.0)
 
     def _in_loop(self, moment):
-        return nullcontext(SimpleNamespace(moment=moment, unattacked=lambda: self._ego))
+        return nullcontext(
+            SimpleNamespace(moment=moment, unattacked=lambda: self._ego, samples=self.config.samples > 0)
+        )
 
     def _warm_up(self, loop):
         pass
@@ -48,6 +51,10 @@ class Asked(Search):
 
     def _plan_from(self, loop, agent, found):
         return None
+
+    def _sampled(self, loop, agent, start):
+        assert start is DRIVE
+        self.noted.append(f"sample {NAMES[agent]}")
 
     def _descended(self, loop, agent, missed):
         assert missed.adversary == NAMES[agent]
@@ -75,6 +82,12 @@ def test_a_look_asks_until_one_has_drives_and_the_next_goes_on_from_those_that_d
 
 def test_without_drives_every_look_asks_two_more(moment):
     assert looks(Asked(set()), moment, 2) == ["ask a", "ask b", "ask c", "ask d"]
+
+
+def test_a_search_that_samples_does_so_in_the_same_look(moment):
+    assert looks(Asked({"b", "c"}, samples=True), moment, 2) == ["ask a", "ask b", "sample b", "ask c", "sample c"]
+    asks_all = ["ask a", "ask b", "ask c", "ask d", "sample b", "sample c"]
+    assert looks(Asked({"b", "c"}, samples=True, first=True), moment, 1) == asks_all
 
 
 def test_who_has_many_ways_on_is_enough_for_a_look(moment):

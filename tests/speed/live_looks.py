@@ -38,9 +38,9 @@ _MOVING_M_S, _FAR_M = 3.0, 80.0
 class _Looks:
     """Looks in one simulation."""
 
-    def __init__(self, sumo: Any, planner: str, first: bool) -> None:
+    def __init__(self, sumo: Any, planner: str, first: bool, quick: bool) -> None:
         self._sumo, self._reader, self._first = sumo, Reader(sumo, _RADIUS_M), first
-        self._search = Search(planner, live_config("focused"))
+        self._search = Search(planner, live_config("focused", quick))
         self._last = np.full(2, np.inf)
         self._had: set[str] = set()
         self.took_ms, self.plans = list[float](), list[str]()
@@ -93,14 +93,14 @@ class _Looks:
         return None
 
 
-def measure(config: Path, after_s: float, count: int, planner: str, first: bool = False) -> _Looks:
+def measure(config: Path, after_s: float, count: int, planner: str, first: bool, quick: bool) -> _Looks:
     """So many looks, after one that compiles all programs."""
     keep_compiled_programs()
     options = {"step-length": "0.1", "seed": "11", **CRASHES_STAY}
     with running_sumo(["-c", str(config), *(w for k, v in options.items() for w in (f"--{k}", v))]) as sumo:
         begin = float(sumo.simulation.getTime()) + after_s
         sumo.simulationStep(begin)
-        looks = _Looks(sumo, planner, first)
+        looks = _Looks(sumo, planner, first, quick)
         while len(looks.took_ms) < count + 1 and sumo.simulation.getMinExpectedNumber() > 0:
             sumo.simulationStep(float(sumo.simulation.getTime()) + _EACH_S)
             looks.look()
@@ -115,9 +115,10 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--planner", default="idm")
     parser.add_argument("--first", action="store_true", help="time an ego's first look")
+    parser.add_argument("--quick", action="store_true", help="without samples")
     parser.add_argument("--plans", action="store_true", help="print what each look found")
     asked = parser.parse_args()
-    looks = measure(asked.config, asked.after, asked.count, asked.planner, asked.first)
+    looks = measure(asked.config, asked.after, asked.count, asked.planner, asked.first, asked.quick)
     took, plans = np.array(looks.took_ms[1:]), looks.plans[1:]
     if asked.plans:
         print("\n".join(f"{ms:6.1f} ms  {plan}" for ms, plan in zip(took, plans, strict=True)))
