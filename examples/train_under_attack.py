@@ -8,7 +8,6 @@ three quarters of an hour of one core; `--steps 240 --episodes 5` shows the same
 
 import argparse
 import copy
-import functools
 import math
 import warnings
 
@@ -20,7 +19,7 @@ from regents_cosim.envs import LiveAdversary
 from regents_cosim.evaluation.statistics import wilson
 
 CHECKED, HELD_OUT = 50_000, 300_000  # the first seeds of those that choose a moment, and of those that chose nothing
-MOMENTS = 6
+MOMENTS = 6  # of a training, one of which is kept
 # The environment's own speeds, 20 to 30 m/s, leave hardly a way out of an attack (docs/how-to/highway-env.md). A policy
 # that may stop can learn one.
 ACTION = {"type": "DiscreteMetaAction", "target_speeds": [0, 5, 10, 15, 20, 25, 30]}
@@ -81,9 +80,11 @@ if __name__ == "__main__":
     asked = parser.parse_args()
     warnings.simplefilter("ignore")  # of highway-env, about its observations
     print("trained    driven     crashes (95 % interval)  attacked  mean reward")
-    for trained, make in (("ordinary", ordinary), ("attacked", functools.partial(attacked, every=2))):
-        checked = attacked() if trained == "attacked" else ordinary()
-        policy = train(make(), checked, asked.steps, asked.seed, max(asked.episodes // 5, 1))
+    for trained, learns_in, check in (
+        ("ordinary", ordinary(), ordinary()),
+        ("attacked", attacked(every=2), attacked()),
+    ):
+        policy = train(learns_in, check, asked.steps, asked.seed, max(asked.episodes // 5, 1))
         for driven, env in (("ordinary", ordinary()), ("attacked", attacked())):
             hits, begun, reward = crashes(policy, env, asked.episodes)
             low, high = (100.0 * share for share in wilson(hits, asked.episodes))

@@ -38,7 +38,6 @@ class Episodes:
     ego: str  # a vehicle, a type or a flow; or auto
     planner: str
     method: AttackConfig | str = "focused"
-    quick: bool = False
     expected: str = ""  # how the ego is expected to react, where that is not its planner
     attack: bool = True
     replan_s: float = 0.5
@@ -103,7 +102,7 @@ class _Episode:
             return EpisodeResult(self._seed, "never departed", self._of.ego)
         begun_s = self._now
         adversary = Adversary(
-            self._sumo, ego, self._of.expected or self._of.planner, self._of.method, quick=self._of.quick,
+            self._sumo, ego, self._of.expected or self._of.planner, self._of.method,
             replan_s=self._of.replan_s, horizon_s=self._of.horizon_s, radius_m=self._of.radius_m,
             attack_when=None if self._of.attack else _never, output=self._of.output, keep=self._of.keep,
             source=self._of.options.file.name, seed=self._seed, tell=self._told.append,

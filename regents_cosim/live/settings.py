@@ -47,14 +47,13 @@ def live_config(method: str | AttackConfig, quick: bool = False) -> AttackConfig
     preset = METHODS.get(method)
     if preset is None or preset.optimiser != "adam":
         raise RegentsError(f"method {method!r}, expected one of focused, regents, king (or an AttackConfig)")
+    sampling = {"attempts": 1, "patience": 0, "near_m": 0.0} if quick else {"attempts": 1 + preset.samples}
     return dataclasses.replace(
         preset,
         search="per-candidate",
         starts=min(preset.starts, _STARTS),
         iterations=_ITERATIONS,
         learning_rate=_LEARNING_RATE,
-        attempts=1 + (0 if quick else preset.samples),
-        patience=0 if quick else preset.patience,
-        near_m=0.0 if quick else preset.near_m,
         adversary_kinds=("vehicle",),
+        **sampling,
     )

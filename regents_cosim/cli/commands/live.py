@@ -91,6 +91,7 @@ def live(
     from regents_cosim.cases.shipped import located
     from regents_cosim.cases.suite import SuiteWriter
     from regents_cosim.live.episodes import Episodes, run_episodes
+    from regents_cosim.live.settings import live_config
     from regents_cosim.replays.replay import verify_in_sumo
     from regents_cosim.reports.tables import LIVED
     from regents_cosim.sources.sumo_config import SumoInput, read_input
@@ -98,7 +99,7 @@ def live(
     terminal = open_terminal(talk)
     SuiteWriter(output, seed)  # a folder that cannot be written is said before anything runs
     made = Episodes(
-        read_input(SumoInput(config=located(config), extra=sumo)), ego, planner, method, quick, expected,
+        read_input(SumoInput(config=located(config), extra=sumo)), ego, planner, live_config(method, quick), expected,
         replan_s=replan, horizon_s=horizon, radius_m=radius, most_s=longest, output=output.absolute(), keep=keep,
         act_timeout_s=act_timeout, gui=gui,
     )  # fmt: skip
