@@ -17,7 +17,14 @@ _LEAST_GAP_M = 0.1
 _LEAST_FREE = 0.01  # of the acceleration: what is left of it at the speed that is wanted
 _LEAST_M_S = 0.1
 _MOST_JERK = 3.0  # [m/s^3] of drivers by the improved model
+_STOPPING_S = 0.1  # the headway of Krauss' model before a place to stop: it brakes as late as it can
+_SLACK_S = 0.1
 _EASY = 1.5  # [m/s^2] with which drivers by the improved model slow down for a limit
+
+
+def stops_within(speed: Float[np.ndarray, " n"], decel: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """In how many metres vehicles stop that brake so hard [m/s^2], in SUMO's steps: the speed is that of their end."""
+    return speed**2 / (2.0 * decel) - _SLACK_S * speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +75,38 @@ class CarFollowing:
                 found = np.where(mine, model(speed, gap, lead, wanted, dt), found)
         return found
 
+    def stopping(
+        self,
+        speed: Float[np.ndarray, " user"],
+        stop: Float[np.ndarray, " user"],
+        wanted: Float[np.ndarray, " user"],
+        dt: float,
+        early: bool = False,
+    ) -> Float[np.ndarray, " user"]:
+        """What they do at most [m/s^2] for `dt` [s], so far before a place where they have to `stop` [m].
+
+        To Krauss' model that is no standing leader: it brakes as late as it can. To the others one stands beyond that
+        place; `early` lets the improved model brake as the plain one does, and speed up no more.
+        """
+        late = (self._safe(_STOPPING_S, np.maximum(stop, 0.0), 0.0) - speed) / dt
+        if self.krauss.all():
+            return late
+        stands = speed, stop + self.min_gap, np.zeros_like(speed), wanted, dt
+        others = np.minimum(self._idm(*stands), 0.0) if early else self.accelerations(*stands)
+        return np.where(self.krauss, late, others)
+
     def _krauss(
         self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray, dt: float
     ) -> np.ndarray:
         """To the speed from which one can still stop behind the leader."""
-        brakes = self.decel * self.tau
-        room = 2.0 * self.decel * np.maximum(gap - self.min_gap, 0.0) + lead**2
-        safe = np.sqrt(brakes**2 + room) - brakes
+        safe = self._safe(self.tau, np.maximum(gap - self.min_gap, 0.0), lead)
         gained = self.accel * (1.0 - 0.5 * self.sigma)
         return np.minimum(gained, (np.minimum(safe, wanted) - speed) / dt)
+
+    def _safe(self, headway_s: np.ndarray | float, room: np.ndarray, lead: np.ndarray | float) -> np.ndarray:
+        """The speed [m/s] from which one stops within so much room [m], and what a leader needs to stop."""
+        brakes = self.decel * headway_s
+        return np.sqrt(brakes**2 + 2.0 * self.decel * room + lead**2) - brakes
 
     def _idm(self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray, _: float) -> np.ndarray:
         free = np.maximum(1.0 - (speed / wanted) ** _EXPONENT, -self.decel / self.accel)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from regents_cosim.live.car_following import stops_within
 from regents_cosim.live.paths import Crossing
 from regents_cosim.live.traffic import RoadUser, TrafficState
 from regents_cosim.verdicts.right_of_way import Priorities, priorities
@@ -86,7 +87,7 @@ class GivingWay:
         left, through = self.enters - along[self.users], self.leaves - along[self.users]
         comes_s, gone_s = self._times_s(left, through, speed[self.users])
         meets = (comes_s[0] <= gone_s[1]) & (comes_s[1] <= gone_s[0] + _CLEAR_S) & (through[1] > 0.0)
-        can_stop = (left[0] > 0.0) & (left[0] >= speed[mine] ** 2 / (2.0 * self.decel[0]))
+        can_stop = (left[0] > 0.0) & (left[0] >= stops_within(speed[mine], self.decel[0]))
         stops = meets & can_stop & ~(waiting[other] & (left[1] > 0.0))
         np.minimum.at(waits, mine[stops], left[0][stops])
         return waits

@@ -17,6 +17,7 @@ from regents_cosim.routes.ego_route import evenly
 
 SPACING_M = 1.0
 BEHIND_M = 20  # points that a path has behind the front bumper
+BEFORE_LINE_M = 1.0  # one waits; nearer where that needs less braking
 _JOIN_S = 3.0  # over which it comes to the middle of its lane
 _SHORTEST_JOIN_M = 12.0
 _LEAST_M_S = 1.0  # where there is no lane; else who is there goes on as fast as it is

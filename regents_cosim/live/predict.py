@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.live.car_following import CarFollowing
+from regents_cosim.live.car_following import CarFollowing, stops_within
 from regents_cosim.live.giving_way import FAR_M, GivingWay
-from regents_cosim.live.paths import BEHIND_M, SPACING_M, Stop, path_of_drive
+from regents_cosim.live.link_leaders import LinkLeaders
+from regents_cosim.live.paths import BEFORE_LINE_M, BEHIND_M, SPACING_M, Stop, path_of_drive
 from regents_cosim.live.traffic import RoadUser, TrafficState
 from regents_cosim.scenario import Tracks
 
@@ -22,7 +23,6 @@ _CELL_M = 2.0  # of the grid that knows which point of a path is near
 _STEPS_AT_ONCE = 2  # of the tracks, for each step of the drivers
 _BESIDE_M = 0.1  # that a leader may be beside the body
 _HARDEST_BRAKE = 8.0  # [m/s^2]
-_BEFORE_JUNCTION_M = 1.0  # one waits
 # A vehicle that is so fast and keeps its speed, although its model would speed up, is taken to keep it: one reason is
 # that in SUMO no vehicle may overtake on the right.
 _FAST_M_S, _KEEPS_M_S2, _MODEL_MORE_M_S2 = 14.0, 0.6, 0.3
@@ -66,6 +66,7 @@ class _Driven(NamedTuple):
     passes: Bool[np.ndarray, "user stop"]
     accel: Float[np.ndarray, " user"]  # [m/s^2]
     waits: Bool[np.ndarray, " user"]  # for others at a junction
+    came_first: Bool[np.ndarray, " pair"]  # as of `LinkLeaders`
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +88,7 @@ class _Drivers:
     seen: Float[np.ndarray, "user stop"]  # ... unless it is as near as that [m]
     ends: Float[np.ndarray, " user"]  # [m] likewise, where the route ends
     giving_way: GivingWay
+    link_leaders: LinkLeaders
     accel: Float[np.ndarray, " user"]  # [m/s^2] lately; infinite where that is not known
     known: Float[np.ndarray, "user time"]  # [m] how far along those are whose drive is known, else NaN
     most: Float[np.ndarray, " user"]  # [m/s] that it drives for reasons which no model knows
@@ -119,6 +121,7 @@ class _Drivers:
             seen=seen,
             ends=np.array([user.path.ends_m for user in users]),
             giving_way=GivingWay.of(traffic),
+            link_leaders=LinkLeaders.of(traffic, users),
             accel=np.nan_to_num(traffic.values("accel"), nan=np.inf),
             known=np.stack([_along_drive(user, steps) for user in users]),
             most=np.full(len(users), np.inf),
@@ -141,26 +144,49 @@ class _Drivers:
     def begin(self) -> _Driven:
         """Where they are."""
         none = np.zeros(len(self.speed), bool)
-        return _Driven(np.zeros_like(self.speed), self.speed, np.zeros(self.stop.shape, bool), self.accel, none)
+        passes = np.zeros(self.stop.shape, bool)
+        return _Driven(np.zeros_like(self.speed), self.speed, passes, self.accel, none, self.link_leaders.came_first)
 
     def advance(self, driven: _Driven, time_s: float, dt: float) -> _Driven:
         """The same a step later. Who can no longer stop where a line is shut drives on."""
         along, speed = driven.along, driven.speed
         gap, lead = self._leaders(along, speed)
-        left = self.stop - along[:, None]
+        left, brakes_m = self.stop - along[:, None], stops_within(speed, self.follows.decel)
         shuts = (self.shut[0] <= time_s) & (self.shut[0] > time_s - dt)
-        passes = driven.passes | (shuts & (left < (speed**2 / (2.0 * self.follows.decel))[:, None] - 1.0))
+        passes = driven.passes | (shuts & (left + BEFORE_LINE_M < brakes_m[:, None]))
         closed = (self.shut[0] <= time_s) & (time_s < self.shut[1]) & ~passes & (left > np.maximum(self.seen, -1.0))
-        waits = np.where(closed, left, FAR_M).min(axis=1, initial=FAR_M) + self.follows.min_gap
         lets_m = self.giving_way.waits_m(along, speed, driven.waits)
-        waits = np.minimum(waits, lets_m - _BEFORE_JUNCTION_M + self.follows.min_gap)
-        lead = np.where(waits <= gap, 0.0, lead)
-        gap = np.minimum(gap, waits)
-        accel = self.follows.accelerations(speed, gap, lead, self._wanted(along), dt)
+        stop = np.where(closed, left, FAR_M).min(axis=1, initial=FAR_M)
+        stop = np.minimum(stop, lets_m - BEFORE_LINE_M)
+        stop = np.maximum(stop, np.minimum(stop + BEFORE_LINE_M, brakes_m))
+        wanted = self._wanted(along)
+        accel = self.follows.accelerations(speed, gap, lead, wanted, dt)
+        accel = np.minimum(accel, self.follows.stopping(speed, stop, wanted, dt))
         accel = np.minimum(accel, driven.accel + self.follows.most_jerk * dt)
+        accel = np.minimum(accel, self._behind_link_leaders(driven, wanted, dt))
         after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
         waits = (lets_m < FAR_M) | (closed & (self.seen < 0.0)).any(axis=1)
-        return _Driven(along + 0.5 * (speed + after) * dt, after, passes, (after - speed) / dt, waits)
+        came_first = self.link_leaders.first(along, driven.came_first)
+        return _Driven(along + 0.5 * (speed + after) * dt, after, passes, (after - speed) / dt, waits, came_first)
+
+    def _behind_link_leaders(
+        self, driven: _Driven, wanted: Float[np.ndarray, " user"], dt: float
+    ) -> Float[np.ndarray, " user"]:
+        """What those may do [m/s^2] that come to a junction in which one drives as is known; infinite for all others.
+
+        They brake to stop before its way, or follow it as if both were on one line, where that lets them do more.
+        """
+        leaders, speed, free = self.link_leaders, driven.speed, np.full(len(driven.speed), np.inf)
+        if not leaders.users.size:
+            return free
+        minds, to_way, behind = leaders.ahead(driven.along, leaders.first(driven.along, driven.came_first))
+        (inside, comes), far = leaders.users[:, minds], np.full(len(speed), FAR_M)
+        stop, gap, lead = far.copy(), far.copy(), speed.copy()
+        stop[comes], gap[comes], lead[comes] = to_way[minds], behind[minds], speed[inside]
+        stops = self.follows.stopping(speed, stop - self.follows.min_gap, wanted, dt, early=True)
+        follows = self.follows.accelerations(speed, gap, lead, wanted, dt)
+        free[comes] = np.where(gap > self.follows.min_gap, np.maximum(stops, follows), stops)[comes]
+        return free
 
     def as_known(self, before: _Driven, after: _Driven, step: int, dt: float) -> _Driven:
         """What they have come to, `dt` [s] before and now; those whose drive is known are where that has them."""

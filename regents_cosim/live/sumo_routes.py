@@ -9,7 +9,7 @@ import numpy as np
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.limits import ALONG_RAD, STANDING_M_S
-from regents_cosim.live.paths import Crossing, LaneChains, Path, Stop, path_along, reach_within
+from regents_cosim.live.paths import BEFORE_LINE_M, Crossing, LaneChains, Path, Stop, path_along, reach_within
 from regents_cosim.live.traffic import Shows
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead
@@ -22,7 +22,6 @@ _CLOSED = "ryuU"  # letters of a light before which one waits
 _GIVES_WAY = "gm=sw"  # letters of a link on which others may have to be let through
 _SEEN_FROM_M = 4.5  # before a junction: those that have to be let through; where its network says nothing else
 _OTHERS_COME_S = 3.0  # those that come first as SUMO says, and may be too far off to be predicted
-_BEFORE_LINE_M = 1.0  # one waits
 _NEAR_JUNCTION_S = 1.5  # so near, those with priority are waited for as SUMO sees it now
 _LEAST_NEAR_M = 8.0
 _CHANGES_WITHIN_M = 120.0  # of the end of its lane, the ego changes it if its route needs that
@@ -76,7 +75,7 @@ class SumoRoutes:
             waits_now = speed < STANDING_M_S and name in self._departed
             near = left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M)
             spans = self._shut_s(names[-1], onward or (), link, near, waits_now, is_ego)
-            stops += [Stop(left_m - _BEFORE_LINE_M, (span,)) for span in spans]
+            stops += [Stop(left_m - BEFORE_LINE_M, (span,)) for span in spans]
             if not is_ego and link[5] in _GIVES_WAY:
                 stops += self._until_seen(onward or (), left_m)
             if onward is None:
@@ -113,7 +112,7 @@ class SumoRoutes:
         """
         inside = self._inside(onward)
         seen_m = self._priorities.seen_from_m.get(inside[0], _SEEN_FROM_M) if inside else _SEEN_FROM_M
-        return [] if len(inside) > 1 else [Stop(left_m - _BEFORE_LINE_M, seen_m=seen_m - _BEFORE_LINE_M)]
+        return [] if len(inside) > 1 else [Stop(left_m - BEFORE_LINE_M, seen_m=seen_m - BEFORE_LINE_M)]
 
     def _shut_s(
         self, lane: str, onward: Sequence[str], link: Sequence[Any], near: bool, waits_now: bool, is_ego: bool
