@@ -4,8 +4,6 @@ Against the descent they compare fairly: same cost, same candidates, same accept
 as many roll-outs as the descent may make updates. A change of the actions has ten numbers: accelerations and
 curvatures at five times, linear in between, added to those that a descent would begin with: the logged ones, or those
 of a drive along a lawful way. Patience ends a search as it does there.
-
-Source: Hansen 2016, "The CMA Evolution Strategy: A Tutorial" (package `cmaes`).
 """
 
 import zlib
@@ -20,6 +18,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.attacks.actions import allowed, to_actions
 from regents_cosim.attacks.descent import ExtraCost
+from regents_cosim.attacks.evolution import cma_es
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.patience import comes_down, waits
 from regents_cosim.attacks.presets import AttackConfig
@@ -67,9 +66,7 @@ class ByEvolution:
     """CMA-ES, from the log."""
 
     def __init__(self, seed: int) -> None:
-        from cmaes import CMA  # takes half a second to import
-
-        self._cma = CMA(mean=np.zeros(2 * KNOTS), sigma=0.5, population_size=LOOKED_AT, seed=seed)
+        self._cma = cma_es(np.zeros(2 * KNOTS), 0.5, LOOKED_AT, seed)
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
         """A generation."""

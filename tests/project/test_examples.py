@@ -37,7 +37,7 @@ def test_a_script_runs(script, tmp_path):
 def test_a_policy_is_trained_under_attack(tmp_path):
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is an extra")
     lines = run("train_under_attack.py", tmp_path, "--steps", "60", "--episodes", "2").splitlines()
-    assert len(lines) == 5
+    assert len(lines) == 7
 
 
 def in_three_windows(text):

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.attacks.diverse.elite_grid import Change, EliteGrid, Gain, Proposal, ranks
+from regents_cosim.attacks.evolution import cma_es
 
 if TYPE_CHECKING:
     from cmaes import CMA
@@ -106,9 +107,7 @@ Emitter = RandomEmitter | CmaMe | CmaMega
 
 
 def _evolution(mean: Change, spread: float, rng: np.random.Generator) -> "CMA":
-    from cmaes import CMA  # takes half a second to import
-
-    return CMA(mean=mean, sigma=spread, population_size=BATCH, seed=int(rng.integers(2**31)))
+    return cma_es(mean, spread, BATCH, int(rng.integers(2**31)))
 
 
 def _mean_of_best(changes: Float[np.ndarray, "change coordinate"], order: Sequence[float]) -> Change:
