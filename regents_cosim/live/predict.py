@@ -163,14 +163,18 @@ class _Drivers:
         accel = self.follows.accelerations(speed, gap, lead, wanted, dt)
         accel = np.minimum(accel, self.follows.stopping(speed, stop, wanted, dt))
         accel = np.minimum(accel, driven.accel + self.follows.most_jerk * dt)
-        accel = np.minimum(accel, self._behind_link_leaders(driven, wanted, dt))
+        came_first = self.link_leaders.first(along, driven.came_first)
+        accel = np.minimum(accel, self._behind_link_leaders(driven, came_first, wanted, dt))
         after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
         waits = (lets_m < FAR_M) | (closed & (self.seen < 0.0)).any(axis=1)
-        came_first = self.link_leaders.first(along, driven.came_first)
         return _Driven(along + 0.5 * (speed + after) * dt, after, passes, (after - speed) / dt, waits, came_first)
 
     def _behind_link_leaders(
-        self, driven: _Driven, wanted: Float[np.ndarray, " user"], dt: float
+        self,
+        driven: _Driven,
+        came_first: Bool[np.ndarray, " pair"],
+        wanted: Float[np.ndarray, " user"],
+        dt: float,
     ) -> Float[np.ndarray, " user"]:
         """What those may do [m/s^2] that come to a junction in which one drives as is known; infinite for all others.
 
@@ -179,7 +183,7 @@ class _Drivers:
         leaders, speed, free = self.link_leaders, driven.speed, np.full(len(driven.speed), np.inf)
         if not leaders.users.size:
             return free
-        minds, to_way, behind = leaders.ahead(driven.along, leaders.first(driven.along, driven.came_first))
+        minds, to_way, behind = leaders.ahead(driven.along, came_first)
         (inside, comes), far = leaders.users[:, minds], np.full(len(speed), FAR_M)
         stop, gap, lead = far.copy(), far.copy(), speed.copy()
         stop[comes], gap[comes], lead[comes] = to_way[minds], behind[minds], speed[inside]
