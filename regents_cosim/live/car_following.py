@@ -18,7 +18,7 @@ _LEAST_FREE = 0.01  # of the acceleration: what is left of it at the speed that 
 _LEAST_M_S = 0.1
 _MOST_JERK = 3.0  # [m/s^3] of drivers by the improved model
 _STOPPING_S = 0.1  # the headway of Krauss' model before a place to stop: it brakes as late as it can
-_SLACK_S = 0.1
+_SLACK_S = 0.1  # of the speed: by so many metres less than by its square a vehicle stops
 _EASY = 1.5  # [m/s^2] with which drivers by the improved model slow down for a limit
 
 

@@ -1,4 +1,4 @@
-"""Which vehicles brake for one that crosses the junction ahead of them, whoever goes first there.
+"""Which vehicles brake for one that crosses the junction ahead of them, also where they have priority.
 
 As SUMO does it (`MSLink::getLeaderInfo`, `MSVehicle::isLeader`): once a vehicle is inside a junction, all that come
 into the junction after it, on a way that meets its own, brake before that place until it has passed it. That is asked
@@ -21,7 +21,7 @@ _LEAST_M_S = 0.1
 
 
 class _Meeting(NamedTuple):
-    """Of the way of one who is inside a junction, and that of another who comes there; [m] ahead of their fronts."""
+    """Of the way of a vehicle inside a junction, and that of another that comes there; [m] ahead of their fronts."""
 
     inside: int  # the user whose drive is known
     comes: int  # the other one
@@ -82,7 +82,7 @@ class LinkLeaders:
 def _meeting(
     one: tuple[int, RoadUser, Crossing], two: tuple[int, RoadUser, Crossing], table: Priorities
 ) -> _Meeting | None:
-    """Where two ways through one junction meet; None where they do not, and for who follows on the same way."""
+    """Where two ways through one junction meet; None where they do not, or follow the same way."""
     (index, user, crossing), (other_index, other, coming) = one, two
     link, other_link = table.links.get(crossing.lane), table.links.get(coming.lane)
     if link is None or other_link is None or link.junction != other_link.junction or link == other_link:

@@ -154,7 +154,8 @@ class _Drivers:
         left, brakes_m = self.stop - along[:, None], stops_within(speed, self.follows.decel)
         shuts = (self.shut[0] <= time_s) & (self.shut[0] > time_s - dt)
         passes = driven.passes | (shuts & (left + BEFORE_LINE_M < brakes_m[:, None]))
-        closed = (self.shut[0] <= time_s) & (time_s < self.shut[1]) & ~passes & (left > np.maximum(self.seen, -1.0))
+        ahead = ~passes & (left > np.maximum(self.seen, -BEFORE_LINE_M))
+        closed = (self.shut[0] <= time_s) & (time_s < self.shut[1]) & ahead
         lets_m = self.giving_way.waits_m(along, speed, driven.waits)
         stop = np.where(closed, left, FAR_M).min(axis=1, initial=FAR_M)
         stop = np.minimum(stop, lets_m - BEFORE_LINE_M)

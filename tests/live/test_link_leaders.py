@@ -1,4 +1,4 @@
-"""Who comes to a junction with an adversary in it is foreseen to brake for that, whoever goes first, as in SUMO."""
+"""A vehicle that comes to a junction with an adversary in it is foreseen to brake, also with priority, as in SUMO."""
 
 import numpy as np
 import pytest
