@@ -76,19 +76,22 @@ def attack_left(
     still: Still,
     retry: bool = False,
     cluster: Executor | None = None,
+    sumo: Executor | None = None,
     watch: Watch = _unseen,
 ) -> None:
     """Attack the windows that are not done, and those that failed with `retry`; what was done of them is replaced.
 
-    Workers of `cluster` do that, a window at a time; None: this machine.
+    Workers of `cluster` do that, a window at a time; None: this machine, where crashes are verified in processes of
+    `sumo`, or else in some that are started for that.
     """
+    attack = partial(_attack, windows=windows, cluster=cluster, sumo=sumo, watch=watch)
     if run.archive is None:
-        _attack(_Output(ledger, run, suite, still), windows, retry, cluster, watch)
+        attack(_Output(ledger, run, suite, still), retry)
         return
     settle(ledger, run.archive)
     while ledger.left(retry):
         elites = KeptElites(ledger, run.archive)
-        _attack(_Output(ledger, run, suite, still, elites), windows, retry, cluster, watch)
+        attack(_Output(ledger, run, suite, still, elites), retry)
         settle(ledger, run.archive)
         retry = False
     drop_unused_maps(suite.folder)
@@ -143,7 +146,9 @@ class _Output:
             write_atomic(self.ledger.folder / case.id / STILL, found.stills.get(case.id) or self.still(case))
 
 
-def _attack(output: _Output, windows: RunWindows, retry: bool, cluster: Executor | None, watch: Watch) -> None:
+def _attack(
+    output: _Output, retry: bool, windows: RunWindows, cluster: Executor | None, sumo: Executor | None, watch: Watch
+) -> None:
     ledger, run = output.ledger, output.run
     left = {unit.name for unit in ledger.left(retry)}
     searched = _with_neighbours(ledger.record.own, left, ledger.record.begun.together)
@@ -155,7 +160,7 @@ def _attack(output: _Output, windows: RunWindows, retry: bool, cluster: Executor
     so_far = run.wanted.found_in(ledger.record, ledger.folder) if run.wanted else Counter[str]()
     kept = found if run.wanted is None else _wanted(found, run.wanted, so_far)
     saved = (output.save(unit, window) for unit, window in kept)
-    _each_in_order(saved, run.verify and cluster is None, output.finish)
+    _each_in_order(saved, run.verify and cluster is None, sumo, output.finish)
 
 
 def _there(run: AttackRun, scenarios: Iterator[Scenario], still: Still, cluster: Executor) -> Iterator[AttackedWindow]:
@@ -193,7 +198,9 @@ def _with_neighbours(own: Sequence[WorkUnit], left: set[str], together: int) -> 
     return [unit for group in groups if left & {unit.name for unit in group} for unit in group]
 
 
-def _each_in_order(saved: Iterator[_Saved], verify: bool, finish: Callable[[_Saved], None]) -> None:
+def _each_in_order(
+    saved: Iterator[_Saved], verify: bool, sumo: Executor | None, finish: Callable[[_Saved], None]
+) -> None:
     """Verify the crashes of windows as they come; finish every window, in order, as soon as it can be."""
     waiting: deque[_Saved] = deque()
     home: dict[str, _Saved] = {}
@@ -211,7 +218,7 @@ def _each_in_order(saved: Iterator[_Saved], verify: bool, finish: Callable[[_Sav
             finish_first()
             yield from hits
 
-    for replay in replay_each(crashes(), "sumo"):
+    for replay in replay_each(crashes(), "sumo", executor=sumo):
         one = home.pop(replay.case)
         one.open.discard(replay.case)
         one.found.replays[replay.case] = replay

@@ -150,7 +150,7 @@ def attack_into(
     from regents_cosim.campaign.windows import windows_in
     from regents_cosim.cases.suite import SuiteWriter
     from regents_cosim.reports.picture import still
-    from regents_cosim.system.workers import executor_for
+    from regents_cosim.system.workers import executor_for, local_processes
 
     if given.executor != "local":  # workers search one window at a time
         run = replace(run, engine="threads", batch=1)
@@ -163,9 +163,13 @@ def attack_into(
     cases = windows_in(given.cases) if given.cases else None
     digest = "" if given.cases else digest_of(given)
 
-    with open_ledger(output, mine, shard, together) as ledger, executor_for(given.executor) as pool:
+    with (
+        open_ledger(output, mine, shard, together) as ledger,
+        executor_for(given.executor) as cluster,
+        local_processes() as sumo,
+    ):
         forget_lost(ledger)
-        for windows in _rounds(ledger, run, given, cases, digest, options, pool, terminal):
+        for windows in _rounds(ledger, run, given, cases, digest, options, cluster or sumo, terminal):
             _say_where(ledger, options.retry, terminal)
             attack_left(
                 ledger,
@@ -174,7 +178,8 @@ def attack_into(
                 suite,
                 still=still,
                 retry=options.retry,
-                cluster=pool,
+                cluster=cluster,
+                sumo=sumo,
                 watch=lambda done, of: terminal.each(done, "attacking", of),
             )
         if run.wanted is not None:
@@ -191,7 +196,7 @@ def _rounds(
     cases: "RunWindows | None",
     digest: str,
     options: CampaignOptions,
-    pool: "Executor | None",
+    pool: "Executor",
     terminal: "Terminal",
 ) -> "Iterator[RunWindows]":
     """The windows to attack; for kinds that are asked for, more of them as long as there are too few."""

@@ -47,15 +47,19 @@ def run_each(
     return _each_there(function, iter(jobs), executor)
 
 
-def local_processes(workers: int) -> "LocalProcesses":
-    """So many processes of our own."""
-    return LocalProcesses(workers)
+def local_processes(workers: int | None = None) -> "LocalProcesses":
+    """So many processes of our own, by default one for each core."""
+    return LocalProcesses(_cores() if workers is None else workers)
 
 
 class LocalProcesses(Executor):
-    """Processes that each work on one job at a time; one that dies costs its job only, and another takes its place."""
+    """Processes that each work on one job at a time; one that dies costs its job only, and another takes its place.
+
+    One is started when a job has to wait for it.
+    """
 
     def __init__(self, workers: int) -> None:
+        self.workers = workers  # at most
         self._threads = ThreadPoolExecutor(workers)
         self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
         self._all: list[Worker] = []
@@ -194,33 +198,17 @@ def installed() -> dict[str, str | None]:
 
 
 def _each_here(function: Callable[[_Job], _R], jobs: Iterator[_Job]) -> Iterator[_R | RegentsError]:
-    crew: deque[Worker] = deque()  # in the order of their jobs
-    try:
-        for job in itertools.islice(jobs, _cores()):
-            crew.append(Worker())
-            crew[-1].begin(function, job)
-        while crew:
-            outcome = _outcome(crew[0].result)
-            following = [*itertools.islice(jobs, 1)]
-            if following:
-                crew[0] = crew[0] if crew[0].is_alive() else Worker()
-                crew[0].begin(function, *following)
-                crew.rotate(-1)
-            else:
-                crew.popleft().close()
-            yield outcome
-            del outcome
-    finally:
-        for worker in crew:
-            worker.close()
+    with local_processes() as executor:
+        yield from _each_there(function, jobs, executor)
 
 
 def _each_there(
     function: Callable[[_Job], _R], jobs: Iterator[_Job], executor: Executor
 ) -> Iterator[_R | RegentsError]:
     begun: deque[tuple[_Job, Future[_R] | None]] = deque()
+    ahead = executor.workers if isinstance(executor, LocalProcesses) else _AHEAD
     while True:
-        for job in itertools.islice(jobs, _AHEAD - len(begun)):
+        for job in itertools.islice(jobs, ahead - len(begun)):
             begun.append((job, _try_to_submit(executor, function, job)))
         if not begun:
             return

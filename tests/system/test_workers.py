@@ -114,6 +114,12 @@ def test_processes_serve_many_jobs():
     assert os.getpid() not in pids
 
 
+def test_a_process_is_started_only_where_a_job_has_to_wait():
+    with local_processes(2) as pool:
+        pids = {next(iter(run_each(work, [(i, "quick")], pool)))[1] for i in range(3)}
+    assert len(pids) == 1
+
+
 def test_jobs_are_taken_in_their_turn_and_results_are_not_kept():
     taken = []
     outcomes = run_each(bytes, (taken.append(i) or 4_000_000 for i in range(40)))
