@@ -11,7 +11,12 @@ from pathlib import Path
 
 def versions() -> dict[str, str]:
     """Versions of the packages that decide a result."""
-    found = {"python": ".".join(map(str, sys.version_info[:3]))}
+    return {"python": ".".join(map(str, sys.version_info[:3])), **_of_packages()}
+
+
+@cache  # reading one takes a millisecond, and every case has them
+def _of_packages() -> dict[str, str]:
+    found: dict[str, str] = {}
     for name in ("regents_cosim", "libsumo", "highway-env", "jax", "numpy", "shapely"):
         try:
             found[name] = version(name)

@@ -7,6 +7,7 @@ stand in `errors`. This module imports next to nothing: until `main` runs, Ctrl-
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import signal
 import sys
@@ -17,6 +18,10 @@ TYPE_CHECKING = False  # what type checkers take for true
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Any
+
+# Importing and tracing make hundreds of thousands of objects that stay. With Python's own threshold (700) half a second
+# of a command would be looking through them again and again.
+_COLLECTED_AFTER = 10_000
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -33,6 +38,7 @@ def main() -> None:
     from regents_cosim.system.interruption import end_at_once
 
     end_at_once()
+    gc.set_threshold(_COLLECTED_AFTER)
     _leave(run(sys.argv[1:]))
 
 

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -42,7 +43,15 @@ def plan_route(scenario: Scenario, way: Float[np.ndarray, "point 2"] | None = No
 
     Where a `way` [m] is given, with a point every `SPACING_M`, that is its line.
     """
-    points = _logged_way(scenario) if way is None else way
+    return _logged_route(scenario) if way is None else _route(scenario, way)
+
+
+@lru_cache(maxsize=16)  # its planner, its verdicts and its tags ask for the same of one case
+def _logged_route(scenario: Scenario) -> Route:
+    return _route(scenario, _logged_way(scenario))
+
+
+def _route(scenario: Scenario, points: Float[np.ndarray, "point 2"]) -> Route:
     on_lane = lanes_under(scenario, 0, points)
     height = scenario.heights.of(0, *points.T)
     return Route(points, height, speed_limits(on_lane), _stop_lines(scenario, points, on_lane))

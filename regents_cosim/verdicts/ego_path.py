@@ -1,7 +1,7 @@
 """Where the ego's own way leads, as places over the distance driven, beyond the end of its drive too."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -58,6 +58,7 @@ class EgoPath:
         return nearest + dx * cos + dy * sin, dy * cos - dx * sin, yaw
 
 
+@lru_cache(maxsize=16)  # all reference drivers and the tags ask for the same of one crash
 def ego_path(scenario: Scenario) -> EgoPath:
     """The ego's own track, then its route (`own_way`), then straight on."""
     way, own = own_way(scenario), scenario.tracks
