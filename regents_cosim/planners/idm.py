@@ -228,19 +228,19 @@ def _nearest_points(
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     corner = middle - 0.5 * _GRID_M * (_GRID_CELLS - 1)
-    tree, cells = KDTree(points), np.arange(_GRID_CELLS)
+    tree, cells = KDTree(points), np.arange(_GRID_CELLS, dtype=float)
     blocks = cells.reshape(-1, _BLOCK_CELLS).mean(axis=1)
-    away, closest = tree.query(_places(corner, blocks))
+    away, closest = tree.query(_places(corner, *np.meshgrid(blocks, blocks)))
     nearest = closest.repeat(_BLOCK_CELLS, axis=0).repeat(_BLOCK_CELLS, axis=1)
-    near = (away < _NEAR_M).repeat(_BLOCK_CELLS, axis=0).repeat(_BLOCK_CELLS, axis=1)
-    nearest[near] = tree.query(_places(corner, cells)[near])[1]
+    near = np.nonzero((away < _NEAR_M).repeat(_BLOCK_CELLS, axis=0).repeat(_BLOCK_CELLS, axis=1))
+    row, column = near
+    nearest[near] = tree.query(_places(corner, column, row))[1]
     return nearest.ravel(), corner
 
 
-def _places(corner: Float[np.ndarray, " 2"], cells: np.ndarray) -> Float[np.ndarray, "row column 2"]:
-    """The places [m] of a square of cells, or of parts of cells."""
-    x, y = np.meshgrid(corner[0] + _GRID_M * cells, corner[1] + _GRID_M * cells)
-    return np.stack([x, y], axis=-1)
+def _places(corner: Float[np.ndarray, " 2"], column: np.ndarray, row: np.ndarray) -> Float[np.ndarray, "*axes 2"]:
+    """The places [m] of cells, or of parts of cells, of the grid."""
+    return np.stack([corner[0] + _GRID_M * column, corner[1] + _GRID_M * row], axis=-1)
 
 
 def _pad_line(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "kept 2"]:

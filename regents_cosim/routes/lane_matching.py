@@ -5,6 +5,7 @@ it the light that holds for the path.
 """
 
 import itertools
+from operator import add
 
 import numpy as np
 import shapely
@@ -33,22 +34,25 @@ def match_lanes(
     options: list[list[tuple[Lane | None, float]]] = [
         [(None, _NOWHERE_COST_M), *near] for near in lanes_near(road, points, z)
     ]
+    choices = [tuple(lane for lane, _ in near) for near in options]
     best = [cost for _, cost in options[0]]
     came_from: list[list[int]] = []
     costs: dict[tuple[tuple[Lane | None, ...], ...], list[list[float]]] = {}  # most points have the lanes of the last
-    for before, now in itertools.pairwise(options):
-        pair = tuple(lane for lane, _ in before), tuple(lane for lane, _ in now)
+    for pair, now in zip(itertools.pairwise(choices), options[1:], strict=True):
         if pair not in costs:
             costs[pair] = [[_move_cost(a, b, road) for a in pair[0]] for b in pair[1]]
-        # A handful of numbers a point: NumPy takes longer.
-        moves = [[cost + known for cost, known in zip(row, best, strict=True)] for row in costs[pair]]
-        least = [min(row) for row in moves]
-        came_from.append([row.index(value) for row, value in zip(moves, least, strict=True)])
-        best = [value + cost for value, (_, cost) in zip(least, now, strict=True)]
+        back, least = [], []
+        for moves, (_, cost) in zip(costs[pair], now, strict=True):  # a handful of numbers: NumPy takes longer
+            values = list(map(add, moves, best))
+            value = min(values)
+            back.append(values.index(value))
+            least.append(value + cost)
+        came_from.append(back)
+        best = least
     chosen = [int(np.argmin(best))]
     for back in reversed(came_from):
         chosen.append(back[chosen[-1]])
-    return [options[k][index][0] for k, index in enumerate(reversed(chosen))]
+    return [lanes[index] for lanes, index in zip(choices, reversed(chosen), strict=True)]
 
 
 def lanes_near(
