@@ -4,6 +4,7 @@ As SUMO decides it (`MSLink::opened`): a vehicle may enter if those that it has 
 or come a while after it is through, if all speed up as they may. Those that wait themselves need not be let through.
 """
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.live.car_following import stops_within
 from regents_cosim.live.paths import Crossing
 from regents_cosim.live.traffic import RoadUser, TrafficState
-from regents_cosim.verdicts.right_of_way import Priorities, priorities
+from regents_cosim.verdicts.right_of_way import Link, Priorities, priorities
 
 _CLEAR_S = 1.0  # later than that the others may come
 _SLOWS = 1.5  # [m/s^2] for a way that is slower
@@ -64,11 +65,15 @@ class GivingWay:
             for one in user.path.crossings
             if one.lane in table.links
         ]
+        at_junction = defaultdict[str, list[tuple[Link, _Way]]](list)
+        for link, _, way in ways:
+            at_junction[link.junction].append((link, way))
         pairs = [
             (mine, other)
             for link, gives_way, mine in ways
-            for foe, _, other in ways
-            if gives_way and mine.user != other.user and table.lets_pass(link, foe)
+            if gives_way
+            for foe, other in at_junction[link.junction]
+            if mine.user != other.user and table.lets_pass(link, foe)
         ]
         users, *rest = np.array(pairs).reshape(-1, 2, len(_Way._fields)).transpose(2, 1, 0)
         return cls(users.astype(int), *rest)
