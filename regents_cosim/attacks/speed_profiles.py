@@ -6,6 +6,7 @@ are driven together.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -45,6 +46,21 @@ class Profiles:
     wanted: Float[np.ndarray, " profile"]  # [m/s] at which it ends
     begins_s: Float[np.ndarray, " profile"]
 
+    @cached_property
+    def changes(self) -> Bool[np.ndarray, " profile"]:
+        """Which do not just go on."""
+        return self.accel != 0.0
+
+    @cached_property
+    def brakes(self) -> Bool[np.ndarray, " profile"]:
+        """Which get slower."""
+        return self.accel < 0.0
+
+    @cached_property
+    def hardest(self) -> Float[np.ndarray, " profile"]:
+        """The size of the acceleration [m/s^2]."""
+        return np.abs(self.accel)
+
     def take(self, chosen: np.ndarray) -> "Profiles":
         """Some of them, by mask or index."""
         return Profiles(*(values[chosen] for values in (self.line, self.accel, self.wanted, self.begins_s)))
@@ -52,26 +68,26 @@ class Profiles:
 
 @dataclass(frozen=True, eq=False)
 class Lights:
-    """Stop lines on some lines, and when they show red, for one whose front is `front_m` ahead of its centre."""
+    """Stop lines on the lines of some profiles, and when they show red, for one whose front is `front_m` ahead."""
 
-    at_m: Float[np.ndarray, "stop line"]  # infinite where a line has fewer
-    red: Bool[np.ndarray, "time stop line"]
-    front_m: float
+    at_m: Float[np.ndarray, "stop_line profile"]  # infinite where a line has fewer
+    red: Bool[np.ndarray, "time stop_line profile"]
+    front_m: float  # of its centre
 
     @classmethod
-    def of(cls, lines: Sequence[DriveLine], first: int, steps: int, front_m: float) -> "Lights":
-        """The lights of the lines at `steps` steps from `first` on."""
+    def of(cls, lines: Sequence[DriveLine], wanted: Profiles, first: int, steps: int, front_m: float) -> "Lights":
+        """The lights on the profiles' lines at `steps` steps from `first` on."""
         most = max(len(line.stop_lines) for line in lines)
         at_m, red = np.full((most, len(lines)), np.inf), np.zeros((steps, most, len(lines)), bool)
         for index, line in enumerate(lines):
             for place, stop in enumerate(line.stop_lines):
                 at_m[place, index], red[:, place, index] = stop.at_m, stop.red[first : first + steps]
-        return cls(at_m, red, front_m)
+        return cls(at_m.take(wanted.line, axis=-1), red.take(wanted.line, axis=-1), front_m)
 
-    def allow(self, line: np.ndarray, at: np.ndarray, step: int) -> Float[np.ndarray, " profile"]:
+    def allow(self, at: np.ndarray, step: int) -> Float[np.ndarray, " profile"]:
         """The speeds [m/s] from which one at those places on the lines stops before the next red light."""
-        left_m = self.at_m[:, line] - at - self.front_m
-        closed = self.red[step][:, line] & (left_m > 0.0)
+        left_m = self.at_m - at - self.front_m
+        closed = self.red[step] & (left_m > 0.0)
         return np.sqrt(
             2.0 * _BEND_BRAKE * np.maximum(np.where(closed, left_m, np.inf).min(axis=0) - _BEFORE_LIGHT_M, 0.0)
         )
@@ -135,12 +151,11 @@ def drive(
         )
         slowest = np.minimum(there, ahead)
         if lights is not None:
-            slowest = np.minimum(slowest, lights.allow(wanted.line, at, step))
+            slowest = np.minimum(slowest, lights.allow(at, step))
         aim = _aim(now, begun[0], wanted, (step - 1) * dt, slowest, limits)
         least = np.maximum(accel - at_once, recent.max(axis=0) - over_a_second)
-        accel = np.clip(
-            _landing(*aim, limits, dt), least, np.minimum(accel + at_once, recent.min(axis=0) + over_a_second)
-        )
+        most = np.minimum(accel + at_once, recent.min(axis=0) + over_a_second)
+        accel = np.minimum(np.maximum(_landing(*aim, limits, dt), least), most)  # `clip` takes twice as long
         driven[step] = np.maximum(now + accel * dt, 0.0)
         accel = np.where(driven[step] > 0.0, accel, 0.0)
         recent[step % len(recent)] = accel
@@ -152,13 +167,13 @@ def _aim(
     now: np.ndarray, begun: float, wanted: Profiles, time_s: float, allowed: np.ndarray, limits: DrivingLimits
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the speeds [m/s] are to change by, and the accelerations [m/s^2] of at most that size to do it with."""
-    changing = (wanted.accel != 0.0) & (time_s >= wanted.begins_s)
+    changing = wanted.changes & (time_s >= wanted.begins_s)
     # What a bend has slowed down already does not speed up to brake less.
-    target = np.where(changing, np.where(wanted.accel < 0.0, np.minimum(wanted.wanted, now), wanted.wanted), begun)
+    target = np.where(changing, np.where(wanted.brakes, np.minimum(wanted.wanted, now), wanted.wanted), begun)
     in_bend = allowed < np.minimum(target, now)
     target = np.minimum(target, allowed)
     hardest = np.where(target < now, limits.braking, limits.accel)
-    return target - now, np.where(changing & ~in_bend, np.minimum(np.abs(wanted.accel), hardest), hardest)
+    return target - now, np.where(changing & ~in_bend, np.minimum(wanted.hardest, hardest), hardest)
 
 
 def _builds_up_s(accel: float, limits: DrivingLimits) -> float:
@@ -168,10 +183,11 @@ def _builds_up_s(accel: float, limits: DrivingLimits) -> float:
 
 def _landing(change: np.ndarray, most: np.ndarray, limits: DrivingLimits, dt: float) -> np.ndarray:
     """The greatest accelerations [m/s^2] from which one still gets to the new speed while easing off."""
-    slow, fast = (np.sqrt(2.0 * jerk * np.abs(change) + 0.25 * (jerk * dt) ** 2) - 0.5 * jerk * dt
+    size = np.abs(change)
+    slow, fast = (np.sqrt(2.0 * jerk * size + 0.25 * (jerk * dt) ** 2) - 0.5 * jerk * dt
                   for jerk in (limits.jerk, limits.jerk_at_once))  # fmt: skip
     eased = np.minimum(fast, np.maximum(limits.jerk * MEAN_S, slow))
-    return np.sign(change) * np.minimum(np.minimum(most, eased), np.abs(change) / dt)
+    return np.copysign(np.minimum(np.minimum(most, eased), size / dt), change)
 
 
 def _allowed_in_bends(line: DriveLine, lateral_accel: float) -> Float[np.ndarray, " point"]:

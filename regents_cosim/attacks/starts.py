@@ -197,8 +197,9 @@ def _driven(
         runs[rows] = _runs_red(line, travelled[rows] + front_m, np.full(len(rows), steps), pair.first)
     if not runs.any():
         return wanted, (speed, travelled)
-    lights = Lights.of(lines, pair.first, steps, front_m)
-    stopping = drive(lines, begun, wanted.take(runs), steps, dt, limits, lights)
+    stops = wanted.take(runs)
+    lights = Lights.of(lines, stops, pair.first, steps, front_m)
+    stopping = drive(lines, begun, stops, steps, dt, limits, lights)
     both = np.concatenate([np.arange(len(runs)), np.flatnonzero(runs)])
     return wanted.take(both), (np.concatenate([speed, stopping[0]]), np.concatenate([travelled, stopping[1]]))
 
