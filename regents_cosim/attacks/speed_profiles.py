@@ -6,7 +6,6 @@ are driven together.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -45,21 +44,6 @@ class Profiles:
     accel: Float[np.ndarray, " profile"]  # [m/s^2]
     wanted: Float[np.ndarray, " profile"]  # [m/s] at which it ends
     begins_s: Float[np.ndarray, " profile"]
-
-    @cached_property
-    def changes(self) -> Bool[np.ndarray, " profile"]:
-        """Which do not just go on."""
-        return self.accel != 0.0
-
-    @cached_property
-    def brakes(self) -> Bool[np.ndarray, " profile"]:
-        """Which get slower."""
-        return self.accel < 0.0
-
-    @cached_property
-    def hardest(self) -> Float[np.ndarray, " profile"]:
-        """The size of the acceleration [m/s^2]."""
-        return np.abs(self.accel)
 
     def take(self, chosen: np.ndarray) -> "Profiles":
         """Some of them, by mask or index."""
@@ -167,13 +151,13 @@ def _aim(
     now: np.ndarray, begun: float, wanted: Profiles, time_s: float, allowed: np.ndarray, limits: DrivingLimits
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the speeds [m/s] are to change by, and the accelerations [m/s^2] of at most that size to do it with."""
-    changing = wanted.changes & (time_s >= wanted.begins_s)
+    changing = (wanted.accel != 0.0) & (time_s >= wanted.begins_s)
     # What a bend has slowed down already does not speed up to brake less.
-    target = np.where(changing, np.where(wanted.brakes, np.minimum(wanted.wanted, now), wanted.wanted), begun)
+    target = np.where(changing, np.where(wanted.accel < 0.0, np.minimum(wanted.wanted, now), wanted.wanted), begun)
     in_bend = allowed < np.minimum(target, now)
     target = np.minimum(target, allowed)
     hardest = np.where(target < now, limits.braking, limits.accel)
-    return target - now, np.where(changing & ~in_bend, np.minimum(wanted.hardest, hardest), hardest)
+    return target - now, np.where(changing & ~in_bend, np.minimum(np.abs(wanted.accel), hardest), hardest)
 
 
 def _builds_up_s(accel: float, limits: DrivingLimits) -> float:

@@ -55,7 +55,7 @@ def local_processes(workers: int | None = None) -> "LocalProcesses":
 class LocalProcesses(Executor):
     """Processes that each work on one job at a time; one that dies costs its job only, and another takes its place.
 
-    One is started when a job has to wait for it.
+    They are started as they are needed: only where a job would have to wait for those that are there.
     """
 
     def __init__(self, workers: int) -> None:
