@@ -44,8 +44,9 @@ def inside(
     corners, within = (corners - origin) / cell_m, ring[1:] == ring[:-1]
     row, column = _crossings(corners[:-1][within], corners[1:][within], rows, columns)
     words = -(-(columns + 1) // _WORD)
-    turns = np.bincount(row * (words * _WORD) + column, minlength=rows * words * _WORD).astype(np.uint8) & 1
-    return _parities(turns.reshape(rows, words * _WORD))[:, :columns].view(bool)
+    turns = np.zeros((rows, words * _WORD), np.uint8)
+    np.bitwise_xor.at(turns, (row, column), 1)  # `bincount` would take eight bytes a cell
+    return _parities(turns)[:, :columns].view(bool)
 
 
 def _crossings(

@@ -6,7 +6,6 @@ quarter of a pixel a junction full of lines differs from an exact raster in 1.05
 """
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import shapely
 from jaxtyping import Array, Float, Int, UInt8
@@ -15,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.geometry.rasters import MOST_CELLS, grid_shape, inside
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.mirror.camera import PAPERS, Camera
+from regents_cosim.mirror.on_device import empty_for_device, handed_over, on_device
 from regents_cosim.mirror.separation import Box
 from regents_cosim.scenario import Signal
 
@@ -56,8 +56,8 @@ def draw_cells(
     rows = max(MOST_CELLS // shape[1], 1)  # of a strip
     for first in range(0, shape[0], rows):
         strip, corner = cells[first : first + rows], low + np.array([0.0, first * camera.cell_m])
-        for kind, area in areas:  # what is drawn later has the greater number
-            np.maximum(strip, inside(area, corner, strip.shape, camera.cell_m) * np.uint8(kind), out=strip)
+        for kind, area in areas:  # what is drawn later covers what was there
+            np.copyto(strip, np.uint8(kind), where=inside(area, corner, strip.shape, camera.cell_m))
     cells[[0, -1], :] = cells[:, [0, -1]] = LAND
     return cells
 
@@ -67,10 +67,13 @@ def to_ground(
 ) -> Ground:
     """Cells with their lower left centre at `low` [m, map frame] on the device, in coordinates less `origin`."""
     size = next((size for size in _SIZES if size >= cells.size), cells.size)
-    padded = np.zeros(size, np.uint8)
+    padded = empty_for_device((size,), np.uint8)  # beyond the map's own cells none is looked at
     padded[: cells.size] = cells.ravel()
     return Ground(
-        jnp.asarray(padded), jnp.int32(0), jnp.array(cells.shape, jnp.int32), jnp.asarray(low - origin, jnp.float32)
+        handed_over(padded),
+        on_device(0, np.int32),
+        on_device(cells.shape, np.int32),
+        on_device(low - origin, np.float32),
     )
 
 
@@ -91,7 +94,7 @@ def stop_bars(
     if parts:
         box[: len(parts)] = np.array(parts) - [*origin, 0.0, 0.0, 0.0, 0.0]
         light[:, : len(parts)] = np.array(lights, np.uint8).T
-    return Box(*map(jnp.asarray, box.T)), jnp.asarray(light)
+    return Box(*(on_device(values, np.float32) for values in box.T)), on_device(light, np.uint8)
 
 
 def _parts(lane: Lane, count: int) -> list[tuple[float, ...]]:

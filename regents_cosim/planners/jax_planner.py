@@ -32,7 +32,9 @@ from jaxtyping import Array, Float
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import Traffic, decide, others
+from regents_cosim.mirror.traces import traced
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
 
@@ -56,7 +58,7 @@ class LoopScene:
 
     def on_device(self, points: Float[np.ndarray, "point 2"]) -> Float[Array, "point 2"]:
         """Points of the map frame in the device's coordinates [m]."""
-        return jnp.asarray(points - self.origin, jnp.float32)
+        return on_device(points - self.origin, np.float32)
 
 
 class JaxPlanner(eqx.Module):
@@ -181,7 +183,7 @@ def _forms(planner: JaxPlanner, *given: Any) -> tuple[Controls, Any]:
 
 @partial(jax.jit, static_argnums=0)
 def _decided(rest: JaxPlanner, arrays: JaxPlanner, *given: Any) -> tuple[Controls, Any]:
-    return decide(eqx.combine(arrays, rest), *given)
+    return traced(decide, (eqx.combine(arrays, rest), *given), {})
 
 
 def _form(value: Any) -> tuple[tuple[int, ...], str]:

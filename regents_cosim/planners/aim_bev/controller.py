@@ -8,9 +8,11 @@ the way to it.
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.planners.aim_bev.architecture import WAYPOINT_S, WAYPOINTS
 
 _WINDOW = 8  # errors that the integral and the derivative know, as published
@@ -34,7 +36,7 @@ class Controller(eqx.Module):
 
     def begin(self) -> SpeedErrors:
         """No errors yet."""
-        return SpeedErrors(jnp.zeros(_WINDOW))
+        return SpeedErrors(on_device(np.zeros(_WINDOW), np.float32))
 
     def steer(
         self, errors: SpeedErrors, waypoints: Float[Array, "waypoint 2"], speed: Float[Array, ""]

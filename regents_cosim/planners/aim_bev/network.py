@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, UInt8
 
 from regents_cosim.errors import RegentsError
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.planners.aim_bev.architecture import (
     BLOCKS,
     COORDINATE_M,
@@ -160,14 +161,14 @@ def _assembled(weights: Weights) -> NetworkWeights:
     blocks = tuple(_block(weights, index) for index in range(len(BLOCKS)))
     return NetworkWeights(
         # torch was given levels of 0..1
-        stem=jnp.asarray(stem.transpose(2, 3, 1, 0) / 255.0),
-        stem_bias=jnp.asarray(stem_bias),
+        stem=on_device(stem.transpose(2, 3, 1, 0) / 255.0, np.float32),
+        stem_bias=on_device(stem_bias, np.float32),
         blocks=blocks,
         last=_pointwise(weights, f"{features}.{len(BLOCKS) + 1}"),
         join=_linear(weights, "join"),
         mlp=tuple(_linear(weights, f"mlp.{index}") for index in range(len(MLP))),
-        gru_input=Linear(jnp.asarray(weights["gru.weight_ih"].T), jnp.asarray(weights["gru.bias_ih"])),
-        gru_hidden=Linear(jnp.asarray(weights["gru.weight_hh"].T), jnp.asarray(weights["gru.bias_hh"])),
+        gru_input=_product(weights["gru.weight_ih"].T, weights["gru.bias_ih"]),
+        gru_hidden=_product(weights["gru.weight_hh"].T, weights["gru.bias_hh"]),
         output=_linear(weights, "output"),
     )
 
@@ -183,7 +184,9 @@ def _block(weights: Weights, index: int) -> Residual:
         squeeze = (fc1, fc2)
     return Residual(
         expand=_pointwise(weights, f"{name}.0") if expands else None,
-        depthwise=Filter(jnp.asarray(kernel[:, 0].transpose(1, 2, 0)), jnp.asarray(bias), shape.stride),
+        depthwise=Filter(
+            on_device(kernel[:, 0].transpose(1, 2, 0), np.float32), on_device(bias, np.float32), shape.stride
+        ),
         squeeze=squeeze,
         project=_pointwise(weights, f"{name}.{at + 1 + shape.squeeze}"),
         hard_swish=shape.hard_swish,
@@ -200,9 +203,13 @@ def _folded(weights: Weights, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _pointwise(weights: Weights, name: str) -> Linear:
     kernel, bias = _folded(weights, name)
-    return Linear(jnp.asarray(kernel[:, :, 0, 0].T), jnp.asarray(bias))
+    return _product(kernel[:, :, 0, 0].T, bias)
 
 
 def _linear(weights: Weights, name: str) -> Linear:
     weight = weights[f"{name}.weight"]
-    return Linear(jnp.asarray(weight.reshape(weight.shape[:2]).T), jnp.asarray(weights[f"{name}.bias"]))
+    return _product(weight.reshape(weight.shape[:2]).T, weights[f"{name}.bias"])
+
+
+def _product(weight: np.ndarray, bias: np.ndarray) -> Linear:
+    return Linear(on_device(weight, np.float32), on_device(bias, np.float32))

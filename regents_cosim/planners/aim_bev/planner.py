@@ -13,6 +13,7 @@ from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars, to_ground
 from regents_cosim.mirror.levels import HeightMap, same_level
 from regents_cosim.mirror.observe import Surroundings, observe
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
@@ -79,7 +80,7 @@ class AimBev(JaxPlanner):
             lights=lights,
             target=scene.on_device(np.array([scenario.target]))[0],
             way=way,
-            now=jnp.int32(0),
+            now=on_device(0, np.int32),
             errors=self.controller.begin(),
             recollection=Recollection.of_nothing(lights.shape[0], scene.world.valid.shape[0] - 1),
             heights=scene.world.heights,

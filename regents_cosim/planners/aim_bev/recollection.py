@@ -7,11 +7,13 @@ The plan is the same to the last bit, because all that it depends on is.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.observe import MARK_S, Surroundings
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 
 _VALUES = 6  # that say how an agent looks
@@ -26,7 +28,8 @@ class Recollection(eqx.Module):
     @classmethod
     def of_nothing(cls, steps: int, others: int) -> "Recollection":
         """Before the first drive among so many `others`."""
-        return cls(jnp.full((steps, 4 + _VALUES * others), jnp.nan), jnp.full((steps, WAYPOINTS, 2), jnp.nan))
+        shapes = (steps, 4 + _VALUES * others), (steps, WAYPOINTS, 2)
+        return cls(*(on_device(np.full(shape, np.nan), np.float32) for shape in shapes))
 
     def at(self, step: Int[Array, ""]) -> "Recollection":
         """One step of it."""
