@@ -40,6 +40,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search_state import Rollout
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
 from regents_cosim.mirror.levels import same_level
+from regents_cosim.mirror.road_field import MARGIN_M
 from regents_cosim.mirror.rollout import drive, with_ego
 from regents_cosim.mirror.separation import Box, corners, overlaps
 from regents_cosim.mirror.world import World
@@ -88,10 +89,10 @@ def pair_proximity(world: World, motion: Motion, candidate: Bool[Array, " agent"
 def road_deviation(world: World, motion: Motion) -> Float[Array, ""]:
     """C_adv_dev: the map is cropped at its own corner instead of at the box's, [y, x] is read as [x, y], no 1/T.
 
-    So it is 0 but in one square of 16 x 16 m, here the one at the least x and y of the road field.
+    So it is 0 but in one square of 16 x 16 m, here the one at the `_corner`.
     """
     boxes = jax.tree.map(lambda values: values[1:], world.boxes(motion))
-    left, bottom = world.road.corner
+    left, bottom = _corner(world)
     total = jnp.float32(0.0)
     for corner, (x, y) in enumerate(zip(*corners(boxes), strict=True)):
         along, up = x - left, y - bottom
@@ -99,6 +100,12 @@ def road_deviation(world: World, motion: Motion) -> Float[Array, ""]:
         counted = inside & world.valid[1:] & world.on_road[corner, 1:, None]
         total += jnp.where(counted, world.road(left + up, bottom + along, boxes.z), 0.0).sum()
     return total
+
+
+def _corner(world: World) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Where the map of a scene begins [m]: the least x and y of the log, less a margin."""
+    x, y = (jnp.where(world.valid, logged, jnp.inf).min() - MARGIN_M for logged in (world.log.x, world.log.y))
+    return x, y
 
 
 def diverging_in_front(motion: Motion, config: AttackConfig) -> Bool[Array, " agent"]:
@@ -148,10 +155,10 @@ def stage(world: World) -> World:
     no agent acts outside its log. From its first logged step on an agent is there to the end, for
     the planner and the overlap test; costs take `valid` of `world` itself.
 
-    The position of the filler is counted from the corner of the road field: the origin of a SUMO
-    network may lie in the middle of its junction, where a filler would be run over.
+    The position of the filler is counted from the `_corner`: the origin of a SUMO network may lie in
+    the middle of its junction, where a filler would be run over.
     """
-    x, y = world.road.corner + _FILLER
+    x, y = (least + _FILLER for least in _corner(world))
     filler = Motion(x, y, jnp.full_like(x, _FILLER), jnp.full_like(x, _FILLER))
     last = world.valid.shape[1] - 1 - jnp.argmax(world.valid[:, ::-1], axis=1)
     driven = world.moving & (jnp.arange(world.moving.shape[1]) < last[:, None])

@@ -6,6 +6,8 @@ the map once and looking it up bilinearly is the same number, and far cheaper.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
+from threading import Lock
 
 import equinox as eqx
 import jax
@@ -27,6 +29,7 @@ SIGMA_M = 0.5
 MARGIN_M = 12.0  # how far beyond the tracks the field reaches; outside it is constant
 _SIZES = tuple(2**power for power in (18, 20, 22, 24))  # cells; few shapes, few compilations
 ROOM = 2**20  # cells: 200 m x 200 m, what is around an ego in nearly every scene
+_turn = Lock()
 
 
 class RoadField(eqx.Module):
@@ -107,11 +110,44 @@ def blur(
 ) -> RoadField:
     """The field of `road` over the bounds `low`..`high` [m, map frame] plus a margin, of each of `levels` if any.
 
-    Coordinates of the result are relative to `origin` [m]. Source: C_adv_dev of the ReGentS
-    paper (m_oob * K), with K a Gaussian of sigma 0.5 m.
+    Where all of the road takes no more room it is over all of it, and one for all scenes there. Coordinates of the
+    result are relative to `origin` [m]. Raises ScenarioError for bounds that are too far apart.
+
+    Source: C_adv_dev of the ReGentS paper (m_oob * K), with K a Gaussian of sigma 0.5 m.
     """
-    areas = [road.drivable] if levels is None else [drivable_at(road, level * BAND_M) for level in levels]
-    return blur_areas(areas, low - MARGIN_M, high + MARGIN_M, origin, None if levels is None else to_bands(levels))
+    low, high = low - MARGIN_M, high + MARGIN_M
+    grid_shape(low, high, CELL_M)  # raises
+    if levels is not None:
+        areas = [drivable_at(road, level * BAND_M) for level in levels]
+        return blur_areas(areas, low, high, origin, to_bands(levels))
+    least, most = _around(road)
+    if _room_for(_cells(least, most)) <= _room_for(_cells(low, high)):
+        with _turn:  # of scenes that want it at the same time
+            return _of_all(road).seen_from(origin - least)
+    return blur_areas([road.drivable], low, high, origin)
+
+
+def _around(road: RoadMap) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    """The bounds [m, map frame] of a road with a margin."""
+    bounds = np.array(road.drivable.bounds)
+    return bounds[:2] - MARGIN_M, bounds[2:] + MARGIN_M
+
+
+@lru_cache(maxsize=2)
+def _of_all(road: RoadMap) -> RoadField:
+    """The field of all of a road, in coordinates that begin at its lower bounds."""
+    least, most = _around(road)
+    return blur_areas([road.drivable], least, most, least)
+
+
+def _cells(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> int:
+    """About how many cells lie between some bounds [m]."""
+    return int(np.prod(np.ceil((high - low) / CELL_M) + 1.0))
+
+
+def _room_for(cells: int) -> int:
+    """How many cells a field has room for that has so many."""
+    return next((size for size in _SIZES if size >= cells), cells)
 
 
 def blur_areas(
@@ -134,9 +170,8 @@ def blur_areas(
     field = np.stack([gaussian_filter(off.astype(np.float32), SIGMA_M / CELL_M, mode="nearest") for off in off_road])
     if open_ended:  # beyond the border the field is what it is there
         field[:, [0, -1]] = field[:, :, [0, -1]] = 0.0
-    size = next((size for size in _SIZES if size >= max(field.size, room)), field.size)
     return RoadField(
-        handed_over(_with_neighbours(field, size)),
+        handed_over(_with_neighbours(field, _room_for(max(field.size, room)))),
         on_device([rows, columns], np.int32),
         on_device(low - origin, np.float32),
         bands,

@@ -17,7 +17,8 @@ from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, roll_out
-from regents_cosim.mirror.world import to_world
+from regents_cosim.mirror.road_field import MARGIN_M
+from regents_cosim.mirror.world import scene_origin, to_world
 
 PUBLISHED = replace(REGENTS, as_published=True)
 TAU_M = 1.25
@@ -188,7 +189,8 @@ def test_late_agents_never_join_their_log_and_ended_ones_drive_on():
     assert np.asarray(motion.x[1]) == pytest.approx(float(world.log.x[1, 0]) + 1.2 * np.arange(81), abs=0.05), (
         "on and on"
     )
-    corner = np.asarray(world.road.corner)
+    tracks = made.tracks
+    corner = [at[tracks.valid].min() for at in (tracks.x, tracks.y)] - scene_origin(made) - MARGIN_M
     reached = corner - 1 - 0.1 * np.arange(81)[:, None] * (np.cos(-1), np.sin(-1))  # at -1 m/s, heading -1 rad
     assert np.stack([motion.x[2], motion.y[2]], axis=1) == pytest.approx(reached, abs=0.1)
     assert acted.valid[:3].tolist() == [[True] * 81, [True] * 81, [False] * 20 + [True] * 61]

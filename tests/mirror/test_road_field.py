@@ -41,6 +41,25 @@ def test_zero_on_the_road_and_one_far_off():
     assert lookup(field_of(), [0.0, 0.0], [-9.0, 15.0]) == pytest.approx(1, abs=1e-3)
 
 
+def short_road():
+    return RoadMap(ROAD.lanes, (), shapely.box(-60.0, -2.0, 60.0, 6.0))
+
+
+def test_scenes_share_the_field_of_a_road_that_takes_no_more_room_as_a_whole():
+    road = short_road()
+    here, there = field_of(road), field_of(road, low=(-30.0, -8.0), origin=(30.0, -7.0))
+    assert here.cells is there.cells
+    assert here.cells is not field_of(short_road()).cells
+    assert field_of().cells is not field_of().cells  # too long
+
+
+def test_the_field_of_all_of_a_road_is_that_of_a_part():
+    part, whole = field_of(), field_of(short_road())
+    assert part.shape.tolist() != whole.shape.tolist()
+    x, y = np.random.default_rng(0).uniform((-39, -9), (39, 19), (200, 2)).T
+    assert lookup(part, x, y) == pytest.approx(lookup(whole, x, y), abs=1e-4)
+
+
 def test_the_gradient_points_off_the_road():
     slope = jax.grad(lambda y: field_of()(jnp.float32(3.0), y))
     assert slope(jnp.float32(-2.0)) < -0.3
