@@ -149,9 +149,11 @@ def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near:
         if begin_m + min(lengths) > end_m:
             continue
         place = line.points[int(begin_m / SPACING_M)]
+        some = [length_m for length_m in lengths if begin_m + length_m <= end_m]
         beside = [one for one in _beside(road, way, place, end_m) if _may_meet(near, drawn, one, place)]
-        for length_m, one in itertools.product(lengths, beside):
-            changed = _changed(line, one.middle, begin_m, length_m) if begin_m + length_m <= end_m else None
+        moving = [_Moving.over(line, one.middle, begin_m, max(some)) for one in beside]
+        for length_m, (one, move) in itertools.product(some, zip(beside, moving, strict=True)):
+            changed = _changed(line, one.middle, begin_m, length_m, move)
             if changed is not None:
                 before = tuple(stop for stop in line.stop_lines if stop.at_m <= begin_m + length_m)
                 yield replace(changed, stop_lines=(*before, *_stop_lines(scenario, one.lanes, changed)))
@@ -183,25 +185,49 @@ def _beside(road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], end_m: floa
     ]
 
 
-def _changed(line: DriveLine, target: shapely.LineString, begin_m: float, length_m: float) -> DriveLine | None:
+class _Moving(NamedTuple):
+    """A line from where a change of lane begins, and the neighbour beside it."""
+
+    along: Float[np.ndarray, " point"]  # [m] since the line begins
+    own: Float[np.ndarray, "point 2"]  # [m]
+    at: Float[np.ndarray, " point"]  # [m] along the neighbour
+    beside: Float[np.ndarray, "point 2"]  # [m]
+    apart: Float[np.ndarray, " point"]  # [m]
+
+    @classmethod
+    def over(cls, line: DriveLine, target: shapely.LineString, begin_m: float, length_m: float) -> "_Moving":
+        """Over so many metres."""
+        along = np.arange(len(line.points)) * SPACING_M
+        change = (along >= begin_m) & (along <= begin_m + length_m)
+        own = line.points[change]
+        places = shapely.points(own)
+        at = np.asarray(shapely.line_locate_point(target, places))
+        beside = shapely.get_coordinates(shapely.line_interpolate_point(target, at))
+        return cls(along[change], own, at, beside, np.asarray(shapely.distance(target, places)))
+
+    def until(self, end_m: float) -> "_Moving":
+        """The part of it that ends so far along the line."""
+        count = int(np.searchsorted(self.along, end_m, side="right"))
+        return _Moving(*(values[:count] for values in self))
+
+
+def _changed(
+    line: DriveLine, target: shapely.LineString, begin_m: float, length_m: float, moving: _Moving
+) -> DriveLine | None:
     """The line that moves over to the `target`, the middle of a neighbour and of the lanes after it, and stays there.
 
     None where the two part before the change is over: a way through a junction has its neighbours only as long as they
     turn the same way.
     """
-    along = np.arange(len(line.points)) * SPACING_M
-    change = (along >= begin_m) & (along <= begin_m + length_m)
-    own = line.points[change]
-    at = np.asarray(shapely.line_locate_point(target, shapely.points(own)))
-    beside = shapely.get_coordinates(shapely.line_interpolate_point(target, at))
-    apart = np.asarray(shapely.distance(target, shapely.points(own)))
+    along, own, at, beside, apart = moving.until(begin_m + length_m)
     if apart.max() > apart[0] + _PARTED_M:
         return None
-    done = (along[change] - begin_m) / length_m
+    done = (along - begin_m) / length_m
     done = done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi)
     rest = shapely.get_coordinates(substring(target, at[-1] + SPACING_M, target.length))
-    points = np.vstack([line.points[along < begin_m], own + done[:, None] * (beside - own), rest])
-    shows_m = float(along[change][np.argmax(done * apart > CAREFUL.wandering_m)])
+    before = line.points[: round(along[0] / SPACING_M)]
+    points = np.vstack([before, own + done[:, None] * (beside - own), rest])
+    shows_m = float(along[np.argmax(done * apart > CAREFUL.wandering_m)])
     return replace(line_through(points, line.limit), shows_m=shows_m)
 
 

@@ -81,13 +81,12 @@ def profiles(
     lines: Sequence[DriveLine], speed: float, fastest_logged: float, limits: DrivingLimits, paces: Paces
 ) -> Profiles:
     """Those that one with that speed [m/s] has on the lines; at most 1.2 times the limit, or as fast as in its log."""
-    rows = [
-        (index, *change)
-        for index, line in enumerate(lines)
-        for change in _changes(speed, fastest_wanted(line.limit, fastest_logged), limits, paces)
-    ]
-    line, accel, wanted, begins_s = np.array(rows).T
-    return Profiles(line.astype(int), accel, wanted, begins_s)
+    changes: dict[float, np.ndarray] = {}  # most lines have one limit
+    for most in (fastest := [fastest_wanted(line.limit, fastest_logged) for line in lines]):
+        if most not in changes:
+            changes[most] = np.array([*_changes(speed, most, limits, paces)])
+    mine = [changes[most] for most in fastest]
+    return Profiles(np.repeat(np.arange(len(lines)), [len(one) for one in mine]), *np.concatenate(mine).T)
 
 
 def _changes(speed: float, most: float, limits: DrivingLimits, paces: Paces) -> Iterator[tuple[float, float, float]]:
