@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # Importing and tracing make hundreds of thousands of objects that stay. With Python's own threshold (700) half a second
 # of a command would be looking through them again and again.
-_COLLECTED_AFTER = 10_000
+_COLLECTED_AFTER = 50_000
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -61,10 +61,10 @@ class Obstacles:
         for mine, all_ in ((manoeuvres.x[:, : near.shape[1]], self._x), (manoeuvres.y[:, : near.shape[1]], self._y)):
             theirs = all_[:, manoeuvres.onset :]
             near &= (mine.min(axis=0) - reach <= theirs) & (theirs <= mine.max(axis=0) + reach)
-        for agent in self._agents:
+        comes_near = near.any(axis=1)
+        for agent in (agent for agent in self._agents if comes_near[agent]):
             steps = np.flatnonzero(near[agent])
-            if len(steps):
-                manoeuvres = manoeuvres.take(~self._touched(manoeuvres, agent, steps, float(reach[agent, 0])))
+            manoeuvres = manoeuvres.take(~self._touched(manoeuvres, agent, steps, float(reach[agent, 0])))
         return manoeuvres
 
     def _touched(
