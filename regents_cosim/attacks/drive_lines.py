@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
-from shapely.ops import substring
 
+from regents_cosim.geometry.lines import stretch
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.planners.reference.parameters import CAREFUL
 from regents_cosim.routes.ego_route import evenly, lanes_ahead, logged_path
@@ -132,8 +132,8 @@ def _logged(scenario: Scenario, agent: int, taken: Way | None, reach_m: float) -
     if taken is None:
         return line_through(prolonged(path, reach_m), np.inf)
     onward = shapely.LineString(taken.points)
-    rest = substring(onward, onward.project(shapely.Point(path[-1])) + _JOIN_M, onward.length)
-    path = np.vstack([path, shapely.get_coordinates(rest)]) if rest.length > 0.0 else path
+    joins_m = onward.project(shapely.Point(path[-1])) + _JOIN_M
+    path = np.vstack([path, stretch(taken.points, joins_m)]) if joins_m < onward.length else path
     line = line_through(prolonged(path, reach_m), _limit(taken))
     return replace(line, stop_lines=_stop_lines(scenario, taken.lanes, line))
 
@@ -148,9 +148,9 @@ def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near:
     for begin_m in _begins(road, drawn, way, speed):
         if begin_m + min(lengths) > end_m:
             continue
-        place = line.points[int(begin_m / SPACING_M)]
+        onward = line.points[int(begin_m / SPACING_M) :]
         some = [length_m for length_m in lengths if begin_m + length_m <= end_m]
-        beside = [one for one in _beside(road, way, place, end_m) if _may_meet(near, drawn, one, place)]
+        beside = [one for one in _beside(road, way, onward[0], end_m) if _may_meet(near, onward, one)]
         moving = [_Moving.over(line, one.middle, begin_m, max(some)) for one in beside]
         for length_m, (one, move) in itertools.product(some, zip(beside, moving, strict=True)):
             changed = _changed(line, one.middle, begin_m, length_m, move)
@@ -159,10 +159,15 @@ def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near:
                 yield replace(changed, stop_lines=(*before, *_stop_lines(scenario, one.lanes, changed)))
 
 
-def _may_meet(near: Near, line: shapely.LineString, beside: _Beside, begin: Float[np.ndarray, " 2"]) -> bool:
-    """Whether a change from a line to a neighbour may come near: it stays between the two, or on one of them."""
-    between_m = 0.5 * (shapely.distance(beside.middle, shapely.Point(begin)) + _PARTED_M)
-    return near.is_met_by(line, between_m) or near.is_met_by(beside.middle, between_m)
+def _may_meet(near: Near, onward: Float[np.ndarray, "point 2"], beside: _Beside) -> bool:
+    """Whether a change that begins where a line [m] goes `onward` may come near: it stays between it and the neighbour.
+
+    What comes near before that place does so without the change.
+    """
+    begin = shapely.Point(onward[0])
+    between_m = 0.5 * (shapely.distance(beside.middle, begin) + _PARTED_M)
+    after = stretch(shapely.get_coordinates(beside.middle), beside.middle.project(begin))
+    return any(near.is_met_by(shapely.LineString(points), between_m) for points in (onward, after))
 
 
 def _begins(road: RoadMap, drawn: shapely.LineString, way: Way, speed: float) -> list[float]:
@@ -224,7 +229,7 @@ def _changed(
         return None
     done = (along - begin_m) / length_m
     done = done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi)
-    rest = shapely.get_coordinates(substring(target, at[-1] + SPACING_M, target.length))
+    rest = stretch(shapely.get_coordinates(target), at[-1] + SPACING_M)
     before = line.points[: round(along[0] / SPACING_M)]
     points = np.vstack([before, own + done[:, None] * (beside - own), rest])
     shows_m = float(along[np.argmax(done * apart > CAREFUL.wandering_m)])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.attacks.drive_lines import DriveLine, Near, lines_ahead
+from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, Near, lines_ahead
 from regents_cosim.attacks.meeting import MeetingPair
 from regents_cosim.attacks.reachable import Reachable
 from regents_cosim.attacks.walked_lines import walked_lines
@@ -45,7 +45,12 @@ def marked_lines(
     most = MOST_SPEED_M_S.get(scenario.agents[agent].kind, np.inf) / OVER_LIMIT
     lines = lines_ahead(scenario, agent, near) if near else ()
     slow = (replace(line, limit=min(line.limit, most)) for line in lines)
-    return _marked(MarkedLine(line, reachable.touched(line, pair, earliest_s)) for line in slow)
+    return _marked(MarkedLine(line, _shown(line, reachable.touched(line, pair, earliest_s))) for line in slow)
+
+
+def _shown(line: DriveLine, touched: Bool[np.ndarray, "point time"]) -> Bool[np.ndarray, "point time"]:
+    """What is touched from where a change of lane shows on: before, drives meet the ego without that change as well."""
+    return touched & (np.arange(len(touched)) >= line.shows_m / SPACING_M)[:, None]
 
 
 def marked_walked_lines(scenario: Scenario, agent: int, pair: MeetingPair, lawful: bool) -> list[MarkedLine]:

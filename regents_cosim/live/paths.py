@@ -8,10 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from jaxtyping import Float
-from shapely.ops import substring
 
+from regents_cosim.geometry.lines import stretch
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import evenly
 
@@ -120,7 +119,7 @@ def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.n
     points, limits, length = [np.zeros((0, 2))], [np.zeros(0)], 0.0
     since = along_m
     for lane in lanes:
-        points.append(_from(lane, since) if since > 0.0 else lane.centre)
+        points.append(stretch(lane.centre, since) if since > 0.0 else lane.centre)
         here = max(lane.length - since, 0.0)
         whole = int(length + here) - int(length)
         limits.append(np.full(whole, lane.speed_limit))
@@ -132,12 +131,6 @@ def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.n
     apart = np.hypot(*np.diff(joined, axis=0, prepend=joined[:1] - 1.0).T) > 1e-3
     limit = np.concatenate(limits)
     return joined[apart], limit if len(limit) else np.full(1, lanes[0].speed_limit if lanes else np.inf), length
-
-
-def _from(lane: Lane, since_m: float) -> Float[np.ndarray, "point 2"]:
-    """The middle of a lane from so far along on."""
-    line = shapely.LineString(lane.centre)
-    return shapely.get_coordinates(substring(line, min(since_m, line.length), line.length))
 
 
 def _straight_on(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:

@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.ops import substring
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import heading_near
+from regents_cosim.geometry.lines import heading_near, stretch
 from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.maps.levels import drivable_at
 from regents_cosim.maps.roadmap import Lane, RoadMap
@@ -316,8 +316,7 @@ def _way(road: RoadMap, start: _Start, names: tuple[str, ...], reach_m: float, l
             since = _abreast(road, lane.id, after.id, since) + max(_CHANGE_S * start.speed, _LEAST_CHANGE_M)
             changes += 1
             continue
-        piece = substring(line, min(since, line.length), min(since + left, line.length))
-        points.append(shapely.get_coordinates(piece))
+        points.append(stretch(shapely.get_coordinates(line), since, since + left))
         left -= max(line.length - since, 0.0)
         since = max(since - line.length, 0.0)
     path = np.concatenate(points)

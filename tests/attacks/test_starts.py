@@ -12,7 +12,10 @@ from scenes import crash, platoon, scene
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.actions import to_controls
+from regents_cosim.attacks.drive_lines import SPACING_M
 from regents_cosim.attacks.job import SearchJob
+from regents_cosim.attacks.marked_lines import marked_lines
+from regents_cosim.attacks.meeting import MeetingPair
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import followed, starts
 from regents_cosim.geometry.boxes import Boxes, overlap
@@ -133,6 +136,19 @@ def test_a_start_can_be_followed(found):
             upto = there & (np.arange(made.tracks.steps) <= start.meets)
             off = np.hypot(motion.x[agent] + origin[0] - start.x, motion.y[agent] + origin[1] - start.y)
             assert off[upto].max() < 0.3
+
+
+def test_a_change_of_lane_counts_from_where_it_shows():
+    """Before, the candidate meets the ego without it as well."""
+    made, ego, changes = shipped_window("signals"), ego_of(shipped_window("signals")), 0
+    for agent in nearest(made):
+        pair = MeetingPair.of(made, agent, ego)
+        begun = float(made.tracks.speed[agent, pair.first]), 0.0
+        for line, touched in marked_lines(made, agent, pair, begun, CAR, earliest_s=1.5):
+            assert touched.any()
+            assert not touched[: int(line.shows_m / SPACING_M)].any()
+            changes += line.shows_m > 0.0
+    assert changes
 
 
 def test_starts_differ_and_the_most_promising_is_first(found):

@@ -5,9 +5,10 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
+from shapely.ops import substring
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import heading_near
+from regents_cosim.geometry.lines import heading_near, stretch
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(0.01, 100.0), st.floats(-50.0, 150.0), st.floats(-20.0, 20.0))
@@ -24,3 +25,20 @@ def test_in_a_curve_it_is_the_heading_where_the_line_is_nearest():
     for bearing in np.deg2rad([10.0, 45.0, 80.0]):
         found = heading_near(ring, shapely.Point(35.0 * np.cos(bearing), 35.0 * np.sin(bearing)))
         assert wrap(found - (bearing + np.pi / 2)) == pytest.approx(0.0, abs=0.01)
+
+
+places = st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0))
+
+
+@given(st.lists(places, min_size=2, max_size=8, unique=True), st.floats(0.0, 0.99), st.floats(0.01, 1.5))
+def test_a_stretch_is_that_part_of_the_line(points, begin, longer):
+    line = shapely.LineString(points)
+    begin_m, end_m = begin * line.length, (begin + longer) * line.length
+    found, expected = stretch(np.array(points), begin_m, end_m), substring(line, begin_m, end_m)
+    assert found[[0, -1]] == pytest.approx(shapely.get_coordinates(expected)[[0, -1]], abs=1e-6)
+    assert shapely.LineString(found).length == pytest.approx(expected.length, abs=1e-6)
+    assert shapely.hausdorff_distance(shapely.LineString(found), expected) < 1e-6
+
+
+def test_beyond_its_end_a_line_has_that_end_alone():
+    assert stretch(np.array([[0.0, 0.0], [3.0, 4.0]]), 7.0).tolist() == [[3.0, 4.0], [3.0, 4.0]]
