@@ -200,7 +200,7 @@ def _failure(name: str, case: str, ended: SearchEnd) -> DriveError | None:
     if isinstance(ended.found, DriveError):
         return ended.found
     try:
-        require_finite(jax.tree.map(lambda values: values[0], ended.found.controls), name, case)
+        require_finite(jax.tree.map(lambda values: np.asarray(values)[0], ended.found.controls), name, case)
     except DriveError as failure:
         return failure
     return None

@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.limits import OVER_LIMIT
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.road_field import MARGIN_M, ROOM, RoadField, blur_areas
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
@@ -64,12 +65,15 @@ def _area(scenario: Scenario, agent: int) -> BaseGeometry | None:
 
 def under_the_law(world: World, scenario: Scenario, agent: int, road: LawfulRoad | None) -> World:
     """The same world with a top speed for `agent` alone, and with a `road` of its own; that of all if it has none."""
-    limited = world.top_speed.at[agent].min(_top_speed(scenario, agent))
-    world = replace(world, top_speed=limited)
+    limited = np.array(world.top_speed)
+    limited[agent] = min(limited[agent], _top_speed(scenario, agent))
+    world = replace(world, top_speed=on_device(limited, np.float32))
     if road is None:
         return replace(world, own_road=world.road)  # for the same program as with another one
-    on_road = world.on_road.at[:, agent].set(_began_on(scenario, agent, road.area))
-    return replace(world, own_road=road.field.seen_from(scene_origin(scenario) - road.origin), on_road=on_road)
+    on_road = np.array(world.on_road)
+    on_road[:, agent] = _began_on(scenario, agent, road.area)
+    field = road.field.seen_from(scene_origin(scenario) - road.origin)
+    return replace(world, own_road=field, on_road=on_device(on_road, np.bool_))
 
 
 def _top_speed(scenario: Scenario, agent: int) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
-import jax.numpy as jnp
+import numpy as np
 
 from regents_cosim.attacks.attacked_cases import attacked_case, cases_of, failed_case, outcome_of
 from regents_cosim.attacks.attempts import RunSearches, Searchers, attempt
@@ -20,6 +20,7 @@ from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.judge import is_telling
@@ -100,7 +101,7 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
     if not looked and outcome_of(found) != "collision":
         return ended
     taken, spoilt = (
-        replace(ended, found=eqx.tree_at(lambda one: one.accepted, found, jnp.asarray(accepted)))
+        replace(ended, found=eqx.tree_at(lambda one: one.accepted, found, on_device(accepted, np.bool_)))
         for accepted in (True, False)
     )
     case = attacked_case(setup, scenario, job, taken)

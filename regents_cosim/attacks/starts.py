@@ -14,9 +14,8 @@ from functools import partial
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.drive_lines import SPACING_M, AlongLines, DriveLine
@@ -65,13 +64,13 @@ def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: i
         return []
     padded = [*found, *[found[-1]] * (most - len(found))]  # one compiled program for any number
     origin = scene_origin(scenario)
-    begun = float(job.searched.rows(job.world.start.yaw)[0])
+    begun = float(np.asarray(job.world.start.yaw)[int(job.searched.first)])
     x, y, yaw, speed = (np.stack([getattr(s, name) for s in padded]) for name in ("x", "y", "yaw", "speed"))
     yaw = yaw + 2.0 * np.pi * np.round((begun - yaw[:, :1]) / (2.0 * np.pi))
     wanted = Motion(*(on_device(v, np.float32) for v in (x - origin[0], y - origin[1], yaw, speed)))
     world = replace(job.world.without_road(), bounds=job.world.bounds)
-    actions = to_actions(_allowed(world, job.searched, _fitted(job, wanted)))
-    return [jax.tree.map(lambda values, k=k: values[k], actions) for k in range(len(found))]
+    actions = jax.tree.map(np.asarray, to_actions(_allowed(world, job.searched, _fitted(job, wanted))))
+    return [jax.tree.map(lambda values, k=k: on_device(values[k], np.float32), actions) for k in range(len(found))]
 
 
 def _fitted(job: SearchJob, wanted: Motion) -> Controls:
@@ -79,13 +78,15 @@ def _fitted(job: SearchJob, wanted: Motion) -> Controls:
 
     Walks are made of such controls (`walking`).
     """
-    start, moving, mobility = jax.tree.map(
-        lambda values: jnp.repeat(values, len(wanted.x), axis=0),
-        job.searched.rows((job.world.start, job.world.moving, job.world.mobility)),
-    )
+
+    def repeated(of_agents: Array) -> Array:
+        mine = np.asarray(of_agents)[int(job.searched.first)]
+        return on_device(np.repeat(mine[None], len(wanted.x), axis=0), mine.dtype.type)
+
+    start, moving, mobility = jax.tree.map(repeated, (job.world.start, job.world.moving, job.world.mobility))
     if mobility.dynamics == "bicycle" and mobility.walks is not None and bool(mobility.walks[0]):
         return clip(mobility.controls_between(wanted, job.world.dt))
-    there = jnp.ones(wanted.x.shape, bool)
+    there = on_device(np.ones(wanted.x.shape), np.bool_)
     return fit_controls(wanted, there, start, moving, job.world.dt, mobility, OF_SMOOTH_TRACKS)
 
 

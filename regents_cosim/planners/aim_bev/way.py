@@ -15,7 +15,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int, UInt8
 
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.ground import AMBER, DARK, GREEN, RED
+from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses, to_stop_lines
 from regents_cosim.routes.ego_route import StopLine, plan_route
@@ -42,12 +44,12 @@ class OwnWay(eqx.Module):
         lines = plan_route(scenario).stop_lines[:_BARS]
         along = np.full(_BARS, -1.0)
         along[: len(lines)] = [line.distance_m for line in lines]
-        x, y, cos, sin = route_poses(route, jnp.asarray(along - _HALF_THICK_M, jnp.float32))
-        halves = (jnp.full(_BARS, half, jnp.float32) for half in (_HALF_THICK_M, _HALF_WIDE_M))
+        x, y, cos, sin = _poses(route, on_device(along - _HALF_THICK_M, np.float32))
+        halves = (on_device(np.full(_BARS, half), np.float32) for half in (_HALF_THICK_M, _HALF_WIDE_M))
         lights = np.full((scenario.tracks.steps, _BARS), DARK, np.uint8)
         for index, line in enumerate(lines):
             lights[:, index] = _shown(line)
-        return cls(route, Box(x, y, cos, sin, *halves), jnp.asarray(lights))
+        return cls(route, Box(x, y, cos, sin, *halves), on_device(lights, np.uint8))
 
     def target(self, ego: Motion) -> Float[Array, " 2"]:
         """The point of the route ahead of the ego [m]."""
@@ -60,6 +62,11 @@ class OwnWay(eqx.Module):
         gap = to_stop_lines(self.route, ego.x, ego.y)
         near = jnp.clip(1.0 - gap / _LIGHT_M, 0.0, 1.0)
         return jnp.where(self.route.closed[now] & (gap > -OVER_M), near, 0.0).max()
+
+
+@compiled
+def _poses(route: IdmMemory, along: Float[Array, " bar"]) -> tuple[Array, Array, Array, Array]:
+    return route_poses(route, along)
 
 
 def _shown(line: StopLine) -> UInt8[np.ndarray, " time"]:
