@@ -23,6 +23,7 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.checks.xml_count import ElementCount
 from regents_cosim.errors import InputError, ScenarioError, SumoError, require
+from regents_cosim.geometry.areas import closed
 from regents_cosim.maps.net_elements import require_network_alone
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.sources.xml_input import explained_xml, open_xml
@@ -200,7 +201,7 @@ def _drivable(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> BaseG
     half_widths = [0.5 * lane.getWidth() for lane in on_wheels]
     strips = shapely.buffer(centre_lines, half_widths, cap_style="flat")
     area = shapely.union_all([*strips, *_junctions(net, lanes)])
-    return area.buffer(_CLOSE_M, join_style="mitre").buffer(-_CLOSE_M, join_style="mitre")
+    return closed(area, _CLOSE_M)
 
 
 def _bicycle_lanes(lanes: list[sumolib.net.lane.Lane]) -> Iterator[sumolib.net.lane.Lane]:

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import substring
 
+from regents_cosim.geometry.areas import closed
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import heading_near, stretch
 from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
@@ -209,7 +210,7 @@ def lawful_area(scenario: Scenario, agent: int) -> BaseGeometry | None:
     lawful = shapely.union_all(own)
     oncoming = shapely.union_all(_oncoming_strips(scenario.road, parts, lawful))
     area = shapely.union_all([shapely.difference(shapely.union_all(wide), oncoming), lawful, _swept(scenario, agent)])
-    area = area.buffer(_SEAM_M, join_style="mitre").buffer(-_SEAM_M, join_style="mitre")
+    area = closed(area, _SEAM_M)
     road = shapely.clip_by_rect(drivable_at(scenario.road, start.z), *area.bounds)
     return shapely.intersection(area, road)
 

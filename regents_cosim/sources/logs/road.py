@@ -15,6 +15,7 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.errors import LogError
+from regents_cosim.geometry.areas import closed
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.edges import area_inside
@@ -51,7 +52,7 @@ def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
         area = area_inside(road.edges, road.lanes)
     elif road.areas:
         joined = shapely.union_all([area for area in road.areas if area.is_valid])
-        area = joined.buffer(_CLOSE_M, join_style="mitre").buffer(-_CLOSE_M, join_style="mitre")
+        area = closed(joined, _CLOSE_M)
     else:
         return _swept(tracks)
     return _polygons_of(shapely.union_all([area, *_beyond(road, area)]))
