@@ -9,7 +9,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.envs.common.finite_mdp import compute_ttc_grid
+from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.controller import ControlledVehicle
 
 from regents_cosim.errors import PlannerError
 from regents_cosim.system.user_code import import_named
@@ -35,6 +37,15 @@ class HighwayAgent(Protocol):
 _NOTHING: dict[str, Any] = {"type": "AttributesObservation", "attributes": []}
 
 
+# Of IDM vehicles, as they are at first: highway-env's intersections change them for all vehicles of the process, also of the
+# environments that come after it.
+IDM_PARAMETERS = {
+    "DISTANCE_WANTED": 5.0 + ControlledVehicle.LENGTH,  # [m]
+    "COMFORT_ACC_MAX": 3.0,  # [m/s^2]
+    "COMFORT_ACC_MIN": -5.0,  # [m/s^2]
+}
+
+
 class IDMAgent:
     """highway-env's own driver model, IDM with MOBIL lane changes, in place of the controlled vehicle."""
 
@@ -58,6 +69,8 @@ class IDMAgent:
         ):  # the last two for two-way's reward
             if hasattr(old, name):
                 setattr(new, name, getattr(old, name))
+        if not isinstance(env.unwrapped, IntersectionEnv):
+            vars(new).update(IDM_PARAMETERS)
         road.vehicles[road.vehicles.index(old)] = new
         env.controlled_vehicles[env.controlled_vehicles.index(old)] = new
         env.observation_type.observer_vehicle = new

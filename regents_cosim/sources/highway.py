@@ -22,7 +22,7 @@ from highway_env.vehicle.objects import Landmark, RoadObject
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import HighwayPose, from_highway
 from regents_cosim.scenario import Scenario
-from regents_cosim.simulators.highway_agents import HighwayAgent, find_agent
+from regents_cosim.simulators.highway_agents import IDM_PARAMETERS, HighwayAgent, find_agent
 from regents_cosim.sources.highway_net import to_road_map
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
@@ -32,11 +32,6 @@ from regents_cosim.system.workers import result_of, run_isolated, submit
 STEP_S = 0.1
 _LATEST_BEGIN_S = 4.0  # of a window in its episode
 _TRUCK_M = 7.0  # vehicles from this length on
-
-# intersection changes these for every vehicle of the process, also of the environments that come after it
-_IDM_PARAMETERS = {
-    name: getattr(IDMVehicle, name) for name in ("DISTANCE_WANTED", "COMFORT_ACC_MAX", "COMFORT_ACC_MIN")
-}
 
 
 def environments() -> list[str]:
@@ -80,7 +75,7 @@ class HighwayRecordingJob:
 
 def record_episodes(job: HighwayRecordingJob) -> list[Scenario]:
     """Run episodes until they hold enough windows. Call it in a worker process."""
-    for name, value in _IDM_PARAMETERS.items():
+    for name, value in IDM_PARAMETERS.items():
         setattr(IDMVehicle, name, value)
     env = _make(job)
     agent = find_agent(job.policy)

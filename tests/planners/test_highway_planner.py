@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
 from bridged_drives import bridged_drive
+from highway_env.vehicle.behavior import IDMVehicle
 from scenes import platoon
 from shipped_cases import shipped_window
 
@@ -14,6 +16,7 @@ from regents_cosim.errors import PlannerError
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.highway.replay import drive_in_highway
+from regents_cosim.simulators.highway_agents import IDM_PARAMETERS
 
 SLOW_POLICY = """
 class Zigzag:
@@ -49,6 +52,16 @@ def test_it_drives_as_in_highway_env(process):
         assert np.hypot(x - native.x[0], y - native.y[0]).max() < 1e-6
         assert speed == pytest.approx(native.speed[0], abs=1e-6)
         assert np.hypot(x[-1] - x[0], y[-1] - y[0]) > 20.0
+
+
+def test_what_intersection_changes_for_all_vehicles_does_not_reach_a_replay(monkeypatch):
+    case = shipped_window("multilane")
+    for name, value in IDM_PARAMETERS.items():
+        monkeypatch.setattr(IDMVehicle, name, value)  # as they are at first, now and after this test
+    first = drive_in_highway(case, "idm").tracks
+    gymnasium.make("intersection-v2", disable_env_checker=True).reset(seed=0)
+    assert {name: getattr(IDMVehicle, name) for name in IDM_PARAMETERS} != IDM_PARAMETERS, "as highway-env does"
+    np.testing.assert_array_equal(drive_in_highway(case, "idm").tracks.x, first.x)
 
 
 @pytest.mark.slow
