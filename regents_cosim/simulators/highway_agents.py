@@ -37,8 +37,8 @@ class HighwayAgent(Protocol):
 _NOTHING: dict[str, Any] = {"type": "AttributesObservation", "attributes": []}
 
 
-# Of IDM vehicles, as they are at first: highway-env's intersections change them for all vehicles of the process, also of the
-# environments that come after it.
+# Of IDM vehicles, as they are at first: highway-env's intersections change them for all vehicles of the process, also
+# of the environments that come after them.
 IDM_PARAMETERS = {
     "DISTANCE_WANTED": 5.0 + ControlledVehicle.LENGTH,  # [m]
     "COMFORT_ACC_MAX": 3.0,  # [m/s^2]
