@@ -146,10 +146,10 @@ def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near:
     road, end_m, drawn = scenario.road, (len(line.points) - 1) * SPACING_M, shapely.LineString(line.points)
     lengths = [max(lasting_s * speed, _SHORTEST_CHANGE_M) for lasting_s in _CHANGE_LASTS_S]
     for begin_m in _begins(road, drawn, way, speed):
-        if begin_m + min(lengths) > end_m:
+        some = [length_m for length_m in lengths if begin_m + length_m <= end_m]
+        if not some:
             continue
         onward = line.points[int(begin_m / SPACING_M) :]
-        some = [length_m for length_m in lengths if begin_m + length_m <= end_m]
         beside = [one for one in _beside(road, way, onward[0], end_m) if _may_meet(near, onward, one)]
         moving = [_Moving.over(line, one.middle, begin_m, max(some)) for one in beside]
         for length_m, (one, move) in itertools.product(some, zip(beside, moving, strict=True)):

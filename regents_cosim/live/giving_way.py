@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.live.car_following import stops_within
 from regents_cosim.live.paths import Crossing
 from regents_cosim.live.traffic import RoadUser, TrafficState
-from regents_cosim.verdicts.right_of_way import Priorities, priorities
+from regents_cosim.verdicts.right_of_way import Link, Priorities, priorities
 
 _CLEAR_S = 1.0  # later than that the others may come
 _SLOWS = 1.5  # [m/s^2] for a way that is slower
@@ -55,25 +55,27 @@ class GivingWay:
     def of(cls, traffic: TrafficState) -> "GivingWay":
         """Those of the traffic; none where the map does not tell the right of way. The ego's planner knows none."""
         table, limits = priorities(traffic.road) or Priorities({}, {}), traffic.road.lane
-        crossings = [
-            (index, user, one)
+        ways = [
+            (
+                table.links[one.lane],
+                one.gives_way and index > 0,
+                _Way.of(index, user, one, limits[one.lane].speed_limit),
+            )
             for index, user in enumerate(traffic.users)
             for one in user.path.crossings
             if one.lane in table.links
         ]
-        links = [table.links[one.lane] for _, _, one in crossings]
-        at_junction = defaultdict[str, list[int]](list)
-        for number, link in enumerate(links):
-            at_junction[link.junction].append(number)
-        pairs = list[tuple[int, int]]()
-        for mine, (link, (index, _, one)) in enumerate(zip(links, crossings, strict=True)):
-            let_pass = table.gives_way.get(link) if one.gives_way and index > 0 else None
-            if let_pass:
-                others = (other for other in at_junction[link.junction] if crossings[other][0] != index)
-                pairs += [(mine, other) for other in others if links[other].index in let_pass]
-        ways = [_Way.of(index, user, one, limits[one.lane].speed_limit) for index, user, one in crossings]
-        rows = np.array(ways).reshape(-1, len(_Way._fields))[np.array(pairs, int).reshape(-1, 2)]
-        users, *rest = rows.transpose(2, 1, 0)
+        at_junction = defaultdict[str, list[tuple[Link, _Way]]](list)
+        for link, _, way in ways:
+            at_junction[link.junction].append((link, way))
+        pairs = [
+            (mine, other)
+            for link, gives_way, mine in ways
+            if gives_way
+            for foe, other in at_junction[link.junction]
+            if mine.user != other.user and table.lets_pass(link, foe)
+        ]
+        users, *rest = np.array(pairs).reshape(-1, 2, len(_Way._fields)).transpose(2, 1, 0)
         return cls(users.astype(int), *rest)
 
     def waits_m(

@@ -62,9 +62,10 @@ class Obstacles:
             theirs = all_[:, manoeuvres.onset :]
             near &= (mine.min(axis=0) - reach <= theirs) & (theirs <= mine.max(axis=0) + reach)
         comes_near = near.any(axis=1)
-        for agent in (agent for agent in self._agents if comes_near[agent]):
-            steps = np.flatnonzero(near[agent])
-            manoeuvres = manoeuvres.take(~self._touched(manoeuvres, agent, steps, float(reach[agent, 0])))
+        for agent in self._agents:
+            if comes_near[agent]:
+                steps = np.flatnonzero(near[agent])
+                manoeuvres = manoeuvres.take(~self._touched(manoeuvres, agent, steps, float(reach[agent, 0])))
         return manoeuvres
 
     def _touched(
