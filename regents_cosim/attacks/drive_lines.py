@@ -31,6 +31,7 @@ _CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
 _PARTED_M = 1.0  # neighbours whose middles are so much further apart than where the change begins
 _JOIN_M = 6.0  # over which a logged path leads on into the middle of its lane
+_SAME_M = 1e-6
 SMOOTHED_M = 2.0  # no line is moved further where it is smoothed
 
 
@@ -53,6 +54,15 @@ class DriveLine:
     stop_lines: tuple[LightOnLine, ...] = ()
     lawful_m: float = np.inf  # further along who walks breaks the law
     kerbs_m: tuple[float, ...] = ()  # who walks steps onto the carriageway, with no light that lets it
+
+    def is_same(self, other: "DriveLine") -> bool:
+        """Whether drives along the two are the same ones."""
+        return (
+            self.points.shape == other.points.shape
+            and (self.limit, self.lawful_m, self.kerbs_m) == (other.limit, other.lawful_m, other.kerbs_m)
+            and len(self.stop_lines) == len(other.stop_lines)
+            and bool(np.abs(self.points - other.points).max() < _SAME_M)
+        )
 
     def at(self, way: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Places [m, m] and headings [rad] so many metres along."""

@@ -18,7 +18,7 @@ from regents_cosim.live.predict import Predictor
 from regents_cosim.live.traffic import Drive, Shows, TrafficState
 from regents_cosim.maps.levels import has_levels
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS
+from regents_cosim.mirror.actions import OF_PREDICTIONS
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lane_centres import lane_centres
@@ -100,7 +100,7 @@ class Moments:
             signals=tuple(Signal(name, self._changes(shows)) for name, shows in sorted(traffic.lights.items())),
         )
         road = None if scenario.heights.stacked else self._road(scenario)
-        return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, passes=OF_SMOOTH_TRACKS))
+        return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, passes=OF_PREDICTIONS))
 
     def foreseen(self, traffic: TrafficState, steps: int, known: Mapping[str, Drive]) -> Tracks:
         """The tracks of some traffic, as above: others mind the drives that are known, and these are kept exactly."""

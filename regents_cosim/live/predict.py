@@ -9,19 +9,18 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.live.car_following import CarFollowing, stops_within
 from regents_cosim.live.giving_way import FAR_M, GivingWay
+from regents_cosim.live.leaders import Leaders
 from regents_cosim.live.link_leaders import LinkLeaders
-from regents_cosim.live.paths import BEFORE_LINE_M, BEHIND_M, SPACING_M, Stop, path_of_drive
+from regents_cosim.live.paths import BEFORE_LINE_M, SPACING_M, Stop, path_of_drive
 from regents_cosim.live.traffic import RoadUser, TrafficState
 from regents_cosim.scenario import Tracks
 
-_CELL_M = 2.0  # of the grid that knows which point of a path is near
 _STEPS_AT_ONCE = 2  # of the tracks, for each step of the drivers
-_BESIDE_M = 0.1  # that a leader may be beside the body
 _HARDEST_BRAKE = 8.0  # [m/s^2]
 # A vehicle that is so fast and keeps its speed, although its model would speed up, is taken to keep it: one reason is
 # that in SUMO no vehicle may overtake on the right.
@@ -73,14 +72,9 @@ class _Driven(NamedTuple):
 class _Drivers:
     """All users as arrays."""
 
-    points: Float[np.ndarray, "user point 2"]  # [m] of the paths
-    ways: Float[np.ndarray, "user point 2"]  # unit vectors from each point to the next
+    leaders: Leaders
     wanted: Float[np.ndarray, "user point"]  # [m/s] there, slow enough for what comes
-    near: Int[np.ndarray, "user cell"]  # which point of a path is near a cell, -1 for none
-    corner: Float[np.ndarray, " 2"]
-    columns: int
     length: Float[np.ndarray, " user"]
-    width: Float[np.ndarray, " user"]
     speed: Float[np.ndarray, " user"]
     follows: CarFollowing
     stop: Float[np.ndarray, "user stop"]  # [m] ahead of the front at first, where it has to wait ...
@@ -98,22 +92,16 @@ class _Drivers:
         """Those of the traffic; of drives that are known so many `steps` are wanted."""
         users = [_on_its_drive(user) for user in traffic.users]
         most = max(len(user.path.points) for user in users)
-        points = np.stack([_prolonged(user.path.points, most) for user in users])
         limit = np.stack([np.pad(u.path.limit, (0, most - len(u.path.limit)), "edge") for u in users])
         follows = CarFollowing.of([user.following for user in users])
         factor, fastest = np.array([(u.following.speed_factor, u.following.max_speed_m_s) for u in users]).T[..., None]
         wanted = _in_time(np.maximum(np.minimum(limit * factor, fastest), 0.1), follows.eases)
-        near, corner, columns = _grid(points)
+        length, width = (np.array([getattr(user.agent, name) for user in users]) for name in ("length", "width"))
         stop, shut, seen = _stops([user.path.stops for user in users])
         return cls(
-            points=points,
-            ways=_ways(points),
+            leaders=Leaders.of([user.path.points for user in users], length, width),
             wanted=wanted,
-            near=near,
-            corner=corner,
-            columns=columns,
-            length=np.array([user.agent.length for user in users]),
-            width=np.array([user.agent.width for user in users]),
+            length=length,
             speed=traffic.values("speed"),
             follows=follows,
             stop=stop,
@@ -134,7 +122,7 @@ class _Drivers:
         """
         begun = self.begin()
         by_model = self.follows.accelerations(
-            self.speed, *self._leaders(begun.along, self.speed), self._wanted(begun.along), dt
+            self.speed, *self.leaders.ahead(begun.along, self.speed), self._wanted(begun.along), dt
         )
         keeps = (
             (self.speed > _FAST_M_S) & (np.abs(self.accel) < _KEEPS_M_S2) & (by_model > self.accel + _MODEL_MORE_M_S2)
@@ -150,7 +138,7 @@ class _Drivers:
     def advance(self, driven: _Driven, time_s: float, dt: float) -> _Driven:
         """The same a step later. Who can no longer stop where a line is shut drives on."""
         along, speed = driven.along, driven.speed
-        gap, lead = self._leaders(along, speed)
+        gap, lead = self.leaders.ahead(along, speed)
         left, brakes_m = self.stop - along[:, None], stops_within(speed, self.follows.decel)
         shuts = (self.shut[0] <= time_s) & (self.shut[0] > time_s - dt)
         passes = driven.passes | (shuts & (left + BEFORE_LINE_M < brakes_m[:, None]))
@@ -201,18 +189,17 @@ class _Drivers:
         return after._replace(along=np.where(told, there, after.along), speed=speed)
 
     def _wanted(self, along: Float[np.ndarray, " user"]) -> Float[np.ndarray, " user"]:
-        return np.minimum(self.wanted[np.arange(len(along)), self._index(along)], self.most)
+        return np.minimum(self.wanted[np.arange(len(along)), self.leaders.index(along)], self.most)
 
     def tracks(self, along: np.ndarray, speed: np.ndarray, traffic: TrafficState) -> Tracks:
         """The tracks of users that are so far along [user time], with those speeds."""
-        front, rear = self._at(along), self._at(along - self.length[:, None])
-        ahead = front - rear
-        yaw = np.arctan2(ahead[..., 1], ahead[..., 0])
-        centre = front - 0.5 * self.length[:, None, None] * np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+        front, rear = self.leaders.at(along), self.leaders.at(along - self.length[:, None])
+        yaw = np.angle(front - rear)
+        centre = front - 0.5 * self.length[:, None] * np.exp(1j * yaw)
         # From exactly where they are: a body is no chord of its path at first.
         lasting = np.clip(1.0 - along / (self.length[:, None] + 1.0), 0.0, 1.0)
-        x = centre[..., 0] + lasting * (traffic.values("x") - centre[:, 0, 0])[:, None]
-        y = centre[..., 1] + lasting * (traffic.values("y") - centre[:, 0, 1])[:, None]
+        x = centre.real + lasting * (traffic.values("x") - centre[:, 0].real)[:, None]
+        y = centre.imag + lasting * (traffic.values("y") - centre[:, 0].imag)[:, None]
         turned = np.asarray(wrap(traffic.values("yaw") - yaw[:, 0]))
         yaw = np.unwrap(yaw + lasting * turned[:, None], axis=1)
         valid = along <= self.ends[:, None]
@@ -220,44 +207,6 @@ class _Drivers:
         z = np.repeat(traffic.values("z")[:, None], along.shape[1], axis=1)
         x, y, yaw, speed, z = (np.where(valid, values, 0.0) for values in (x, y, yaw, speed, z))
         return Tracks(x, y, yaw, speed, valid, z=z)
-
-    def _leaders(self, along: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The gap to the nearest body on each path [m], and how fast that goes along it [m/s]."""
-        back = np.stack([np.zeros_like(along), 0.5 * self.length, self.length], axis=1)
-        body = self._at(along[:, None] - back)  # [other part 2]
-        cell = np.rint((body - self.corner) / _CELL_M).astype(int)
-        rows = self.near.shape[1] // self.columns
-        inside = ((cell >= 0) & (cell < (self.columns, rows))).all(axis=-1)
-        flat = np.where(inside, cell[..., 1] * self.columns + cell[..., 0], 0)
-        index = np.where(inside, self.near[:, flat], -1)  # [user other part]
-        near = user, other, part = np.nonzero(index >= 0)
-        known = index[near]
-        away, way = body[other, part] - self.points[user, known], self.ways[user, known]
-        gap = known * SPACING_M - BEHIND_M + (away * way).sum(axis=-1) - along[user]
-        across = away[:, 1] * way[:, 0] - away[:, 0] * way[:, 1]
-        beside = 0.5 * (self.width[user] + self.width[other]) + _BESIDE_M
-        ahead = (np.abs(across) < beside) & (gap > -0.5 * self.length[user]) & (user != other)
-        gaps = np.full(index.shape, FAR_M)
-        gaps[near] = np.where(ahead, gap, FAR_M)
-        mine = np.arange(len(along))
-        other, part = np.divmod(gaps.reshape(len(along), -1).argmin(axis=1), index.shape[2])
-        nearest = gaps[mine, other, part]
-        heading = body[:, 0] - body[:, 2]
-        heading /= np.maximum(np.hypot(*heading.T), 1e-6)[:, None]
-        way = self.ways[mine, np.maximum(index[mine, other, part], 0)]
-        lead = speed[other] * (heading[other] * way).sum(axis=-1)
-        return nearest, np.where(nearest < FAR_M, np.maximum(lead, 0.0), speed)
-
-    def _index(self, along: np.ndarray) -> Int[np.ndarray, " user"]:
-        return np.clip((along / SPACING_M + BEHIND_M).astype(int), 0, self.points.shape[1] - 1)
-
-    def _at(self, along: np.ndarray) -> Float[np.ndarray, "user *axes 2"]:
-        """Places on the paths, so far ahead of the fronts at first [m]."""
-        at = np.clip(along / SPACING_M + BEHIND_M, 0.0, self.points.shape[1] - 1.001)
-        index = at.astype(int)
-        part = (at - index)[..., None]
-        user = np.arange(len(along)).reshape(-1, *(1,) * (along.ndim - 1))
-        return self.points[user, index] * (1.0 - part) + self.points[user, index + 1] * part
 
 
 def _on_its_drive(user: RoadUser) -> RoadUser:
@@ -280,16 +229,6 @@ def _along_drive(user: RoadUser, steps: int) -> Float[np.ndarray, " time"]:
     return np.pad(along, (0, steps - len(along)), "edge")
 
 
-def _prolonged(points: Float[np.ndarray, "point 2"], most: int) -> Float[np.ndarray, "most 2"]:
-    ahead = points[-1] - points[-2]
-    return np.concatenate([points, points[-1] + np.arange(1, most - len(points) + 1)[:, None] * ahead])
-
-
-def _ways(points: Float[np.ndarray, "user point 2"]) -> Float[np.ndarray, "user point 2"]:
-    ahead = np.diff(points, axis=1, append=points[:, -1:])
-    return ahead / np.maximum(np.hypot(ahead[..., 0], ahead[..., 1]), 1e-6)[..., None]
-
-
 def _in_time(allowed: Float[np.ndarray, "user point"], decel: Float[np.ndarray, " user"]) -> np.ndarray:
     """Slow enough everywhere for what is allowed further on."""
     gained = 2.0 * decel[:, None] * SPACING_M * np.arange(allowed.shape[1])
@@ -309,16 +248,3 @@ def _stops(
     filled = [row + [(FAR_M, np.inf, np.inf, 0.0)] * (room - len(row)) for row in rows]
     at, since, until, seen = np.array(filled).reshape(len(rows), room, 4).transpose(2, 0, 1)
     return at, np.stack([since, until]), seen
-
-
-def _grid(points: Float[np.ndarray, "user point 2"]) -> tuple[Int[np.ndarray, "user cell"], np.ndarray, int]:
-    """For every user the cells around its path with a point of it, the grid's corner [m], and its columns."""
-    corner = points.min(axis=(0, 1)) - 2.0 * _CELL_M
-    columns, rows = np.ceil((points.max(axis=(0, 1)) - corner) / _CELL_M).astype(int) + 3
-    near = np.full((len(points), rows * columns), -1, np.int32)
-    cell = np.rint((points - corner) / _CELL_M).astype(int)
-    user, number = np.arange(len(points))[:, None], np.arange(points.shape[1])
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            near[user, (cell[..., 1] + down) * columns + cell[..., 0] + right] = number
-    return near, corner, int(columns)

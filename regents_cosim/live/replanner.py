@@ -27,6 +27,7 @@ class Replanner:
     def prepare(self, frame: Frame) -> None:
         """Do ahead, in a step without a plan, what the next one would have to wait for."""
         self._moments.prepare(self._host.road, float(frame.x[0]), float(frame.y[0]))
+        self._search.prepare()
 
     def fresh(self, frame: Frame, barred: Collection[str]) -> tuple[Plan, Forecast] | None:
         """A plan for a vehicle that is not barred, and what was predicted for it; None where none is found."""

@@ -12,7 +12,7 @@ import copy
 import itertools
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -54,6 +54,21 @@ _MOST_SAMPLED = 200  # roll-outs of one search that samples: those that find a c
 _ROAD_LASTS_S = 2.0  # that the adversary's road is kept: it reaches as far as it could come in the horizon
 
 
+class _Missed(NamedTuple):
+    """A drive that did not crash the ego as wanted, and whose and when it was."""
+
+    plan: Plan
+    moment: Moment
+    agent: int
+
+    @classmethod
+    def of(cls, moment: Moment, agent: int, start: Start) -> "_Missed":
+        """That of an agent."""
+        name, begun = moment.scenario.agents[agent].id, moment.traffic.time_s
+        drive = start.x, start.y, start.yaw, start.speed
+        return cls(Plan(name, begun, *drive, meets_s=begun + start.meets * DT_S), moment, agent)
+
+
 class Search:
     """Searches against one planner. A context manager: a planner outside JAX has a process."""
 
@@ -66,7 +81,7 @@ class Search:
         self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
         self._warm = False  # all programs are compiled
         self._asked: dict[str, float] = {}  # when a candidate was looked at last
-        self._missed: Plan | None = None  # a drive that did not crash as wanted: the next look descends from it
+        self._missed: _Missed | None = None  # the next look descends from it
         self._road: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # of which adversary, and since when
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Search":
@@ -89,6 +104,11 @@ class Search:
         """Another run begins: nothing is known of its vehicles."""
         self._asked, self._missed, self._road = {}, None, ("", -np.inf, None)
 
+    def prepare(self) -> None:
+        """Do ahead what the next look would have to wait for: where the vehicle may drive that it will descend with."""
+        if self._missed is not None and self.config.law == "strict":
+            self._road_of(self._missed.moment, self._missed.agent)
+
     def fresh(self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
@@ -105,9 +125,10 @@ class Search:
             asks_all = not self._asked  # nothing is known yet of who is around this ego
             most = 1 if not self.config.starts else _LOOKED_AT if asks_all else _MOST_ASKED
             missed, self._missed = self._missed, None
-            again = None if missed is None or missed.adversary in barred else moment.traffic.index(missed.adversary)
+            name = None if missed is None or missed.plan.adversary in barred else missed.plan.adversary
+            again = None if name is None else moment.traffic.index(name)
             if missed is not None and again is not None:
-                return self._descended(loop, again, missed)
+                return self._descended(loop, again, missed.plan)
             missing = list[tuple[int, Start]]()
             for agent in itertools.islice(self._candidates(loop, ego, barred), most):
                 found = self._starts(loop, agent, ego, speed_only)
@@ -213,7 +234,7 @@ class Search:
         its lane, as samples steer.
         """
         if speed_only or not loop.samples:
-            self._missed = _driven(loop.moment, *missing[0]) if missing else None
+            self._missed = _Missed.of(loop.moment, *missing[0]) if missing else None
             return None
         plans = (self._sampled(loop, agent, start) for agent, start in missing)
         return next((plan for plan in plans if plan is not None), None)
@@ -287,14 +308,6 @@ def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan |
         np.maximum(np.asarray(found.motion.speed[agent], float), 0.0), begun + contact[1] * DT_S,
         int(found.iterations), rollouts + int(found.iterations),
         Forecast(begun, DT_S, tuple(one.id for one in scenario.agents), tracks),
-    )  # fmt: skip
-
-
-def _driven(moment: Moment, agent: int, start: Start) -> Plan:
-    """A drive as a plan of an agent."""
-    begun = moment.traffic.time_s
-    return Plan(
-        moment.scenario.agents[agent].id, begun, start.x, start.y, start.yaw, start.speed, begun + start.meets * DT_S
     )  # fmt: skip
 
 

@@ -36,9 +36,10 @@ _ACCEL_CHANGE = 2.0  # [m/s^2]
 _CURVATURE_CHANGE = 0.02  # [1/m]
 
 
-# How many passes the fit makes: of smooth tracks three of them end within 0.1 mm of eight.
+# How many passes the fit makes.
 OF_RECORDINGS = 8  # noise and all
-OF_SMOOTH_TRACKS = 3
+OF_SMOOTH_TRACKS = 3  # end within 0.1 mm of eight
+OF_PREDICTIONS = 2  # end within 1 mm of eight
 
 
 def fill_gaps(tracks: Tracks) -> Tracks:

@@ -228,7 +228,7 @@ def _nearest_points(
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     corner = middle - 0.5 * _GRID_M * (_GRID_CELLS - 1)
-    tree, cells = KDTree(points), np.arange(_GRID_CELLS, dtype=float)
+    tree, cells = KDTree(points, leafsize=32), np.arange(_GRID_CELLS, dtype=float)
     blocks = cells.reshape(-1, _BLOCK_CELLS).mean(axis=1)
     away, closest = tree.query(_places(corner, *np.meshgrid(blocks, blocks)))
     nearest = closest.repeat(_BLOCK_CELLS, axis=0).repeat(_BLOCK_CELLS, axis=1)

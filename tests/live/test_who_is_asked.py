@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from regents_cosim.attacks.starts import Start
+from regents_cosim.live import search as search_module
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import live_config
 
@@ -120,3 +121,15 @@ def test_another_run_knows_nothing_of_the_one_before(moment):
     looks(search, moment, 1)
     search.forget()
     assert looks(search, moment, 1)[1:] == ["ask b", "ask c", "ask d", "ask a"]
+
+
+def test_where_the_next_look_will_descend_is_found_out_ahead(moment, monkeypatch):
+    asked = []
+    monkeypatch.setattr(search_module, "lawful_road", lambda scenario, agent: asked.append(scenario.agents[agent].id))
+    search = Asked({"b"})
+    search.prepare()
+    looks(search, moment, 1)
+    assert asked == []
+    search.prepare()
+    search.prepare()
+    assert asked == ["b"]
