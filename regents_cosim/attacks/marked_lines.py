@@ -5,6 +5,7 @@ That is the path-time space of Kant and Zucker 1986: place along the line, and t
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -33,17 +34,18 @@ def marked_lines(
     begun: tuple[float, float],
     limits: DrivingLimits,
     earliest_s: float,
+    most_lines: int | None = None,
 ) -> list[MarkedLine]:
     """Those of a vehicle that enters with that speed [m/s] and acceleration [m/s^2], from `earliest_s` on.
 
-    It drives no faster than an attack lets its kind get.
+    It drives no faster than an attack lets its kind get. Only the first `most_lines` are drawn, if that is given.
     """
     logged, seconds = float(scenario.tracks.speed[agent].max()), np.arange(len(pair.there)) * scenario.dt
     reachable, earliest_s = Reachable(*begun, logged, limits, seconds), earliest_s - pair.first * scenario.dt
     begin = float(scenario.tracks.x[agent, pair.first]), float(scenario.tracks.y[agent, pair.first])
     near = reachable.near(pair, scenario.road, begin, earliest_s)
     most = MOST_SPEED_M_S.get(scenario.agents[agent].kind, np.inf) / OVER_LIMIT
-    lines = _distinct(lines_ahead(scenario, agent, near)) if near else ()
+    lines = _distinct(islice(lines_ahead(scenario, agent, near), most_lines)) if near else ()
     slow = (replace(line, limit=min(line.limit, most)) for line in lines)
     return _marked(MarkedLine(line, _shown(line, reachable.touched(line, pair, earliest_s))) for line in slow)
 

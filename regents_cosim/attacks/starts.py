@@ -97,14 +97,21 @@ def _allowed(world: World, searched: SearchedAgents, fitted: Controls) -> Contro
 
 
 def starts(
-    scenario: Scenario, agent: int, ego: Tracks, most: int, limits: DrivingLimits, lawful: bool = True
+    scenario: Scenario,
+    agent: int,
+    ego: Tracks,
+    most: int,
+    limits: DrivingLimits,
+    lawful: bool = True,
+    most_lines: int | None = None,
 ) -> list[Start]:
     """At most `most` drives of `agent` that meet the `ego` [1, time] on its track, the most promising first.
 
-    They keep to the `limits`. Those on foot need not be `lawful`; of vehicles all are.
+    They keep to the `limits`. Those on foot need not be `lawful`; of vehicles all are, and only the first `most_lines`
+    that one may drive along are asked, if that is given.
     """
     pair = MeetingPair.of(scenario, agent, ego)
-    drives = _drives(scenario, agent, pair, limits, lawful)
+    drives = _drives(scenario, agent, pair, limits, lawful, most_lines)
     if drives is None:
         return []
     contact = np.column_stack([(pair.first + drives.meets) * scenario.dt, contact_of(drives, pair.own)])
@@ -146,7 +153,7 @@ def _keeps_law(scenario: Scenario, agent: int, ego: Tracks, start: Start) -> boo
 
 
 def _drives(
-    scenario: Scenario, agent: int, pair: MeetingPair, limits: DrivingLimits, lawful: bool
+    scenario: Scenario, agent: int, pair: MeetingPair, limits: DrivingLimits, lawful: bool, most_lines: int | None
 ) -> MeetingDrives | None:
     """Those along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
     walks = scenario.agents[agent].kind == "pedestrian"
@@ -157,7 +164,7 @@ def _drives(
     if walks:
         marked = marked_walked_lines(scenario, agent, pair, lawful)
     else:
-        marked = marked_lines(scenario, agent, pair, begun, limits, _EARLIEST_S)
+        marked = marked_lines(scenario, agent, pair, begun, limits, _EARLIEST_S, most_lines)
     if not marked:
         return None
     lines = [line for line, _ in marked]

@@ -46,6 +46,7 @@ from regents_cosim.verdicts.ways import ways_ahead
 _LOOKED_AT = 12  # candidates whose ways are compared with the ego's at one look; the first look asks all for drives ...
 _MOST_ASKED = 2  # ... a later one so many of those that could meet it, until one has any ...
 _FEW_WAYS = 2  # ... or had more ways than this on: drawing drives along all of them is what takes time
+_MOST_LINES = 24  # along which one of them is driven, by a quick search
 _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
 _MOST_GAINED_M = 25.0  # ... up to so far
@@ -208,7 +209,8 @@ class Search:
             return None if speed_only else []
         scenario = loop.moment.scenario
         limits = loop.limits[scenario.agents[agent].kind]
-        found = starts(scenario, agent, ego, self.config.starts, limits)
+        most_lines = None if self.config.samples else _MOST_LINES
+        found = starts(scenario, agent, ego, self.config.starts, limits, most_lines=most_lines)
         if speed_only:
             found = [start for start in found if _on_own_way(start, scenario, agent)]
         return found or None

@@ -133,3 +133,13 @@ def test_where_the_next_look_will_descend_is_found_out_ahead(moment, monkeypatch
     search.prepare()
     search.prepare()
     assert asked == ["b"]
+
+
+@pytest.mark.parametrize(("quick", "expected"), [(True, search_module._MOST_LINES), (False, None)])
+def test_a_quick_search_drives_along_the_first_lines_alone(moment, monkeypatch, quick, expected):
+    told = []
+    monkeypatch.setattr(search_module, "starts", lambda *_, most_lines: told.append(most_lines) or [])
+    moment.scenario.agents[1].kind = "car"
+    loop = SimpleNamespace(moment=moment, limits={"car": None})
+    Search("idm", live_config("focused", quick=quick))._starts(loop, 1, None, speed_only=False)
+    assert told == [expected]
