@@ -6,6 +6,7 @@ are driven together.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -126,6 +127,7 @@ def drive(
     travelled = np.zeros_like(driven)
     driven[0], accel = begun[0], np.full(len(wanted.accel), begun[1])
     recent = np.full((max(round(MEAN_S / dt), 1), len(accel)), begun[1])  # accelerations of the last second
+    asked = _Asked.at(0.0, wanted, begun[0])
     for step in range(1, steps):
         now, at = driven[step - 1], travelled[step - 1]
         there, ahead = (
@@ -135,7 +137,10 @@ def drive(
         slowest = np.minimum(there, ahead)
         if lights is not None:
             slowest = np.minimum(slowest, lights.allow(at, step))
-        aim = _aim(now, begun[0], wanted, (step - 1) * dt, slowest, limits)
+        time_s = (step - 1) * dt
+        if time_s >= asked.until_s:
+            asked = _Asked.at(time_s, wanted, begun[0])
+        aim = asked.aim(now, slowest, limits)
         least = np.maximum(accel - at_once, recent.max(axis=0) - over_a_second)
         most = np.minimum(accel + at_once, recent.min(axis=0) + over_a_second)
         accel = np.minimum(np.maximum(_landing(*aim, limits, dt), least), most)  # `clip` takes twice as long
@@ -146,17 +151,33 @@ def drive(
     return driven.T, travelled.T
 
 
-def _aim(
-    now: np.ndarray, begun: float, wanted: Profiles, time_s: float, allowed: np.ndarray, limits: DrivingLimits
-) -> tuple[np.ndarray, np.ndarray]:
-    """What the speeds [m/s] are to change by, and the accelerations [m/s^2] of at most that size to do it with."""
-    changing = (wanted.accel != 0.0) & (time_s >= wanted.begins_s)
-    # What a bend has slowed down already does not speed up to brake less.
-    target = np.where(changing, np.where(wanted.accel < 0.0, np.minimum(wanted.wanted, now), wanted.wanted), begun)
-    in_bend = allowed < np.minimum(target, now)
-    target = np.minimum(target, allowed)
-    hardest = np.where(target < now, limits.braking, limits.accel)
-    return target - now, np.where(changing & ~in_bend, np.minimum(np.abs(wanted.accel), hardest), hardest)
+class _Asked(NamedTuple):
+    """What profiles want until another one begins to change its speed."""
+
+    until_s: float
+    speed: Float[np.ndarray, " profile"]  # [m/s]
+    slows: Bool[np.ndarray, " profile"]  # down to it, and does not speed up to it
+    accel: Float[np.ndarray, " profile"]  # [m/s^2] at most, whether it speeds up or brakes
+
+    @classmethod
+    def at(cls, time_s: float, wanted: Profiles, begun: float) -> "_Asked":
+        """At some time, of those that began at that speed [m/s]."""
+        changing = (wanted.accel != 0.0) & (time_s >= wanted.begins_s)
+        speed = np.where(changing, wanted.wanted, begun)
+        until_s = float(wanted.begins_s.min(initial=np.inf, where=wanted.begins_s > time_s))
+        return cls(until_s, speed, changing & (wanted.accel < 0.0), np.where(changing, np.abs(wanted.accel), np.inf))
+
+    def aim(self, now: np.ndarray, allowed: np.ndarray, limits: DrivingLimits) -> tuple[np.ndarray, np.ndarray]:
+        """What the speeds `now` [m/s] are to change by, and the accelerations [m/s^2] of at most that size to do it.
+
+        No speed is more than is `allowed` in bends.
+        """
+        # What a bend has slowed down already does not speed up to brake less.
+        target = np.where(self.slows, np.minimum(self.speed, now), self.speed)
+        in_bend = allowed < np.minimum(target, now)
+        target = np.minimum(target, allowed)
+        hardest = np.where(target < now, limits.braking, limits.accel)
+        return target - now, np.where(in_bend, hardest, np.minimum(self.accel, hardest))
 
 
 def _builds_up_s(accel: float, limits: DrivingLimits) -> float:
