@@ -31,7 +31,7 @@ _CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
 _PARTED_M = 1.0  # neighbours whose middles are so much further apart than where the change begins
 _JOIN_M = 6.0  # over which a logged path leads on into the middle of its lane
-_SAME_M = 1e-6
+_SAME_M = 1e-6  # what is no further apart is the same
 SMOOTHED_M = 2.0  # no line is moved further where it is smoothed
 
 
@@ -41,6 +41,10 @@ class LightOnLine:
 
     at_m: float  # along the line
     red: Bool[np.ndarray, " time"]
+
+    def is_same(self, other: "LightOnLine") -> bool:
+        """Whether it is red at the same place and times."""
+        return abs(self.at_m - other.at_m) < _SAME_M and np.array_equal(self.red, other.red)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +61,13 @@ class DriveLine:
 
     def is_same(self, other: "DriveLine") -> bool:
         """Whether drives along the two are the same ones."""
+        told, others = ((line.limit, line.lawful_m, line.kerbs_m, len(line.stop_lines)) for line in (self, other))
         return (
-            self.points.shape == other.points.shape
-            and (self.limit, self.lawful_m, self.kerbs_m) == (other.limit, other.lawful_m, other.kerbs_m)
-            and len(self.stop_lines) == len(other.stop_lines)
+            told == others
+            and self.points.shape == other.points.shape
+            and abs(self.shows_m - other.shows_m) < _SAME_M
             and bool(np.abs(self.points - other.points).max() < _SAME_M)
+            and all(one.is_same(two) for one, two in zip(self.stop_lines, other.stop_lines, strict=True))
         )
 
     def at(self, way: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -154,7 +154,7 @@ def drive(
 class _Asked(NamedTuple):
     """What profiles want until another one begins to change its speed."""
 
-    until_s: float
+    until_s: float  # when that one begins
     speed: Float[np.ndarray, " profile"]  # [m/s]
     slows: Bool[np.ndarray, " profile"]  # down to it, and does not speed up to it
     accel: Float[np.ndarray, " profile"]  # [m/s^2] at most, whether it speeds up or brakes

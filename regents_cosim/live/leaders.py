@@ -15,7 +15,7 @@ from regents_cosim.live.paths import BEHIND_M, SPACING_M
 
 _CELL_M = 2.0  # of the grid that knows which point of a path is near
 _NEAR_CELLS = 1  # around a point in which that is near
-_OFF_POINT_M = 5.0  # more than a place in these cells is off its point
+_OFF_POINT_M = 5.0  # no place in these cells is so far from its point
 _PARTS = 3  # of a body: front, middle, rear
 _BESIDE_M = 0.1  # that a leader may be beside the body
 
@@ -27,7 +27,7 @@ class Leaders:
     points: Complex[np.ndarray, "user point"]  # [m] of the paths, every `SPACING_M`
     ways: Complex[np.ndarray, "user point"]  # unit vectors from each point to the next
     near: Int[np.ndarray, "user cell"]  # which point of a path is near a cell, -1 for none
-    side: int  # cells of the grid, which repeats itself: no path is longer
+    side: int  # cells along a side of the grid, which repeats itself; no path is wider
     length: Float[np.ndarray, " user"]  # [m]
     beside: Float[np.ndarray, "user other"]  # [m] apart, a body is no longer on the path
 

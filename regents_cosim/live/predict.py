@@ -74,7 +74,6 @@ class _Drivers:
 
     leaders: Leaders
     wanted: Float[np.ndarray, "user point"]  # [m/s] there, slow enough for what comes
-    length: Float[np.ndarray, " user"]
     speed: Float[np.ndarray, " user"]
     follows: CarFollowing
     stop: Float[np.ndarray, "user stop"]  # [m] ahead of the front at first, where it has to wait ...
@@ -91,17 +90,17 @@ class _Drivers:
     def of(cls, traffic: TrafficState, steps: int) -> "_Drivers":
         """Those of the traffic; of drives that are known so many `steps` are wanted."""
         users = [_on_its_drive(user) for user in traffic.users]
-        most = max(len(user.path.points) for user in users)
+        length, width = (np.array([getattr(user.agent, name) for user in users]) for name in ("length", "width"))
+        leaders = Leaders.of([user.path.points for user in users], length, width)
+        most = leaders.points.shape[1]
         limit = np.stack([np.pad(u.path.limit, (0, most - len(u.path.limit)), "edge") for u in users])
         follows = CarFollowing.of([user.following for user in users])
         factor, fastest = np.array([(u.following.speed_factor, u.following.max_speed_m_s) for u in users]).T[..., None]
         wanted = _in_time(np.maximum(np.minimum(limit * factor, fastest), 0.1), follows.eases)
-        length, width = (np.array([getattr(user.agent, name) for user in users]) for name in ("length", "width"))
         stop, shut, seen = _stops([user.path.stops for user in users])
         return cls(
-            leaders=Leaders.of([user.path.points for user in users], length, width),
+            leaders=leaders,
             wanted=wanted,
-            length=length,
             speed=traffic.values("speed"),
             follows=follows,
             stop=stop,
@@ -193,11 +192,12 @@ class _Drivers:
 
     def tracks(self, along: np.ndarray, speed: np.ndarray, traffic: TrafficState) -> Tracks:
         """The tracks of users that are so far along [user time], with those speeds."""
-        front, rear = self.leaders.at(along), self.leaders.at(along - self.length[:, None])
+        length = self.leaders.length[:, None]
+        front, rear = self.leaders.at(along), self.leaders.at(along - length)
         yaw = np.angle(front - rear)
-        centre = front - 0.5 * self.length[:, None] * np.exp(1j * yaw)
+        centre = front - 0.5 * length * np.exp(1j * yaw)
         # From exactly where they are: a body is no chord of its path at first.
-        lasting = np.clip(1.0 - along / (self.length[:, None] + 1.0), 0.0, 1.0)
+        lasting = np.clip(1.0 - along / (length + 1.0), 0.0, 1.0)
         x = centre.real + lasting * (traffic.values("x") - centre[:, 0].real)[:, None]
         y = centre.imag + lasting * (traffic.values("y") - centre[:, 0].imag)[:, None]
         turned = np.asarray(wrap(traffic.values("yaw") - yaw[:, 0]))
