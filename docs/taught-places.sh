@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # Places that SUMO's own tools make to teach AIM-BEV on, for docs/aim-bev-results.md: bash docs/taught-places.sh FOLDER
+# (FOLDER NUMBER makes others by the same rules: the number is added to all seeds)
 #
 # Random towns, grids and webs: one to three lanes, 30 to 80 km/h, priority, right before left, all-way stops and
 # lights, with traffic on the right and on the left, thin and dense; cars, vans, lorries, buses, motorcycles and
@@ -25,14 +26,15 @@ cat > mix.add.xml <<X
 X
 
 number=0
+more=${2:-0}
 # NAME, seconds between departures, how much oftener a trip begins and ends at the edge, options of netgenerate
 place() {
     local name=$1 period=$2 fringe=$3
     shift 3
     number=$((number + 1))
-    netgenerate --no-turnarounds.except-deadend true --seed $((400 + number)) "$@" -o "$name.net.xml" > /dev/null
+    netgenerate --no-turnarounds.except-deadend true --seed $((400 + more + number)) "$@" -o "$name.net.xml" > /dev/null
     python "$SUMO_HOME/tools/randomTrips.py" -n "$name.net.xml" -a mix.add.xml -o "$name.trips.xml" -r "$name.rou.xml" \
-        -b 0 -e 600 -p "$period" --fringe-factor "$fringe" --seed $((500 + number)) --validate \
+        -b 0 -e 600 -p "$period" --fringe-factor "$fringe" --seed $((500 + more + number)) --validate \
         --trip-attributes 'type="mix" departLane="best" departSpeed="max"' > /dev/null
     cat > "$name.sumocfg" <<X
 <configuration>

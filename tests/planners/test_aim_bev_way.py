@@ -250,6 +250,42 @@ def test_a_careful_teacher_brakes_for_who_will_be_in_its_way():
     assert labels["crosses", True][-1, 0] < labels["crosses", False][-1, 0] - 1.0
 
 
+def test_a_careful_teacher_does_not_brake_for_one_that_stops_in_time():
+    """At first both look the same: at 10 m/s the other would meet the ego. In the recording one of them gives way."""
+    crosses = moving(crossroads("G", "G"), 1, y=-19.0 + TIME * 10.0, speed=np.full(81, 10.0))
+    speed = np.maximum(10.0 - 5.0 * TIME, 0.0)
+    stops = moving(crosses, 1, y=-19.0 + np.cumsum(np.append(0.0, speed[:-1])) * 0.1, speed=speed)
+    assert stops.tracks.y[1].max() < -5.0, "it stands before the ego's way"
+    brakes = [
+        bool(Teacher.of([made], True, WIDE.camera).brakes(gather([made], WIDE), at(made, -17.0, 10.0))[0])
+        for made in (crosses, stops)
+    ]
+    assert brakes == [True, False]
+
+
+def test_near_its_log_an_ego_is_taught_what_the_log_did_and_far_from_it_what_the_teacher_does():
+    """The log waits before the crossroads though the light is green: IDM sees nothing to wait for."""
+    made = waiting("G", "G")
+    room, near, far = gather([made], WIDE), at(made, -18.5, 0.0), at(made, -24.0, 0.0)
+    ahead = {
+        (by_log, name): float(Teacher.of([made], True, WIDE.camera, [by_log]).labels(room, one)[0, -1, 0])
+        for by_log in (False, True)
+        for name, one in {"near": near, "far": far}.items()
+    }
+    assert ahead[True, "near"] < 0.1
+    assert ahead[False, "near"] > 0.5
+    assert ahead[True, "far"] == ahead[False, "far"] > 0.5
+
+
+def test_before_a_closed_light_the_teacher_shows_where_to_stand_though_the_log_is_near():
+    """Logs of SUMO stand a metre before the line; the teacher three."""
+    made = moving(waiting("r", "G"), 0, x=np.full(81, -13.5))
+    teacher = [Teacher.of([made], True, WIDE.camera, [by_log]) for by_log in (False, True)]
+    room, one = gather([made], WIDE), at(made, -18.0, 4.0)
+    without, beside = (np.asarray(of.labels(room, one)) for of in teacher)
+    assert np.array_equal(without, beside)
+
+
 def test_egos_are_looked_for_anywhere_along_their_logs():
     made = moving(crossroads("G", "G"), 0, x=-60.0 + np.arange(81.0), speed=np.full(81, 10.0))
     rows, states = plan(gather([made], WIDE), egos=True).anywhere(300, np.random.default_rng(0))

@@ -3,10 +3,11 @@
 The others go on as they did for 0.3 s, and the ego as IDM brakes for what is in its way. Those count alone that are in
 view. It does not wait to evaluate a danger: a network that sees one picture cannot know for how long it has been one.
 So that it does not brake at nothing, it brakes when braking has to begin: when they would meet though it braked a
-little later.
+little later. And it brakes for those alone that come in the recording as well: most of those that are expected to meet
+it give way.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
@@ -26,6 +27,7 @@ from regents_cosim.planners.reference.foresight import (
     curvature_of,
     further,
     is_risk,
+    may_meet,
     place_of,
 )
 from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
@@ -64,11 +66,13 @@ class Dangers(eqx.Module):
         place = place_of(courses, along - mine, across - aside, courses.yaw - yaw, route.half_width)
         lanes = jax.tree.map(lambda values: values[one.scene], self.lanes)
         wanders = lanes.away(courses.x, courses.y, courses.yaw) > CAREFUL.wandering_m
+        comes = _comes(log, valid, one.step, room, (courses.half_length, courses.half_width))
 
         def meets(way_m: Float[Array, " time"]) -> Bool[Array, ""]:
             x, y, cos, sin = route_poses(route, mine + way_m)
             ego = Box(x - aside * sin, y + aside * cos, cos, sin, route.half_length, route.half_width)
-            return (is_risk(ego, courses, place, wanders) & near & valid[:, one.step]).any()
+            risk = is_risk(ego, courses, place, wanders) & comes(ego)
+            return (risk & near & valid[:, one.step]).any()
 
         goes_on = further(one.state.speed, jnp.maximum(-accel, 0.0), EGO_TIMES_S)
         late = one.state.speed * np.minimum(EGO_TIMES_S, _LATER_S)
@@ -87,6 +91,26 @@ def _courses(
     turned = jnp.where(known, now.yaw - log.yaw[:, before], 0.0)
     braking = jnp.where(known, jnp.maximum(log.speed[:, before] - now.speed, 0.0) / passed_s, 0.0)
     return ExpectedMotion(now.x, now.y, now.yaw, now.speed, curvature_of(turned, now.speed, passed_s), braking, *sizes)
+
+
+def _comes(
+    log: Motion, valid: Bool[Array, "agent time"], step: Array, room: Classroom, sizes: tuple[Array, Array]
+) -> Callable[[Box], Bool[Array, " agent"]]:
+    """Tells which of the others will be where the ego is to be, half a second before or after it.
+
+    After the end of the recording they go straight on.
+    """
+    steps = step + np.round(FORESIGHT.times_s / room.dt).astype(int)
+    known = jnp.minimum(steps, room.steps - 1)
+    then = jax.tree.map(lambda values: values[:, known], log)
+    cos, sin = jnp.cos(then.yaw), jnp.sin(then.yaw)
+    beyond = then.speed * (steps - known) * room.dt
+    boxes = Box(then.x + beyond * cos, then.y + beyond * sin, cos, sin, *(size[:, None] for size in sizes))
+
+    def comes(ego: Box) -> Bool[Array, " agent"]:
+        return (may_meet(ego, boxes) & valid[:, known]).any(axis=-1)
+
+    return comes
 
 
 def _padded(values: Float[Array, " point"], points: int) -> Float[Array, " more"]:

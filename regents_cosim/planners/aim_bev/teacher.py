@@ -7,7 +7,8 @@ brake for what it cannot see.
 It drives at the pace of SUMO's traffic, whose drivers accelerate to the limit without slackening and turn at up to
 5.5 m/s^2 (netconvert's `junctions.limit-turn-speed`): a pupil that is slower is run into by those who drive as logged.
 
-IDM brakes for who is in its way, not for who will be. A careful teacher brakes for these as well (`dangers`).
+IDM brakes for who is in its way, not for who will be. A careful teacher brakes for these as well (`dangers`). Neither
+gives way. In ordinary traffic the log does, so near it a careful teacher does as it did, unless an attack changed it.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,6 +36,8 @@ _ROOM_M, _FIRM_M_S2 = 3.0, 4.0
 # Where it is slow that near, it stops there: a network that is taught to creep to the 3 m creeps over the line.
 _NEAR_M, _SLOW_M_S = 6.0, 1.0
 
+_AT_LOG_M, _AT_LOG_S = 2.0, 0.3  # nearer to its log than this, and so much of its way more, an ego can do as it did
+
 _PACE = IDM(max_accel=3.0, exponent=12.0, lateral_accel=5.0)
 
 _Drives = Callable[[Motion, Array], Controls]  # from a state, so many steps ahead
@@ -46,14 +49,22 @@ class Teacher(eqx.Module):
     idm: IDM
     routes: IdmMemory  # [scene]
     dangers: Dangers | None  # that a careful teacher expects; None: IDM alone
+    by_log: Bool[Array, " scene"]  # near its log the ego is shown what the log did
 
     @classmethod
-    def of(cls, scenarios: Sequence[Scenario], careful: bool = False, camera: Camera = PAPERS) -> "Teacher":
-        """On the route of the ego of each of `scenarios`."""
+    def of(
+        cls,
+        scenarios: Sequence[Scenario],
+        careful: bool = False,
+        camera: Camera = PAPERS,
+        by_log: Sequence[bool] | None = None,
+    ) -> "Teacher":
+        """On the route of the ego of each of `scenarios`. Logs teach where `by_log` says so; by default nowhere."""
         idm = _PACE
         routes = [idm.on_route(scenario, np.zeros(2)) for scenario in scenarios]
         dangers = Dangers.of(scenarios, camera) if careful else None
-        return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes), dangers)
+        logs = jnp.asarray(np.zeros(len(scenarios), bool) if by_log is None else np.array(by_log))
+        return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes), dangers, logs)
 
     @compiled
     def labels(self, room: Classroom, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
@@ -70,7 +81,16 @@ class Teacher(eqx.Module):
             return jnp.bool_(False)
         route = jax.tree.map(lambda values: values[one.scene], self.routes)
         near = _in_view(room, one)
-        return self.dangers.there(room, route, one, near, idm(one.state, jnp.int32(0)).accel)
+        danger = self.dangers.there(room, route, one, near, idm(one.state, jnp.int32(0)).accel)
+        return danger & ~self._log_shows(room, one)
+
+    def _log_shows(self, room: Classroom, one: Lesson) -> Bool[Array, ""]:
+        """Whether the log tells what to do here: it is near, and no closed light ahead wants the teacher's room."""
+        log = jax.tree.map(lambda values: values[one.scene, 0, one.step], room.log)
+        away = jnp.hypot(log.x - one.state.x, log.y - one.state.y)
+        near = (away < _AT_LOG_M + _AT_LOG_S * log.speed) & (one.step + WAYPOINTS < room.steps)
+        closed = jnp.bool_(False) if room.way is None else room.nearness(one) > 0.0
+        return self.by_log[one.scene] & near & ~closed
 
     def _idm(self, room: Classroom, one: Lesson) -> _Drives:
         """What IDM does in the place of the taught, so many steps ahead."""
@@ -100,7 +120,8 @@ class Teacher(eqx.Module):
             return after, after
 
         _, way = jax.lax.scan(advance, one.state, jnp.arange(WAYPOINTS))
-        return jax.vmap(to_frame, (0, 0, None))(way.x, way.y, one.state)
+        own = jax.vmap(to_frame, (0, 0, None))(way.x, way.y, one.state)
+        return jnp.where(self._log_shows(room, one), room.by_log(one), own)
 
 
 def _before_light(route: IdmMemory, one: Lesson) -> Float[Array, ""]:

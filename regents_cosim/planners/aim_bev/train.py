@@ -70,13 +70,16 @@ def train(
     torch.manual_seed(config.seed)
     course = _begin(config, resume, fine_tuning=bool(crashes))
     windows = [*scenarios, *(crash.evaded() for crash in crashes)]
+    careful = config.teacher == "careful"
+    by_log = [careful and scenario.attack is None for scenario in windows]
     window = [*range(len(windows))]
     if course.given.follows_route:
         twins = [(index, twin) for index, scenario in enumerate(scenarios) for twin in relit(scenario)]
         window += [index for index, _ in twins]
         windows += [twin for _, twin in twins]
+        by_log += [False for _ in twins]  # they drove by other lights
     if config.teacher != "log":
-        course.teacher = Teacher.of(windows, config.teacher == "careful", course.given.camera)
+        course.teacher = Teacher.of(windows, careful, course.given.camera, by_log)
     room = gather(windows, course.given)
     curriculum = plan(
         room,
