@@ -45,6 +45,10 @@ class SumoError(RegentsError):
     """SUMO could not be started, refused its input, or died."""
 
 
+class WorkerError(RegentsError):
+    """A process that worked for us died."""
+
+
 class LogError(RegentsError):
     """A log of traffic that cannot be read."""
 

@@ -48,6 +48,7 @@ from regents_cosim.live.sumo_host import SumoHost
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.untaken_moves import forget_at_close
 from regents_cosim.sources.windows import RecordingOrigin
 
 State = Literal["waiting", "watching", "attacking", "returning", "paused", "detached"]
@@ -97,6 +98,7 @@ class Adversary(StepListener):
         ego's first to about a tenth of a second, for runs in real time, and finds less; a `method` given as a
         configuration says that itself. Raises RegentsError for values that cannot be meant.
         """
+        forget_at_close(connection)
         self._settings = LiveSettings(replan_s, horizon_s, radius_m, keep, judged, seed)
         self._sumo, self._when, self._called = connection, attack_when, source
         self._net, self._route = Path(net) if net is not None else None, route

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.errors import DriveError
+from regents_cosim.errors import DriveError, WorkerError
 from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.history import touched
 from regents_cosim.live.planner_driver import PlannerDriver
@@ -24,7 +24,9 @@ from regents_cosim.sources.sumo_types import kind_of
 from regents_cosim.system.scratch import scratch_folder
 from regents_cosim.system.workers import local_processes, result_of, submit
 
-How = Literal["crash", "met another", "arrived", "time over", "gone", "never departed", "planner failed"]
+How = Literal[
+    "crash", "met another", "arrived", "time over", "gone", "never departed", "planner failed", "process died"
+]
 
 _DRAWN_FROM_S = (20.0, 40.0)  # after the begin, when an ego is drawn by seed
 _WAITED_S = 600.0  # for the ego to depart
@@ -69,7 +71,10 @@ def run_episodes(episodes: Episodes, seeds: list[int]) -> Iterator[EpisodeResult
     """All of them, one after the other in one process; one that dies costs its episode only."""
     with local_processes(1) as executor:
         for seed in seeds:
-            yield result_of(submit(executor, run_episode, episodes, seed))
+            try:
+                yield result_of(submit(executor, run_episode, episodes, seed))
+            except WorkerError as died:
+                yield EpisodeResult(seed, "process died", told=(str(died),))
 
 
 def run_episode(episodes: Episodes, seed: int) -> EpisodeResult:

@@ -15,7 +15,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ParamSpec, TypeVar
 
-from regents_cosim.errors import MissingDependencyError, RegentsError
+from regents_cosim.errors import MissingDependencyError, RegentsError, WorkerError
 from regents_cosim.system.processes import Worker, main_hidden
 
 _P = ParamSpec("_P")
@@ -116,7 +116,7 @@ def submit(executor: Executor, function: Callable[_P, _R], *args: _P.args, **kwa
 
 
 def result_of(future: Future[_R]) -> _R:
-    """The result, or a RegentsError that says that the process died."""
+    """The result, or a WorkerError that says that the process died."""
     return _said(future.result)
 
 
@@ -242,13 +242,13 @@ def _outcome(result: Callable[[], _R]) -> _R | RegentsError:
 
 
 def _said(result: Callable[[], _R]) -> _R:
-    """The result, or a RegentsError that says that the process died."""
+    """The result, or a WorkerError that says that the process died."""
     try:
         return result()
     except Exception as error:
         if not _is_lost(error):
             raise
-        raise RegentsError(
+        raise WorkerError(
             "the worker process died without a word (SUMO crashed or memory ran out); "
             "the other results are not affected, run the command again for this one"
         ) from error

@@ -111,7 +111,7 @@ def live(
         draw_stills(cases, output, terminal)
     rows = [_row(one, {case.id: case for case in cases}, replays) for one in ended]
     terminal.show(f"{method} against {planner}, live: {len(rows)} episodes", rows, _summary(ended, cases), LIVED)
-    failed = any(one.how == "planner failed" for one in ended)
+    failed = any(one.how in ("planner failed", "process died") for one in ended)
     return max(exit_code(replays.values(), terminal), PLANNER_FAILED if failed else 0)
 
 
