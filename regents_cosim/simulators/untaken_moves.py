@@ -17,6 +17,7 @@ _EMPTY = """<net version="1.20">
     <junction id="b" type="dead_end" x="10" y="0" incLanes="e_0" intLanes="" shape="10,0"/>
 </net>
 """
+_FORGETS = "forgets_untaken_moves"  # marks a `close` as ours: other wrappers of it do not forget
 _QUIET = ("--no-step-log", "true", "--no-warnings", "true")
 
 
@@ -25,7 +26,7 @@ def forget_at_close(connection: Any) -> None:
 
     Nothing is done the second time, and for connections of traci, whose simulations are processes of their own.
     """
-    if not getattr(connection, "isLibsumo", bool)() or hasattr(connection.close, "__wrapped__"):
+    if not getattr(connection, "isLibsumo", bool)() or hasattr(connection.close, _FORGETS):
         return
     libsumo, close = connection, connection.close
 
@@ -36,6 +37,7 @@ def forget_at_close(connection: Any) -> None:
         if not shown:  # sumo-gui ends with its process
             _forget(libsumo)
 
+    setattr(closed, _FORGETS, True)
     libsumo.close = closed
 
 

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_car_scenes import TIME, crossroads, moving
 
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import Motion
@@ -277,13 +278,55 @@ def test_near_its_log_an_ego_is_taught_what_the_log_did_and_far_from_it_what_the
     assert ahead[True, "far"] == ahead[False, "far"] > 0.5
 
 
+def test_where_the_log_shows_what_to_do_no_danger_is_braked_for():
+    """In the recording the two just miss each other: were the ego half a second later they would meet."""
+    crosses = moving(crossroads("G", "G"), 1, y=-19.0 + TIME * 10.0, speed=np.full(81, 10.0))
+    made = moving(crosses, 0, x=-17.0 + TIME * 10.0, speed=np.full(81, 10.0))
+    brakes = [
+        bool(Teacher.of([made], True, WIDE.camera, [by_log]).brakes(gather([made], WIDE), at(made, -17.0, 10.0))[0])
+        for by_log in (False, True)
+    ]
+    assert brakes == [True, False]
+
+
+@pytest.mark.parametrize(("teacher", "taught_by_log"), [("careful", [True, False, False, False]), ("idm", [False] * 4)])
+def test_logs_teach_where_neither_an_attack_nor_other_lights_changed_a_window(
+    monkeypatch, tmp_path, teacher, taught_by_log
+):
+    """A window and its twins with all lights red and green, and a window with an attack that has no lights."""
+    pytest.importorskip("torch", reason="torch is an extra")
+    from regents_cosim.planners.aim_bev import train as training
+
+    asked = []
+
+    def of(windows, careful, camera, by_log):
+        asked.append((len(windows), careful, by_log))
+        raise InterruptedError
+
+    monkeypatch.setattr(training.Teacher, "of", of)
+    attack = AttackRecord("case", "king", "idm", "no_collision", 3, None)
+    made = crossroads()
+    dark = replace(made, signals=(), road=replace(made.road, connections=()))
+    attacked = replace(dark, attack=attack, original=dark.tracks)
+    with pytest.raises(InterruptedError):
+        next(
+            training.train(
+                [crossroads(), attacked], tmp_path / "w.safetensors", TrainConfig(teacher=teacher, target="route")
+            )
+        )
+    assert asked == [(4, teacher == "careful", taught_by_log)]
+
+
 def test_before_a_closed_light_the_teacher_shows_where_to_stand_though_the_log_is_near():
     """Logs of SUMO stand a metre before the line; the teacher three."""
     made = moving(waiting("r", "G"), 0, x=np.full(81, -13.5))
+    near = moving(waiting("G", "G"), 0, x=np.full(81, -13.5))
     teacher = [Teacher.of([made], True, WIDE.camera, [by_log]) for by_log in (False, True)]
-    room, one = gather([made], WIDE), at(made, -18.0, 4.0)
+    room, one = gather([made], WIDE), at(made, -14.9, 1.5)
     without, beside = (np.asarray(of.labels(room, one)) for of in teacher)
     assert np.array_equal(without, beside)
+    open_light = Teacher.of([near], True, WIDE.camera, [True]).labels(gather([near], WIDE), one)
+    assert not np.allclose(open_light, without), "near enough for the log, which goes on to where it stands"
 
 
 def test_egos_are_looked_for_anywhere_along_their_logs():

@@ -7,7 +7,7 @@ little later. And it brakes for those alone that come in the recording as well: 
 it give way.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -66,13 +66,13 @@ class Dangers(eqx.Module):
         place = place_of(courses, along - mine, across - aside, courses.yaw - yaw, route.half_width)
         lanes = jax.tree.map(lambda values: values[one.scene], self.lanes)
         wanders = lanes.away(courses.x, courses.y, courses.yaw) > CAREFUL.wandering_m
-        comes = _comes(log, valid, one.step, room, (courses.half_length, courses.half_width))
+        then, there = _as_recorded(log, valid, one.step, room, (courses.half_length, courses.half_width))
 
         def meets(way_m: Float[Array, " time"]) -> Bool[Array, ""]:
             x, y, cos, sin = route_poses(route, mine + way_m)
             ego = Box(x - aside * sin, y + aside * cos, cos, sin, route.half_length, route.half_width)
-            risk = is_risk(ego, courses, place, wanders) & comes(ego)
-            return (risk & near & valid[:, one.step]).any()
+            comes = (may_meet(ego, then) & there).any(axis=-1)
+            return (is_risk(ego, courses, place, wanders) & comes & near & valid[:, one.step]).any()
 
         goes_on = further(one.state.speed, jnp.maximum(-accel, 0.0), EGO_TIMES_S)
         late = one.state.speed * np.minimum(EGO_TIMES_S, _LATER_S)
@@ -93,10 +93,10 @@ def _courses(
     return ExpectedMotion(now.x, now.y, now.yaw, now.speed, curvature_of(turned, now.speed, passed_s), braking, *sizes)
 
 
-def _comes(
+def _as_recorded(
     log: Motion, valid: Bool[Array, "agent time"], step: Array, room: Classroom, sizes: tuple[Array, Array]
-) -> Callable[[Box], Bool[Array, " agent"]]:
-    """Tells which of the others will be where the ego is to be, half a second before or after it.
+) -> tuple[Box, Bool[Array, "agent later"]]:
+    """Where the others will be, at the times of `FORESIGHT` from a step on, and whether they will be there at all.
 
     After the end of the recording they go straight on.
     """
@@ -106,11 +106,7 @@ def _comes(
     cos, sin = jnp.cos(then.yaw), jnp.sin(then.yaw)
     beyond = then.speed * (steps - known) * room.dt
     boxes = Box(then.x + beyond * cos, then.y + beyond * sin, cos, sin, *(size[:, None] for size in sizes))
-
-    def comes(ego: Box) -> Bool[Array, " agent"]:
-        return (may_meet(ego, boxes) & valid[:, known]).any(axis=-1)
-
-    return comes
+    return boxes, valid[:, known]
 
 
 def _padded(values: Float[Array, " point"], points: int) -> Float[Array, " more"]:

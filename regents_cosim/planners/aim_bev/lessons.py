@@ -79,18 +79,18 @@ class Classroom(eqx.Module):
         """How near the next closed light of each is (`way`); 0 where no route is followed."""
         if self.way is None:
             return jnp.zeros_like(lesson.state.x)
-        return jax.vmap(self.nearness)(lesson)
+        return jax.vmap(self.closed_light)(lesson)
 
-    def nearness(self, one: Lesson) -> Float[Array, ""]:
+    def closed_light(self, one: Lesson) -> Float[Array, ""]:
         """The same for a single lesson, within a program."""
         return self._way(one).light(one.state, one.step)
 
     @compiled
     def labels(self, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
         """What the expert would do [m, own frame]."""
-        return jax.vmap(self.by_log)(lesson)
+        return jax.vmap(self.label)(lesson)
 
-    def by_log(self, one: Lesson) -> Float[Array, "waypoint 2"]:
+    def label(self, one: Lesson) -> Float[Array, "waypoint 2"]:
         """The same for a single lesson, within a program."""
         log = jax.tree.map(lambda values: values[one.scene, one.agent], self.log)
         return expert_waypoints(log, self.last[one.scene, one.agent], one.step, one.state, self.dt)

@@ -74,22 +74,25 @@ class Teacher(eqx.Module):
     @compiled
     def brakes(self, room: Classroom, lesson: Lesson) -> Bool[Array, " batch"]:
         """Whether it brakes fully in the egos' places for who will be in its way; IDM alone never does."""
-        return jax.vmap(lambda one: self._in_danger(room, one, self._idm(room, one)))(lesson)
+
+        def one_brakes(one: Lesson) -> Bool[Array, ""]:
+            return self._in_danger(room, one, self._idm(room, one)) & ~self._log_shows(room, one)
+
+        return jax.vmap(one_brakes)(lesson)
 
     def _in_danger(self, room: Classroom, one: Lesson, idm: _Drives) -> Bool[Array, ""]:
         if self.dangers is None:
             return jnp.bool_(False)
         route = jax.tree.map(lambda values: values[one.scene], self.routes)
         near = _in_view(room, one)
-        danger = self.dangers.there(room, route, one, near, idm(one.state, jnp.int32(0)).accel)
-        return danger & ~self._log_shows(room, one)
+        return self.dangers.there(room, route, one, near, idm(one.state, jnp.int32(0)).accel)
 
     def _log_shows(self, room: Classroom, one: Lesson) -> Bool[Array, ""]:
         """Whether the log tells what to do here: it is near, and no closed light ahead wants the teacher's room."""
         log = jax.tree.map(lambda values: values[one.scene, 0, one.step], room.log)
         away = jnp.hypot(log.x - one.state.x, log.y - one.state.y)
         near = (away < _AT_LOG_M + _AT_LOG_S * log.speed) & (one.step + WAYPOINTS < room.steps)
-        closed = jnp.bool_(False) if room.way is None else room.nearness(one) > 0.0
+        closed = jnp.bool_(False) if room.way is None else room.closed_light(one) > 0.0
         return self.by_log[one.scene] & near & ~closed
 
     def _idm(self, room: Classroom, one: Lesson) -> _Drives:
@@ -121,7 +124,7 @@ class Teacher(eqx.Module):
 
         _, way = jax.lax.scan(advance, one.state, jnp.arange(WAYPOINTS))
         own = jax.vmap(to_frame, (0, 0, None))(way.x, way.y, one.state)
-        return jnp.where(self._log_shows(room, one), room.by_log(one), own)
+        return jnp.where(self._log_shows(room, one), room.label(one), own)
 
 
 def _before_light(route: IdmMemory, one: Lesson) -> Float[Array, ""]:

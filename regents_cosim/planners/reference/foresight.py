@@ -110,15 +110,19 @@ def _going_on(course: ExpectedMotion, leads: Bool[Array, "*axes"]) -> Box:
 
 def may_meet(ego: Box, other: Box) -> Bool[Array, "*axes time"]:
     """Whether they would touch, at each of the times of `other`, were the ego earlier or later by up to the slack."""
-    mine = jax.tree.map(lambda values: values[..., _EGO_AT] if values.ndim else values, ego)
-    theirs = jax.tree.map(lambda values: values[..., None], other)
+    mine, theirs = _by_slack(ego, other)
     return (overlaps(mine, theirs) & _EVER).any(axis=-1)
 
 
 def _meetings(ego: Box, other: Box) -> tuple[Bool[Array, "*axes meeting"], Float[Array, "*axes meeting"]]:
     """Whether they overlap, by time and slack, and the cosine of the turn between them."""
-    mine = jax.tree.map(lambda values: values[..., _EGO_AT] if values.ndim else values, ego)
-    theirs = jax.tree.map(lambda values: values[..., None], other)
+    mine, theirs = _by_slack(ego, other)
     hit = overlaps(mine, theirs) & _EVER
     turn = mine.cos * theirs.cos + mine.sin * theirs.sin
     return hit.reshape(*hit.shape[:-2], -1), turn.reshape(*turn.shape[:-2], -1)
+
+
+def _by_slack(ego: Box, other: Box) -> tuple[Box, Box]:
+    """Both [*axes time slack] at each of the times of `other`, the ego earlier and later by up to the slack."""
+    mine = jax.tree.map(lambda values: values[..., _EGO_AT] if values.ndim else values, ego)
+    return mine, jax.tree.map(lambda values: values[..., None], other)
