@@ -28,9 +28,10 @@ class AttachAdversary:
         from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
         keep_compiled_programs()
+        without_samples = live_config(self.method, samples=False)  # many episodes are to be driven
         adversary = Adversary(
-            sumo, ego, "observed", self.method, quick=True, replan_s=self.replan_s, horizon_s=self.horizon_s,
-            judged=False, tell=_nothing,
+            sumo, ego, "observed", without_samples, replan_s=self.replan_s, horizon_s=self.horizon_s, judged=False,
+            tell=_nothing,
         )  # fmt: skip
 
         def watch() -> dict[str, Any]:

@@ -27,8 +27,8 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
 
     The adversary is one of the environment's own vehicles, which drives again by itself afterwards. How the ego
     reacts is predicted by `planner`: all that `regents attack` takes, or `observed`, an ego that keeps to its lane at
-    its recent speed and brakes for leaders. A plan is made every `replan_s`, by a quick search
-    (`live.settings.live_config`): many episodes are to be driven.
+    its recent speed and brakes for leaders. A plan is made every `replan_s`, by a search
+    without samples (`live.settings.live_config`): many episodes are to be driven.
 
     `info` has `attacked`, whether this is an episode with attacks, `adversary`, the name of the vehicle that attacks
     now or empty, and `attacks`, how many have begun. Vehicles are named in the order in which they come near the ego.
@@ -54,7 +54,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         assert isinstance(host, AbstractEnv)
         self._settings = LiveSettings(replan_s, horizon_s, radius_m)
         self._env, self._episodes = host, AttackedEpisodes(every)
-        self._search = Search(planner, live_config(method, quick=True))
+        self._search = Search(planner, live_config(method, samples=False))
         self._moments = Moments(Mirror(), horizon_s)
         self._tally = Tally()
         self._pilot: _Pilot | None = None

@@ -69,7 +69,6 @@ class Adversary(StepListener):
         planner: AnyPlanner = "idm",
         method: str | AttackConfig = "focused",
         *,
-        quick: bool = False,
         replan_s: float = 0.5,
         horizon_s: float = HORIZON_S,
         radius_m: float = 100.0,
@@ -94,16 +93,15 @@ class Adversary(StepListener):
         drives along, points x, y [m] of the network, or a function of the connection that gives it: a planner that
         changes lanes where SUMO does not know it is foreseen only by that; None: SUMO's route of the ego. A planner
         outside JAX that takes longer than `act_timeout_s` over one decision has failed. `plan` is what it begins with,
-        such as that of a case (`plan_of_case`); it is changed where it would miss. `quick` keeps every look but an
-        ego's first to about a tenth of a second, for runs in real time, and finds less; a `method` given as a
-        configuration says that itself. Raises RegentsError for values that cannot be meant.
+        such as that of a case (`plan_of_case`); it is changed where it would miss. Raises RegentsError for values
+        that cannot be meant.
         """
         forget_at_close(connection)
         self._settings = LiveSettings(replan_s, horizon_s, radius_m, keep, judged, seed)
         self._sumo, self._when, self._called = connection, attack_when, source
         self._net, self._route = Path(net) if net is not None else None, route
         self._tell = tell or _to_stderr
-        self._search = Search(planner, live_config(method, quick), act_timeout_s)
+        self._search = Search(planner, live_config(method), act_timeout_s)
         self._moments = Moments(predictor or Mirror(), horizon_s)
         folder = Path(output) if output is not None else None
         self._first = plan

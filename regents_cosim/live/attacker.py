@@ -92,7 +92,7 @@ class Attacker:
             self._come_home(frame, self._home)
         elif self._first is not None and self._first.adversary in frame.number and wanted():
             self._begin_with(frame, self._first)
-        elif not self._is_time(frame, min(_LOOKS_S, self._replan_s)):
+        elif not (self._is_time(frame, min(_LOOKS_S, self._replan_s)) or self._replanner.goes_on):
             self._replanner.prepare(frame)
         elif wanted():
             self._begin(frame)

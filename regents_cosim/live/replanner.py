@@ -29,10 +29,15 @@ class Replanner:
         self._moments.prepare(self._host.road, float(frame.x[0]), float(frame.y[0]))
         self._search.prepare()
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether the next look goes on with what the last began, and need not wait for its time."""
+        return self._search.goes_on
+
     def fresh(self, frame: Frame, barred: Collection[str]) -> tuple[Plan, Forecast] | None:
         """A plan for a vehicle that is not barred, and what was predicted for it; None where none is found."""
         moment = self._moments.of(self._traffic(frame))
-        plan = self._search.fresh(moment, barred, self._host.speed_only)
+        plan = self._search.fresh(moment, barred, self._host.speed_only, self._host.step_s)
         if plan is None:
             return None
         ids = tuple(agent.id for agent in moment.scenario.agents)

@@ -2,17 +2,17 @@
 
 The same search as offline, with a short horizon. A few candidates that could meet the ego are asked for lawful drives
 that do (`attacks.starts`), until one has any; the first of these that crashes it as wanted in the planner's closed
-loop is the plan. Where none does, changes of them are sampled, as offline; a quick search leaves that out, and the next
-look descends from one of them. Methods without such drives descend from the prediction. All descents have few
-iterations. A plan that is being carried out is looked at again from where all vehicles are by now, and descended from
-where it would miss.
+loop is the plan. Where none does, the next looks sample changes of one of them, as offline but a few at a time; where a
+search may not sample, the next look descends from it. Methods without such drives descend from the prediction. All
+descents have few iterations. A plan that is being carried out is looked at again from where all vehicles are by now,
+and descended from where it would miss.
 """
 
 import copy
 import itertools
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -29,12 +29,14 @@ from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
 from regents_cosim.limits import STANDING_M_S
 from regents_cosim.live.forecast import Forecast
+from regents_cosim.live.missed_drive import MissedDrive
 from regents_cosim.live.moments import DT_S, Moment
 from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.planner_in_loop import PlannerInLoop
 from regents_cosim.live.reach import could_meet, near_enough
 from regents_cosim.live.traffic import Drive
+from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import World, to_tracks
 from regents_cosim.planners.host_pool import HostPool
@@ -46,28 +48,14 @@ from regents_cosim.verdicts.ways import ways_ahead
 _LOOKED_AT = 12  # candidates whose ways are compared with the ego's at one look; the first look asks all for drives ...
 _MOST_ASKED = 2  # ... a later one so many of those that could meet it, until one has any ...
 _FEW_WAYS = 2  # ... or had more ways than this on: drawing drives along all of them is what takes time
-_MOST_LINES = 24  # along which one of them is driven, by a quick search
+_MOST_LINES = 24  # along which one of them is driven, but at a first look that samples
 _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
 _MOST_GAINED_M = 25.0  # ... up to so far
 _ALONE_M = 1.1  # off its own way, where it can only be driven faster or slower
 _MOST_SAMPLED = 200  # roll-outs of one search that samples: those that find a crash take no more (docs/performance.md)
+_SAMPLED_EACH_S = 400  # of these at a look, for each second of the simulation's step; they take about 1.5 ms each
 _ROAD_LASTS_S = 2.0  # that the adversary's road is kept: it reaches as far as it could come in the horizon
-
-
-class _Missed(NamedTuple):
-    """A drive that did not crash the ego as wanted, and whose and when it was."""
-
-    plan: Plan
-    moment: Moment
-    agent: int
-
-    @classmethod
-    def of(cls, moment: Moment, agent: int, start: Start) -> "_Missed":
-        """That of an agent."""
-        name, begun = moment.scenario.agents[agent].id, moment.traffic.time_s
-        drive = start.x, start.y, start.yaw, start.speed
-        return cls(Plan(name, begun, *drive, meets_s=begun + start.meets * DT_S), moment, agent)
 
 
 class Search:
@@ -82,13 +70,14 @@ class Search:
         self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
         self._warm = False  # all programs are compiled
         self._asked: dict[str, float] = {}  # when a candidate was looked at last
-        self._missed: _Missed | None = None  # the next look descends from it
+        self._missed: MissedDrive | None = None  # the next look goes on with it
         self._road: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # of which adversary, and since when
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Search":
         """One that goes on by itself, against the same planner."""
         other = copy.copy(self)
         other._asked = dict(self._asked)
+        other._missed = None if self._missed is None else self._missed.copied()
         return other
 
     def __enter__(self) -> "Search":
@@ -106,41 +95,39 @@ class Search:
         self._asked, self._missed, self._road = {}, None, ("", -np.inf, None)
 
     def prepare(self) -> None:
-        """Do ahead what the next look would have to wait for: where the vehicle may drive that it will descend with."""
+        """Do ahead what the next look would have to wait for: where the vehicle may drive that it will go on with."""
         if self._missed is not None and self.config.law == "strict":
             self._road_of(self._missed.moment, self._missed.agent)
 
-    def fresh(self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False) -> Plan | None:
+    @property
+    def goes_on(self) -> bool:
+        """Whether samples have begun of which there are more to try: it pays to look again at once."""
+        return self._missed is not None and self._missed.has_begun
+
+    def fresh(
+        self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False, step_s: float = DT_S
+    ) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
         `barred` are no candidates. With `speed_only` the adversary keeps to its lane. The first look asks all
         candidates that could meet the ego, a later one asks until one has drives. Where none of these is the plan,
-        changes of them are sampled, or the next look descends from one of them. An ego that will stand all the time is
-        not attacked.
+        changes of them are sampled: all at the first look, else a few at each of the next looks, as many as there is
+        time for in a step of the simulation, `step_s`. A search that may not sample descends at the next look. An ego
+        that will stand all the time is not attacked.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
             self._warm_up(loop)
             if ego.speed.max() < STANDING_M_S:
                 return None
-            asks_all = not self._asked  # nothing is known yet of who is around this ego
-            most = 1 if not self.config.starts else _LOOKED_AT if asks_all else _MOST_ASKED
             missed, self._missed = self._missed, None
             name = None if missed is None or missed.plan.adversary in barred else missed.plan.adversary
-            again = None if name is None else moment.traffic.index(name)
-            if missed is not None and again is not None:
-                return self._descended(loop, again, missed.plan)
-            missing = list[tuple[int, Start]]()
-            for agent in itertools.islice(self._candidates(loop, ego, barred), most):
-                found = self._starts(loop, agent, ego, speed_only)
-                plan = None if found is None else self._plan_from(loop, agent, found)
-                if plan is not None:
-                    return plan
-                if found:
-                    missing.append((agent, found[0]))
-                if not asks_all and (found or self._takes_long(loop, agent)):
-                    break
-            return self._from_missing(loop, missing, speed_only)
+            agent = None if name is None else moment.traffic.index(name)
+            if missed is None or agent is None:
+                return self._among_candidates(loop, ego, barred, speed_only)
+            if speed_only or not loop.samples:
+                return self._descended(loop, agent, missed.plan)
+            return self._sampled(loop, agent, missed, max(1, round(_SAMPLED_EACH_S * step_s)))
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
         """The plan that a moment knows its adversary to follow, changed where it would miss; None if it cannot be."""
@@ -174,7 +161,7 @@ class Search:
         loop.search(job, 0, self.config)
         loop.search(self._job(loop, 1, continues=True), 0, self._renewing)
         if loop.samples:
-            loop.sampled(job, 1)
+            loop.sampled(job, loop.sampling(job, 1), 1)
         self._warm = True
 
     # --- who attacks -----------------------------------------------------------------------------
@@ -203,13 +190,35 @@ class Search:
 
     # --- plans -----------------------------------------------------------------------------------
 
-    def _starts(self, loop: PlannerInLoop, agent: int, ego: Tracks, speed_only: bool) -> list[Start] | None:
+    def _among_candidates(
+        self, loop: PlannerInLoop, ego: Tracks, barred: Collection[str], speed_only: bool
+    ) -> Plan | None:
+        """The first drive of a candidate that is wanted; at a first look also what samples make of the others."""
+        is_first = not self._asked  # nothing is known yet of who is around this ego
+        most = 1 if not self.config.starts else _LOOKED_AT if is_first else _MOST_ASKED
+        missing = list[MissedDrive]()
+        for agent in itertools.islice(self._candidates(loop, ego, barred), most):
+            found = self._starts(loop, agent, ego, speed_only, None if is_first and loop.samples else _MOST_LINES)
+            plan = None if found is None else self._plan_from(loop, agent, found)
+            if plan is not None:
+                return plan
+            if found:
+                missing.append(MissedDrive.of(loop.moment, agent, found[0]))
+            if not is_first and (found or self._takes_long(loop, agent)):
+                break
+        if is_first and loop.samples and not speed_only:
+            return self._sampled_at_once(loop, missing)
+        self._missed = missing[0] if missing else None
+        return None
+
+    def _starts(
+        self, loop: PlannerInLoop, agent: int, ego: Tracks, speed_only: bool, most_lines: int | None = _MOST_LINES
+    ) -> list[Start] | None:
         """Drives with which a search may begin: no drive where it begins with the prediction, None for no search."""
         if not self.config.starts:
             return None if speed_only else []
         scenario = loop.moment.scenario
         limits = loop.limits[scenario.agents[agent].kind]
-        most_lines = None if self.config.samples else _MOST_LINES
         found = starts(scenario, agent, ego, self.config.starts, limits, most_lines=most_lines)
         if speed_only:
             found = [start for start in found if _on_own_way(start, scenario, agent)]
@@ -229,36 +238,43 @@ class Search:
                 return plan
         return None
 
-    def _from_missing(self, loop: PlannerInLoop, missing: Sequence[tuple[int, Start]], speed_only: bool) -> Plan | None:
-        """What samples find for agents whose drives do not crash the ego as wanted.
-
-        A quick search remembers the first of these drives for the next look; so does one of an adversary that keeps to
-        its lane, as samples steer.
-        """
-        if speed_only or not loop.samples:
-            self._missed = _Missed.of(loop.moment, *missing[0]) if missing else None
-            return None
-        plans = (self._sampled(loop, agent, start) for agent, start in missing)
-        return next((plan for plan in plans if plan is not None), None)
-
-    def _sampled(self, loop: PlannerInLoop, agent: int, start: Start) -> Plan | None:
-        """What samples find around a drive that does not crash the ego as wanted, or around what is predicted."""
-        job, moment = self._job(loop, agent), loop.moment
-        for begun in (*followed(moment.scenario, job, [start], self.config.starts), job.start):
-            ended = loop.sampled(job._replace(start=begun), _MOST_SAMPLED)
-            plan = _plan(moment, agent, ended, 2)
-            if plan is not None:
-                return plan
+    def _sampled_at_once(self, loop: PlannerInLoop, drives: Sequence[MissedDrive]) -> Plan | None:
+        """What samples find around drives of this moment that do not crash the ego as wanted, one after the other."""
+        for drive in drives:
+            self._missed = drive
+            while self._missed is not None:
+                plan = self._sampled(loop, drive.agent, self._missed, _MOST_SAMPLED)
+                if plan is not None:
+                    return plan
         return None
+
+    def _sampled(self, loop: PlannerInLoop, agent: int, missed: MissedDrive, most: int) -> Plan | None:
+        """What the next samples find around a drive that did not crash the ego as wanted, then around the prediction.
+
+        What is left to try is kept for the next look.
+        """
+        job, moment = self._job(loop, agent), loop.moment
+        if not missed.of_predicted:
+            job = job._replace(start=self._followed(job, moment, missed.plan))
+        sampling = missed.sampling or loop.sampling(job, _MOST_SAMPLED)
+        ended = loop.sampled(job, sampling, most)
+        plan = _plan(moment, agent, ended, 2)
+        self._missed = None if plan is not None else missed.after(sampling, ended.accepted)
+        return plan
 
     def _descended(self, loop: PlannerInLoop, agent: int, missed: Plan) -> Plan | None:
         """What a short descent makes of a drive that did not crash the ego as wanted at the look before."""
         if not self.config.iterations:
             return None
         job, moment = self._job(loop, agent), loop.moment
-        rest = missed.rest(moment.traffic.time_s, moment.scenario.tracks.steps)
-        (begun,) = followed(moment.scenario, job, [_start(rest)], self.config.starts)
-        return _plan(moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
+        job = job._replace(start=self._followed(job, moment, missed))
+        return _plan(moment, agent, loop.search(job, self.config.iterations, self.config), 2)
+
+    def _followed(self, job: SearchJob, moment: Moment, drive: Plan) -> Controls:
+        """The actions with which a job's agent follows what is left of a drive."""
+        rest = drive.rest(moment.traffic.time_s, moment.scenario.tracks.steps)
+        (actions,) = followed(moment.scenario, job, [_start(rest)], self.config.starts)
+        return actions
 
     def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False, continues: bool = False) -> SearchJob:
         """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it.

@@ -40,14 +40,14 @@ class LiveSettings:
                 RegentsError)  # fmt: skip
 
 
-def live_config(method: str | AttackConfig, quick: bool = False) -> AttackConfig:
-    """The preset as it is searched live: one candidate at a time, few starts, few iterations; `quick`: no samples."""
+def live_config(method: str | AttackConfig, samples: bool = True) -> AttackConfig:
+    """The preset as it is searched live: one candidate at a time, few starts, few iterations; `samples` if wanted."""
     if isinstance(method, AttackConfig):
         return method
     preset = METHODS.get(method)
     if preset is None or preset.optimiser != "adam":
         raise RegentsError(f"method {method!r}, expected one of focused, regents, king (or an AttackConfig)")
-    sampling = {"attempts": 1, "patience": 0, "near_m": 0.0} if quick else {"attempts": 1 + preset.samples}
+    sampling = {"attempts": 1 + preset.samples} if samples else {"attempts": 1, "patience": 0, "near_m": 0.0}
     return dataclasses.replace(
         preset,
         search="per-candidate",

@@ -35,12 +35,15 @@ def run(how):
     told, adversary = [], None
     if "adversary" in how:
         from regents_cosim.live import Adversary
+        from regents_cosim.live.settings import live_config
         from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
         keep_compiled_programs()
         given = dict(how["adversary"])
         if given.pop("never", False):
             given["attack_when"] = lambda _: False
+        if not given.pop("samples", True):
+            given["method"] = live_config("focused", samples=False)
         adversary = Adversary(sumo, tell=told.append, **given)
         for _ in range(how.get("added", 1)):
             sumo.addStepListener(adversary)

@@ -1,6 +1,8 @@
 """Who is asked at a look for a plan, and who at the next."""
 
+import copy
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,12 +21,12 @@ class Asked(Search):
     """A search that notes who is asked; `drives` have lawful drives, of which none crashes the ego as wanted.
 
     Those of `long` have many ways on. The ego drives at `speed` [m/s]. All have been looked at before, unless `first`.
-    It is a quick search, unless it `samples`.
+    What it `samples` finds nothing, in two looks for each drive.
     """
 
     def __init__(self, drives, long=(), speed=8.0, first=False, samples=False):
-        super().__init__("idm", live_config("focused", quick=not samples))
-        self.noted, self._drives, self._long, self._turn = [], drives, long, 0
+        super().__init__("idm", live_config("focused", samples))
+        self.noted, self.lines, self._drives, self._long, self._turn = [], [], drives, long, 0
         self._ego = SimpleNamespace(speed=np.full((1, 10), speed))
         if not first:
             self._asked = dict.fromkeys(NAMES[1:], 0.0)
@@ -43,7 +45,8 @@ class Asked(Search):
             self._asked[NAMES[self._turn]] = 0.0
             yield self._turn
 
-    def _starts(self, loop, agent, ego, speed_only):
+    def _starts(self, loop, agent, ego, speed_only, most_lines=None):
+        self.lines.append(most_lines)
         self.noted.append(f"ask {NAMES[agent]}")
         return [DRIVE] if NAMES[agent] in self._drives else None
 
@@ -53,9 +56,10 @@ class Asked(Search):
     def _plan_from(self, loop, agent, found):
         return None
 
-    def _sampled(self, loop, agent, start):
-        assert start is DRIVE
-        self.noted.append(f"sample {NAMES[agent]}")
+    def _sampled(self, loop, agent, missed, most):
+        assert missed.plan.adversary == NAMES[agent]
+        self.noted.append(f"sample {NAMES[agent]} {most}")
+        self._missed = None if missed.of_predicted else replace(missed, of_predicted=True)
 
     def _descended(self, loop, agent, missed):
         assert missed.adversary == NAMES[agent]
@@ -85,10 +89,38 @@ def test_without_drives_every_look_asks_two_more(moment):
     assert looks(Asked(set()), moment, 2) == ["ask a", "ask b", "ask c", "ask d"]
 
 
-def test_a_search_that_samples_does_so_in_the_same_look(moment):
-    assert looks(Asked({"b", "c"}, samples=True), moment, 2) == ["ask a", "ask b", "sample b", "ask c", "sample c"]
-    asks_all = ["ask a", "ask b", "ask c", "ask d", "sample b", "sample c"]
-    assert looks(Asked({"b", "c"}, samples=True, first=True), moment, 1) == asks_all
+def test_a_search_samples_a_few_at_each_look_until_it_has_tried_all(moment):
+    search = Asked({"b"}, samples=True)
+    assert looks(search, moment, 1) == ["ask a", "ask b"]
+    assert not search.goes_on  # where the vehicle may drive is to be found out first
+    assert looks(search, moment, 1)[2:] == ["sample b 40"]
+    assert search.goes_on
+    assert looks(search, moment, 1)[3:] == ["sample b 40"]
+    assert not search.goes_on
+    assert looks(search, moment, 1)[4:] == ["ask c", "ask d"]
+
+
+def test_the_longer_the_steps_of_the_simulation_the_more_samples_at_a_look(moment):
+    assert looks(Asked({"a"}, samples=True), moment, 2, step_s=0.5)[1:] == ["sample a 200"]
+
+
+def test_the_first_look_asks_all_and_samples_all_at_once(moment):
+    said = looks(Asked({"b", "c"}, samples=True, first=True), moment, 2)
+    sampled = ["sample b 200", "sample b 200", "sample c 200", "sample c 200"]
+    assert said == ["ask a", "ask b", "ask c", "ask d", *sampled, "ask a", "ask b"]
+
+
+def test_an_adversary_that_keeps_to_its_lane_does_not_sample(moment):
+    assert looks(Asked({"a"}, samples=True), moment, 2, speed_only=True)[1:] == ["descend a"]
+
+
+def test_a_copy_goes_on_by_itself(moment):
+    search = Asked({"a"}, samples=True)
+    looks(search, moment, 2)
+    other = copy.deepcopy(search)
+    looks(search, moment, 1)
+    assert other.goes_on
+    assert not search.goes_on
 
 
 def test_who_has_many_ways_on_is_enough_for_a_look(moment):
@@ -135,11 +167,10 @@ def test_where_the_next_look_will_descend_is_found_out_ahead(moment, monkeypatch
     assert asked == ["b"]
 
 
-@pytest.mark.parametrize(("quick", "expected"), [(True, search_module._MOST_LINES), (False, None)])
-def test_a_quick_search_drives_along_the_first_lines_alone(moment, monkeypatch, quick, expected):
-    told = []
-    monkeypatch.setattr(search_module, "starts", lambda *_, most_lines: told.append(most_lines) or [])
-    moment.scenario.agents[1].kind = "car"
-    loop = SimpleNamespace(moment=moment, limits={"car": None})
-    Search("idm", live_config("focused", quick=quick))._starts(loop, 1, None, speed_only=False)
-    assert told == [expected]
+def test_later_looks_drive_along_the_first_lines_alone(moment):
+    search = Asked(set(), first=True, samples=True)
+    looks(search, moment, 2)
+    assert search.lines == [None] * 4 + [search_module._MOST_LINES] * 2
+    in_training = Asked(set(), first=True)
+    looks(in_training, moment, 1)
+    assert in_training.lines == [search_module._MOST_LINES] * 4

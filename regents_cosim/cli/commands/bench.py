@@ -185,7 +185,6 @@ def live(
     planner: PlannerName = "idm",
     expected: str = "",
     method: Literal["focused", "regents", "king"] = "focused",
-    quick: bool = False,
     crashes: bool = False,
     recorded: bool = False,
     seed: Seed = 0,
@@ -207,8 +206,6 @@ def live(
         its recent speed and brakes for leaders
     method
         preset of the search
-    quick
-        keep every look but the first to about a tenth of a second; it finds less
     crashes
         only those that are crashes
     recorded
@@ -228,7 +225,7 @@ def live(
     found = [case for case in load_suite(cases) if case.road.sumo_net and (is_crash(case) or not (crashes or recorded))]
     require(bool(found), f"{cases}: no such case that was recorded in SUMO", RegentsError)
     writer = None if output is None else SuiteWriter(output, seed)
-    ends = drive_windows(found, planner, expected, live_config(method, quick), seed, recorded, terminal)
+    ends = drive_windows(found, planner, expected, live_config(method), seed, recorded, terminal)
     for case, (_, attacked) in zip(found, ends, strict=True):
         for line in [str(attacked)] if isinstance(attacked, RegentsError) else attacked.told:
             terminal.say(f"{case.id}: {line}")

@@ -37,7 +37,6 @@ def live(
     planner: PlannerName = "idm",
     expected: str = "",
     method: Literal["focused", "regents", "king"] = "focused",
-    quick: bool = False,
     output: Output,
     episodes: Count = 1,
     seed: Seed = 0,
@@ -66,8 +65,6 @@ def live(
         its recent speed and brakes for leaders
     method
         preset of the search
-    quick
-        keep every look but the first to about a tenth of a second; it finds less
     output
         folder for the cases
     episodes
@@ -99,7 +96,7 @@ def live(
     terminal = open_terminal(talk)
     SuiteWriter(output, seed)  # a folder that cannot be written is said before anything runs
     made = Episodes(
-        read_input(SumoInput(config=located(config), extra=sumo)), ego, planner, live_config(method, quick), expected,
+        read_input(SumoInput(config=located(config), extra=sumo)), ego, planner, live_config(method), expected,
         replan_s=replan, horizon_s=horizon, radius_m=radius, most_s=longest, output=output.absolute(), keep=keep,
         act_timeout_s=act_timeout, gui=gui,
     )  # fmt: skip
