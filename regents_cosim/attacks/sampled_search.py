@@ -99,71 +99,30 @@ def _search(
     begun = descend(job, planner, config, 0, extra_cost)
     if most == 0 or config.optimiser == "none" or bool(begun.accepted) or not bool(begun.any_candidate):
         return begun
-    return Sampling(config, seed_of(scenario, job), most).go_on(job, planner, most, extra_cost)
-
-
-def seed_of(scenario: Scenario, job: SearchJob) -> int:
-    """The same for the same agent of the same scenario."""
-    return zlib.crc32(f"{scenario.id} {int(job.searched.first)}".encode())
-
-
-class Sampling:
-    """Changes of what a job begins with, tried a generation at a time until one is accepted, or none is left to try.
-
-    It may go on later with another job of the same shape, such as that of a moment later: what was learnt stays.
-    """
-
-    def __init__(self, config: AttackConfig, seed: int, most: int) -> None:
-        """At most `most` roll-outs in all."""
-        self._config, self._most = config, most
-        self._sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
-        self._terms = list[np.ndarray]()  # of each generation [change term]
-        self._best, self._least, self._tried = np.zeros(2 * KNOTS), np.inf, 0
-        self._nearest, self._nearest_at = np.float32(np.inf), 0  # the ego's cost when it last came down, and when
-
-    @property
-    def is_over(self) -> bool:
-        """Whether all roll-outs are spent, or it has come no nearer for as long as the configuration waits."""
-        waited = self._tried - self._nearest_at
-        impatient = bool(self._config.patience) and waited > waits(self._config, self._nearest)
-        return self._tried >= self._most or impatient
-
-    def go_on(self, job: SearchJob, planner: LoopPlanner, most: int, extra_cost: ExtraCost | None) -> SearchResult:
-        """Up to `most` roll-outs more: the first that is accepted, else the best of all."""
-        bare = job._replace(world=replace(job.world.without_road(), bounds=job.world.bounds), memory=None)
-        program, until = shared(self._config), min(self._tried + most, self._most)
-        while self._tried < until and not self.is_over:
-            changes = self._sampler.ask()[: until - self._tried]
-            found, looks = _look(job, bare, planner, program, extra_cost, changes)
-            if self._learns(changes, looks):
-                return self._after(found)
-        found, _ = _look(job, bare, planner, program, extra_cost, self._best[None])
-        return self._after(found)
-
-    def _learns(self, changes: Float[np.ndarray, "change coordinate"], looks: Looks) -> bool:
-        """Note what changes led to; whether one was accepted, in which case the later ones were not tried."""
+    seed = zlib.crc32(f"{scenario.id} {int(job.searched.first)}".encode())
+    sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
+    bare = job._replace(world=replace(job.world.without_road(), bounds=job.world.bounds), memory=None)
+    program, history = shared(config), np.zeros(begun.history.shape, np.float32)
+    best, least, tried = np.zeros(2 * KNOTS), np.inf, 0
+    nearest, nearest_at = np.float32(np.inf), 0  # the ego's cost when it last came down, and the roll-out of that
+    while tried < most and (not config.patience or tried - nearest_at <= waits(config, nearest)):
+        changes = sampler.ask()[: most - tried]
+        found, looks = _look(job, bare, planner, program, extra_cost, changes)
         seen = (looks.cost, looks.terms, looks.accepted)
         costs, terms, accepted = (np.asarray(values)[: len(changes)] for values in seen)
         made = int(np.argmax(accepted)) + 1 if accepted.any() else len(changes)
-        self._terms.append(terms[:made])
-        left = self._most - self._tried
-        self._tried += made
+        history[tried : tried + made] = terms[:made]
+        tried += made
         if accepted.any():
-            return True
-        if costs.min() < self._least:
-            self._best, self._least = changes[np.argmin(costs)], float(costs.min())
-        if comes_down(self._config, terms[:, 0].min(), self._nearest, left):
-            self._nearest, self._nearest_at = terms[:, 0].min(), self._tried
+            return _after(found, tried, history)
+        if costs.min() < least:
+            best, least = changes[np.argmin(costs)], float(costs.min())
+        if comes_down(config, terms[:, 0].min(), nearest, most - tried + made):
+            nearest, nearest_at = terms[:, 0].min(), tried
         if len(changes) == LOOKED_AT:
-            self._sampler.tell(changes, costs)
-        return False
-
-    def _after(self, found: SearchResult) -> SearchResult:
-        """What was found, as the end of all roll-outs so far."""
-        history = np.zeros(found.history.shape, np.float32)
-        history[: self._tried] = np.concatenate(self._terms)
-        tried = on_device(self._tried, np.int32)
-        return replace(found, iterations=tried, history=on_device(history, np.float32))
+            sampler.tell(changes, costs)
+    found, _ = _look(job, bare, planner, program, extra_cost, best[None])
+    return _after(found, tried, history)
 
 
 def _look(
@@ -184,6 +143,11 @@ def _look(
     starts = jax.tree.map(lambda actions: on_device(actions, np.float32), made)
     count, none = on_device(len(changes), np.int32), on_device(0, np.int32)
     return look_and_descend(job.world, planner, job.memory, program, job.searched, starts, count, none, extra_cost)
+
+
+def _after(found: SearchResult, tried: int, history: Float[np.ndarray, "iteration term"]) -> SearchResult:
+    """The same as the end of so many roll-outs."""
+    return replace(found, iterations=on_device(tried, np.int32), history=on_device(history, np.float32))
 
 
 @compiled

@@ -76,6 +76,7 @@ class Attacker:
         self._home_since_s = 0.0
         self._barred: dict[str, float] = {}
         self._next_s = -np.inf
+        self._looks_s = min(_LOOKS_S, replan_s)
 
     @property
     def state(self) -> Literal["watching", "attacking", "returning"]:
@@ -92,8 +93,8 @@ class Attacker:
             self._come_home(frame, self._home)
         elif self._first is not None and self._first.adversary in frame.number and wanted():
             self._begin_with(frame, self._first)
-        elif not (self._is_time(frame, min(_LOOKS_S, self._replan_s)) or self._replanner.goes_on):
-            self._replanner.prepare(frame)
+        elif not self._is_time(frame, self._looks_s):
+            self._between(frame, wanted)
         elif wanted():
             self._begin(frame)
         self._carry_out(frame)
@@ -126,10 +127,17 @@ class Attacker:
         self._barred = {name: until for name, until in self._barred.items() if until > frame.time_s}
         standing = (name for name in frame.ids[1:] if frame.speed[frame.number[name]] < _STANDS_M_S)
         at_stops = {name for name in standing if self._host.is_at_stop(name)}
-        found = self._replanner.fresh(frame, self._barred.keys() | at_stops)
-        if found is None:
-            return
-        self._take(frame, *found)
+        none_between = self._host.step_s > self._looks_s - _EARLY_S
+        found = self._replanner.fresh(frame, self._barred.keys() | at_stops, at_once=none_between)
+        if found is not None:
+            self._take(frame, *found)
+
+    def _between(self, frame: Frame, wanted: Callable[[], bool]) -> None:
+        """After a look: what samples find belongs to it, and may begin a step late."""
+        self._replanner.prepare(frame)
+        found = self._replanner.sampled()
+        if found is not None and found[0].adversary in frame.number and wanted():
+            self._take(frame, *found)
 
     def _begin_with(self, frame: Frame, plan: Plan) -> None:
         """Take the vehicle of a plan that was given."""

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.predict import Predictor
 from regents_cosim.live.traffic import Drive, Shows, TrafficState
 from regents_cosim.maps.levels import has_levels
@@ -44,6 +45,12 @@ class Moment:
     traffic: TrafficState
     scenario: Scenario
     world: World
+
+    @property
+    def forecast(self) -> Forecast:
+        """What is predicted."""
+        ids = tuple(agent.id for agent in self.scenario.agents)
+        return Forecast(self.traffic.time_s, DT_S, ids, self.scenario.tracks)
 
     @property
     def origin(self) -> Float[np.ndarray, " 2"]:

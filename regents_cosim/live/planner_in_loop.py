@@ -14,7 +14,7 @@ from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops, in_compiled_loop, in_process, pursue
 from regents_cosim.attacks.replanned import BackgroundTraffic
-from regents_cosim.attacks.sampled_search import Sampling, seed_of
+from regents_cosim.attacks.sampled_search import search_by_samples
 from regents_cosim.attacks.search import LOOKED_AT, descend, look_at
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
@@ -82,15 +82,12 @@ class PlannerInLoop:
         """Whether searches may sample: where the configuration says so, on a planner in the compiled loop."""
         return self._loop is not None and self._config.samples > 0
 
-    def sampling(self, job: SearchJob, most: int) -> Sampling:
-        """Changes of a job's actions to try, at most so many, for a search that `samples`."""
-        return Sampling(replace(self._config, optimiser="cma-es"), seed_of(self.moment.scenario, job), most)
-
-    def sampled(self, job: SearchJob, sampling: Sampling, most: int) -> SearchEnd:
-        """What a job begins with if that is wanted, else what its next changes lead to, at most so many."""
+    def sampled(self, job: SearchJob, most: int) -> SearchEnd:
+        """What changes of a job's actions lead to, in at most so many roll-outs, for a search that `samples`."""
         assert self._loop is not None
-        begun = self.search(job, 0, self._config)
-        return begun if begun.accepted else SearchEnd(sampling.go_on(job, self._loop, most, None))
+        by_samples = replace(self._config, optimiser="cma-es")
+        (ended,) = search_by_samples([(self.moment.scenario, job)], self._loop, by_samples, most, None)
+        return ended
 
     def wanted(self, job: SearchJob, begun: Sequence[Controls], config: AttackConfig) -> Iterator[int]:
         """Which of the actions that a job may begin with crash the ego as wanted. Raises DriveError."""

@@ -29,19 +29,19 @@ class Replanner:
         self._moments.prepare(self._host.road, float(frame.x[0]), float(frame.y[0]))
         self._search.prepare()
 
-    @property
-    def goes_on(self) -> bool:
-        """Whether the next look goes on with what the last began, and need not wait for its time."""
-        return self._search.goes_on
+    def fresh(self, frame: Frame, barred: Collection[str], at_once: bool = False) -> tuple[Plan, Forecast] | None:
+        """A plan for a vehicle that is not barred, and what was predicted for it; None where none is found.
 
-    def fresh(self, frame: Frame, barred: Collection[str]) -> tuple[Plan, Forecast] | None:
-        """A plan for a vehicle that is not barred, and what was predicted for it; None where none is found."""
+        Unless all is done `at_once`, what `sampled` finds in the step after it belongs to it.
+        """
         moment = self._moments.of(self._traffic(frame))
-        plan = self._search.fresh(moment, barred, self._host.speed_only, self._host.step_s)
-        if plan is None:
-            return None
-        ids = tuple(agent.id for agent in moment.scenario.agents)
-        return plan, Forecast(frame.time_s, DT_S, ids, moment.scenario.tracks)
+        plan = self._search.fresh(moment, barred, self._host.speed_only, at_once)
+        return None if plan is None else (plan, moment.forecast)
+
+    def sampled(self) -> tuple[Plan, Forecast] | None:
+        """The same, of the samples around what the last look missed with."""
+        found = self._search.sampled()
+        return None if found is None else (found[0], found[1].forecast)
 
     def renewed(self, frame: Frame, plan: Plan) -> Plan | None:
         """A plan, changed where it would miss; None where it cannot be."""

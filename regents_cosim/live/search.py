@@ -2,15 +2,16 @@
 
 The same search as offline, with a short horizon. A few candidates that could meet the ego are asked for lawful drives
 that do (`attacks.starts`), until one has any; the first of these that crashes it as wanted in the planner's closed
-loop is the plan. Where none does, the next looks sample changes of one of them, as offline but a few at a time; where a
-search may not sample, the next look descends from it. Methods without such drives descend from the prediction. All
-descents have few iterations. A plan that is being carried out is looked at again from where all vehicles are by now,
-and descended from where it would miss.
+loop is the plan. Where none does, changes of one of them are sampled, as offline but fewer, in the step after the look;
+where a search may not sample, the next look descends from it. Methods without such drives descend from the prediction.
+All descents have few iterations. A plan that is being carried out is looked at again from where all vehicles are by
+now, and descended from where it would miss.
 """
 
 import copy
 import itertools
 from collections.abc import Collection, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -36,7 +37,6 @@ from regents_cosim.live.plan import Plan
 from regents_cosim.live.planner_in_loop import PlannerInLoop
 from regents_cosim.live.reach import could_meet, near_enough
 from regents_cosim.live.traffic import Drive
-from regents_cosim.mirror.bicycle import Controls
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import World, to_tracks
 from regents_cosim.planners.host_pool import HostPool
@@ -54,7 +54,7 @@ _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or
 _MOST_GAINED_M = 25.0  # ... up to so far
 _ALONE_M = 1.1  # off its own way, where it can only be driven faster or slower
 _MOST_SAMPLED = 200  # roll-outs of one search that samples: those that find a crash take no more (docs/performance.md)
-_SAMPLED_EACH_S = 400  # of these at a look, for each second of the simulation's step; they take about 1.5 ms each
+_SAMPLED_BETWEEN = 60  # of these in a step between two looks; each takes 0.6 to 0.8 ms
 _ROAD_LASTS_S = 2.0  # that the adversary's road is kept: it reaches as far as it could come in the horizon
 
 
@@ -68,6 +68,7 @@ class Search:
         self._renewing = replace(config, accept="clean") if config.accept == "telling" else config
         given = PlannerUnderTest(OBSERVED, Observed()) if planner == OBSERVED else PlannerUnderTest.of(planner)
         self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
+        self._side_by_side = ThreadPoolExecutor(2)
         self._warm = False  # all programs are compiled
         self._asked: dict[str, float] = {}  # when a candidate was looked at last
         self._missed: MissedDrive | None = None  # the next look goes on with it
@@ -76,8 +77,7 @@ class Search:
     def __deepcopy__(self, memo: dict[int, Any]) -> "Search":
         """One that goes on by itself, against the same planner."""
         other = copy.copy(self)
-        other._asked = dict(self._asked)
-        other._missed = None if self._missed is None else self._missed.copied()
+        other._asked, other._side_by_side = dict(self._asked), ThreadPoolExecutor(2)
         return other
 
     def __enter__(self) -> "Search":
@@ -87,33 +87,28 @@ class Search:
         self.close()
 
     def close(self) -> None:
-        """End the planner's process, if any."""
+        """End the planner's process, if any, and the threads."""
         self.hosts.__exit__()
+        self._side_by_side.shutdown()
 
     def forget(self) -> None:
         """Another run begins: nothing is known of its vehicles."""
         self._asked, self._missed, self._road = {}, None, ("", -np.inf, None)
 
     def prepare(self) -> None:
-        """Do ahead what the next look would have to wait for: where the vehicle may drive that it will go on with."""
+        """Do ahead what the next look would have to wait for: where the vehicle may drive that it will descend with."""
         if self._missed is not None and self.config.law == "strict":
             self._road_of(self._missed.moment, self._missed.agent)
 
-    @property
-    def goes_on(self) -> bool:
-        """Whether samples have begun of which there are more to try: it pays to look again at once."""
-        return self._missed is not None and self._missed.has_begun
-
     def fresh(
-        self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False, step_s: float = DT_S
+        self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False, at_once: bool = False
     ) -> Plan | None:
         """A plan for one of the candidates, None where none leads to the crash that is wanted.
 
         `barred` are no candidates. With `speed_only` the adversary keeps to its lane. The first look asks all
         candidates that could meet the ego, a later one asks until one has drives. Where none of these is the plan,
-        changes of them are sampled: all at the first look, else a few at each of the next looks, as many as there is
-        time for in a step of the simulation, `step_s`. A search that may not sample descends at the next look. An ego
-        that will stand all the time is not attacked.
+        changes of them are sampled: by the first look and where all is to be done `at_once`, else by `sampled`. A
+        search that may not sample descends at the next look. An ego that will stand all the time is not attacked.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
@@ -121,13 +116,22 @@ class Search:
             if ego.speed.max() < STANDING_M_S:
                 return None
             missed, self._missed = self._missed, None
-            name = None if missed is None or missed.plan.adversary in barred else missed.plan.adversary
-            agent = None if name is None else moment.traffic.index(name)
-            if missed is None or agent is None:
-                return self._among_candidates(loop, ego, barred, speed_only)
-            if speed_only or not loop.samples:
+            agent = None if missed is None or missed.name in barred else moment.traffic.index(missed.name)
+            if missed is not None and agent is not None and (speed_only or not loop.samples):
                 return self._descended(loop, agent, missed.plan)
-            return self._sampled(loop, agent, missed, max(1, round(_SAMPLED_EACH_S * step_s)))
+            return self._among_candidates(loop, ego, barred, speed_only, at_once)
+
+    def sampled(self) -> tuple[Plan, Moment] | None:
+        """What samples find around the drive that the last look missed with, in the moment of that look."""
+        missed = self._missed
+        if missed is None:
+            return None
+        with self._in_loop(missed.moment) as loop:
+            if not loop.samples:
+                return None
+            self._missed = None
+            plan = self._sampled(loop, missed, _SAMPLED_BETWEEN)
+            return None if plan is None else (plan, missed.moment)
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
         """The plan that a moment knows its adversary to follow, changed where it would miss; None if it cannot be."""
@@ -161,7 +165,7 @@ class Search:
         loop.search(job, 0, self.config)
         loop.search(self._job(loop, 1, continues=True), 0, self._renewing)
         if loop.samples:
-            loop.sampled(job, loop.sampling(job, 1), 1)
+            loop.sampled(job, 1)
         self._warm = True
 
     # --- who attacks -----------------------------------------------------------------------------
@@ -191,9 +195,9 @@ class Search:
     # --- plans -----------------------------------------------------------------------------------
 
     def _among_candidates(
-        self, loop: PlannerInLoop, ego: Tracks, barred: Collection[str], speed_only: bool
+        self, loop: PlannerInLoop, ego: Tracks, barred: Collection[str], speed_only: bool, at_once: bool
     ) -> Plan | None:
-        """The first drive of a candidate that is wanted; at a first look also what samples make of the others."""
+        """The first drive of a candidate that is wanted, or what samples make of the others."""
         is_first = not self._asked  # nothing is known yet of who is around this ego
         most = 1 if not self.config.starts else _LOOKED_AT if is_first else _MOST_ASKED
         missing = list[MissedDrive]()
@@ -203,11 +207,12 @@ class Search:
             if plan is not None:
                 return plan
             if found:
-                missing.append(MissedDrive.of(loop.moment, agent, found[0]))
+                missing.append(MissedDrive(found[0], loop.moment, agent))
             if not is_first and (found or self._takes_long(loop, agent)):
                 break
-        if is_first and loop.samples and not speed_only:
-            return self._sampled_at_once(loop, missing)
+        if (is_first or at_once) and loop.samples and not speed_only:
+            plans = (self._sampled(loop, missed, _MOST_SAMPLED) for missed in missing)
+            return next((plan for plan in plans if plan is not None), None)
         self._missed = missing[0] if missing else None
         return None
 
@@ -238,43 +243,25 @@ class Search:
                 return plan
         return None
 
-    def _sampled_at_once(self, loop: PlannerInLoop, drives: Sequence[MissedDrive]) -> Plan | None:
-        """What samples find around drives of this moment that do not crash the ego as wanted, one after the other."""
-        for drive in drives:
-            self._missed = drive
-            while self._missed is not None:
-                plan = self._sampled(loop, drive.agent, self._missed, _MOST_SAMPLED)
-                if plan is not None:
-                    return plan
-        return None
+    def _sampled(self, loop: PlannerInLoop, missed: MissedDrive, most: int) -> Plan | None:
+        """What samples find around a drive that does not crash the ego as wanted, or around what is predicted.
 
-    def _sampled(self, loop: PlannerInLoop, agent: int, missed: MissedDrive, most: int) -> Plan | None:
-        """What the next samples find around a drive that did not crash the ego as wanted, then around the prediction.
-
-        What is left to try is kept for the next look.
+        The two are searched side by side, each with so many roll-outs at most: one alone uses one core.
         """
-        job, moment = self._job(loop, agent), loop.moment
-        if not missed.of_predicted:
-            job = job._replace(start=self._followed(job, moment, missed.plan))
-        sampling = missed.sampling or loop.sampling(job, _MOST_SAMPLED)
-        ended = loop.sampled(job, sampling, most)
-        plan = _plan(moment, agent, ended, 2)
-        self._missed = None if plan is not None else missed.after(sampling, ended.accepted)
-        return plan
+        job, moment = self._job(loop, missed.agent), loop.moment
+        begun = (*followed(moment.scenario, job, [missed.start], self.config.starts), job.start)
+        ends = self._side_by_side.map(lambda start: loop.sampled(job._replace(start=start), most), begun)
+        plans = (_plan(moment, missed.agent, ended, 2) for ended in ends)
+        return next((plan for plan in plans if plan is not None), None)
 
     def _descended(self, loop: PlannerInLoop, agent: int, missed: Plan) -> Plan | None:
         """What a short descent makes of a drive that did not crash the ego as wanted at the look before."""
         if not self.config.iterations:
             return None
         job, moment = self._job(loop, agent), loop.moment
-        job = job._replace(start=self._followed(job, moment, missed))
-        return _plan(moment, agent, loop.search(job, self.config.iterations, self.config), 2)
-
-    def _followed(self, job: SearchJob, moment: Moment, drive: Plan) -> Controls:
-        """The actions with which a job's agent follows what is left of a drive."""
-        rest = drive.rest(moment.traffic.time_s, moment.scenario.tracks.steps)
-        (actions,) = followed(moment.scenario, job, [_start(rest)], self.config.starts)
-        return actions
+        rest = missed.rest(moment.traffic.time_s, moment.scenario.tracks.steps)
+        (begun,) = followed(moment.scenario, job, [_start(rest)], self.config.starts)
+        return _plan(moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
 
     def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False, continues: bool = False) -> SearchJob:
         """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it.

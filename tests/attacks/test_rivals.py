@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 from places import SUPPORT
@@ -13,7 +12,7 @@ from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks import searches as searching
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
-from regents_cosim.attacks.sampled_search import AtRandom, ByEvolution, Sampling, seed_of
+from regents_cosim.attacks.sampled_search import AtRandom, ByEvolution
 from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
@@ -94,29 +93,6 @@ def test_where_the_planner_collides_anyway_nobody_is_blamed():
     record = AttackRecord(window.id, "king", "constant_velocity", "already_colliding", 0)
     known = replace(window, attack=record, original=window.tracks)
     assert list(drive_aggressively([window], [[known]], "constant_velocity")) == [[known]]
-
-
-@pytest.mark.slow
-def test_samples_that_go_on_later_are_those_that_would_have_been_tried_at_once(monkeypatch):
-    compared = []
-
-    def in_parts(jobs, planner, config, most, extra_cost):
-        ended = searching_by_samples(jobs, planner, config, most, extra_cost)
-        for (window, job), one in zip(jobs, ended, strict=True):
-            sampling = Sampling(config, seed_of(window, job), most)
-            while not sampling.is_over:
-                part = sampling.go_on(job, planner, 20, extra_cost)
-            compared.append((one.found, part))
-        return ended
-
-    searching_by_samples = searching.search_by_samples
-    monkeypatch.setattr(searching, "search_by_samples", in_parts)
-    few = replace(CMA_ES, iterations=50, nearest=1, starts=0)
-    list(attack([scene((0, 0, 10), (200, 0, 10))], few, "log_replay"))
-    ((at_once, in_the_end),) = compared
-    assert int(at_once.iterations) == int(in_the_end.iterations) == 50
-    for name in ("history", "motion", "controls"):
-        jax.tree.map(np.testing.assert_array_equal, getattr(at_once, name), getattr(in_the_end, name))
 
 
 @pytest.mark.slow

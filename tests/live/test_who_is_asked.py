@@ -1,8 +1,6 @@
 """Who is asked at a look for a plan, and who at the next."""
 
-import copy
 from contextlib import nullcontext
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +19,7 @@ class Asked(Search):
     """A search that notes who is asked; `drives` have lawful drives, of which none crashes the ego as wanted.
 
     Those of `long` have many ways on. The ego drives at `speed` [m/s]. All have been looked at before, unless `first`.
-    What it `samples` finds nothing, in two looks for each drive.
+    What it `samples` finds nothing.
     """
 
     def __init__(self, drives, long=(), speed=8.0, first=False, samples=False):
@@ -56,10 +54,9 @@ class Asked(Search):
     def _plan_from(self, loop, agent, found):
         return None
 
-    def _sampled(self, loop, agent, missed, most):
-        assert missed.plan.adversary == NAMES[agent]
-        self.noted.append(f"sample {NAMES[agent]} {most}")
-        self._missed = None if missed.of_predicted else replace(missed, of_predicted=True)
+    def _sampled(self, loop, missed, most):
+        assert missed.start is DRIVE
+        self.noted.append(f"sample {missed.name} {most}")
 
     def _descended(self, loop, agent, missed):
         assert missed.adversary == NAMES[agent]
@@ -89,38 +86,38 @@ def test_without_drives_every_look_asks_two_more(moment):
     assert looks(Asked(set()), moment, 2) == ["ask a", "ask b", "ask c", "ask d"]
 
 
-def test_a_search_samples_a_few_at_each_look_until_it_has_tried_all(moment):
+def test_a_search_that_may_sample_does_so_in_the_step_after_a_look(moment):
     search = Asked({"b"}, samples=True)
     assert looks(search, moment, 1) == ["ask a", "ask b"]
-    assert not search.goes_on  # where the vehicle may drive is to be found out first
-    assert looks(search, moment, 1)[2:] == ["sample b 40"]
-    assert search.goes_on
-    assert looks(search, moment, 1)[3:] == ["sample b 40"]
-    assert not search.goes_on
-    assert looks(search, moment, 1)[4:] == ["ask c", "ask d"]
+    assert search.sampled() is None
+    assert search.noted[2:] == ["sample b 60"]
+    assert search.sampled() is None
+    assert looks(search, moment, 1)[3:] == ["ask c", "ask d"]
+    assert search.sampled() is None  # none of them had drives
+    assert search.noted[5:] == []
 
 
-def test_the_longer_the_steps_of_the_simulation_the_more_samples_at_a_look(moment):
-    assert looks(Asked({"a"}, samples=True), moment, 2, step_s=0.5)[1:] == ["sample a 200"]
+def test_where_no_step_comes_between_two_looks_all_is_sampled_at_once(moment):
+    said = looks(Asked({"b", "c"}, samples=True), moment, 2, at_once=True)
+    assert said == ["ask a", "ask b", "sample b 200", "ask c", "sample c 200"]
 
 
 def test_the_first_look_asks_all_and_samples_all_at_once(moment):
-    said = looks(Asked({"b", "c"}, samples=True, first=True), moment, 2)
-    sampled = ["sample b 200", "sample b 200", "sample c 200", "sample c 200"]
-    assert said == ["ask a", "ask b", "ask c", "ask d", *sampled, "ask a", "ask b"]
+    search = Asked({"b", "c"}, samples=True, first=True)
+    assert looks(search, moment, 1) == ["ask a", "ask b", "ask c", "ask d", "sample b 200", "sample c 200"]
+    assert search.sampled() is None
+    assert len(search.noted) == 6
 
 
-def test_an_adversary_that_keeps_to_its_lane_does_not_sample(moment):
-    assert looks(Asked({"a"}, samples=True), moment, 2, speed_only=True)[1:] == ["descend a"]
+def test_an_adversary_that_keeps_to_its_lane_descends_at_the_next_look(moment):
+    assert looks(Asked({"a"}, samples=True), moment, 2, speed_only=True) == ["ask a", "descend a"]
 
 
-def test_a_copy_goes_on_by_itself(moment):
-    search = Asked({"a"}, samples=True)
-    looks(search, moment, 2)
-    other = copy.deepcopy(search)
+def test_a_search_that_may_not_sample_does_nothing_between_two_looks(moment):
+    search = Asked({"a"})
     looks(search, moment, 1)
-    assert other.goes_on
-    assert not search.goes_on
+    assert search.sampled() is None
+    assert looks(search, moment, 1) == ["ask a", "descend a"]
 
 
 def test_who_has_many_ways_on_is_enough_for_a_look(moment):

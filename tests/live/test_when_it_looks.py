@@ -1,0 +1,90 @@
+"""When an attacker looks for a plan, and what it does in the steps between."""
+
+import numpy as np
+import pytest
+
+from regents_cosim.live.attacker import Attacker, Tally
+from regents_cosim.live.frame import Frame
+from regents_cosim.live.plan import Plan
+from regents_cosim.sources.sumo_types import VehicleType
+
+CAR = VehicleType("car", 5.0, 1.8)
+FLAT = np.zeros(81)
+PLAN = Plan("other", 0.2, FLAT, FLAT + 50.0, FLAT, FLAT + 10.0, meets_s=7.0)
+
+
+class Looks:
+    """Finds nothing at looks, and `sampled` in the step after the look at `of_s`."""
+
+    def __init__(self, sampled=None, of_s=0.2):
+        self.looked_s, self.at_once, self.between, self._sampled, self._of_s = [], [], 0, sampled, of_s
+
+    def prepare(self, frame):
+        self.between += 1
+
+    def fresh(self, frame, barred, at_once):
+        self.looked_s.append(round(frame.time_s, 2))
+        self.at_once.append(at_once)
+
+    def sampled(self):
+        return (self._sampled, None) if self._sampled is not None and self.looked_s[-1] == self._of_s else None
+
+    def renewed(self, frame, plan):
+        return plan
+
+
+class OneRoad:
+    """A host of one vehicle that stays where it is."""
+
+    def __init__(self, step_s):
+        self.step_s = step_s
+
+    def take(self, name, length_m):
+        return self
+
+    def follow_route_of(self, plan):
+        pass
+
+    def confirm(self):
+        pass
+
+    def place(self, x, y, yaw, speed):
+        pass
+
+
+def watched(plans, step_s=0.1, replan_s=0.5, until_s=0.85, wanted=lambda: True, seen=("ego", "other")):
+    attacker, flat = Attacker(OneRoad(step_s), plans, replan_s, Tally(), lambda *_: None), np.zeros(len(seen))
+    for step in range(round(until_s / step_s) + 1):
+        y = np.arange(len(seen)) * 50.0
+        frame = Frame(step_s * step, seen, flat, y, flat, flat + 10.0, flat, (CAR,) * len(seen), {})
+        attacker.step(frame, wanted)
+    return attacker
+
+
+def test_a_look_comes_every_fifth_of_a_second():
+    plans = Looks()
+    watched(plans)
+    assert plans.looked_s == [0.0, 0.2, 0.4, 0.6, 0.8]
+    assert plans.between == 4
+    assert not any(plans.at_once)
+
+
+@pytest.mark.parametrize(("step_s", "replan_s"), [(0.2, 0.5), (0.5, 0.5), (0.1, 0.1)])
+def test_where_every_step_has_a_look_it_does_all_at_once(step_s, replan_s):
+    plans = Looks()
+    watched(plans, step_s, replan_s)
+    assert plans.between == 0
+    assert all(plans.at_once)
+
+
+def test_what_samples_find_between_two_looks_begins_then():
+    attacker = watched(Looks(PLAN), until_s=0.3)
+    assert attacker.state == "attacking"
+    assert attacker.attack.begun_s == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("how", [{"wanted": lambda: False}, {"seen": ("ego", "third")}])
+def test_it_does_not_begin_where_it_is_not_wanted_any_more_or_its_vehicle_is_gone(how):
+    plans = Looks(PLAN)
+    plans.looked_s.append(0.2)
+    assert watched(plans, until_s=0.35, **how).state == "watching"
