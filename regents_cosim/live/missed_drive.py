@@ -9,7 +9,7 @@ from regents_cosim.live.plan import Plan
 
 @dataclass(frozen=True, eq=False)
 class MissedDrive:
-    """Whose it was, and when."""
+    """Where the search went from, in which moment, and for which of its agents."""
 
     start: Start
     moment: Moment

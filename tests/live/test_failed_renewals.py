@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from one_road import OneRoad
 
 from regents_cosim.live.attacker import Attacker, Tally
 from regents_cosim.live.frame import Frame
@@ -41,27 +42,6 @@ class Plans:
     def redrawn(self, frame, adversary):
         self.asked.append(("redrawn", round(frame.time_s, 2)))
         return a_plan(frame.time_s) if next(self.redraws) else None
-
-
-class OneRoad:
-    """A host of one vehicle that goes where it is placed."""
-
-    step_s, name = 0.1, "other"
-
-    def take(self, name, length_m):
-        return self
-
-    def follow_route_of(self, plan):
-        pass
-
-    def confirm(self):
-        pass
-
-    def place(self, x, y, yaw, speed):
-        pass
-
-    def give_back(self):
-        return True
 
 
 def asked_in(seconds, plans, replan_s=0.5):
