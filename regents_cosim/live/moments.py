@@ -63,8 +63,15 @@ class Moment:
         return jax.block_until_ready(_as_predicted(self.world))
 
     def memory(self, planner: JaxPlanner, name: str) -> Any:
-        """What a planner remembers at the beginning. Raises DriveError."""
-        return start(planner, LoopScene(self.scenario, self.world, self.traffic.way), name)
+        """What the planner of that name remembers at the beginning. Raises DriveError."""
+        if name not in self._memories:
+            self._memories[name] = start(planner, LoopScene(self.scenario, self.world, self.traffic.way), name)
+        return self._memories[name]
+
+    @cached_property
+    def _memories(self) -> dict[str, Any]:
+        """Those that were asked for: a look and its samples begin in the same moment."""
+        return {}
 
     @cached_property
     def with_lanes(self) -> World:

@@ -45,7 +45,7 @@ class _Looks:
         self._search = Search(planner, live_config("focused"))
         self._last = np.full(2, np.inf)
         self._had: set[str] = set()
-        self.places = 0
+        self.places, self._warm = 0, False
         self.kinds, self.took_ms, self.plans = list[str](), list[float](), list[str]()
 
     def look(self) -> None:
@@ -56,12 +56,16 @@ class _Looks:
         if ego is None or frame is None or len(frame.ids) < MOST_AGENTS:
             return
         self._had.add(ego)
-        self.places += 1
         self._last = np.array([frame.x[0], frame.y[0]])
         history = History(HORIZON_S, self._reader.step_s)
         history.add(frame)
         self._search.forget()
         replanner = self._replanner(history)
+        if not self._warm:
+            replanner.fresh(frame, ())  # compiles all programs
+            self._warm = True
+            return
+        self.places += 1
         if self._first:
             self._timed("first look", frame, replanner)
             return
@@ -129,12 +133,10 @@ def measure(config: Path, after_s: float, places: int, planner: str, first: bool
     with running_sumo(["-c", str(config), *(w for k, v in options.items() for w in (f"--{k}", v))]) as sumo:
         begin = float(sumo.simulation.getTime()) + after_s
         sumo.simulationStep(begin)
-        looks, warmed = _Looks(sumo, planner, first), False
+        looks = _Looks(sumo, planner, first)
         while looks.places < places and sumo.simulation.getMinExpectedNumber() > 0:
             sumo.simulationStep(float(sumo.simulation.getTime()) + _EACH_S)
             looks.look()
-            if looks.kinds and not warmed:
-                looks, warmed = _Looks(sumo, planner, first), True
     return looks
 
 
