@@ -14,6 +14,7 @@ class MissedDrive:
     start: Start
     moment: Moment
     agent: int
+    may_sample: bool  # changes of it, in the step after the look; else the next look descends from it
 
     @property
     def name(self) -> str:

@@ -39,7 +39,7 @@ class Mirror:
     """Each vehicle on its own route, by a car-following model (`car_following`) with its parameters in SUMO.
 
     A body on the path is a leader; closed lights, and junctions where others come first (`giving_way`), are standing
-    leaders.
+    leaders. For the first step each goes on as it did lately.
     """
 
     def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
@@ -153,9 +153,18 @@ class _Drivers:
         accel = np.minimum(accel, driven.accel + self.follows.most_jerk * dt)
         came_first = self.link_leaders.first(along, driven.came_first)
         accel = np.minimum(accel, self._behind_link_leaders(driven, came_first, wanted, dt))
+        if time_s == 0.0:
+            accel = self._as_lately(accel)
         after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
         waits = (lets_m < FAR_M) | (closed & (self.seen < 0.0)).any(axis=1)
         return _Driven(along + 0.5 * (speed + after) * dt, after, passes, (after - speed) / dt, waits, came_first)
+
+    def _as_lately(self, accel: Float[np.ndarray, " user"]) -> Float[np.ndarray, " user"]:
+        """What they do in the first step [m/s^2]: what they did lately, which tells more of it than their models.
+
+        Those of which that is not known do what their models say (`accel`).
+        """
+        return np.where(np.isfinite(self.accel), np.minimum(self.accel, self.follows.accel), accel)
 
     def _behind_link_leaders(
         self,

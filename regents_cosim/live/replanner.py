@@ -39,8 +39,8 @@ class Replanner:
         return None if plan is None else (plan, moment.forecast)
 
     def sampled(self) -> tuple[Plan, Forecast] | None:
-        """The same, of the samples around what the last look missed with; samples steer, so a host may forbid them."""
-        found = None if self._host.speed_only else self._search.sampled()
+        """The same, of the samples around what the last look missed with."""
+        found = self._search.sampled()
         return None if found is None else (found[0], found[1].forecast)
 
     def renewed(self, frame: Frame, plan: Plan) -> Plan | None:

@@ -117,19 +117,17 @@ class Search:
                 return None
             missed, self._missed = self._missed, None
             agent = None if missed is None or missed.name in barred else moment.traffic.index(missed.name)
-            if missed is not None and agent is not None and (speed_only or not loop.samples):
+            if missed is not None and agent is not None and not missed.may_sample:
                 return self._descended(loop, agent, missed.plan)
             return self._among_candidates(loop, ego, barred, speed_only, at_once)
 
     def sampled(self) -> tuple[Plan, Moment] | None:
         """What samples find around the drive that the last look missed with, in the moment of that look."""
         missed = self._missed
-        if missed is None:
+        if missed is None or not missed.may_sample:
             return None
+        self._missed = None
         with self._in_loop(missed.moment) as loop:
-            if not loop.samples:
-                return None
-            self._missed = None
             plan = self._sampled(loop, missed, _SAMPLED_BETWEEN)
             return None if plan is None else (plan, missed.moment)
 
@@ -200,6 +198,7 @@ class Search:
         """The first drive of a candidate that is wanted, or what samples make of the others."""
         is_first = not self._asked  # nothing is known yet of who is around this ego
         most = 1 if not self.config.starts else _LOOKED_AT if is_first else _MOST_ASKED
+        may_sample = loop.samples and not speed_only  # samples steer
         missing = list[MissedDrive]()
         for agent in itertools.islice(self._candidates(loop, ego, barred), most):
             found = self._starts(loop, agent, ego, speed_only, None if is_first and loop.samples else _MOST_LINES)
@@ -207,10 +206,10 @@ class Search:
             if plan is not None:
                 return plan
             if found:
-                missing.append(MissedDrive(found[0], loop.moment, agent))
+                missing.append(MissedDrive(found[0], loop.moment, agent, may_sample))
             if not is_first and (found or self._takes_long(loop, agent)):
                 break
-        if (is_first or at_once) and loop.samples and not speed_only:
+        if (is_first or at_once) and may_sample:
             plans = (self._sampled(loop, missed, _MOST_SAMPLED) for missed in missing)
             return next((plan for plan in plans if plan is not None), None)
         self._missed = missing[0] if missing else None

@@ -99,6 +99,24 @@ def test_by_krauss_one_speeds_up_by_all_it_has_less_what_it_dawdles():
     assert following.speed[1, 1] <= 10.2  # behind a leader at the distance that it wants: 10 m and what SUMO adds
 
 
+@given(accel=st.floats(-6.0, 2.6), speed=st.floats(3.0, 12.0), follows=st.sampled_from([IDM, KRAUSS]))
+@settings(max_examples=30)
+def test_each_goes_on_for_a_moment_as_it_did_lately(accel, speed, follows):
+    one = replace(user("ego", 30.0, speed, following=follows), accel=accel)
+    tracks = predicted(one, steps=11)
+    assert np.allclose(tracks.speed[0, :3], speed + accel * np.array([0.0, 0.1, 0.2]), atol=1e-6)
+    onward = predicted(user("ego", 30.0, tracks.speed[0, 2], following=follows), steps=3)
+    if follows is KRAUSS:  # from then on as its model says, which knows no jerk
+        assert np.allclose(tracks.speed[0, 2:5], onward.speed[0], atol=0.01)
+
+
+def test_what_sumo_says_of_a_vehicle_that_was_moved_by_hand_is_not_taken_for_its_acceleration():
+    tracks = predicted(replace(user("ego", 30.0, 8.0), accel=40.0), steps=3)
+    assert tracks.speed[0, -1] <= 8.0 + 0.2 * IDM.accel + 1e-6
+    tracks = predicted(replace(user("ego", 30.0, 8.0), accel=-80.0), steps=3)
+    assert tracks.speed[0, -1] >= 8.0 - 0.2 * 8.0 - 1e-6
+
+
 def test_others_brake_for_one_whose_drive_is_known():
     """It brakes to a stop on their lane, which its route would not have told."""
     speed = np.maximum(10.0 - 4.0 * 0.1 * np.arange(121), 0.0)

@@ -1,7 +1,5 @@
 """When an attacker looks for a plan, and what it does in the steps between."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from one_road import OneRoad
@@ -9,7 +7,6 @@ from one_road import OneRoad
 from regents_cosim.live.attacker import Attacker, Tally
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.plan import Plan
-from regents_cosim.live.replanner import Replanner
 from regents_cosim.sources.sumo_types import VehicleType
 
 CAR = VehicleType("car", 5.0, 1.8)
@@ -73,12 +70,3 @@ def test_it_does_not_begin_where_it_is_not_wanted_any_more_or_its_vehicle_is_gon
     plans = Looks(PLAN)
     plans.looked_s.append(0.2)
     assert watched(plans, until_s=0.35, **how).state == "watching"
-
-
-@pytest.mark.parametrize(("speed_only", "asked"), [(True, 0), (False, 1)])
-def test_where_an_adversary_keeps_to_its_lane_nothing_is_sampled(speed_only, asked):
-    sampled = []
-    search = SimpleNamespace(sampled=lambda: sampled.append(1))
-    replanner = Replanner(SimpleNamespace(speed_only=speed_only), search, None, None)
-    assert replanner.sampled() is None
-    assert len(sampled) == asked

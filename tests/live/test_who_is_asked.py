@@ -109,8 +109,12 @@ def test_the_first_look_asks_all_and_samples_all_at_once(moment):
     assert len(search.noted) == 6
 
 
-def test_an_adversary_that_keeps_to_its_lane_descends_at_the_next_look(moment):
-    assert looks(Asked({"a"}, samples=True), moment, 2, speed_only=True) == ["ask a", "descend a"]
+def test_for_an_adversary_that_keeps_to_its_lane_nothing_is_sampled_and_the_next_look_descends(moment):
+    search = Asked({"a"}, samples=True)
+    assert looks(search, moment, 1, speed_only=True) == ["ask a"]
+    assert search.sampled() is None
+    assert looks(search, moment, 1, speed_only=True) == ["ask a", "descend a"]
+    assert looks(Asked({"a"}, samples=True), moment, 1, speed_only=True, at_once=True) == ["ask a"]
 
 
 def test_a_search_that_may_not_sample_does_nothing_between_two_looks(moment):
