@@ -1,6 +1,5 @@
 """Runs of SUMO with a planner at the wheel of one vehicle, and an adversary after it: one episode for each seed."""
 
-import random
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,17 +9,16 @@ from typing import Any, Literal
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.errors import DriveError, WorkerError
 from regents_cosim.live.adversary import Adversary
+from regents_cosim.live.drawn_ego import DrawnEgo
 from regents_cosim.live.history import touched
 from regents_cosim.live.planner_driver import PlannerDriver
 from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
-from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
 from regents_cosim.sources.recording import ANY_EGO, is_called
 from regents_cosim.sources.sumo_config import SumoOptions, write_config
-from regents_cosim.sources.sumo_types import kind_of
 from regents_cosim.system.scratch import scratch_folder
 from regents_cosim.system.workers import local_processes, result_of, submit
 
@@ -28,7 +26,6 @@ How = Literal[
     "crash", "met another", "arrived", "time over", "gone", "never departed", "planner failed", "process died"
 ]
 
-_DRAWN_FROM_S = (20.0, 40.0)  # after the begin, when an ego is drawn by seed
 _WAITED_S = 600.0  # for the ego to depart
 
 
@@ -149,26 +146,19 @@ class _Episode:
     def _departed(self) -> str | None:
         """The ego, as soon as it is on the road."""
         begun_s = self._now
-        dice = random.Random(self._seed)
-        from_s = begun_s + (dice.uniform(*_DRAWN_FROM_S) if self._of.ego == ANY_EGO else 0.0)
+        drawn = DrawnEgo(self._sumo, self._seed, self._of.radius_m) if self._of.ego == ANY_EGO else None
         while self._now < begun_s + _WAITED_S and self._sumo.simulation.getMinExpectedNumber() > 0:
             self._sumo.simulationStep()
-            there = self._sumo.vehicle.getIDList()
-            if self._of.ego == ANY_EGO:
-                new = self._sumo.simulation.getDepartedIDList() if self._now >= from_s else ()
-                chosen = next((name for name in new if self._drives(name)), None)
-            else:
-                chosen = next((name for name in there if self._is_named(name)), None)
+            chosen = self._named() if drawn is None else drawn.departed()
             if chosen is not None:
                 return chosen
         return None
 
-    def _drives(self, name: str) -> bool:
-        return kind_of(self._sumo.vehicle.getVehicleClass(name)) in VEHICLE_KINDS
-
-    def _is_named(self, name: str) -> bool:
-        """By its id, its type, or the flow that it is one of."""
-        return is_called(self._of.ego, name, self._sumo.vehicle.getTypeID(name))
+    def _named(self) -> str | None:
+        """The first on the road that is meant: by its id, its type, or the flow that it is one of."""
+        vehicle = self._sumo.vehicle
+        there = ((name, vehicle.getTypeID(name)) for name in vehicle.getIDList())
+        return next((name for name, kind in there if is_called(self._of.ego, name, kind)), None)
 
 
 def _never(_: Any) -> bool:

@@ -59,7 +59,8 @@ def live(
     config
         SUMO configuration (.sumocfg), or shipped:NETWORK
     ego
-        a vehicle, a vehicle type or a flow, of which the first that departs is driven; auto: one drawn by seed
+        a vehicle, a vehicle type or a flow, of which the first that departs is driven; auto: one drawn by seed,
+        which departs among others
     expected
         how the adversary expects the ego to react, where that is not its planner; observed: it keeps to its route at
         its recent speed and brakes for leaders
