@@ -75,7 +75,7 @@ class Replanner:
         return Forecast(frame.time_s, DT_S, ids, self._moments.foreseen(traffic, steps, known))
 
     def _traffic(self, frame: Frame) -> TrafficState:
-        """The traffic around; an ego that is only observed wants to go no faster than it went lately."""
+        """The traffic around; an ego that is only observed keeps to its recent speed, whatever it does just now."""
         traffic = self._host.traffic(frame, MOST_AGENTS, self._moments.horizon_s)
         if self._search.planner_name != OBSERVED:
             return traffic
@@ -83,4 +83,5 @@ class Replanner:
         recent = max(self._history.recent_m_s(), _LEAST_RECENT_M_S)
         most = min(recent / max(ego.following.speed_factor, 0.01), ego.following.max_speed_m_s)
         slow = dataclasses.replace(ego.following, max_speed_m_s=most)
-        return dataclasses.replace(traffic, users=(dataclasses.replace(ego, following=slow), *traffic.users[1:]))
+        kept = dataclasses.replace(ego, following=slow, accel=np.nan)
+        return dataclasses.replace(traffic, users=(kept, *traffic.users[1:]))

@@ -1,15 +1,19 @@
 """Everybody goes on along their own route, behind whom they follow, and stops where they have to."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import box
 
 from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.live.moments import Moments
 from regents_cosim.live.paths import Stop, path_along
 from regents_cosim.live.predict import Mirror
+from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.traffic import Following, RoadUser, TrafficState
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Agent
@@ -115,6 +119,16 @@ def test_what_sumo_says_of_a_vehicle_that_was_moved_by_hand_is_not_taken_for_its
     assert tracks.speed[0, -1] <= 8.0 + 0.2 * IDM.accel + 1e-6
     tracks = predicted(replace(user("ego", 30.0, 8.0), accel=-80.0), steps=3)
     assert tracks.speed[0, -1] >= 8.0 - 0.2 * 8.0 - 1e-6
+
+
+@pytest.mark.parametrize(("planner", "fastest"), [("observed", 8.0), ("idm", 8.4)])
+def test_an_observed_ego_keeps_to_its_recent_speed_whatever_it_does_just_now(planner, fastest):
+    traffic = TrafficState(0.0, (replace(user("ego", 30.0, 8.0), accel=2.0),), ROAD, {})
+    history = SimpleNamespace(recent_m_s=lambda: 8.0)
+    host = SimpleNamespace(traffic=lambda frame, most, horizon_s: traffic)
+    replanner = Replanner(host, SimpleNamespace(planner_name=planner), Moments(Mirror(), 5.0), history)
+    speed = replanner.forecast(SimpleNamespace(time_s=0.0)).tracks.speed[0]
+    assert speed[2] == pytest.approx(fastest, abs=0.01)
 
 
 def test_others_brake_for_one_whose_drive_is_known():
