@@ -15,7 +15,7 @@ from regents_cosim.live.paths import BEHIND_M, SPACING_M
 
 _CELL_M = 2.0  # of the grid that knows which point of a path is near
 _NEAR_CELLS = 1  # around a point in which that is near
-_OFF_POINT_M = 5.0  # no place in these cells is so far from its point
+_OFF_POINT_M = 1.42 * (_NEAR_CELLS + 1) * _CELL_M  # no place in these cells is so far from its point: the diagonal
 _PARTS = 3  # of a body: front, middle, rear
 _BESIDE_M = 0.1  # that a leader may be beside the body
 
