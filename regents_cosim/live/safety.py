@@ -20,6 +20,7 @@ _FORESEEN_S = 0.8  # so far ahead what was foreseen counts
 _BRAKING_M_S2 = 7.0
 _STOPPED_S = 0.3  # after it has braked to a stop
 _SPACING_S = 0.1
+_APART_M = 0.02  # less is touching: what is computed here and what SUMO moves differ in the last digits
 _NEAR_M = 40.0  # beside the way that braking takes
 
 
@@ -39,7 +40,8 @@ def would_touch_others(frame: Frame, plan: Plan, step_s: float) -> bool:
 
     def touches(driven: Plan, ahead_s: Float[np.ndarray, " time"], there: Boxes) -> Bool[np.ndarray, " time"]:
         x, y, yaw, _ = driven.at_times(now + ahead_s)
-        return np.any(overlap(Boxes(x, y, yaw, kind.length, kind.width, frame.z[own]), there), axis=0)
+        mine = Boxes(x, y, yaw, kind.length + _APART_M, kind.width + _APART_M, frame.z[own])
+        return np.any(overlap(mine, there), axis=0)
 
     soon = _instants(step_s, _FORESEEN_S)
     if touches(plan, soon, _as_foreseen(frame, rows, soon, plan.foreseen)).any():

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from regents_cosim.geometry.boxes import Boxes, overlap
@@ -66,6 +66,7 @@ def test_it_drives_on_where_a_crossing_vehicle_is_foreseen_to_turn_away():
 @pytest.mark.parametrize("step_s", [0.05, 0.1, 0.2, 0.5])
 @settings(max_examples=40)
 @given(st.floats(0.5, 25.0), st.floats(0.5, 30.0), st.floats(0.0, 12.0), st.booleans())
+@example(0.5, 0.5, 0.4, True)  # bumper to bumper after five seconds
 def test_it_never_touches_a_leader_for_whom_it_can_brake(step_s, speed_m_s, room_m, lead_m_s, goes):
     """Whatever was foreseen of the leader, which in truth goes on at its speed."""
     needed_m = speed_m_s**2 / (2.0 * 7.0) + (speed_m_s + 1.0) * step_s
