@@ -2,6 +2,7 @@
 
 import math
 import random
+from collections.abc import Sequence
 from typing import Any
 
 from regents_cosim.scenario import VEHICLE_KINDS
@@ -30,16 +31,16 @@ class DrawnEgo:
         if self._sumo.simulation.getMinExpectedNumber() <= len(there):
             left = [name for name in there if self._is_vehicle(name)]
             return self._dice.choice(left) if left else None
-        departed = [name for name in self._sumo.simulation.getDepartedIDList() if self._is_vehicle(name)]
-        if now > self._from_s + _AMONG_WITHIN_S:
-            return next(iter(departed), None)
-        return next((name for name in departed if self._is_among(name) and self._dice.random() < _DRAWN), None)
+        departed = (name for name in self._sumo.simulation.getDepartedIDList() if self._is_vehicle(name))
+        anywhere = now > self._from_s + _AMONG_WITHIN_S
+        return next((name for name in departed if anywhere or self._is_drawn(name, there)), None)
 
-    def _is_among(self, name: str) -> bool:
+    def _is_drawn(self, name: str, there: Sequence[str]) -> bool:
+        """Of those that depart among enough of the vehicles that are `there`."""
         vehicle = self._sumo.vehicle
         at = vehicle.getPosition(name)
-        near = (math.dist(at, vehicle.getPosition(other)) < self._radius_m for other in vehicle.getIDList())
-        return sum(near) > _AMONG  # it is near itself
+        near = sum(math.dist(at, vehicle.getPosition(other)) < self._radius_m for other in there) - 1  # but itself
+        return near >= _AMONG and self._dice.random() < _DRAWN
 
     def _is_vehicle(self, name: str) -> bool:
         return kind_of(self._sumo.vehicle.getVehicleClass(name)) in VEHICLE_KINDS

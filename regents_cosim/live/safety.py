@@ -20,7 +20,7 @@ _FORESEEN_S = 0.8  # so far ahead what was foreseen counts
 _BRAKING_M_S2 = 7.0
 _STOPPED_S = 0.3  # after it has braked to a stop
 _SPACING_S = 0.1
-_APART_M = 0.02  # less is touching: what is computed here and what SUMO moves differ in the last digits
+_APART_M = 0.02  # that its box is longer and wider here: what is computed and what happens differ in the last digits
 _NEAR_M = 40.0  # beside the way that braking takes
 
 
