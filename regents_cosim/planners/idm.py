@@ -14,7 +14,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.spatial import KDTree
 
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.levels import same_level
@@ -224,23 +223,25 @@ def _nearest_points(
     """For the cells of a grid around the route its closest point, and the grid's corner [m].
 
     Cells of a block far from the route share the point that is closest to the block's middle: no corridor reaches
-    there, and a tree is asked a tenth as often.
+    there, and a tenth of the distances are looked at. Those of a block fit into the cache.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     corner = middle - 0.5 * _GRID_M * (_GRID_CELLS - 1)
-    tree, cells = KDTree(points, leafsize=32), np.arange(_GRID_CELLS, dtype=float)
+    cells = np.arange(_GRID_CELLS, dtype=float)
     blocks = cells.reshape(-1, _BLOCK_CELLS).mean(axis=1)
-    away, closest = tree.query(_places(corner, *np.meshgrid(blocks, blocks)))
-    nearest = closest.repeat(_BLOCK_CELLS, axis=0).repeat(_BLOCK_CELLS, axis=1)
-    near = np.nonzero((away < _NEAR_M).repeat(_BLOCK_CELLS, axis=0).repeat(_BLOCK_CELLS, axis=1))
-    row, column = near
-    nearest[near] = tree.query(_places(corner, column, row))[1]
+    east, north = (_squares(corner[axis] + _GRID_M * blocks, points[:, axis]) for axis in (0, 1))
+    squares = east + north[:, None]
+    nearest = squares.argmin(axis=-1).repeat(_BLOCK_CELLS, axis=0).repeat(_BLOCK_CELLS, axis=1)
+    east, north = (_squares(corner[axis] + _GRID_M * cells, points[:, axis]) for axis in (0, 1))
+    for row, column in _BLOCK_CELLS * np.argwhere(squares.min(axis=-1) < _NEAR_M**2):
+        rows, columns = slice(row, row + _BLOCK_CELLS), slice(column, column + _BLOCK_CELLS)
+        nearest[rows, columns] = (north[rows, None] + east[columns]).argmin(axis=-1)
     return nearest.ravel(), corner
 
 
-def _places(corner: Float[np.ndarray, " 2"], column: np.ndarray, row: np.ndarray) -> Float[np.ndarray, "*axes 2"]:
-    """The places [m] of cells, or of parts of cells, of the grid."""
-    return np.stack([corner[0] + _GRID_M * column, corner[1] + _GRID_M * row], axis=-1)
+def _squares(places: Float[np.ndarray, " place"], points: Float[np.ndarray, " point"]) -> np.ndarray:
+    """The squared distance [m^2] of every point from every place, along one axis."""
+    return np.square(places[:, None] - points).astype(np.float32)
 
 
 def _pad_line(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "kept 2"]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter1d
 
 _MARGIN_M = 18.0  # around what a picture is about
 _CLOSEST_PX_PER_M = 11.0
@@ -72,6 +71,8 @@ def centred(centre: Float[np.ndarray, " 2"], px_per_m: float, size: tuple[int, i
 
 def follow(middle: Float[np.ndarray, "time 2"], dt: float, px_per_m: float, size: tuple[int, int]) -> Sequence[View]:
     """One view per instant, gliding with `middle` [m], apart from each other by whole pixels."""
+    from scipy.ndimage import gaussian_filter1d  # half a second, and stills do without
+
     smooth = gaussian_filter1d(middle, _SMOOTH_S / dt, axis=0, mode="nearest")
     start = centred(smooth[0], px_per_m, size)
     moved = np.rint((smooth - smooth[0]) * [px_per_m, -px_per_m]).astype(int)

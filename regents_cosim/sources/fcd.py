@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.errors import InputError, LogError, NoWindowError, require_file
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.nearest import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
@@ -178,20 +178,19 @@ class _RoadHeights:
     def __init__(self, road: RoadMap, log: Path) -> None:
         self._road, self._log = road, log
         self._points = surface_points(road.lanes)
-        self._tree = KDTree(self._points[:, :2]) if road.raised else None
+        self._nearest = NearestPoint(self._points[:, :2]) if road.raised else None
 
     def __call__(self, row: "_Row") -> float | None:
         """The height [m] of the road at a place. Where there are two, and the log names no lane: None for a person.
 
         Raises LogError for a vehicle there.
         """
-        if row.z is not None or self._tree is None:
+        if row.z is not None or self._nearest is None:
             return row.z or 0.0
-        place = np.array([row.x, row.y])
         if row.lane in self._road.lane:
-            return float(height_on(self._road.lane[row.lane], place))
+            return float(height_on(self._road.lane[row.lane], np.array([row.x, row.y])))
         if not has_levels(self._road):
-            return float(self._points[self._tree.query(place)[1], 2])
+            return float(self._points[self._nearest(np.array(row.x), np.array(row.y)), 2])
         if row.walks:
             return None
         raise LogError(

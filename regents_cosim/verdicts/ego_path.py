@@ -5,8 +5,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
+from regents_cosim.geometry.nearest import NearestPoint
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.own_way import own_way
 
@@ -43,16 +43,16 @@ class EgoPath:
         )
 
     @cached_property
-    def _dense(self) -> tuple[np.ndarray, KDTree]:
+    def _dense(self) -> tuple[np.ndarray, NearestPoint]:
         along = np.arange(0.0, self.distance[-1] - _FURTHER_M, _SPACING_M)
-        return along, KDTree(np.stack(self.at(along)[:2], axis=-1))
+        return along, NearestPoint(np.stack(self.at(along)[:2], axis=-1))
 
     def project(
         self, x: Float[np.ndarray, "*axes"], y: Float[np.ndarray, "*axes"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """How far along the path and to the left of it places are [m], and the path's yaw [rad] there."""
-        along, tree = self._dense
-        nearest = along[tree.query(np.stack([x, y], axis=-1))[1]]
+        along, closest = self._dense
+        nearest = along[closest(x, y)]
         path_x, path_y, yaw = self.at(nearest)
         dx, dy, cos, sin = x - path_x, y - path_y, np.cos(yaw), np.sin(yaw)
         return nearest + dx * cos + dy * sin, dy * cos - dx * sin, yaw

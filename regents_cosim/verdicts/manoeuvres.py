@@ -146,13 +146,14 @@ def _manoeuvre_set(bank: ManoeuvreBank, scenario: Scenario, way: OwnWay, onset: 
     share = np.hypot(np.diff(speed) / dt, sideways)[judged].max(axis=-1) / (FRICTION * GRAVITY)
     possible = (share <= _ROUNDING) & (np.abs(curvature)[judged].max(axis=-1) <= CURVATURE_LIMIT)
     along, aside = np.nonzero(possible)
+    mid, moved = mid[possible], moved[along, 0]
     return ManoeuvreSet(
         onset,
         along,
         aside,
         share[possible],
-        x=(x + _summed(moved * np.cos(mid)))[possible],
-        y=(y + _summed(moved * np.sin(mid)))[possible],
+        x=x + _summed(moved * np.cos(mid)),
+        y=y + _summed(moved * np.sin(mid)),
         yaw=heading[possible],
         speed=speed[along, 0],
     )

@@ -30,7 +30,6 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
-from scipy.spatial import KDTree
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.collisions import apart_at_entry
@@ -187,6 +186,8 @@ class _ReachableLayer:
 
 def _reachable(ego: _Ego, before: list[_ReachableLayer], time: float) -> _ReachableLayer:
     """The cells that can be reached from those that were free before."""
+    from scipy.spatial import KDTree  # half a second, and few crashes ask for this
+
     radius = 0.5 * ego.accel * time**2
     cell = _CELL * radius
     line = cell * np.arange(-np.ceil(1.0 / _CELL), np.ceil(1.0 / _CELL) + 1)

@@ -6,12 +6,13 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import straight_road
+from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
 from regents_cosim.errors import ScenarioError
 from regents_cosim.geometry.rasters import inside
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.mirror.road_field import CELL_M, SIGMA_M, blur
+from regents_cosim.mirror.road_field import CELL_M, SIGMA_M, blur, blur_areas
 
 ROAD = straight_road(lanes=2, width=4.0)  # drivable for -2 <= y <= 6
 
@@ -118,3 +119,16 @@ def test_the_raster_is_that_of_its_cell_centres(discs):
 def test_an_area_that_is_empty_or_elsewhere_fills_nothing():
     for area in (shapely.Polygon(), shapely.box(100.0, 100.0, 101.0, 101.0)):
         assert not inside(area, np.zeros(2), (5, 70), 0.2).any()
+
+
+@given(st.integers(0, 1000))
+def test_it_is_a_gaussian_filter_of_the_map(seed):
+    x, y, width, height = np.random.default_rng(seed).uniform(
+        [[-20.0], [-10.0], [0.5], [0.5]], [[20], [10], [9], [9]], (4, 6)
+    )
+    area = shapely.union_all(shapely.box(x, y, x + width, y + height))
+    low, high = np.array([-25.0, -15.0]), np.array([25.0, 15.0])
+    field = blur_areas([area], low, high, np.zeros(2))
+    off = ~inside(area, np.asarray(field.corner, float), tuple(field.shape.tolist()), CELL_M)
+    wanted = gaussian_filter(off.astype(np.float32), SIGMA_M / CELL_M, mode="nearest")
+    assert np.asarray(field.cells)[: off.size, 0] == pytest.approx(wanted.ravel(), abs=1e-6)

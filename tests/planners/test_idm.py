@@ -11,9 +11,9 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.mirror import rollout
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
-from regents_cosim.planners.idm import IDM
+from regents_cosim.planners.idm import IDM, place_on_route
 from regents_cosim.planners.jax_planner import LoopScene
-from regents_cosim.routes.ego_route import plan_route
+from regents_cosim.routes.ego_route import SPACING_M, plan_route
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 
 drive = eqx.filter_jit(rollout.drive)  # once for all scenes of a shape
@@ -120,6 +120,15 @@ def test_the_route_goes_on_along_the_lanes():
     assert len(route.points) > 100
     assert route.points[-1][0] > 60, "where the log does not turn, the straightest lane is taken"
     assert route.speed_limit[:30] == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize("left_m", [8.0, -8.0])
+def test_a_place_beside_the_route_is_told_by_its_nearest_point(left_m):
+    case = crossing()
+    memory = IDM().init(LoopScene(case, to_world(case)))
+    along, across, _ = place_on_route(memory, memory.x - left_m * memory.sin, memory.y + left_m * memory.cos)
+    assert along == pytest.approx(SPACING_M * np.arange(len(along)), abs=0.6)
+    assert across == pytest.approx(left_m, abs=0.1)
 
 
 def test_a_standing_ego_has_a_route():

@@ -18,7 +18,6 @@ from regents_cosim.errors import LogError
 from regents_cosim.geometry.areas import closed
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS
-from regents_cosim.sources.logs.edges import area_inside
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track
 
 _CLOSE_M = 0.2  # slivers between areas up to twice as wide belong to the road
@@ -49,6 +48,8 @@ def build_road(scene: LoggedScene) -> RoadMap:
 def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
     """Where one may drive; empty if the log shows nothing of it."""
     if road.edges:
+        from regents_cosim.sources.logs.edges import area_inside  # imports SciPy: half a second
+
         area = area_inside(road.edges, road.lanes)
     elif road.areas:
         joined = shapely.union_all([area for area in road.areas if area.is_valid])

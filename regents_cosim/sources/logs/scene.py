@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import KDTree
 
 from regents_cosim.errors import LogError, require
 from regents_cosim.scenario import Agent, Kind
@@ -198,10 +197,9 @@ def joined(lanes: Sequence[LoggedLane]) -> tuple[LoggedLane, ...]:
     """Lanes of a log that does not say which continue which: those that begin where one ends do."""
     if not lanes:
         return ()
-    starts = KDTree([lane.centre[0] for lane in lanes])
-    near = starts.query_ball_point([lane.centre[-1] for lane in lanes], _JOIN_M)
-    found = [
-        replace(lane, exits=tuple(lanes[i].id for i in sorted(after) if lanes[i] is not lane))
-        for lane, after in zip(lanes, near, strict=True)
-    ]
-    return with_openings(tuple(found))
+    starts, ends = (np.asarray(shapely.points([lane.centre[point] for lane in lanes])) for point in (0, -1))
+    exits: list[list[str]] = [[] for _ in lanes]
+    for lane, after in sorted(shapely.STRtree(starts).query(ends, "dwithin", _JOIN_M).T.tolist()):
+        if after != lane:
+            exits[lane].append(lanes[after].id)
+    return with_openings(tuple(replace(lane, exits=tuple(names)) for lane, names in zip(lanes, exits, strict=True)))
