@@ -288,6 +288,8 @@ def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
         (("--fail", "score:-5%"), "add --against"),
         (("--update", "--fail", "score:+5%"), "say how far it may fall: score:-5%"),
         (("--update", "--margin", "--in", "sumo"), "the margin is measured in the mirror, not in sumo"),
+        (("--background", "reactive"), "SUMO's own traffic; expected --in sumo, found --in mirror"),
+        (("--update", "--in", "sumo", "--background", "reactive"), "leave out --background or --against"),
         (("--update", "--planner", "nosuch"), "planner 'nosuch' not found"),
     ],
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crossing_scenes import DT, EGO, LANE_Y, STEPS, TIME, Car, scenario, straight
+from crossing_scenes import DT, EGO, LANE_Y, STEPS, braking, scenario, straight
 from shipped_cases import crash_on
 
 from regents_cosim.benchmarks.transfer import PLACES, transfer
@@ -41,13 +41,6 @@ def assert_on_track(found, made, agent):
     for name in ("x", "y", "speed", "valid"):
         np.testing.assert_allclose(getattr(found.tracks, name)[agent], getattr(made.tracks, name)[agent], atol=1e-6)
     np.testing.assert_allclose(wrap(found.tracks.yaw - made.tracks.yaw)[agent], 0.0, atol=1e-9)
-
-
-def braking(name, x, speed, decel, **more):
-    """Straight east on the inner lane, to a stop."""
-    time = np.minimum(TIME, speed / decel)
-    there = np.ones(STEPS, bool)
-    return Car(name, x + speed * time - 0.5 * decel * time**2, LANE_Y + 0 * time, 0 * time, speed - decel * time, there)
 
 
 def test_a_follower_brakes_behind_a_braking_ego_where_its_track_rams_it(drive):

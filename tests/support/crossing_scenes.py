@@ -41,6 +41,13 @@ def straight(name, x, y, yaw, speed, valid=None, **size):
     return Car(name, x + along * np.cos(yaw), y + along * np.sin(yaw), yaw + 0 * TIME, speed + 0 * TIME, there, **size)
 
 
+def braking(name, x, speed, decel):
+    """Straight east on the inner lane, to a stop."""
+    time = np.minimum(TIME, speed / decel)
+    there = np.ones(STEPS, bool)
+    return Car(name, x + speed * time - 0.5 * decel * time**2, LANE_Y + 0 * time, 0 * time, speed - decel * time, there)
+
+
 def turning(name, x, y, yaw, speed, curvature, **size):
     turned = yaw + curvature * speed * TIME
     radius = 1 / curvature

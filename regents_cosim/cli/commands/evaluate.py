@@ -34,6 +34,7 @@ def evaluate(
     *,
     planner: PlannerName,
     where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
+    background: Literal["log", "reactive"] = "log",
     baseline: Against = Against(),
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
     executor: Executor = "local",
@@ -51,6 +52,8 @@ def evaluate(
         a case or a folder of cases; attacked ones are driven among their adversaries
     where
         in the mirror, in SUMO, or in highway-env
+    background
+        in SUMO the others follow their tracks, or only the adversary does and SUMO drives the rest (reactive)
     output
         folder that keeps every drive as it is made: after a stop the same command goes on from there
     shard
@@ -72,6 +75,7 @@ def evaluate(
             cases,
             planner,
             where=where,
+            background=background,
             against=baseline.against,
             update=baseline.update,
             fail=baseline.fail,
@@ -86,7 +90,8 @@ def evaluate(
     if found.against is not None:
         return _show_verdicts(found, found.against, cases, baseline, terminal)
     rows = [dataclasses.asdict(row) for row in found.rows]
-    terminal.show(f"{planner} on {len(found.drives)} cases in {where}", rows, essential=DRIVEN)
+    among = " among traffic that reacts" if background == "reactive" else ""
+    terminal.show(f"{planner} on {len(found.drives)} cases in {where}{among}", rows, essential=DRIVEN)
     for drive in found.errors:
         terminal.say(f"{drive.case}: {drive.error}")
     return PLANNER_FAILED if found.errors else 0

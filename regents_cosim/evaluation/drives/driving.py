@@ -21,7 +21,7 @@ from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
-from regents_cosim.replays.replay import Simulator, check, replay_each
+from regents_cosim.replays.replay import Background, Simulator, check, replay_each
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.logged import logged
 from regents_cosim.system.threads import in_turn
@@ -110,21 +110,26 @@ def drive_each(
     where: Simulator = "mirror",
     executor: Executor | None = None,
     drivers: Drivers | None = None,
+    background: Background = "log",
 ) -> Iterator[Drive]:
     """Let `planner` drive every case, in order, to the end of its horizon or its first collision.
+
+    In SUMO the others follow their tracks, or by `background` reactive SUMO drives all but the adversary.
 
     SUMO runs in processes of its own, or those of `executor`. A case in which the planner or the
     simulator fails says so. `drivers` are those of the planner for highway-env, where the caller
     keeps them. Raises PlannerError where the planner cannot be found.
     """
-    check(where, act_timeout_s=act_timeout_s)
+    check(where, background=background, act_timeout_s=act_timeout_s)
     given = PlannerUnderTest.of(planner)
     if where == "mirror":
         with MirrorDriver(given, act_timeout_s) as driver:
             yield from in_turn(partial(drive_case, driver=driver), scenarios)
         return
     scenarios, replayed = tee(scenarios)
-    replays = replay_each(replayed, where, given, executor=executor, act_timeout_s=act_timeout_s, drivers=drivers)
+    replays = replay_each(
+        replayed, where, given, executor=executor, background=background, act_timeout_s=act_timeout_s, drivers=drivers
+    )
     for scenario, one in zip(scenarios, replays, strict=True):
         yield score(scenario, one.replayed.tracks) if one.replayed else nowhere(scenario, one.reason, one.trace)
 

@@ -27,7 +27,7 @@ from regents_cosim.evaluation.regression.thresholds import Threshold, parse_thre
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
-from regents_cosim.replays.replay import Simulator
+from regents_cosim.replays.replay import Background, Simulator, check
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.threads import in_turn
@@ -73,6 +73,7 @@ def evaluate(
     planner: AnyPlanner,
     *,
     where: Simulator = "mirror",
+    background: Background = "log",
     against: Path | str | None = None,
     update: bool = False,
     fail: str = "",
@@ -86,6 +87,8 @@ def evaluate(
 ) -> Evaluation:
     """Let `planner` drive every case: a case or a suite on disk, or cases in memory.
 
+    The others follow their tracks, or in SUMO, by `background` reactive, SUMO drives all but the adversary.
+
     `against` is a file of accepted outcomes (baseline.json): each drive is held against it, by `fail` also where
     metrics get worse ("min_ttc_s:-5% collision:+0"). With `update` what the planner does now is accepted, by default in
     the suite's own file. `margin` measures how little of each attack makes it collide, by up to six more drives.
@@ -98,13 +101,17 @@ def evaluate(
     anything is driven, for what cannot be read or measured.
     """
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
-    asked = _asked(folder, against, update, fail, margin, where)
+    asked = _asked(folder, against, update, fail, margin, where, background)
     given = PlannerUnderTest.of(planner)
     scenarios = cases_in_turn(cases, shard.every)
     if not scenarios:
         raise RegentsError(f"shard {shard} holds no case: the suite has fewer cases than there are shards")
-    drive = partial(drive_each, planner=given, act_timeout_s=act_timeout_s, where=where, executor=executor)
+    check(where, background=background)
+    drive = partial(
+        drive_each, planner=given, act_timeout_s=act_timeout_s, where=where, executor=executor, background=background
+    )
     settings: dict[str, str | float] = {"in": where, "act_timeout": act_timeout_s}
+    settings |= {} if background == "log" else {"background": background}
     settings |= {} if shard == WHOLE else {"shard": str(shard)}
     drives = drive(scenarios) if keep is None else drive_once(keep, scenarios, given, settings, drive, retry)
     found = tuple(progress.each(drives, f"driving {given.name}", len(scenarios)))
@@ -162,13 +169,21 @@ class _RegressionTest:
 
 
 def _asked(
-    folder: Path | None, against: Path | str | None, update: bool, fail: str, margin: bool, where: Simulator
+    folder: Path | None,
+    against: Path | str | None,
+    update: bool,
+    fail: str,
+    margin: bool,
+    where: Simulator,
+    background: Background,
 ) -> _RegressionTest | None:
     """None where no baseline is asked for. Raises RegentsError."""
     if against is None and not update:
         if fail or margin:
             raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --against")
         return None
+    if background != "log":
+        raise RegentsError("a baseline is of drives among others on their tracks: leave out --background or --against")
     suite = suite_of(folder) if folder is not None else None
     if against is None and suite is None:
         raise RegentsError("cases in memory have no baseline of their own: name a file with `against`")

@@ -1,0 +1,32 @@
+"""Planners scored among others that follow their tracks, and among others that SUMO drives."""
+
+import json
+
+from crossing_scenes import LANE_Y, braking, scenario, straight
+
+from regents_cosim.cases.files import save_case
+from regents_cosim.cli import run
+from regents_cosim.evaluation.regression.evaluate import evaluate
+
+
+def rammed():
+    """An ego that brakes hard, and a follower that did not in the log."""
+    return scenario(braking("ego", -80.0, 12.0, 8.0), straight("follower", -92.0, LANE_Y, 0.0, 12.0))
+
+
+def test_a_follower_that_sumo_drives_brakes_for_the_ego():
+    logged, reacting = (
+        evaluate([rammed()], "log_replay", where="sumo", background=background).drives[0]
+        for background in ("log", "reactive")
+    )
+    assert (logged.hits, reacting.hits) == ("follower", None)
+    assert reacting.score == 1.0 > logged.score
+
+
+def test_the_command_says_among_whom(tmp_path, capsys):
+    case = str(save_case(rammed(), tmp_path))
+    words = f"evaluate {case} --planner log_replay --in sumo --background reactive --quiet".split()
+    assert run([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["collisions"] == 0
+    assert run(words) == 0
+    assert "log_replay on 1 cases in sumo among traffic that reacts" in capsys.readouterr().out
