@@ -9,11 +9,17 @@ _HALF_M = 0.5  # to each side of a place: the direction of a line is that of a m
 
 def heading_near(line: shapely.LineString, place: shapely.Point) -> float:
     """The direction [rad] of a line over the metre around its point nearest to `place`, less where the line ends."""
-    at = min(max(float(line.project(place)), _HALF_M), max(line.length - _HALF_M, 0.0))
-    (x0, y0), (x1, y1) = shapely.get_coordinates(
-        shapely.line_interpolate_point(line, [max(at - _HALF_M, 0.0), min(at + _HALF_M, line.length)])
-    )
-    return float(np.arctan2(y1 - y0, x1 - x0))
+    return float(headings_near(np.array([line]), np.array([place]))[0])
+
+
+def headings_near(lines: np.ndarray, places: np.ndarray) -> Float[np.ndarray, " line"]:
+    """The same for many lines, each with a place of its own."""
+    length = shapely.length(lines)
+    at = np.minimum(np.maximum(shapely.line_locate_point(lines, places), _HALF_M), np.maximum(length - _HALF_M, 0.0))
+    ends = (np.maximum(at - _HALF_M, 0.0), np.minimum(at + _HALF_M, length))
+    begin, end = (shapely.get_coordinates(shapely.line_interpolate_point(lines, along)) for along in ends)
+    ahead = end - begin
+    return np.arctan2(ahead[:, 1], ahead[:, 0])
 
 
 def stretch(

@@ -12,7 +12,7 @@ from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.tags.meeting import EGO, Meeting
-from regents_cosim.tags.place import is_ring
+from regents_cosim.tags.surroundings import is_ring
 
 _MERGE_M = 30.0  # ahead, where lanes become one
 _AHEAD_M = 30.0  # of the place where they touch: a junction is behind them by then

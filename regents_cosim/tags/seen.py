@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags.meeting import EGO, Meeting, meeting_of
+from regents_cosim.tags.surroundings import Place, surroundings
 from regents_cosim.verdicts.drive import AgentDrive, driven
 
 
@@ -37,3 +38,10 @@ class Seen:
         """Where the ego is at the moment [m]."""
         tracks = self.scenario.tracks
         return np.array([tracks.x[EGO, self.moment], tracks.y[EGO, self.moment]])
+
+    @cached_property
+    def surroundings(self) -> Place | None:
+        """What the road is like there, seen from the lane that the ego is in; None where no lanes are near."""
+        at = int(np.searchsorted(self.ego.steps, self.moment).clip(max=len(self.ego.steps) - 1))
+        z = float(self.scenario.tracks.z[EGO, self.moment])
+        return surroundings(self.scenario.road, self.place, z, self.ego.front_lanes[at])

@@ -5,15 +5,15 @@ from functools import cached_property
 
 import numpy as np
 import shapely
+from jaxtyping import Float, Int
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import heading_near
+from regents_cosim.geometry.lines import headings_near
 from regents_cosim.judgement import OffenceName
 from regents_cosim.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.maps.levels import height_on
-from regents_cosim.maps.roadmap import Lane
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.drive import OffendingAct, gaps
 from regents_cosim.verdicts.offences import acts
@@ -95,24 +95,24 @@ class CrashHistory:
     def drifted(self, agent: int) -> float:
         """How far [m] the agent moved across its road lately."""
         steps = np.arange(self.lately, self.before)
-        road = np.array([self._road_heading(agent, int(step)) for step in steps])
+        road = self._road_headings(agent, steps)
         dx, dy = (
             np.diff(v[agent, self.lately : self.before + 1]) for v in (self.scenario.tracks.x, self.scenario.tracks.y)
         )
         return abs(float(np.sum(dy * np.cos(road) - dx * np.sin(road))))
 
-    def _road_heading(self, agent: int, step: int) -> float:
+    def _road_headings(self, agent: int, steps: Int[np.ndarray, " step"]) -> Float[np.ndarray, " step"]:
         """Heading [rad] of the nearest lane that runs the agent's way, or its own where there is none."""
-        at, lanes = self._lanes_at(agent, step)
-        yaw = float(self.scenario.tracks.yaw[agent, step])
-        lines = [shapely.LineString(lane.centre) for lane in lanes]
-        along = [line for line in lines if abs(float(wrap(heading_near(line, at) - yaw))) < ALONG_RAD]
-        return heading_near(min(along, key=at.distance), at) if along else yaw
-
-    def _lanes_at(self, agent: int, step: int) -> tuple[shapely.Point, list[Lane]]:
-        """Where the agent is, and the lanes of its level near it."""
         road, tracks = self.scenario.road, self.scenario.tracks
-        x, y, z = (float(values[agent, step]) for values in (tracks.x, tracks.y, tracks.z))
-        at = shapely.Point(x, y)
-        near = [road.lanes[i] for i in road.centre_lines.query(at, predicate="dwithin", distance=_LANE_REACH_M)]
-        return at, [lane for lane in near if same_level(height_on(lane, np.array([x, y])), z)]
+        x, y, z, yaw = (values[agent, steps] for values in (tracks.x, tracks.y, tracks.z, tracks.yaw))
+        places = np.asarray(shapely.points(x, y))
+        step, lane = road.centre_lines.query(places, predicate="dwithin", distance=_LANE_REACH_M)
+        on = np.stack([x, y], axis=-1)[step]
+        height = np.array([float(height_on(road.lanes[i], at)) for i, at in zip(lane, on, strict=True)])
+        line, place = road.centre_lines.geometries[lane], places[step]
+        heading = headings_near(line, place)
+        along = same_level(height, z[step]) & (np.abs(wrap(heading - yaw[step])) < ALONG_RAD)
+        nearest_last = np.argsort(shapely.distance(line, place), kind="stable")[::-1]  # what is written last stays
+        chosen = nearest_last[along[nearest_last]]
+        yaw[step[chosen]] = heading[chosen]
+        return yaw
