@@ -38,14 +38,14 @@ class CaseTable {
       compared && { name: "Change", value: (row) => ["broken", "unchanged", "fixed"].indexOf(row.change), cell: (row) => [element("span", { className: `tag ${row.change}`, textContent: row.change })] },
       { name: "Case", style: "case", value: (row) => row.id, cell: (row) => [element("a", { href: hashOf({ case: row.id }) }, ...breakable(row.id))] },
       { name: "Network", style: "spare", value: (row) => row.network },
-      planners && { name: this.driven ? "Attacked" : "Planner", value: (row) => row.attacked || null },
+      planners && { name: this.driven ? "Attacked" : "Planner", labelled: true, value: (row) => row.attacked || null, cell: (row) => breakable(row.attacked) },
       ...this.drivers.map((driver, k) => ({ name: this.driven ? driver : "Result", style: "by", labelled: compared, value: (row) => endingOf(row, k), cell: (row) => [ending(row, k)] })),
       { name: "At", unit: " s", style: "number", value: (row) => least(row.endings.map((hit) => hit && hit.step * row.dt)), digits: 1 },
       { name: "Impact", unit: " m/s", style: "number", value: (row) => greatest(row.endings.map((hit) => hit && hit.impact)), digits: 1 },
       !compared && { name: "Least TTC", unit: " s", style: "number spare", value: (row) => (row.endings[0] ? null : (row.closest[0]?.ttc_s ?? null)), digits: 1 },
-      told && { name: "Telling", labelled: true, value: (row) => tellingOf(row), cell: (row) => [element("span", { className: row.telling ? "yes" : "", textContent: tellingOf(row) })] },
-      blamed && { name: "At fault", labelled: true, value: (row) => row.fault, cell: (row) => [element("span", { className: FAULT_LOOK[row.fault] ?? "", textContent: row.fault })] },
-      judged && { name: "Avoidable", labelled: true, value: (row) => row.evasion, cell: (row) => [element("span", { className: row.in_time ? "yes" : "", textContent: row.evasion })] },
+      told && { name: "Telling", style: "word", labelled: true, value: (row) => tellingOf(row), cell: (row) => [element("span", { className: row.telling ? "yes" : "", textContent: tellingOf(row) })] },
+      blamed && { name: "At fault", style: "word", labelled: true, value: (row) => row.fault, cell: (row) => [element("span", { className: FAULT_LOOK[row.fault] ?? "", textContent: row.fault })] },
+      judged && { name: "Avoidable", style: "word", labelled: true, value: (row) => row.evasion, cell: (row) => [element("span", { className: row.in_time ? "yes" : "", textContent: row.evasion })] },
     ].filter(Boolean);
   }
 
