@@ -2,10 +2,12 @@
 
 import json
 
+import pytest
 from crossing_scenes import LANE_Y, braking, scenario, straight
 
 from regents_cosim.cases.files import save_case
 from regents_cosim.cli import run
+from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.regression.evaluate import evaluate
 
 
@@ -21,6 +23,12 @@ def test_a_follower_that_sumo_drives_brakes_for_the_ego():
     )
     assert (logged.hits, reacting.hits) == ("follower", None)
     assert reacting.score == 1.0 > logged.score
+
+
+def test_drives_among_others_that_react_are_kept_apart(tmp_path):
+    evaluate([rammed()], "log_replay", where="sumo", keep=tmp_path)
+    with pytest.raises(CaseError, match="background"):
+        evaluate([rammed()], "log_replay", where="sumo", background="reactive", keep=tmp_path)
 
 
 def test_the_command_says_among_whom(tmp_path, capsys):

@@ -210,6 +210,12 @@ def test_lanes_that_meet_continue_each_other():
     ]  # fmt: skip
 
 
+def test_a_lane_that_ends_where_it_begins_does_not_continue_itself():
+    (ring,) = joined([lane((0, 0), (10, 0), (10, 10), (0.2, 0))])
+    assert ring.exits == ()
+    assert joined([]) == ()
+
+
 @given(st.lists(st.tuples(st.floats(-80, 80), st.floats(-80, 80)), min_size=2, max_size=6))
 def test_any_kerbs_give_an_area_or_none(points):
     area = area_inside((edge(*points),), ())
