@@ -1,13 +1,14 @@
 """Planners scored among others that follow their tracks, and among others that SUMO drives."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from crossing_scenes import LANE_Y, braking, scenario, straight
 
 from regents_cosim.cases.files import save_case
 from regents_cosim.cli import run
-from regents_cosim.errors import CaseError
+from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.evaluate import evaluate
 
 
@@ -38,3 +39,11 @@ def test_the_command_says_among_whom(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)[0]["collisions"] == 0
     assert run(words) == 0
     assert "log_replay on 1 cases in sumo among traffic that reacts" in capsys.readouterr().out
+
+
+def test_cases_without_a_network_of_sumo_are_refused():
+    from_a_log = replace(rammed(), road=replace(rammed().road, sumo_net=None))
+    with pytest.raises(
+        RegentsError, match=r"1 of 2 cases have no SUMO network for SUMO to drive in \(the first is made\)"
+    ):
+        evaluate([rammed(), from_a_log], "log_replay", where="sumo", background="reactive")

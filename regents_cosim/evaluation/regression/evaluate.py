@@ -107,6 +107,8 @@ def evaluate(
     if not scenarios:
         raise RegentsError(f"shard {shard} holds no case: the suite has fewer cases than there are shards")
     check(where, background=background)
+    if background == "reactive":
+        _require_networks(scenarios)
     drive = partial(
         drive_each, planner=given, act_timeout_s=act_timeout_s, where=where, executor=executor, background=background
     )
@@ -117,6 +119,16 @@ def evaluate(
     found = tuple(progress.each(drives, f"driving {given.name}", len(scenarios)))
     evaluation = Evaluation(given.name, where, found)
     return evaluation if asked is None else asked.held(evaluation, scenarios, given, act_timeout_s)
+
+
+def _require_networks(scenarios: Sequence[Scenario]) -> None:
+    """Raise RegentsError where SUMO is to drive the others of cases that know no network of SUMO's."""
+    without = [case.id for case in scenarios if case.road.sumo_net is None]
+    if without:
+        raise RegentsError(
+            f"{len(without)} of {len(scenarios)} cases have no SUMO network for SUMO to drive in (the first is "
+            f"{without[0]}); expected cases that were recorded in SUMO, or --background log"
+        )
 
 
 def suite_of(cases: Path) -> Path:
