@@ -44,13 +44,9 @@ def main() -> None:
 
 
 def _leave(code: int) -> None:
-    """End this process as Python does, but for its last step: to take all modules apart, JAX's, lasts a second.
-
-    JAX's own last step, which drops all compiled programs one by one, is left out as well: a third of a second.
-    """
+    """End this process as Python does, but for its last step: to take all modules apart, JAX's, lasts a second."""
     threads: Any = threading  # no public way to wait for all of them, nor to call what is registered
     registered: Any = atexit
-    registered.unregister(getattr(sys.modules.get("jax._src.api"), "clean_up", None))  # where JAX is loaded and has it
     with suppress(OSError):  # the reader of the output is gone: Python has its own words for that
         threads._shutdown()
         registered._run_exitfuncs()
