@@ -22,7 +22,7 @@ _LOOK_M = 50.0  # along the lane, behind and ahead
 
 
 def surroundings(road: RoadMap, place: Float[np.ndarray, " 2"], z: float, own: Lane | None) -> Place | None:
-    """What the road is like around a place [m] at height `z` [m], seen from its `own` lane; None where none is near."""
+    """What the road is like around a place [m] at height `z` [m] of the lane `own`; None where no lane is near."""
     at = shapely.Point(*place)
     found = sorted(road.centre_lines.query(at, predicate="dwithin", distance=_NEAR_M))
     near = [lane for lane in map(road.lanes.__getitem__, found) if same_level(height_on(lane, place), z)]

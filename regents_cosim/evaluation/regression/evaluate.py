@@ -101,12 +101,14 @@ def evaluate(
     anything is driven, for what cannot be read or measured.
     """
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
-    asked = _asked(folder, against, update, fail, margin, where, background)
+    asked = _asked(folder, against, update, fail, margin, where)
+    if asked is not None and background != "log":
+        raise RegentsError("a baseline is of drives among others on their tracks: leave out --background or --against")
     given = PlannerUnderTest.of(planner)
     scenarios = cases_in_turn(cases, shard.every)
     if not scenarios:
         raise RegentsError(f"shard {shard} holds no case: the suite has fewer cases than there are shards")
-    check(where, background=background)
+    check(where, background=background, act_timeout_s=act_timeout_s)
     if background == "reactive":
         _require_networks(scenarios)
     drive = partial(
@@ -181,21 +183,13 @@ class _RegressionTest:
 
 
 def _asked(
-    folder: Path | None,
-    against: Path | str | None,
-    update: bool,
-    fail: str,
-    margin: bool,
-    where: Simulator,
-    background: Background,
+    folder: Path | None, against: Path | str | None, update: bool, fail: str, margin: bool, where: Simulator
 ) -> _RegressionTest | None:
     """None where no baseline is asked for. Raises RegentsError."""
     if against is None and not update:
         if fail or margin:
             raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --against")
         return None
-    if background != "log":
-        raise RegentsError("a baseline is of drives among others on their tracks: leave out --background or --against")
     suite = suite_of(folder) if folder is not None else None
     if against is None and suite is None:
         raise RegentsError("cases in memory have no baseline of their own: name a file with `against`")
