@@ -14,7 +14,7 @@ from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.benchmarks.ceiling import unsolved
 from regents_cosim.benchmarks.kept_runs import joined, run_once
 from regents_cosim.benchmarks.table1 import Table1, table1
-from regents_cosim.benchmarks.table_files import write_table
+from regents_cosim.benchmarks.table_files import require_table, write_table
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, Protocol, Results, rollouts_at_most
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
@@ -101,6 +101,8 @@ def tables(
 
     `output` keeps the runs, and the table after every place: one that is interrupted goes on from there.
     """
+    if output is not None:
+        require_table(output)
     runs, more = list[MethodRun](), list[MethodRun]()
     for planner in map(PlannerUnderTest.of, planners):
         before = runs

@@ -8,15 +8,25 @@ from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.evaluation.crashes.scores import USUAL, MethodScores
 from regents_cosim.reports.bars import PercentWithInterval, draw_bars
 from regents_cosim.reports.curve import draw_curve
-from regents_cosim.system.atomic import explain_write, write_atomic
+from regents_cosim.system.atomic import explain_write
+from regents_cosim.system.products import MARK, require_ours, write_product
+
+_FILES = ("table1.md", "table1.json", "table1.png", "usual.png")
+
+
+def require_table(folder: Path) -> None:
+    """Raise RegentsError where something that is not ours has the name of a file of the table."""
+    for name in _FILES:
+        require_ours(folder / name)
 
 
 def write_table(table: Table1, folder: Path) -> None:
     """The table as Markdown, JSON and two pictures: shares of windows, and telling crashes by how usual they are."""
+    require_table(folder)
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomic(folder / "table1.md", markdown(table).encode())
-        write_atomic(folder / "table1.json", json.dumps(as_json(table), indent=1).encode())
+        write_product(folder / "table1.md", f"<!-- {MARK} -->\n{markdown(table)}".encode())
+        write_product(folder / "table1.json", json.dumps({"generator": MARK, **as_json(table)}, indent=1).encode())
         several = len({row.planner for row in table.scores}) > 1
         groups = {_label(row, several): _shares(row) for row in table.scores}
         bars = {label: [PercentWithInterval(*share) for share in shares] for label, shares in groups.items()}

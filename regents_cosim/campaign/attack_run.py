@@ -28,7 +28,7 @@ from regents_cosim.campaign.window_job import (
     has_failed,
 )
 from regents_cosim.campaign.windows import RunWindows
-from regents_cosim.cases.files import load_header
+from regents_cosim.cases.files import STILL, load_header
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
 from regents_cosim.cases.packed import pack_case
@@ -39,8 +39,6 @@ from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import write_atomic
 from regents_cosim.system.workers import run_each
-
-STILL = "still.png"
 
 
 @dataclass

@@ -12,10 +12,9 @@ from pathlib import Path
 from regents_cosim.archive.axes import Cell
 from regents_cosim.archive.crash import Crash, crash_of
 from regents_cosim.archive.elites import Archive
-from regents_cosim.campaign.attack_run import STILL
 from regents_cosim.campaign.window_job import Still
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_header
+from regents_cosim.cases.files import STILL, load_header
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import add_case, load_manifest
 from regents_cosim.replays.replay import replay_each

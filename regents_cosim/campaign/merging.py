@@ -8,12 +8,10 @@ from pathlib import Path
 from regents_cosim.campaign.elites import beaten_cases
 from regents_cosim.campaign.identity import changed_makers
 from regents_cosim.campaign.ledger import Begun, LedgerRecord, read_record, write_record
-from regents_cosim.cases.files import load_case
+from regents_cosim.cases.files import STILL, load_case
 from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, load_manifest
 from regents_cosim.errors import CaseError
 from regents_cosim.system.atomic import explain_write, new_folder, require_writable
-
-_STILL = "still.png"
 
 
 def shards_in(folders: Sequence[Path]) -> list[LedgerRecord] | None:
@@ -46,8 +44,8 @@ def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[LedgerR
     with explain_write(folder), new_folder(folder.resolve()) as fresh:
         for case, shard in sorted(home.items()):
             add_case(load_case(shard / case), fresh, notes)
-            if (shard / case / _STILL).is_file():
-                shutil.copyfile(shard / case / _STILL, fresh / case / _STILL)
+            if (shard / case / STILL).is_file():
+                shutil.copyfile(shard / case / STILL, fresh / case / STILL)
         write_record(fresh, whole)
     return len(home)
 

@@ -28,7 +28,8 @@ from regents_cosim.system.atomic import clear_leftovers, explain_write, new_fold
 from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore
 
-CASE_FILES = frozenset({HEADER, "tracks.npz", "original.npz", "evasion.npz", "still.png"})
+STILL = "still.png"
+CASE_FILES = frozenset({HEADER, "tracks.npz", "original.npz", "evasion.npz", STILL})
 
 
 def save_case(scenario: Scenario, suite: Path | str) -> Path:

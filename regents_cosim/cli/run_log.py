@@ -10,6 +10,7 @@ from regents_cosim.cases.provenance import command, versions
 from regents_cosim.cli.options import OutputOptions
 from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import printable
+from regents_cosim.system.products import MARK, require_ours
 
 _PACKAGE = logging.getLogger("regents_cosim")
 _log = logging.getLogger(__name__)
@@ -46,8 +47,8 @@ def begin_run_log(talk: OutputOptions) -> None:
     if talk.log_file:
         _tell(_opened(talk.log_file), "%(asctime)s %(levelname)s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S%z")
     _PACKAGE.setLevel(logging.INFO)
+    _log.info("%s with %s", MARK, ", ".join(f"{name} {number}" for name, number in versions().items()))
     _log.info("%s", command())
-    _log.info("%s", ", ".join(f"{name} {number}" for name, number in versions().items()))
 
 
 def end_run_log(code: int | None = None, complaint: str = "") -> None:
@@ -73,6 +74,8 @@ def _tell(handler: logging.Handler, form: str, times: str) -> None:
 
 
 def _opened(path: Path) -> logging.Handler:
+    if path.is_file():  # else a device, or new
+        require_ours(path.resolve())
     try:
         return _File(path)
     except OSError as error:

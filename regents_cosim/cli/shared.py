@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from regents_cosim.cli.options import OutputOptions, TrafficOptions
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
+from regents_cosim.system.products import require_ours
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -114,9 +115,12 @@ def require_other_folder(output: Path, cases: Path) -> None:
 
 
 def require_picture_name(record: Path | None) -> None:
-    """Raise RegentsError for a file that no picture is drawn into."""
-    if record and record.suffix not in (".gif", ".png"):
+    """Raise RegentsError for a file that no picture is drawn into, or that is not ours to replace."""
+    if record is None:
+        return
+    if record.suffix not in (".gif", ".png"):
         raise RegentsError(f"--record {record}: expected a name that ends in .gif (moves) or .png (a still)")
+    require_ours(record)
 
 
 def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":
@@ -129,10 +133,10 @@ def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Sce
 
 def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -> None:
     """A picture into every case."""
-    from regents_cosim.reports.picture import draw_still
+    from regents_cosim.reports.picture import draw_into_case
 
     for scenario in terminal.each(attacked, "drawing", len(attacked)):
-        draw_still(scenario, suite / scenario.id / "still.png")
+        draw_into_case(scenario, suite)
 
 
 def draw(scenario: "Scenario", path: Path, beside_original: bool, terminal: "Terminal") -> None:

@@ -1,14 +1,17 @@
 """Antialiased drawing with Pillow: everything is drawn larger and reduced once."""
 
 import functools
+import io
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
+from PIL.PngImagePlugin import PngInfo
 
 from regents_cosim.reports.palette import Colour
+from regents_cosim.system.products import MARK
 
 Points = Float[np.ndarray, "point 2"]
 Px = int | float  # final pixels
@@ -146,6 +149,14 @@ def stretches_inside(
 
 def _along(points: Points) -> Float[np.ndarray, " point"]:
     return np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+
+
+def png_bytes(image: Image.Image, optimize: bool = False) -> bytes:
+    """The picture as a PNG that says who made it."""
+    mark, buffer = PngInfo(), io.BytesIO()
+    mark.add_text("Software", MARK)
+    image.save(buffer, "PNG", pnginfo=mark, optimize=optimize)
+    return buffer.getvalue()
 
 
 def text_width(words: str, size: int) -> float:

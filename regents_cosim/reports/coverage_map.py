@@ -1,6 +1,5 @@
 """The map of behaviours of a suite, as text and as a picture: the last two axes across, all others down."""
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -9,7 +8,7 @@ from pathlib import Path
 from regents_cosim.archive.axes import Axis, Cell
 from regents_cosim.archive.coverage import Coverage
 from regents_cosim.archive.crash import STANDINGS, Standing
-from regents_cosim.reports.canvas import Canvas, text_width
+from regents_cosim.reports.canvas import Canvas, png_bytes, text_width
 from regents_cosim.reports.palette import (
     ADVERSARY,
     EGO,
@@ -22,7 +21,8 @@ from regents_cosim.reports.palette import (
     SIGNAL_AMBER,
     Colour,
 )
-from regents_cosim.system.atomic import explain_write, write_atomic
+from regents_cosim.system.atomic import explain_write
+from regents_cosim.system.products import write_product
 
 _LETTERS: dict[Standing, str] = {"telling": "T", "actionable": "A", "clean": "C", "crash": "x"}
 _COLOURS: dict[Standing, Colour] = {"telling": EVASION, "actionable": EGO, "clean": SIGNAL_AMBER, "crash": OTHER}
@@ -67,11 +67,10 @@ def coverage_text(coverage: Coverage) -> str:
 
 def draw_coverage(coverage: Coverage, title: str, path: Path) -> None:
     """Write a PNG of the map; cells that an older suite does not fill have a frame. Raises RegentsError."""
-    buffer = io.BytesIO()
-    _draw(coverage, title).finish().save(buffer, "PNG")
+    picture = png_bytes(_draw(coverage, title).finish())
     with explain_write(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, buffer.getvalue())
+        write_product(path, picture)
 
 
 def _draw(coverage: Coverage, title: str) -> Canvas:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.canvas import Canvas, png_bytes
 from regents_cosim.reports.palette import (
     ADVERSARY,
     EGO,
@@ -20,6 +20,7 @@ from regents_cosim.reports.palette import (
     SECOND,
     SIGNAL_AMBER,
 )
+from regents_cosim.system.products import write_product
 
 _SIZE = (720, 400)
 _LEFT, _TOP, _RIGHT, _BOTTOM = 64, 56, 24, 44  # margins [px]
@@ -50,7 +51,7 @@ def draw_curve(title: str, lines: Mapping[str, Sequence[float]], places: Sequenc
         canvas.line(points, colour, 2)
         for point in points:
             canvas.disc(point, 2.5, colour)
-    canvas.finish().save(path)
+    write_product(path, png_bytes(canvas.finish()))
 
 
 def _place(across: float, up: float) -> Float[np.ndarray, " 2"]:

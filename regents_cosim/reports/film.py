@@ -12,6 +12,7 @@ from regents_cosim.reports.camera import View, fit, follow, trim
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import LAND, gif_palette
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground
+from regents_cosim.system.products import MARK
 
 OnFrame = Callable[[int, int], None]
 
@@ -74,6 +75,7 @@ def gif_bytes(frames: Iterator[Image.Image], dt: float) -> bytes:
     indexed[0].save(
         buffer,
         "GIF",
+        comment=MARK,
         save_all=True,
         append_images=indexed[1:],
         duration=durations,

@@ -16,6 +16,7 @@ from regents_cosim.reports.packing import packed, visible
 from regents_cosim.reports.page_case import PageEntry
 from regents_cosim.reports.page_colours import DARK, LIGHT
 from regents_cosim.reports.page_map import PageMap
+from regents_cosim.system.products import MARK
 
 SCHEMA = 1
 _MOST_GROUPS = 6  # of crashes, in the summary
@@ -64,6 +65,7 @@ def html_page(report: Report) -> str:
     member = {name: number for number, group in enumerate(todo) for name in group.cases}
     return _template().render(
         report=report,
+        mark=MARK,
         scores=_by_label(report.scores),
         changes={name: changes.count(name) for name in ("broken", "fixed", "unchanged")},
         kinds=_counts(hit["kind"] for row in rows for hit in row["endings"] if hit),
@@ -94,6 +96,7 @@ def json_twin(report: Report) -> bytes:
         for case in report.worst_first
     ]
     content = {
+        "generator": MARK,
         "schema": SCHEMA,
         "title": report.title,
         "command": report.command,

@@ -1,6 +1,5 @@
 """A scene of a log as one picture: its road, every agent's way, and where all are halfway through."""
 
-import io
 import re
 from pathlib import Path
 
@@ -9,14 +8,15 @@ from jaxtyping import Float
 
 from regents_cosim.errors import LogError
 from regents_cosim.reports.camera import View, fit
-from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.canvas import Canvas, png_bytes
 from regents_cosim.reports.palette import ADVERSARY, EGO, INK, LAND, OTHER, Colour, mix
 from regents_cosim.reports.road import draw_road
 from regents_cosim.reports.vehicles import draw_vehicle
 from regents_cosim.sources.logs.inspection import moving_centres
 from regents_cosim.sources.logs.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
-from regents_cosim.system.atomic import explain_write, write_atomic
+from regents_cosim.system.atomic import explain_write
+from regents_cosim.system.products import write_product
 
 _SIZE = (1200, 900)
 _ZOOM = 2
@@ -49,11 +49,9 @@ def draw_scene(scene: LoggedScene, folder: Path) -> Path:
         _draw_box(canvas, view, track, middle, track.agent.id == scene.ego)
     canvas.text((12, 24), f"{scene.name}: {len(scene.tracks)} road users, {scene.duration_s:g} s", 16, INK)
     path = folder / f"{re.sub(r'[^A-Za-z0-9._-]+', '_', scene.name)[:80]}.png"
-    buffer = io.BytesIO()
-    canvas.finish().save(buffer, "PNG")
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, buffer.getvalue())
+        write_product(path, png_bytes(canvas.finish()))
     return path
 
 

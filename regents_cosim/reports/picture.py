@@ -1,6 +1,5 @@
 """Cases as pictures: a still PNG, an animated GIF, and two animations beside each other."""
 
-import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -8,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
+from regents_cosim.cases.files import STILL
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.reports.camera import View, fit, fit_latest
-from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.canvas import Canvas, png_bytes
 from regents_cosim.reports.caption import FOOTER_PX, HEADER_PX, STRIP_PX, draw_footer, draw_header, draw_strip
 from regents_cosim.reports.close_up import draw_close_up
 from regents_cosim.reports.film import Backdrop, OnFrame, frame_steps, gif_bytes, shoot
@@ -19,6 +19,7 @@ from regents_cosim.reports.palette import ADVERSARY, HAIRLINE, INK, PANEL
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, write_atomic
+from regents_cosim.system.products import write_product
 
 STILL_SIZE = (1200, 800)  # [px]
 GIF_SIZE = (900, 600)  # [px] at most
@@ -32,7 +33,14 @@ _LEAST_HEIGHT_PX = 320  # of what lies between header and footer
 
 def draw_still(scenario: Scenario, path: Path) -> None:
     """Write `still` of a case. Raises RegentsError where `path` cannot be written."""
-    _write(path, still(scenario))
+    write_product(path, still(scenario))
+
+
+def draw_into_case(scenario: Scenario, suite: Path) -> None:
+    """Write `still` of a case into its folder, where a file of that name is the case's own."""
+    path = suite / scenario.id / STILL
+    with explain_write(path.parent):
+        write_atomic(path, still(scenario))
 
 
 def still(scenario: Scenario) -> bytes:
@@ -43,9 +51,7 @@ def still(scenario: Scenario) -> bytes:
     picture = draw_ground(scene, view, _ZOOM)
     draw_moving(scene, picture, view, step)
     draw_close_up(scene, picture, view, step)
-    buffer = io.BytesIO()
-    _framed(picture, scene, view, step).save(buffer, "PNG")
-    return buffer.getvalue()
+    return png_bytes(_framed(picture, scene, view, step))
 
 
 def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None) -> None:
@@ -87,9 +93,7 @@ def draw_pair(left: Scenario, right: Scenario, path: Path, titles: tuple[str, st
     """Write a PNG of two Scenarios as `animate_pair` has them, at the collision of the right one."""
     frame, last = _pair(left, right, titles)
     contact = first_contact(right.agents, right.tracks)
-    buffer = io.BytesIO()
-    frame(min(contact[1], last) if contact else last).save(buffer, "PNG")
-    _write(path, buffer.getvalue())
+    write_product(path, png_bytes(frame(min(contact[1], last) if contact else last)))
 
 
 def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tuple[Callable[[int], Image.Image], int]:
@@ -161,9 +165,4 @@ def _write_frames(
             if progress is not None:
                 progress(done, len(steps))
 
-    _write(path, gif_bytes(drawn(), dt))
-
-
-def _write(path: Path, content: bytes) -> None:
-    with explain_write(path.parent):
-        write_atomic(path, content)
+    write_product(path, gif_bytes(drawn(), dt))

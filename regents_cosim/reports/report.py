@@ -26,7 +26,8 @@ from regents_cosim.reports.html import Report, Score, html_page, json_twin
 from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, PageDrive, PageEntry
 from regents_cosim.reports.page_map import PageMap, PageMaps
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.system.atomic import explain_write, require_writable, write_atomic
+from regents_cosim.system.atomic import explain_write, require_writable
+from regents_cosim.system.products import require_ours, write_product
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.judge import judge
 
@@ -45,7 +46,7 @@ _MOST_NAMED = 8  # networks in the subtitle
 
 
 def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: Sequence[AnyPlanner] = ()) -> None:
-    """Write one HTML file that shows `cases` (a folder, or in memory), and the same for machines in a .json beside it.
+    """Write one HTML file that shows `cases` (a folder, or in memory), and NAME.report.json beside it for machines.
 
     `planners`: one drives the egos among the adversaries of each case, a second one is shown beside it.
     Without them the page shows the drives that the cases hold. Raises RegentsError where nothing can be
@@ -62,9 +63,9 @@ def check_report(path: Path, planners: Sequence[str]) -> None:
     """Raise RegentsError now for what could not be written at the end, or not be compared."""
     if path.suffix != ".html":
         raise RegentsError(f"--output {path}: expected a name that ends in .html")
-    if path.is_dir():
-        raise RegentsError(f"--output {path}: is a folder (expected the name of a file)")
     require_writable(path.parent)
+    for one in (path, twin_of(path)):
+        require_ours(one)
     if len(planners) > _MOST_PLANNERS or len(set(planners)) < len(planners):
         raise RegentsError(f"--planner {', '.join(planners)}: expected one planner, or two different ones to compare")
 
@@ -157,11 +158,16 @@ def _suite_of(folder: Path) -> Path:
 
 
 def save_report(made: Report, path: Path) -> None:
-    """Write the page to `path` (.html), and the scores and the table to the .json beside it."""
+    """Write the page to `path` (.html), and the scores and the table to NAME.report.json beside it."""
     with explain_write(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, html_page(made).encode())
-        write_atomic(path.with_suffix(".json"), json_twin(made))
+        write_product(path, html_page(made).encode())
+        write_product(twin_of(path), json_twin(made))
+
+
+def twin_of(page: Path) -> Path:
+    """Where the scores and the table of a page lie for machines; never the name of a suite or a case."""
+    return page.with_suffix(".report.json")
 
 
 def _check_cases(cases: Sequence[PageEntry]) -> None:

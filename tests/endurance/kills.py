@@ -158,7 +158,7 @@ def _baseline_whole(before: Path, now: Path) -> list[str]:
 
 
 def _page_whole(_: Path, now: Path) -> list[str]:
-    page, table = now / "report.html", now / "report.json"
+    page, table = now / "report.html", now / "report.report.json"
     wrong = []
     if page.exists() and not page.read_text().rstrip().endswith("</html>"):
         wrong.append("the page is cut off")

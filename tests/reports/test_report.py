@@ -333,7 +333,7 @@ def test_one_position_far_away_takes_little_memory(agent):
 def test_the_report_in_python(tmp_path):
     report(QUICKSTART, tmp_path / "new" / "report.html")
     page = (tmp_path / "new" / "report.html").read_text("utf-8")
-    twin = json.loads((tmp_path / "new" / "report.json").read_text("utf-8"))
+    twin = json.loads((tmp_path / "new" / "report.report.json").read_text("utf-8"))
     assert page.startswith("<!doctype html>")
     assert twin["schema"] == 1
     assert {row["id"] for row in twin["cases"]} == {case.id for case in CASES}
@@ -375,12 +375,12 @@ def test_the_command(tmp_path):
     done = regents("report", case, "-o", tmp_path / "report.html", "--planner", "constant_velocity", "--json")
     assert done.returncode == 0, done.stderr
     scores = {row["score"]: row for row in json.loads(done.stdout)}
-    twin = json.loads((tmp_path / "report.json").read_text("utf-8"))
+    twin = json.loads((tmp_path / "report.report.json").read_text("utf-8"))
     assert twin["drivers"] == ["constant_velocity"]
     [row] = twin["cases"]
     assert scores["Collision rate"]["value"] == ("0 %" if row["endings"] == [None] else "100 %")
     assert scores["Collision rate"]["detail"].endswith(" of 1 case")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "report.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "report.report.json"]
 
 
 def test_the_report_judges_the_crashes_that_nobody_has_judged():

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 from regents_cosim.benchmarks.gallery.exhibits import METHOD_NAMES, PLANNER, ExhibitRun
 from regents_cosim.benchmarks.gallery.gradient_field import HELD_S, SPEED_M_S, GradientField
 from regents_cosim.reports.caption import ending
+from regents_cosim.system.products import MARK
 
 FIELD_PICTURE = "gradient_field.png"
 
 _OPENING = f"""\
+<!-- {MARK} -->
 # What goes wrong with KING, and what ReGentS does about it
 
 Gradients around the ego, and the four failures that the ReGentS paper (Yin et al., ECCV 2024 workshop W-CODA) names,

@@ -1,6 +1,5 @@
 """The gallery as a folder: pictures, the page that shows them, and the cases behind them."""
 
-import io
 from pathlib import Path
 
 import jax
@@ -12,9 +11,9 @@ from regents_cosim.benchmarks.gallery.gradient_field import YAWS_DEG, gradient_f
 from regents_cosim.benchmarks.gallery.index import FIELD_PICTURE, index_page, picture_name
 from regents_cosim.benchmarks.gallery.panels import draw_exhibit
 from regents_cosim.cases.suite import SuiteWriter
-from regents_cosim.reports.canvas import Canvas
+from regents_cosim.reports.canvas import Canvas, png_bytes
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import explain_write, write_atomic
+from regents_cosim.system.products import require_ours, write_product
 
 
 def make_gallery(folder: Path) -> list[Scenario]:
@@ -22,6 +21,8 @@ def make_gallery(folder: Path) -> list[Scenario]:
 
     Raises RegentsError where `folder` cannot be written.
     """
+    page = folder / "README.md"
+    require_ours(page)
     cases = SuiteWriter(folder / "cases", seed=0)
     with jax.default_device(jax.local_devices(backend="cpu")[0]):  # everywhere the same numbers
         fields = [gradient_field(np.deg2rad(degrees)) for degrees in YAWS_DEG]
@@ -32,16 +33,9 @@ def make_gallery(folder: Path) -> list[Scenario]:
     _save(draw_fields(fields), folder / FIELD_PICTURE)
     for made in runs:
         _save(draw_exhibit(made), folder / picture_name(made))
-    _write(folder / "README.md", index_page(fields, runs).encode())
+    write_product(page, index_page(fields, runs).encode())
     return attacked
 
 
 def _save(picture: Canvas, path: Path) -> None:
-    buffer = io.BytesIO()
-    picture.finish().save(buffer, "PNG", optimize=True)
-    _write(path, buffer.getvalue())
-
-
-def _write(path: Path, content: bytes) -> None:
-    with explain_write(path.parent):
-        write_atomic(path, content)
+    write_product(path, png_bytes(picture.finish(), optimize=True))

@@ -64,12 +64,15 @@ def evaluate(
     """
     from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
     from regents_cosim.reports.tables import DRIVEN
+    from regents_cosim.system.products import require_ours
     from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
     programs.keep()
     if (baseline.strict or baseline.markdown) and baseline.against is None and not baseline.update:
         raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --against")
+    if baseline.markdown is not None and baseline.markdown != _STDOUT:
+        require_ours(baseline.markdown)
     with executor_for(executor) as pool:
         found = run_evaluate(
             cases,
@@ -126,13 +129,14 @@ def _show(found: "Evaluation", held: "AgainstBaseline", cases: Path, options: Ag
     from regents_cosim.evaluation.regression.comparison import markdown
     from regents_cosim.evaluation.regression.evaluate import suite_of
     from regents_cosim.reports.tables import COMPARED
+    from regents_cosim.system.products import MARK, write_product
 
     summary = markdown(held.verdicts, suite_of(cases), found.planner, found.where, held.unused)
     if options.markdown == _STDOUT:
         terminal.write(summary)
         return
     if options.markdown is not None:
-        _write(options.markdown, summary)
+        write_product(options.markdown, f"<!-- {MARK} -->\n{summary}".encode())
     rows = [dataclasses.asdict(v) if terminal.json else _row(v) for v in held.verdicts]
     terminal.show(f"{found.planner} in {found.where} against {held.file}", rows, essential=COMPARED)
 
@@ -147,10 +151,3 @@ def _row(verdict: "RegressionVerdict") -> dict[str, Any]:
         "now": short(verdict.now),
         "why": "; ".join(verdict.reasons) or None,
     }
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text)
-    except OSError as error:
-        raise RegentsError(f"cannot write {path}: {error.strerror} (choose another file for --markdown)") from error

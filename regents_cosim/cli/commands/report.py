@@ -22,7 +22,7 @@ def report(
     cases
         a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the package
     output
-        file for the page (.html); the scores and the table go into a .json beside it
+        file for the page (.html); the scores and the table go into NAME.report.json beside it
     planner
         who drives the egos, among the adversaries of each case; once more: a second one beside it, to see what it fixes
         and breaks. Without it the report shows the drives that the cases hold

@@ -296,18 +296,19 @@ def judge(
     output
         folder for the cases as they are judged now; by default the suite itself
     """
+    from regents_cosim.cases.files import STILL
     from regents_cosim.cases.shipped import require_own
     from regents_cosim.evaluation.suites.folders import judge_into
-    from regents_cosim.reports.picture import draw_still
+    from regents_cosim.reports.picture import draw_into_case
     from regents_cosim.reports.tables import JUDGED, judged_row, summary
 
     terminal = open_terminal(talk)
     folder = output or suite
     require_own(folder, "--output")
-    drawn = {still.parent.name for still in suite.glob("*/still.png")}
+    drawn = {still.parent.name for still in suite.glob(f"*/{STILL}")}
     judged = judge_into(folder, suite, lambda done, of: terminal.each(done, "judging", of))
     for _, case in terminal.each([pair for pair in judged if pair[1].id in drawn], "drawing", len(drawn)):
-        draw_still(case, folder / case.id / "still.png")
+        draw_into_case(case, folder)
     crashes = [pair for pair in judged if pair[1].judgement]
     rows = [judged_row(before, after) for before, after in crashes]
     note = summary([after for _, after in judged], {})

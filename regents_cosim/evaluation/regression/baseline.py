@@ -108,6 +108,7 @@ class Baseline:
 @dataclass(frozen=True)
 class _Schema:
     schema: int
+    planners: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
 
 
 def load_baseline(path: Path) -> Baseline:
@@ -118,12 +119,14 @@ def load_baseline(path: Path) -> Baseline:
         require_inside(path, path.parent)
     try:
         text = read_bounded(path, _MOST_BYTES)
-        schema = msgspec.json.decode(text, type=_Schema).schema
-        if schema != SCHEMA:
+        said = msgspec.json.decode(text, type=_Schema)
+        if said.schema != SCHEMA:
             raise CaseError(
-                f"{path}: schema {schema}, this version reads {SCHEMA} "
+                f"{path}: schema {said.schema}, this version reads {SCHEMA} "
                 "(upgrade regents_cosim, or accept a new baseline in another file)"
             )
+        if said.planners is msgspec.UNSET:  # another file with a schema: not to be taken for an empty baseline
+            raise InputError("it names no planners")
         return msgspec.json.decode(text, type=Baseline)
     except (InputError, ScenarioError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise CaseError(

@@ -13,10 +13,11 @@ from regents_cosim.evaluation.drives.driving import Drive, score
 from regents_cosim.evaluation.training.before_after import hold_back
 from regents_cosim.evaluation.training.mixture import SHARES, Mixture, best, mixture
 from regents_cosim.planners.aim_bev.interpolate import interpolate
-from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig
+from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig, checkpoint_path
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.atomic import require_writable
+from regents_cosim.system.products import require_ours
 from regents_cosim.system.progress import Progress
 from regents_cosim.system.scratch import scratch_folder
 
@@ -87,6 +88,8 @@ def weights_file(output: Path | str) -> Path:
     if path.suffix != ".safetensors":
         raise RegentsError(f"--output {output}: expected a name that ends in .safetensors")
     require_writable(path.parent)
+    for one in (path, learnt_path(path), checkpoint_path(path), path.with_suffix(".png")):
+        require_ours(one)
     _torch()
     return path
 

@@ -23,8 +23,7 @@ from regents_cosim.evaluation.training.learning import EachEpoch, parts, weights
 from regents_cosim.evaluation.training.rounds_course import OrdinaryCases, RoundRow, RoundsCourse
 from regents_cosim.evaluation.training.rounds_settings import Rounds
 from regents_cosim.planners.aim_bev.lessons import common_horizon
-from regents_cosim.planners.aim_bev.weights_file import SHIPPED
-from regents_cosim.system.atomic import write_atomic
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.system.progress import SILENT, Progress
 
 
@@ -72,7 +71,7 @@ def train_adversarially(
         course = RoundsCourse(rounds, weights, split, traffic, folder, suite, still, ledger, progress, each_epoch)
         course.plan(sha256_of(weights), *map(content_hash, given), *traffic.digests())
         course.go()
-        write_atomic(path, course.last().read_bytes())
+        save_weights(load_weights(course.last()), path)
         ledger.finish()
         return AdversariallyTrained(tuple(course.rows()), tuple(course.held_out()), suite)
 

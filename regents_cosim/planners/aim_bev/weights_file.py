@@ -8,7 +8,7 @@ from safetensors.numpy import load, save
 
 from regents_cosim.errors import RegentsError, require_file
 from regents_cosim.planners.aim_bev.architecture import FEATURES, KNOWN, MLP
-from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.products import MARK, write_product
 
 _FOLDER = Path(__file__).parent / "weights"
 SHIPPED = _FOLDER / "aim_bev.safetensors"
@@ -30,5 +30,6 @@ def load_weights(path: Path) -> dict[str, np.ndarray]:
 
 
 def save_weights(weights: dict[str, np.ndarray], path: Path) -> None:
-    """Write arrays as a whole or not at all."""
-    write_atomic(path, save({name: np.ascontiguousarray(values) for name, values in weights.items()}))
+    """Write arrays as a whole or not at all, over nothing but weights that were written so."""
+    plain = {name: np.ascontiguousarray(values) for name, values in weights.items()}
+    write_product(path, save(plain, metadata={"generator": MARK}))

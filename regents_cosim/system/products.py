@@ -1,0 +1,41 @@
+"""Files that a user names and we make: pages, tables, pictures, weights, logs. Each says so itself, within its head.
+
+So what is there already is known for ours, or is left as it is: nothing else is ever written over.
+"""
+
+import os
+from pathlib import Path
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.system.atomic import explain_write, write_atomic
+
+MARK = "made by regents_cosim"
+_HEAD_BYTES = 4096  # that hold the mark: a GIF has its palette before it
+
+
+def require_ours(path: Path) -> None:
+    """Raise RegentsError where there is something at `path` that we did not make. What is empty is free for us."""
+    if not os.path.lexists(path):
+        return
+    if path.is_symlink() or not path.is_file():
+        what = "is a link" if path.is_symlink() else "is a folder" if path.is_dir() else "is no file"
+        raise RegentsError(f"{path} {what}, expected the name of a new file, or of one that regents_cosim made")
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError as error:
+        raise RegentsError(
+            f"{path} cannot be read to see whose it is: {error.strerror} (choose another name)"
+        ) from error
+    if head and MARK.encode() not in head:
+        raise RegentsError(
+            f"{path} exists and is not {MARK}, so it is left as it is (choose another name, or remove it)"
+        )
+
+
+def write_product(path: Path, content: bytes) -> None:
+    """Write `content`, which bears the mark, as a whole or not at all. Raises RegentsError as `require_ours` does."""
+    assert MARK.encode() in content[:_HEAD_BYTES]
+    require_ours(path)
+    with explain_write(path.parent):
+        write_atomic(path, content)
