@@ -25,7 +25,14 @@ from regents_cosim.attacks.rules import diverging_in_front
 from regents_cosim.attacks.search_state import Looks, Rollout, SearchResult, SearchState
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import Controls, Motion
-from regents_cosim.mirror.rollout import LoopPlanner, drive, drive_among_reacting, roll_out_background, with_ego
+from regents_cosim.mirror.rollout import (
+    LoopPlanner,
+    as_scripted,
+    drive,
+    drive_among_reacting,
+    roll_out_background,
+    with_ego,
+)
 from regents_cosim.mirror.separation import Box, pose_gradient
 from regents_cosim.mirror.world import World
 
@@ -211,7 +218,9 @@ class Descent(eqx.Module):
     def own_motion(self, actions: Controls) -> Motion:
         """Where the searched agents go [searched time]."""
         world, rows = self.world, self.searched.rows
-        return rows(world.mobility).roll_out(rows(world.start), to_controls(actions), rows(world.moving), world.dt)
+        start, moving = rows(world.start), rows(world.moving)
+        own = rows(world.mobility).roll_out(start, to_controls(actions), moving, world.dt)
+        return as_scripted(world, own) if self.searched.are_all else own
 
     def background(self, actions: Controls) -> Motion:
         """Every agent's own track [agent time]: of those that react, before they do."""

@@ -41,7 +41,7 @@ from regents_cosim.attacks.search_state import Rollout
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.road_field import MARGIN_M
-from regents_cosim.mirror.rollout import drive, with_ego
+from regents_cosim.mirror.rollout import as_scripted, drive, with_ego
 from regents_cosim.mirror.separation import Box, corners, overlaps
 from regents_cosim.mirror.world import World
 from regents_cosim.scenario import Scenario
@@ -145,7 +145,7 @@ def roll_out_background(world: World, controls: Controls) -> Motion:
     mid = 0.5 * (yaw[:, :-1] + yaw[:, 1:])
     x = _accumulate(world.start.x, travelled * jnp.cos(mid))
     y = _accumulate(world.start.y, travelled * jnp.sin(mid))
-    return Motion(x, y, yaw, speed)
+    return as_scripted(world, Motion(x, y, yaw, speed))
 
 
 def stage(world: World) -> World:

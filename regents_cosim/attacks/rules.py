@@ -17,12 +17,15 @@ def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     """Agents whose controls the attack may change.
 
     Road users of the configured kinds, other than the ego, that are present for at least half of the horizon, do not
-    overlap the ego from the start and come to a height that it comes to, less those that rules 2 and 3 exclude. Both
+    overlap the ego from the start, come to a height that it comes to and drive without jumps, less those that rules 2
+    and 3 exclude. Both
     ask about the log alone, and so hold for who walks as well: on foot none catches up with a car from behind.
     """
     not_ego = jnp.arange(world.valid.shape[0]) > 0
     long_enough = world.valid.mean(axis=1) >= 0.5
     allowed = not_ego & of_kinds(world, config.adversary_kinds) & long_enough & world.apart[0] & may_meet_ego(world)
+    if world.scripted is not None:
+        allowed &= ~world.scripted
     if config.exclude_rear:
         allowed &= ~mostly_behind(world, config.rear_share, config.rear_sector_rad)
     if config.exclude_static:

@@ -53,7 +53,7 @@ def case_of(
     """The case of some frames. Of a near miss, `attacked.outcome` says that there was no collision."""
     recording = _recording(frames, dt, after, round(tail_s / dt))
     ego = recording.ids.index(frames[0].ids[0])
-    scene = RecordedScene.where(recording, recording.valid)
+    scene = RecordedScene.of(recording)
     reach = Windows(count=1, seed=attacked.seed, horizon_s=max((recording.x.shape[1] - 1) * dt, 0.2), radius_m=1e5)
     base = make_scenario(scene, ego, road, attacked.source, reach, Counter())
     original = _original(base, recording.begin_s, dt, (base.ego.id, attacked.adversary), before)

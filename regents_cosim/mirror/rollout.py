@@ -54,7 +54,15 @@ class LoopPlanner(Protocol):
 
 def roll_out_background(world: World, controls: Controls) -> Motion:
     """Motion [agent, time] of all agents under open-loop `controls` [agent, step]; row 0 is not the ego's."""
-    return world.mobility.roll_out(world.start, controls, world.moving, world.dt)
+    return as_scripted(world, world.mobility.roll_out(world.start, controls, world.moving, world.dt))
+
+
+def as_scripted(world: World, motion: Motion) -> Motion:
+    """The motion of the world's agents, of which those that no controls move are where their log has them."""
+    if world.scripted is None:
+        return motion
+    scripted = world.scripted[:, None]
+    return jax.tree.map(lambda logged, rolled: jnp.where(scripted, logged, rolled), world.log, motion)
 
 
 class EgoTrack(eqx.Module):

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.geometry import boxes
+from regents_cosim.geometry.jumps import leaps
 from regents_cosim.limits import MOST_SPEED_M_S
 from regents_cosim.maps.levels import contains, has_levels
 from regents_cosim.mirror import bicycle
@@ -63,6 +64,7 @@ class World(eqx.Module):
     lanes: LaneCentres | None = None  # where an attack asks what a careful driver would see
     walks: Bool[Array, " agent"] | None = None  # a pedestrian, which moves as a point mass; None: no agent is
     cycles: Bool[Array, " agent"] | None = None  # a cyclist; None: no agent is
+    scripted: Bool[Array, " agent"] | None = None  # moves as logged, as no controls lead there; None: no agent does
     dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # what the controls do
 
     def without_road(self) -> "World":
@@ -165,15 +167,21 @@ def to_world(
         heights=heights,
         walks=walks,
         cycles=_who_are("bicycle", scenario, padded),
+        scripted=_masked(leaps(tracks.x, tracks.y, tracks.valid, scenario.dt), padded),
         dynamics=dynamics,
     )
 
 
 def _who_are(kind: Kind, scenario: Scenario, padded: int) -> Bool[Array, " agent"] | None:
-    """Which others are of a kind; None where there is none, so that traffic without them has no other program."""
-    alike = np.zeros(padded, bool)
-    alike[1 : len(scenario.agents)] = [agent.kind == kind for agent in scenario.agents[1:]]
-    return on_device(alike, np.bool_) if alike.any() else None
+    """Which others are of a kind."""
+    return _masked(np.array([agent.kind == kind for agent in scenario.agents]), padded)
+
+
+def _masked(agents: Bool[np.ndarray, " real"], padded: int) -> Bool[Array, " agent"] | None:
+    """Which others are marked; None where none is, so that traffic without them has no other program."""
+    others = np.pad(agents, (0, padded - len(agents)))
+    others[0] = False
+    return on_device(others, np.bool_) if others.any() else None
 
 
 def _top_speeds(scenario: Scenario, padded: int) -> Float[Array, " agent"]:

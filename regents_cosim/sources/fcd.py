@@ -23,11 +23,11 @@ from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.errors import InputError, LogError, NoWindowError, require_file
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.jumps import jumps
 from regents_cosim.geometry.nearest import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
-from regents_cosim.sources.motion import smooth_pieces
 from regents_cosim.sources.recording import ANY_EGO, DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, PEDESTRIAN, VehicleType, read_types
@@ -212,15 +212,17 @@ def _check_place(log: Path, recordings: Sequence[Recording], road: RoadMap) -> N
 
 
 def _resampled(recording: Recording, windows: Windows) -> Recording:
-    """The Recording at 0.1 s; between two samples a vehicle is there only if it is in both."""
+    """The Recording at 0.1 s; between two samples a vehicle is there if it drives from one to the other."""
     if abs(recording.dt - STEP_S) < 1e-6:
         return recording
-    whole = smooth_pieces(recording.x, recording.y, recording.valid, recording.dt)
+    there = recording.valid
+    links = there[:, :-1] & there[:, 1:]
+    drives = np.pad(links & ~jumps(recording.x, recording.y, links, recording.dt), ((0, 0), (0, 1)))
     place = np.arange(windows.steps(STEP_S)) * STEP_S / recording.dt
     before = np.minimum(np.floor(place + 1e-9).astype(int), recording.x.shape[1] - 1)
     part = np.clip(place - before, 0.0, None)
     after = np.where(part > 1e-6, np.minimum(before + 1, recording.x.shape[1] - 1), before)
-    valid = whole[:, before] & whole[:, after]
+    valid = np.where(before == after, there[:, before], drives[:, before])
 
     def between(values: np.ndarray, change: np.ndarray) -> np.ndarray:
         return np.where(valid, values[:, before] + part * change, 0.0)

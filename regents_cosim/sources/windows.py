@@ -20,11 +20,12 @@ from regents_cosim.checks.ranges import SEED, Range
 from regents_cosim.collisions import find_overlaps
 from regents_cosim.errors import NoWindowError
 from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.jumps import jumps
 from regents_cosim.maps.levels import contains
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Provenance, Scenario, Tracks
 from regents_cosim.sources.conflicts import Conflicts, Others
-from regents_cosim.sources.motion import smooth_pieces, speeds
+from regents_cosim.sources.motion import speeds
 from regents_cosim.sources.recording import ANY_EGO, Recording
 
 Prefer = Literal["conflicts", "pedestrians", "none"]
@@ -123,7 +124,7 @@ def choose_windows(
 
     Those come first whose path another road user can cross or join (`conflicts`), or with `windows.prefer` a
     pedestrian, unless that is "none".
-    Others with a jump or a gap keep their longest smooth piece. Raises NoWindowError with the
+    Others are where they were recorded, gaps and jumps included. Raises NoWindowError with the
     number of vehicles that fail each rule where there is no window at all.
     """
     rng = np.random.default_rng(windows.seed)
@@ -180,28 +181,27 @@ def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:
 
 @dataclass(frozen=True, eq=False)
 class RecordedScene:
-    """A Recording and what follows from it; `valid` may be less than what was recorded."""
+    """A Recording and what follows from it."""
 
     recording: Recording
-    valid: Bool[np.ndarray, "vehicle time"]
     speed: Float[np.ndarray, "vehicle time"]  # [m/s]
     motor: Bool[np.ndarray, " vehicle"]
 
     @classmethod
     def of(cls, recording: Recording) -> "RecordedScene":
-        """With its jumps cut out."""
-        valid = smooth_pieces(recording.x, recording.y, recording.valid, recording.dt)
-        return cls.where(recording, valid)
-
-    @classmethod
-    def where(cls, recording: Recording, valid: Bool[np.ndarray, "vehicle time"]) -> "RecordedScene":
-        """The vehicles at those instants only."""
+        """With the speeds that its positions tell, unless it has speeds of its own."""
+        valid = recording.valid
         if recording.speed is None:
             speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
         else:
             speed = np.where(valid, recording.speed, 0.0)
         motor = np.array([kind.kind in VEHICLE_KINDS for kind in recording.types], bool)
-        return cls(recording, valid, speed, motor)
+        return cls(recording, speed, motor)
+
+    @property
+    def valid(self) -> Bool[np.ndarray, "vehicle time"]:
+        """Who is there when."""
+        return self.recording.valid
 
     def conflicts(self, road: RoadMap) -> Conflicts:
         """The possible conflicts of its vehicles."""
@@ -213,6 +213,12 @@ class RecordedScene:
         apart = np.where(self.valid & self.valid[ego], np.hypot(x - x[ego], y - y[ego]), np.inf)
         apart[ego] = np.inf
         return apart
+
+    def jumps_of(self, one: int) -> bool:
+        """Whether a vehicle is put elsewhere at once."""
+        r = self.recording
+        links = r.valid[one : one + 1, :-1] & r.valid[one : one + 1, 1:]
+        return bool(jumps(r.x[one : one + 1], r.y[one : one + 1], links, r.dt).any())
 
     def boxes(self, of: slice | Bool[np.ndarray, " vehicle"]) -> Boxes:
         """Boxes of some vehicles, [vehicle, time]."""
@@ -245,9 +251,9 @@ def refusal(scene: RecordedScene, ego: int, road: RoadMap, company: int) -> str 
     """Why a vehicle may not be the ego, None where it may; `company` is how many others must move near it."""
     if not scene.motor[ego]:
         return "were no motor vehicles"
-    if not scene.recording.valid[ego].all():
-        return "were not there throughout"
     if not scene.valid[ego].all():
+        return "were not there throughout"
+    if scene.jumps_of(ego):
         return "jumped (teleported, or changed lanes at once)"
     speed = scene.speed[ego]
     way = np.trapezoid(speed, dx=scene.recording.dt)

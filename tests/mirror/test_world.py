@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from scenes import platoon, scene
 
+from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.rules import candidates
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_roadless_world, to_tracks, to_world
 
@@ -26,6 +28,25 @@ def test_to_the_device_and_back(make):
     assert np.array_equal(tracks.valid, scenario.tracks.valid)
     for name, tolerance in (("x", 0.01), ("y", 0.01), ("yaw", 0.01), ("speed", 0.1)):
         assert getattr(tracks, name) == pytest.approx(getattr(scenario.tracks, name), abs=tolerance), name
+
+
+def jumping():
+    made = platoon()
+    y = np.array(made.tracks.y)
+    y[4, 40:] += 3.2
+    return replace(made, tracks=replace(made.tracks, y=y))
+
+
+def test_an_agent_that_jumps_is_where_its_log_has_it_and_may_not_attack():
+    scenario = jumping()
+    world = to_world(scenario)
+    motion = roll_out_background(world, world.controls)
+    tracks = to_tracks(motion, world.controls, scenario)
+    np.testing.assert_allclose(tracks.y[4], scenario.tracks.y[4], atol=1e-4)
+    np.testing.assert_allclose(tracks.x[4], scenario.tracks.x[4], atol=1e-4)
+    usual = candidates(to_world(platoon()), REGENTS)
+    assert usual[4]
+    assert np.flatnonzero(candidates(world, REGENTS) != usual).tolist() == [4]
 
 
 def test_an_agent_that_enters_late_starts_at_its_first_step():

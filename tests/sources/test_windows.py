@@ -9,7 +9,7 @@ from regents_cosim.errors import NoWindowError, RegentsError
 from regents_cosim.geometry.boxes import overlap
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
-from regents_cosim.sources.motion import smooth_pieces, speeds
+from regents_cosim.sources.motion import speeds
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
 from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows, draw_slots
@@ -108,15 +108,14 @@ def test_the_seed_decides():
     assert len({tuple(hashes(seed)) for seed in range(5)}) > 1
 
 
-def test_another_vehicle_that_jumps_keeps_its_longest_smooth_piece():
+def test_a_vehicle_that_jumps_is_no_ego_and_is_there_throughout():
     y = np.zeros((4, STEPS))
     y[3] = 3.2 + 3.2 * (np.arange(STEPS) >= 60)  # changes lanes at once
     scenarios = choose(recording(cruise(0.0, 15.0, 30.0, 5.0), y=y), count=9)
     assert {s.ego.id for s in scenarios} == {"v000", "v001", "v002"}
     track = scenarios[0].tracks
     last = [a.id for a in scenarios[0].agents].index("v003")
-    assert track.valid[last].tolist() == [step < 60 for step in range(STEPS)]
-    assert not track.x[last, 60:].any()
+    assert track.valid[last].all()
 
 
 def test_the_nearest_64_come_along():
@@ -201,13 +200,22 @@ def test_speeds_of_short_tracks():
     np.testing.assert_allclose(found, [[10.0, 10.0, 0.0], [0.0, 0.0, 0.0], [5.0, 15.0, 25.0]])
 
 
-def test_a_gap_and_a_teleport_break_a_track_a_hard_brake_does_not():
-    time = 0.1 * np.arange(40)
-    brake = 20.0 * np.minimum(time, 2.0) - 4.5 * np.maximum(np.minimum(time, 2.0) - 1.0, 0.0) ** 2
-    teleport = 10.0 * time + 50.0 * (np.arange(40) >= 25)
-    valid = np.ones((3, 40), bool)
-    valid[2, 10] = False
-    kept = smooth_pieces(np.array([brake, teleport, 10.0 * time]), np.zeros((3, 40)), valid, 0.1)
-    assert kept[0].all()
-    assert kept[1].tolist() == [step < 25 for step in range(40)]
-    assert kept[2].tolist() == [step > 10 for step in range(40)]
+def test_speeds_beside_a_jump_are_those_of_driving():
+    x = 10.0 * 0.1 * np.arange(40) + 50.0 * (np.arange(40) >= 25)
+    found = speeds(x[None], np.zeros((1, 40)), np.zeros((1, 40)), np.ones((1, 40), bool), 0.1)
+    np.testing.assert_allclose(found, 10.0)
+
+
+def test_others_are_where_they_were_recorded_whatever_they_do():
+    """A teleport, a change of lanes at once, and a gap: none costs an instant."""
+    x, y = cruise(0.0, 15.0, 30.0, 45.0), np.zeros((4, STEPS))
+    x[1, 40:] += 60.0
+    y[2, 50:] += 3.2
+    valid = np.ones(x.shape, bool)
+    valid[3, 20:23] = False
+    (scenario,) = choose(recording(x, y, valid=valid), count=1, company=1)
+    assert scenario.ego.id == "v000"
+    np.testing.assert_array_equal(scenario.tracks.valid, valid)
+    np.testing.assert_array_equal(scenario.tracks.x[valid], x[valid])
+    np.testing.assert_array_equal(scenario.tracks.y[valid], y[valid])
+    np.testing.assert_allclose(scenario.tracks.speed[valid], 10.0)

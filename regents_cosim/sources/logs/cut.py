@@ -16,12 +16,12 @@ from jaxtyping import Float
 
 from regents_cosim.checks.ranges import Range
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.jumps import jumps
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Signal
 from regents_cosim.sources.logs.resample import STEP_S, Samples, sample
 from regents_cosim.sources.logs.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
-from regents_cosim.sources.motion import jumps
 from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.sumo_types import VehicleType
 from regents_cosim.sources.windows import RecordedScene, RecordingOrigin, Windows, egos, make_scenario, preferred
@@ -151,7 +151,7 @@ class _SceneWindows:
         kept = [(track, found) for track, found in zip(here, samples, strict=True) if found.valid.any()]
         begin_s = round(self.scene.begin_s + first_step * self.scene.dt, 6)
         recording = _recording(begin_s, kept, self._signals(first_step))
-        return RecordedScene.where(recording, recording.valid)
+        return RecordedScene.of(recording)
 
     def _signals(self, first_step: float) -> tuple[Signal, ...]:
         step = np.floor(first_step + np.arange(self.instants) * STEP_S / self.scene.dt + 1e-6).astype(int)
@@ -172,7 +172,7 @@ class _SceneWindows:
         here = np.flatnonzero(kept)
         ids, types = tuple(r.ids[i] for i in here), tuple(r.types[i] for i in here)
         rest = Recording(r.begin_s, r.dt, ids, types, r.x[kept], r.y[kept], r.yaw[kept], r.valid[kept], r.signals)
-        return RecordedScene.where(rest, rest.valid)
+        return RecordedScene.of(rest)
 
 
 def without_jumps(track: Track, dt: float) -> Track:
