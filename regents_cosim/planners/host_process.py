@@ -43,6 +43,7 @@ from regents_cosim.planners.kept_process import KeptProcess
 from regents_cosim.planners.own_object import Pickled
 from regents_cosim.planners.patience import Deadlines
 from regents_cosim.planners.talk import MessageError, MessageSocket
+from regents_cosim.system.safe_path import python_flags
 
 _LAST_WORDS_S = 2.0  # a process that has closed its end may take so long to end
 _STACK_S = 0.5  # a process may take so long to say where it is
@@ -192,8 +193,7 @@ class _ServingProcess:
         ours, theirs = socket.socketpair()
         self._stacks, stacks = os.pipe()
         given = (theirs.fileno(), stacks)
-        flags: list[str] = subprocess._args_from_interpreter_flags()  # pyright: ignore[reportAttributeAccessIssue]
-        command = [sys.executable, *flags, "-c", _BOOT, *map(str, given), *sys.path]
+        command = [sys.executable, *python_flags(), "-c", _BOOT, *map(str, given), *sys.path]
         try:
             self._kept = KeptProcess(command, pass_fds=given, stdin=subprocess.DEVNULL, stdout=2)
         except BaseException:

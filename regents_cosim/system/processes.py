@@ -22,6 +22,7 @@ from typing import Any
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.system.parent_death import die_with_parent
+from regents_cosim.system.safe_path import safe_path
 
 _MAIN = threading.Lock()  # the caller's script is hidden by one thread at a time
 _SIGNALS = (signal.SIGINT, signal.SIGTERM) if hasattr(signal, "pthread_sigmask") else ()  # Windows has no masks
@@ -84,8 +85,8 @@ def starting() -> Iterator[None]:
         with main_hidden(), _children_allowed():
             yield
         return
-    resource_tracker.ensure_running()  # would let the signals through when it is started on the way
     with main_hidden(), _children_allowed():
+        resource_tracker.ensure_running()  # would let the signals through when it is started on the way
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
         try:
             yield
@@ -119,9 +120,12 @@ def begin_child() -> None:
 
 @contextmanager
 def main_hidden() -> Iterator[None]:
-    """Spawned processes import the parent's main script again unless it has no file and no spec."""
+    """Spawned processes import the parent's main script again unless it has no file and no spec.
+
+    And what the working directory holds, unless their path is safe.
+    """
     main = sys.modules["__main__"]
-    with _MAIN:
+    with _MAIN, safe_path():
         hidden = {name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in main.__dict__}
         main.__spec__ = None
         try:

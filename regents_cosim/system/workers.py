@@ -17,6 +17,8 @@ from typing import Any, ParamSpec, TypeVar
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, WorkerError
 from regents_cosim.system.processes import Worker, main_hidden
+from regents_cosim.system.safe_path import safe_path
+from regents_cosim.system.scratch import scratch_folder
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -24,6 +26,7 @@ _Job = TypeVar("_Job")
 
 _ANSWERS_S = 10.0  # how long a scheduler may take
 _MESSAGES_KEPT = 10  # of each connection of Dask's, for its developers
+_NEEDED = "`--executor dask` needs the extra: pip install 'regents_cosim[dask]'"
 _AHEAD = 256  # jobs that a foreign executor is given before the first result is taken
 
 
@@ -143,16 +146,21 @@ def _distributed() -> Any:
     try:
         import distributed
     except ImportError as error:
-        raise MissingDependencyError("`--executor dask` needs the extra: pip install 'regents_cosim[dask]'") from error
+        raise MissingDependencyError(_NEEDED) from error
     return distributed
 
 
 def _few_messages_kept() -> Any:
     """Keep Dask from remembering the last thousand messages of every connection, each of which holds a whole job."""
+    return _configured({"distributed.admin.low-level-log-length": _MESSAGES_KEPT})
+
+
+def _configured(settings: dict[str, Any]) -> Any:
+    """A context in which Dask has these settings, as have the workers that it starts."""
     _distributed()
     import dask.config
 
-    return dask.config.set({"distributed.admin.low-level-log-length": _MESSAGES_KEPT})
+    return dask.config.set(settings)
 
 
 def _client(address: str) -> Any:
@@ -164,11 +172,36 @@ def _client(address: str) -> Any:
 
 
 def _local_cluster(stack: ExitStack) -> Any:
-    """A worker for each core of this machine."""
+    """A worker for each core of this machine, to which no other user of it gets through.
+
+    Who reaches a scheduler runs code with the rights of its owner. So all talk is encrypted, with a key that this
+    process makes and its workers alone are given; nothing is served over HTTP; the folder of the workers, where they
+    look for modules, is ours.
+    """
     distributed = _distributed()
+    stack.enter_context(_configured({f"distributed.{kind}.http.routes": [] for kind in ("scheduler", "worker")}))
+    folder = stack.enter_context(scratch_folder())
+    stack.enter_context(safe_path())  # a worker that dies is started again later
     with main_hidden():
-        cluster = distributed.LocalCluster(n_workers=_cores(), threads_per_worker=1, dashboard_address="127.0.0.1:0")
+        cluster = distributed.LocalCluster(
+            n_workers=_cores(),
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=None,  # no dashboard, and its bare server at any port
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+            protocol="tls://",
+            security=_key_of_the_run(),
+            local_directory=str(folder),
+        )
     return distributed.Client(stack.enter_context(cluster))
+
+
+def _key_of_the_run() -> Any:
+    """Keys and a certificate that are in the memory of this process alone."""
+    try:
+        return _distributed().Security.temporary()
+    except ImportError as error:  # of the package `cryptography`
+        raise MissingDependencyError(_NEEDED) from error
 
 
 def _check_workers(client: Any) -> None:

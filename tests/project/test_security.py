@@ -6,13 +6,20 @@ import json
 import os
 import pickle
 import re
+import socket
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
+from contextlib import closing, suppress
 from dataclasses import replace
+from http.client import HTTPConnection, HTTPException
 
 import numpy as np
+import psutil
 import pytest
 from places import ROOT, SUPPORT
 from scenes import platoon, scene
+from trapped_folder import trapped_folder
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.content_hash import content_hash
@@ -38,6 +45,7 @@ from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.xml_input import read_tree
 from regents_cosim.system import user_code
+from regents_cosim.system.workers import executor_for, result_of, submit
 
 pytest_plugins = ["pytester"]
 
@@ -105,6 +113,55 @@ def test_a_cache_that_others_can_write_to_is_refused(tmp_path):
     (tmp_path / "cache").chmod(0o777)
     with pytest.raises(RegentsError, match="cache"):
         private_folder(tmp_path / "cache")
+
+
+def test_no_process_of_ours_looks_for_modules_in_the_working_directory(tmp_path):
+    (tmp_path / "script.py").write_text(
+        "from regents_cosim.system.workers import run_isolated\nassert run_isolated(abs, -1) == 1\n"
+    )
+    with trapped_folder(tmp_path / "trap") as trap:
+        subprocess.run([sys.executable, tmp_path / "script.py"], cwd=trap, check=True)
+
+
+def greeting(port, context=None):
+    """What a server of Dask says first: its versions to those that it lets in, nothing to others."""
+    with (
+        suppress(OSError),
+        socket.create_connection(("127.0.0.1", port), timeout=0.5) as line,
+        context.wrap_socket(line) if context else line as talk,
+    ):
+        return talk.recv(100)
+    return b""
+
+
+def listening(processes):
+    found = [c.laddr for p in processes for c in p.net_connections("tcp") if c.status == psutil.CONN_LISTEN]
+    assert {address.ip for address in found} <= {"127.0.0.1"}
+    return {address.port for address in found}
+
+
+@pytest.mark.slow
+def test_who_has_not_the_key_of_the_run_is_not_let_in_by_dask():
+    distributed = pytest.importorskip("distributed")
+    me = psutil.Process()
+    known, listened = set(me.children(recursive=True)), listening([me])
+    with executor_for("dask") as executor:
+        assert result_of(submit(executor, abs, -1)) == 1
+        ports = listening({me, *me.children(recursive=True)} - known) - listened
+
+        def let_in(security):
+            context = security.get_connection_args("client").get("ssl_context")
+            return {port for port in ports if greeting(port, context)}
+
+        assert len(let_in(executor._client.security)) >= 2  # the scheduler and the workers
+        assert not let_in(distributed.Security.temporary())
+        assert not {port for port in ports if greeting(port)}
+        for port in ports:
+            asked = HTTPConnection("127.0.0.1", port, timeout=0.5)
+            with suppress(OSError, HTTPException), closing(asked):
+                asked.request("GET", "/info/main/workers.html")
+                assert asked.getresponse().status == 404
+        assert result_of(submit(executor, abs, -2)) == 2
 
 
 # --- suites -----------------------------------------------------------------------------------

@@ -243,6 +243,13 @@ def test_dask_that_is_not_installed(monkeypatch):
         pass
 
 
+def test_dask_without_what_makes_its_keys(monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setitem(sys.modules, "cryptography", None)
+    with pytest.raises(RegentsError, match=r"pip install 'regents_cosim\[dask\]'"), executor_for("dask"):
+        pass
+
+
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere://x"])
 def test_a_scheduler_that_does_not_answer(address, monkeypatch):
     pytest.importorskip("distributed")
