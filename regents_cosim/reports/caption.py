@@ -25,11 +25,12 @@ from regents_cosim.reports.pictured_case import PicturedCase, draw_burst
 from regents_cosim.verdicts.injury import death_risk_of
 from regents_cosim.verdicts.words import DRIVERS, braking_words
 
-HEADER_PX = 66
+HEADER_PX = 66  # with one line of words
 FOOTER_PX = 38
 STRIP_PX = 30  # the title of one of two pictures
 
 _EDGE_PX = 16
+_WORDS_PX, _LINE_PX = 13, 17
 KINDS: dict[CollisionKind, str] = {
     "rear_end_by_ego": "rear-end by the ego",
     "rear_end_by_adversary": "rear-end into the ego",
@@ -50,18 +51,44 @@ OUTCOMES: dict[Outcome, str] = {
 _SCALES_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
+def header_height(scene: PicturedCase, width: int) -> int:
+    """Of the header of a picture of that width [px]: as many lines as its words take."""
+    return HEADER_PX + _LINE_PX * (len(caption_lines(scene, width)) - 1)
+
+
 def draw_header(scene: PicturedCase, step: int, width: int, zoom: int) -> Canvas:
     """Case, planner, method and collision on the left; the time on the right, and as a line below."""
-    canvas = Canvas.blank((width, HEADER_PX), zoom, PANEL)
+    lines = caption_lines(scene, width)
+    height = header_height(scene, width)
+    canvas = Canvas.blank((width, height), zoom, PANEL)
     scenario = scene.scenario
     hit = scene.collision is not None and step >= scene.collision.step
     canvas.text((width - _EDGE_PX, 33), f"{step * scenario.dt:.1f} s", 24, ADVERSARY if hit else INK, "rs", bold=True)
     canvas.text((width - _EDGE_PX, 52), f"step {step} of {scenario.tracks.steps - 1}", 12, FAINT_INK, "rs")
-    room = width - 2 * _EDGE_PX - 120
-    canvas.text((_EDGE_PX, 30), shorten(plain(scenario.id), 18, room), 18, INK, bold=True)
-    canvas.text((_EDGE_PX, 52), shorten(plain(describe(scene)), 13, room), 13, FAINT_INK)
-    _draw_timeline(canvas, scene, step, width)
+    room, name = _room(width), plain(scenario.id)
+    size = next((size for size in range(18, 12, -1) if text_width(name, size) <= room), 12)
+    canvas.text((_EDGE_PX, 30), shorten(name, size, room), size, INK, bold=True)
+    for number, line in enumerate(lines):
+        canvas.text((_EDGE_PX, 52 + number * _LINE_PX), line, _WORDS_PX, FAINT_INK)
+    _draw_timeline(canvas, scene, step, width, height)
     return canvas
+
+
+def _room(width: int) -> int:
+    """For words, beside the time [px]."""
+    return width - 2 * _EDGE_PX - 120
+
+
+def caption_lines(scene: PicturedCase, width: int) -> list[str]:
+    """What is said of a case, whole, in as many lines as that takes; a name longer than a line is cut."""
+    lines = [""]
+    for word in plain(describe(scene)).split(" "):
+        longer = f"{lines[-1]} {word}".strip()
+        if text_width(longer, _WORDS_PX) <= _room(width):
+            lines[-1] = longer
+        else:
+            lines.append(shorten(word, _WORDS_PX, _room(width)))
+    return [line for line in lines if line]
 
 
 def draw_footer(scene: PicturedCase, view: View, width: int, zoom: int) -> Canvas:
@@ -163,13 +190,13 @@ def plain(words: str) -> str:
 # --- parts ------------------------------------------------------------------------------------
 
 
-def _draw_timeline(canvas: Canvas, scene: PicturedCase, step: int, width: int) -> None:
+def _draw_timeline(canvas: Canvas, scene: PicturedCase, step: int, width: int, bottom: int) -> None:
     last = max(scene.scenario.tracks.steps - 1, 1)
-    canvas.box(0, HEADER_PX - 3, width, HEADER_PX, HAIRLINE)
-    canvas.box(0, HEADER_PX - 3, width * step / last, HEADER_PX, FAINT_INK)
+    canvas.box(0, bottom - 3, width, bottom, HAIRLINE)
+    canvas.box(0, bottom - 3, width * step / last, bottom, FAINT_INK)
     if scene.collision is not None:
         at = width * scene.collision.step / last
-        canvas.box(at - 2, HEADER_PX - 6, min(at + 2, width), HEADER_PX, ADVERSARY)
+        canvas.box(at - 2, bottom - 6, min(at + 2, width), bottom, ADVERSARY)
 
 
 def _draw_legend(canvas: Canvas, scene: PicturedCase) -> None:

@@ -1,14 +1,35 @@
-"""What is to be fixed first: crashes that are the planner's fault, and that it could have avoided in time."""
+"""What to fix first: by how much a crash says about the planner, each group with a sentence on what to do about it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Literal, get_args
 
-from regents_cosim.evaluation.crashes.verdict import CrashVerdict
+from regents_cosim.evaluation.drives.crash_counts import CaseEnd
 from regents_cosim.judgement import Blamed
 
 FAULTS: dict[Blamed, str] = {"ego": "planner", "both": "both", "nobody": "unclear", "adversary": "adversary"}
 
-NOT_JUDGED = (1, 1, 1, 1)  # the urgency of a crash without a verdict
+Need = Literal["failed", "ordinary", "own_fault", "telling", "rest"]  # the most urgent first
+NEEDS: tuple[Need, ...] = get_args(Need)
+NO_NEED = len(NEEDS)
+
+_TITLES: dict[Need, str] = {
+    "failed": "The planner failed",
+    "ordinary": "Crashes in ordinary traffic",
+    "own_fault": "Telling crashes, the planner at fault",
+    "telling": "Telling crashes, not the planner's fault",
+    "rest": "Other crashes",
+}
+_TODO: dict[Need, str] = {
+    "failed": "It raised, hung or answered wrongly. Mend that first: how it drives there is not known.",
+    "ordinary": "Nobody attacks here, so any drive may end like this. Mend these before you look at attacks.",
+    "own_fault": "The planner broke a rule of the road, and a careful driver would have avoided the crash: "
+    "make it drive as that driver does.",
+    "telling": "The planner broke no rule, but a careful driver would have seen the danger and avoided the crash: "
+    "make it expect such road users.",
+    "rest": "These say little: the other road user broke the law or came from behind, or a careful driver crashes too. "
+    "Look at them last.",
+}
 
 
 @dataclass(frozen=True)
@@ -17,19 +38,29 @@ class ReportedCrash:
 
     case: str
     kind: str  # of the collision, in words; or that the planner failed
-    verdict: CrashVerdict | None
+    end: CaseEnd
     broken: bool  # the driver that it is compared with had none here
-    failed: bool  # the planner itself gave no answer
 
     @property
-    def sort(self) -> tuple[bool, bool, tuple[int, int, int, int]]:
-        """What got worse first, then planners that fail, then by their verdict."""
-        return not self.broken, not self.failed, self.verdict.urgency if self.verdict else NOT_JUDGED
+    def need(self) -> Need:
+        """The group that it is in."""
+        found = need_of(self.end)
+        assert found is not None
+        return found
 
     @property
-    def group(self) -> tuple[bool, str, str | None, str | None]:
-        """Crashes of one group are alike: they have one cause, as far as the rules tell."""
-        fault, rule = (self.verdict.at_fault, self.verdict.rule) if self.verdict else (None, None)
+    def sort(self) -> tuple[bool, bool, bool, int]:
+        """In its group: what got worse, what could be avoided in time, what is clean, by whose fault."""
+        verdict = self.end.verdict
+        if verdict is None:
+            return not self.broken, True, True, 1
+        return not self.broken, not verdict.in_time, not verdict.clean, verdict.blame
+
+    @property
+    def alike(self) -> tuple[bool, str, str | None, str | None]:
+        """What crashes of one cause have in common, as far as the rules tell."""
+        verdict = self.end.verdict
+        fault, rule = (verdict.at_fault, verdict.rule) if verdict else (None, None)
         return self.broken, self.kind, fault, rule
 
 
@@ -40,62 +71,87 @@ class CrashGroup:
     kind: str
     why: str  # whose fault, by which rule
     crashes: int
-    telling: int | None  # of them telling; None where they have not been judged
-    in_time: int | None  # of them avoidable in time; likewise
+    in_time: int | None  # of them avoidable in time; None where they have not been judged
     broken: bool
     first: str  # the case to open first
+    advice: str | None  # what a reference driver does there
     cases: tuple[str, ...]
 
 
-def groups(crashes: Sequence[ReportedCrash]) -> list[CrashGroup]:
-    """What to fix, the most urgent first, larger groups before smaller ones; `crashes` in the order of the page."""
-    found: dict[tuple[bool, str, str | None, str | None], list[ReportedCrash]] = {}
+@dataclass(frozen=True)
+class NeededWork:
+    """Crashes that want the same of who makes the planner."""
+
+    need: Need
+    title: str
+    todo: str  # what to do about them, in a sentence
+    crashes: int
+    groups: tuple[CrashGroup, ...]
+
+
+def need_of(end: CaseEnd) -> Need | None:
+    """What kind of work a drive through a case leaves; None where it leaves none."""
+    if end.failed:
+        return "failed"
+    if not end.crashed:
+        return None
+    verdict = end.verdict
+    if end.ordinary and not (verdict and verdict.from_behind and verdict.blame):
+        return "ordinary"
+    if verdict is None or not verdict.telling:
+        return "rest"
+    return "own_fault" if verdict.blame == 0 else "telling"
+
+
+def urgency(end: CaseEnd) -> int:
+    """0 is the most urgent; `NO_NEED` where there is nothing to do."""
+    need = need_of(end)
+    return NO_NEED if need is None else NEEDS.index(need)
+
+
+def needed_work(crashes: Sequence[ReportedCrash]) -> list[NeededWork]:
+    """What to fix, the most urgent first; `crashes` in the order of the page."""
+    found: list[NeededWork] = []
+    for need in NEEDS:
+        if some := [crash for crash in crashes if crash.need == need]:
+            found.append(NeededWork(need, _TITLES[need], _TODO[need], len(some), _groups(some)))
+    return found
+
+
+def _groups(crashes: Sequence[ReportedCrash]) -> tuple[CrashGroup, ...]:
+    """Those of one cause together, larger groups before smaller ones."""
+    found: dict[Any, list[ReportedCrash]] = {}
     for crash in crashes:
-        found.setdefault(crash.group, []).append(crash)
-    ordered = sorted(
-        found.values(),
-        key=lambda alike: (*_first(alike).sort[:2], -_telling(alike), _blame(alike), -_in_time(alike), -len(alike)),
-    )
-    return [_group(alike) for alike in ordered]
+        found.setdefault(crash.alike, []).append(crash)
+    ordered = sorted(found.values(), key=lambda alike: (not alike[0].broken, -_in_time(alike), -len(alike)))
+    return tuple(map(_group, ordered))
 
 
 def _group(alike: Sequence[ReportedCrash]) -> CrashGroup:
-    first = _first(alike)
-    judged = any(crash.verdict and crash.verdict.in_time is not None for crash in alike)
+    first = min(alike, key=lambda crash: crash.sort)
+    judged = any(crash.end.verdict and crash.end.verdict.in_time is not None for crash in alike)
     return CrashGroup(
         kind=first.kind,
-        why=_why(first),
+        why=_why(first.end),
         crashes=len(alike),
-        telling=_telling(alike) if judged else None,
         in_time=_in_time(alike) if judged else None,
         broken=first.broken,
         first=first.case,
+        advice=first.end.verdict.advice if first.end.verdict else None,
         cases=tuple(crash.case for crash in alike),
     )
 
 
-def _first(alike: Sequence[ReportedCrash]) -> ReportedCrash:
-    return min(alike, key=lambda crash: crash.sort)
-
-
-def _blame(alike: Sequence[ReportedCrash]) -> int:
-    return alike[0].verdict.blame if alike[0].verdict else 1
-
-
-def _telling(alike: Sequence[ReportedCrash]) -> int:
-    return sum(bool(crash.verdict and crash.verdict.telling) for crash in alike)
-
-
 def _in_time(alike: Sequence[ReportedCrash]) -> int:
-    return sum(bool(crash.verdict and crash.verdict.in_time) for crash in alike)
+    return sum(bool(crash.end.verdict and crash.end.verdict.in_time) for crash in alike)
 
 
-def _why(crash: ReportedCrash) -> str:
-    verdict = crash.verdict
-    if crash.failed:
+def _why(end: CaseEnd) -> str:
+    verdict = end.verdict
+    if end.failed:
         return "raised, hung or answered wrongly"
     if verdict is None or verdict.at_fault is None:
         return "not judged"
     by = f", by the rule {verdict.rule.replace('_', ' ')}" if verdict.rule and verdict.at_fault != "nobody" else ""
-    words = {"ego": "planner at fault", "both": "both at fault", "adversary": "adversary at fault"}
+    words = {"ego": "planner at fault", "both": "both at fault", "adversary": "other road user at fault"}
     return words.get(verdict.at_fault, "fault unclear") + by

@@ -2,6 +2,8 @@
 
 import base64
 import hashlib
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,17 +13,20 @@ import jinja2
 import msgspec
 from markupsafe import Markup, escape
 
-from regents_cosim.reports.crash_groups import groups
+from regents_cosim.evaluation.drives.crash_counts import CrashCounts
+from regents_cosim.reports.crash_groups import NeededWork, needed_work
 from regents_cosim.reports.packing import packed, visible
 from regents_cosim.reports.page_case import PageEntry
 from regents_cosim.reports.page_colours import DARK, LIGHT
 from regents_cosim.reports.page_map import PageMap
+from regents_cosim.reports.terms import all_terms, term
 from regents_cosim.system.products import MARK
 
-SCHEMA = 1
-_MOST_GROUPS = 6  # of crashes, in the summary
+SCHEMA = 2
+_MOST_GROUPS = 3  # of crashes that are alike, for each need in the summary
+_BREAKS = re.compile(r"(?<=[:._/-])|(?<=[^\s:._/-]{24})")
 _PAGE = Path(__file__).parent / "page"
-_SCRIPTS = ("unpack", "colours", "camera", "ground", "vehicles", "plots", "player", "sheets", "table", "app")
+_SCRIPTS = ("unpack", "colours", "camera", "ground", "vehicles", "plots", "player", "sheets", "table", "tips", "app")
 
 
 @dataclass(frozen=True)
@@ -44,10 +49,22 @@ class Report:
     subtitle: str
     drivers: tuple[str, ...]  # who drove the egos, in the order of the runs of each case
     driven: bool  # again, for this report
+    counts: dict[str, CrashCounts]  # of each driver
     scores: tuple[Score, ...]
     cases: tuple[PageEntry, ...]
     maps: tuple[PageMap, ...]
     command: str = ""
+
+    @property
+    def fix_first(self) -> list[NeededWork]:
+        """What the last driver leaves to be done."""
+        return needed_work([case.crash for case in self.worst_first if case.crash])
+
+    @property
+    def crash_lines(self) -> list[str]:
+        """The crashes of each driver in a sentence, as `regents attack` and `evaluate` say it."""
+        several = len(self.drivers) > 1
+        return [f"{name}: {found}" if several else str(found) for name, found in self.counts.items()]
 
     @property
     def worst_first(self) -> list[PageEntry]:
@@ -59,18 +76,20 @@ def html_page(report: Report) -> str:
     """The page as one file. Ids, names and messages may hold any character."""
     cases = report.worst_first
     rows = [case.row for case in cases]
-    changes = [row["change"] for row in rows]
+    changes = Counter(row["change"] for row in rows)
     style, script = _style(), _script()
-    todo = groups([case.crash for case in cases if case.crash])
-    member = {name: number for number, group in enumerate(todo) for name in group.cases}
+    todo = report.fix_first
+    groups = [group for work in todo for group in work.groups]
+    member = {name: number for number, group in enumerate(groups) for name in group.cases}
     return _template().render(
         report=report,
         mark=MARK,
         scores=_by_label(report.scores),
-        changes={name: changes.count(name) for name in ("broken", "fixed", "unchanged")},
+        changes=changes,
         kinds=_counts(hit["kind"] for row in rows for hit in row["endings"] if hit),
-        todo=[*enumerate(todo)][:_MOST_GROUPS],
-        left_out=sum(group.crashes for group in todo[_MOST_GROUPS:]),
+        todo=todo,
+        number={group.first: member[group.first] for group in groups},
+        shown=_MOST_GROUPS,
         style=style,
         script=script,
         policy=_policy(style, script),
@@ -79,6 +98,7 @@ def html_page(report: Report) -> str:
                 {
                     "drivers": report.drivers,
                     "driven": report.driven,
+                    "terms": all_terms(),
                     "rows": [row | {"group": member.get(row["id"])} for row in rows],
                 }
             )
@@ -102,7 +122,8 @@ def json_twin(report: Report) -> bytes:
         "command": report.command,
         "drivers": report.drivers,
         "scores": report.scores,
-        "fix_first": groups([case.crash for case in report.worst_first if case.crash]),
+        "crashes": report.counts,
+        "fix_first": report.fix_first,
         "cases": rows,
     }
     return msgspec.json.format(msgspec.json.encode(content), indent=1)
@@ -113,12 +134,23 @@ def _template() -> jinja2.Template:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=visible
     )
     environment.filters["breakable"] = _breakable
+    environment.filters["termed"] = _termed
     return environment.from_string((_PAGE / "page.html").read_text("utf-8"))
 
 
 def _breakable(name: str) -> Markup:
-    """A name that may be broken after its signs."""
-    return Markup("").join(escape(letter) + (Markup("<wbr>") if letter in ":._/-" else "") for letter in visible(name))
+    """A name that may be broken after its signs, and where it has none for long."""
+    return Markup("<wbr>").join(_BREAKS.split(visible(name)))
+
+
+def _termed(words: str) -> Markup:
+    """Words with what they mean, where they need it."""
+    meaning = term(words)
+    return (
+        Markup('<span class="term" tabindex="0" data-tip="{}">{}</span>').format(meaning, words)
+        if meaning
+        else escape(words)
+    )
 
 
 def _style() -> Markup:

@@ -11,21 +11,24 @@ import numpy as np
 
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.evaluation.crashes.verdict import CrashVerdict
+from regents_cosim.evaluation.drives.crash_counts import CaseEnd
+from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.judgement import Escape, Judgement
+from regents_cosim.judgement import Avoidability, Escape, Judgement
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.reports.caption import KINDS, OUTCOMES, deadly_words, manoeuvre_words
-from regents_cosim.reports.crash_groups import FAULTS, NOT_JUDGED, ReportedCrash
+from regents_cosim.reports.crash_groups import FAULTS, NO_NEED, ReportedCrash, need_of, urgency
 from regents_cosim.reports.packing import Spans, gaps, motion, packed, visible
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.pictured_case import contact_point
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.tags.table import tags_of
-from regents_cosim.verdicts.words import behind_words, drive_words, offences_words, telling_words
+from regents_cosim.verdicts.words import DRIVERS, behind_words, drive_words, offences_words, telling_words
 
-Change = Literal["broken", "fixed", "unchanged"]
+Change = Literal["broken", "worse", "better", "fixed", "unchanged"]
+_CHANGES: tuple[Change | None, ...] = ("broken", "worse", None, "unchanged", "better", "fixed")  # the worst first
 _MOST_COSTS = 240  # iterations drawn
+_NOTHING = CaseEnd(crashed=False)
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,12 @@ class PageDrive:
     tracks: Tracks | None  # of all agents; None where the planner failed
     error: str = ""
     closest: ClosestCall | None = None
-    verdict: CrashVerdict | None = None  # on its crash
+    end: CaseEnd = _NOTHING
+
+    @property
+    def verdict(self) -> CrashVerdict | None:
+        """On its crash."""
+        return self.end.verdict
 
 
 @dataclass(frozen=True)
@@ -73,15 +81,24 @@ class PageCase:
     @cached_property
     def endings(self) -> tuple[Collision | None, ...]:
         """The collision of each driver, by the exact boxes."""
-        return tuple(_ending(self.scenario, run.tracks) if run.tracks else None for run in self.runs)
+        return tuple(
+            _ending(self.scenario, run.tracks) if run.tracks and run.end.crashed else None for run in self.runs
+        )
 
     @property
     def change(self) -> Change | None:
-        """What the second driver makes of the case, compared with the first; a planner that fails has broken it."""
+        """What the second driver makes of the case, compared with the first; a planner that fails has broken it.
+
+        Where both crash it is better with less that asks to be fixed: a telling crash that is none any more, say.
+        """
         if len(self.runs) < 2:
             return None
-        first, second = (bool(run.error) or hit is not None for run, hit in zip(self.runs, self.endings, strict=True))
-        return "unchanged" if first == second else "broken" if second else "fixed"
+        first, second = (urgency(run.end) for run in self.runs)
+        if first == second:
+            return "unchanged"
+        if NO_NEED in (first, second):
+            return "broken" if first == NO_NEED else "fixed"
+        return "worse" if second < first else "better"
 
     @property
     def adversary(self) -> int | None:
@@ -95,22 +112,20 @@ class PageCase:
 
     @property
     def badness(self) -> tuple[Any, ...]:
-        """Sorts what to fix first: what broke, failures, what tells, whose fault, avoidable in time, impacts."""
-        order = {"broken": 0, None: 1, "unchanged": 1, "fixed": 2}
-        failed = any(run.error for run in self.runs)
+        """Sorts what to fix first, by what the last driver leaves to be done (`crash_groups`), then by its impact."""
         impact = max((hit.relative_speed for hit in self.endings if hit), default=-1.0)
         calls = [run.closest.ttc_s for run in self.runs if run.closest and run.closest.ttc_s is not None]
-        urgency = self.verdict.urgency if self.verdict else NOT_JUDGED
-        return order[self.change], not failed, impact < 0.0, urgency, -impact, min(calls, default=inf)
+        crash = self.crash.sort if self.crash else ()
+        return urgency(self.runs[-1].end), crash, _CHANGES.index(self.change), -impact, min(calls, default=inf)
 
     @property
     def crash(self) -> ReportedCrash | None:
         """That of the last driver, the one to be fixed; a planner that fails counts as well."""
         run, hit = self.runs[-1], self.endings[-1]
-        if hit is None and not run.error:
+        if need_of(run.end) is None:
             return None
-        kind = "Planner failed" if run.error or hit is None else _sentence(KINDS[hit.kind])
-        return ReportedCrash(self.scenario.id, kind, run.verdict, self.change == "broken", bool(run.error))
+        kind = "Planner failed" if run.end.failed or hit is None else _sentence(KINDS[hit.kind])
+        return ReportedCrash(self.scenario.id, kind, run.end, self.change == "broken")
 
     def entry(self, page_map: PageMap, folder: Path | None, driven: bool, tags: tuple[str, ...] | None) -> "PageEntry":
         """What the page keeps of it; `tags` where they are known."""
@@ -141,6 +156,7 @@ class PageCase:
             "errors": [run.error for run in self.runs],
             "closest": [asdict(run.closest) if run.closest else None for run in self.runs],
             "change": self.change,
+            "need": need_of(self.runs[-1].end),
             "avoidable": verdict.avoidable if verdict else None,
             "in_time": verdict.in_time if verdict else None,
             "evasion": verdict.escape if verdict else None,
@@ -297,10 +313,10 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
     if judgement.death_risk is not None:
         said.append(("Impact", f"{deadly_words(judgement.death_risk)} (Rosén and Sander 2009)"))
     if judgement.drivers:
+        said.append(("Preventable by", ", ".join(DRIVERS[name] for name in judgement.preventable_by) or "none"))
         said.append(("Reference drivers", "; ".join(map(drive_words, judgement.drivers))))
     if (found := judgement.avoidability) is not None:
-        ways = f"{found.evading} of {found.tried} manoeuvres within tyre friction evade it"
-        said.append(("Avoidable", f"{_ESCAPES[judgement.escape]}: {ways}" if judgement.escape else ways))
+        said.append(("Avoidable", _avoidable(judgement, found)))
         if judgement.unavoidable:
             said.append(("Proven", "whatever the tyres can do once the danger is to be seen, it comes too late"))
         if found.perceived_step is not None:
@@ -320,6 +336,19 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
             )
         )
     return said
+
+
+def _avoidable(judgement: Judgement, found: Avoidability) -> str:
+    """Whether and by what the crash is avoided: the careful driver's braking is none of the bank's manoeuvres."""
+    answer = f"{_ESCAPES[judgement.escape]}: " if judgement.escape else ""
+    ways = f"{found.evading} of {found.tried} manoeuvres within tyre friction evade it"
+    if found.evading:
+        return answer + ways
+    none = f"none of {found.tried} manoeuvres within tyre friction evades it"
+    if not found.avoidable:
+        return answer + none
+    driver = found.gentlest.driver if found.gentlest and found.gentlest.driver else "careful"
+    return f"{answer}{DRIVERS[driver]} avoids it; beside that {none}"
 
 
 def _facts(case: Scenario) -> list[tuple[str, str]]:

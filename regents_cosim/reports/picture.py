@@ -12,7 +12,7 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.reports.camera import View, fit, fit_latest
 from regents_cosim.reports.canvas import Canvas, png_bytes
-from regents_cosim.reports.caption import FOOTER_PX, HEADER_PX, STRIP_PX, draw_footer, draw_header, draw_strip
+from regents_cosim.reports.caption import FOOTER_PX, STRIP_PX, draw_footer, draw_header, draw_strip, header_height
 from regents_cosim.reports.close_up import draw_close_up
 from regents_cosim.reports.film import Backdrop, OnFrame, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.palette import ADVERSARY, HAIRLINE, INK, PANEL
@@ -47,7 +47,7 @@ def still(scenario: Scenario) -> bytes:
     """A PNG of the collision, or of the end where there is none, with the ways that led there."""
     scene = PicturedCase.of(scenario)
     step = scene.shown_step
-    view = fit_latest(scene.main_points()[: step + 1], _inside(STILL_SIZE), _STILL_PX_PER_M)
+    view = fit_latest(scene.main_points()[: step + 1], _inside(scene, STILL_SIZE), _STILL_PX_PER_M)
     picture = draw_ground(scene, view, _ZOOM)
     draw_moving(scene, picture, view, step)
     draw_close_up(scene, picture, view, step)
@@ -61,7 +61,7 @@ def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None) -> 
     cannot be written.
     """
     scene = PicturedCase.of(scenario)
-    views = shoot(scene.main_points(), scenario.dt, _inside(GIF_SIZE), _LEAST_HEIGHT_PX)
+    views = shoot(scene.main_points(), scenario.dt, _inside(scene, GIF_SIZE), _LEAST_HEIGHT_PX)
     ground = Backdrop(scene, views[0], _ZOOM)
 
     def frame(step: int) -> Image.Image:
@@ -123,18 +123,19 @@ def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tu
     return frame, last
 
 
-def _inside(size: tuple[int, int]) -> tuple[int, int]:
+def _inside(scene: PicturedCase, size: tuple[int, int]) -> tuple[int, int]:
     """What header and footer leave of a picture [px]."""
-    return size[0], size[1] - HEADER_PX - FOOTER_PX
+    return size[0], size[1] - header_height(scene, size[0]) - FOOTER_PX
 
 
 def _framed(body: Canvas, scene: PicturedCase, view: View, step: int) -> Image.Image:
     """`body` between header and footer, in its final size."""
     width, height = body.size
-    picture = Image.new("RGB", (width, HEADER_PX + height + FOOTER_PX), PANEL)
+    top = header_height(scene, width)
+    picture = Image.new("RGB", (width, top + height + FOOTER_PX), PANEL)
     picture.paste(draw_header(scene, step, width, _ZOOM).finish(), (0, 0))
-    picture.paste(body.finish(), (0, HEADER_PX))
-    picture.paste(draw_footer(scene, view, width, _ZOOM).finish(), (0, HEADER_PX + height))
+    picture.paste(body.finish(), (0, top))
+    picture.paste(draw_footer(scene, view, width, _ZOOM).finish(), (0, top + height))
     return picture
 
 

@@ -1,7 +1,7 @@
 """`regents report`: gathers cases, drives and scores for the page."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import tee
@@ -12,10 +12,10 @@ from types import MappingProxyType
 from regents_cosim.cases.manifest import MANIFEST
 from regents_cosim.cases.provenance import command
 from regents_cosim.cases.suite import cases_in_turn
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.driven_crash import verdict_of, verdict_of_drive
 from regents_cosim.evaluation.crashes.realism import PERCENTILES, DryRoadLimits, motion, pooled, quantity
+from regents_cosim.evaluation.drives.crash_counts import CrashCounts, contact_of, end_of_case
+from regents_cosim.evaluation.drives.driven_crash import verdict_of_drive
 from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_and_keep, driving_row
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
@@ -112,12 +112,14 @@ def report_of(
     _check_cases(cases)
     attacked = sorted({case.attack.planner for case in cases if case.attack})
     drivers: tuple[str, ...] = tuple(driven) if driven else (" and ".join(attacked) or "log",)
-    scores = _driving_scores(drives, cases) if driven else _attack_scores(drivers[0], cases)
+    counts = {name: CrashCounts.of(case.runs[run].end for case in cases) for run, name in enumerate(drivers)}
+    scores = _driving_scores(drives, counts) if driven else _attack_scores(drivers[0], cases, counts[drivers[0]])
     return Report(
         title=_title(drivers, bool(driven), bool(attacked)),
         subtitle=_subtitle(cases),
         drivers=drivers,
         driven=bool(driven),
+        counts=counts,
         scores=tuple(scores),
         cases=cases,
         maps=tuple(maps.maps),
@@ -180,19 +182,21 @@ def _check_cases(cases: Sequence[PageEntry]) -> None:
 
 def _runs(scenario: Scenario, drives: Mapping[str, DriveWithTracks]) -> tuple[PageDrive, ...]:
     if drives:
-        return tuple(_driven_run(scenario, name, *made) for name, made in drives.items())
+        return tuple(_driven_run(name, *made) for name, made in drives.items())
     tracks, attack = scenario.tracks, scenario.attack
-    contact = first_contact(scenario.agents, tracks)
+    contact = contact_of(scenario)
     closest = _closest(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None))
     name, error = (attack.planner, attack.planner_error) if attack else ("log", "")
-    verdict = verdict_of(scenario.judgement) if contact else None
-    return (PageDrive(name, tracks, error, closest, verdict),)
+    end = end_of_case(scenario)
+    if end.crashed and end.verdict is None:  # one that nobody attacked: judged as that of a drive
+        end = replace(end, verdict=verdict_of_drive(scenario, name, tracks))
+    return (PageDrive(name, tracks, error, closest, end),)
 
 
-def _driven_run(scenario: Scenario, name: str, drive: Drive, tracks: Tracks | None) -> PageDrive:
+def _driven_run(name: str, drive: Drive, tracks: Tracks | None) -> PageDrive:
     if tracks is None:
-        return PageDrive(name, None, drive.error)
-    return PageDrive(name, tracks, drive.error, _closest(drive), verdict_of_drive(scenario, name, tracks))
+        return PageDrive(name, None, drive.error, end=drive.end)
+    return PageDrive(name, tracks, drive.error, _closest(drive), drive.end)
 
 
 def _closest(found: Drive | Safety) -> ClosestCall:
@@ -249,11 +253,11 @@ def _subtitle(cases: Sequence[PageEntry]) -> str:
 # --- scores -----------------------------------------------------------------------------------
 
 
-def _driving_scores(drives: Mapping[str, Sequence[Drive]], cases: Sequence[PageEntry]) -> list[Score]:
-    """The telling crashes of each, then as `regents evaluate` has them."""
+def _driving_scores(drives: Mapping[str, Sequence[Drive]], counts: Mapping[str, CrashCounts]) -> list[Score]:
+    """The crashes of each by what they say, then as `regents evaluate` has them."""
     rows = {name: driving_row("all", its) for name, its in drives.items()}
-    telling = [score for run, name in enumerate(drives) for score in _telling(name, cases, run)]
-    return [*telling, *(score for name, row in rows.items() for score in _scores_of(name, row))]
+    crashes = [score for name, found in counts.items() for score in _crash_scores(name, found, counts.values())]
+    return [*crashes, *(score for name, row in rows.items() for score in _scores_of(name, row))]
 
 
 def _scores_of(name: str, row: DrivingRow) -> list[Score]:
@@ -282,33 +286,30 @@ def _scores_of(name: str, row: DrivingRow) -> list[Score]:
     return scores
 
 
-def _attack_scores(planner: str, cases: Sequence[PageEntry]) -> list[Score]:
-    crashes = [case for case in cases if case.endings[0] is not None]
-    scores = [*_telling(planner, cases, 0), _share("Crashes", planner, len(crashes), len(cases), "case")]
-    judged = [case.judgement for case in crashes if case.judgement]
-    if judged:
-        scores.append(_share("Clean crashes", planner, sum(j.clean for j in judged), len(cases), "case"))
-    evaded = [j.avoidability.avoidable for j in judged if j.avoidability]
-    if evaded:
-        scores.append(_share("Avoidable", planner, sum(evaded), len(evaded), "crash"))
-        in_time = [bool(case.runs[0].verdict and case.runs[0].verdict.in_time) for case in crashes]
-        scores.append(_share("Avoidable in time", planner, sum(in_time), len(evaded), "crash"))
-    if crashes:
-        impacts = [case.endings[0].relative_speed for case in crashes if case.endings[0]]
+def _attack_scores(planner: str, cases: Sequence[PageEntry], found: CrashCounts) -> list[Score]:
+    scores = [*_crash_scores(planner, found, [found]), _share("Crashes", planner, found.crashes, found.cases, "case")]
+    if found.judged:
+        scores.append(_share("Clean crashes", planner, found.clean, found.cases, "case"))
+    if found.asked:
+        scores.append(_share("Avoidable", planner, found.avoidable, found.asked, "crash"))
+        scores.append(_share("Avoidable in time", planner, found.in_time, found.asked, "crash"))
+    impacts = [hit.relative_speed for case in cases if (hit := case.endings[0])]
+    if impacts:
         spread = f"median; {min(impacts):.1f} to {max(impacts):.1f} m/s"
         scores.append(Score("Impact speed", planner, f"{median(impacts):.1f} m/s", spread))
     return scores
 
 
-def _telling(planner: str, cases: Sequence[PageEntry], run: int) -> list[Score]:
-    """The headline: crashes that are clean, by a lawful adversary, and that a careful driver avoids."""
-    verdicts = [verdict for case in cases if (verdict := case.runs[run].verdict)]
-    if not verdicts:
-        return []
-    said = [verdict.telling for verdict in verdicts]
-    score = _share("Telling crashes", planner, said.count(True), len(cases), "case")
-    unknown = f", not known of {said.count(None)}" if None in said else ""
-    return [replace(score, detail=score.detail + unknown)]
+def _crash_scores(driver: str, found: CrashCounts, of_all: Collection[CrashCounts]) -> list[Score]:
+    """The headline: crashes that need no attack, and those that tell something, where one of the drivers has such."""
+    scores = []
+    if any(one.ordinary for one in of_all):
+        scores.append(_share("Crashes without an attack", driver, found.ordinary, found.cases, "case"))
+    if any(one.judged for one in of_all):
+        score = _share("Telling crashes", driver, found.telling, found.cases, "case")
+        unknown = f", not known of {found.telling_unknown}" if found.telling_unknown else ""
+        scores.append(replace(score, detail=score.detail + unknown))
+    return scores
 
 
 def _share(label: str, planner: str, some: int, n: int, of: str) -> Score:

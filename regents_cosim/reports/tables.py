@@ -10,6 +10,7 @@ from regents_cosim.campaign.status import RunStatus
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NAMED_ONLY, NETWORKS, SUITES, WITH_PERSONS, suite_folder
+from regents_cosim.evaluation.drives.crash_counts import CrashCounts, end_of_case
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.inspection import Inspection
@@ -140,14 +141,7 @@ def summary(attacked: Sequence[Header | Scenario], replays: Mapping[str, Replay]
 
     Of how many it is not known whether they tell is said as well.
     """
-    crashes = sum(s.attack is not None and s.attack.outcome == "collision" for s in attacked)
-    judged = [s.judgement for s in attacked if s.judgement]
-    said = f"{crashes} of {len(attacked)} crash"
-    if judged:
-        telling = [judgement.telling for judgement in judged]
-        unknown = f" (not known of {telling.count(None)})" if None in telling else ""
-        said += f", {telling.count(True)} telling{unknown}"
-        said += f", {sum(judgement.actionable for judgement in judged)} clean and avoidable"
+    said = str(CrashCounts.of(map(end_of_case, attacked)))
     return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
 
 

@@ -17,7 +17,16 @@ from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.camera import View, centred, fit_latest
 from regents_cosim.reports.canvas import Canvas, dashes, shorten, text_width
-from regents_cosim.reports.caption import HEADER_PX, describe, manoeuvre_words, plain, way_out
+from regents_cosim.reports.caption import (
+    HEADER_PX,
+    caption_lines,
+    describe,
+    draw_header,
+    header_height,
+    manoeuvre_words,
+    plain,
+    way_out,
+)
 from regents_cosim.reports.film import Backdrop, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.palette import (
     ADVERSARY,
@@ -32,7 +41,7 @@ from regents_cosim.reports.palette import (
     SIGNAL_RED,
     gif_palette,
 )
-from regents_cosim.reports.picture import STILL_SIZE, animate, animate_pair, draw_still
+from regents_cosim.reports.picture import GIF_SIZE, STILL_SIZE, animate, animate_pair, draw_still
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario, Signal
 from regents_cosim.verdicts.judge import judge
@@ -369,6 +378,20 @@ def test_equal_scenarios_give_equal_bytes(tmp_path):
 @pytest.mark.parametrize(("dt", "last", "expected"), [(0.1, 2, [0, 1, 2]), (0.04, 5, [0, 2, 4, 5]), (0.5, 1, [0, 1])])
 def test_about_ten_frames_per_second(dt, last, expected):
     assert frame_steps(last, dt) == expected
+
+
+@pytest.mark.parametrize("planner", ["idm", "company/planners/of_last_year.py:TheMostCarefulPlannerOfAll"])
+@pytest.mark.parametrize("width", [GIF_SIZE[0], 1004, STILL_SIZE[0]])
+def test_a_caption_is_said_as_a_whole(planner, width):
+    case = judge(attacked())
+    assert case.attack is not None
+    shown = PicturedCase.of(replace(case, attack=replace(case.attack, planner=planner)))
+    lines = caption_lines(shown, width)
+    assert " ".join(lines) == plain(describe(shown))
+    assert all(text_width(line, 13) <= width - 120 for line in lines)
+    header = draw_header(shown, 0, width, 1).finish()
+    assert header.size == (width, header_height(shown, width))
+    assert header.height == HEADER_PX + 17 * (len(lines) - 1)
 
 
 def test_a_path_that_cannot_be_written_is_a_clear_error(tmp_path):

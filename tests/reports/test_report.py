@@ -25,17 +25,21 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import realism
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.crash_counts import CaseEnd
+from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
+from regents_cosim.evaluation.drives.driving import Drive, judged
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement
-from regents_cosim.reports.crash_groups import groups
+from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Manoeuvre
+from regents_cosim.reports.crash_groups import NEEDS, ReportedCrash, need_of, needed_work
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.packing import CM, differences, stretches
 from regents_cosim.reports.page_case import PageCase, PageDrive
 from regents_cosim.reports.page_map import PageMaps
 from regents_cosim.reports.report import judge_rest, motion_sheet, report_of
+from regents_cosim.reports.terms import TERMS
 
 REGENTS = Path(sys.executable).parent / "regents"
+DOCS = Path(__file__).parents[2] / "docs"
 QUICKSTART = shipped("scenarios") / "quickstart"
 CASES = load_suite(QUICKSTART)
 CRASHES = [case for case in CASES if case.attack and case.attack.collision]
@@ -207,18 +211,22 @@ def test_the_summary_counts_every_crash_once():
     cases = [judged_as(case, fault, onset) for case, fault, onset in zip(
         CRASHES, ("adversary", "ego", "nobody", "ego", "ego"), (70, 0, 70, 70, None), strict=False)]  # fmt: skip
     crashes = [case.crash for case in report_of(cases, {}).worst_first]
-    found = groups([crash for crash in crashes if crash])
+    work = needed_work([crash for crash in crashes if crash])
+    found = [group for one in work for group in one.groups]
+    assert [one.need for one in work] == ["rest"]  # no careful driver was asked: none is known to be telling
     assert sorted(name for group in found for name in group.cases) == sorted(case.id for case in cases)
     assert [group.crashes for group in found] == [len(group.cases) for group in found]
     assert "planner at fault" in found[0].why
     assert found[0].in_time == 1
     assert found[0].first == cases[3].id
-    assert found[-1].why.startswith("adversary at fault")
+    assert {group.why.partition(",")[0] for group in found} == {
+        "planner at fault", "other road user at fault", "fault unclear"
+    }  # fmt: skip
 
 
 def test_a_new_drive_has_a_verdict_of_its_own():
     case = CRASHES[0]
-    made = report_of([case], {"mine": [(drive(case, case.agents[1].id), case.tracks)]})
+    made = report_of([case], {"mine": [(judged(case, "mine", case.tracks), case.tracks)]})
     expected = next(iter(judge_rest([case]))).judgement
     assert expected
     assert expected.fault
@@ -256,16 +264,89 @@ def test_the_worst_come_first():
     assert [row["change"] for row in rows] == ["broken", "broken", "unchanged", "unchanged", "fixed"]
 
 
+def end(need):
+    """One that leaves that to be done."""
+    if need is None:
+        return CaseEnd(crashed=False)
+    if need == "failed":
+        return CaseEnd(crashed=False, failed=True)
+    fault = "ego" if need == "own_fault" else "adversary"
+    tells = need in ("own_fault", "telling")
+    verdict = CrashVerdict(
+        fault, "rule", "in time", clean=tells, telling=tells, flaws=() if tells else (Flaw.FROM_BEHIND,)
+    )
+    if need == "ordinary":
+        verdict = replace(verdict, at_fault="ego")
+    return CaseEnd(crashed=True, ordinary=need == "ordinary", verdict=verdict)
+
+
+@given(st.permutations([*NEEDS, None]))
+def test_what_to_do_first_is_in_one_order(needs):
+    """Failures, crashes that need no attack, telling ones by the planner's fault, the other telling ones, the rest."""
+    assert [need_of(end(need)) for need in needs] == needs
+    crashes = [ReportedCrash(f"{need}", "T-bone", end(need), broken=False) for need in needs if need]
+    work = needed_work(crashes)
+    assert [one.need for one in work] == ["failed", "ordinary", "own_fault", "telling", "rest"]
+    assert all(one.todo.endswith(".") and one.crashes == 1 for one in work)
+
+
+def test_who_is_run_into_from_behind_in_ordinary_traffic_has_little_to_mend():
+    """Who replays a track does not brake for the ego: that is the planner's matter only where it is to blame."""
+    behind = CrashVerdict(
+        "adversary", "rear_end", "unknown", clean=False, flaws=(Flaw.UNATTRIBUTED, Flaw.REAR_ENDS_EGO)
+    )
+    assert need_of(CaseEnd(crashed=True, ordinary=True, verdict=behind)) == "rest"
+    assert need_of(CaseEnd(crashed=True, ordinary=True, verdict=replace(behind, at_fault="ego"))) == "ordinary"
+    assert need_of(CaseEnd(crashed=True, ordinary=True)) == "ordinary"
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "change"),
+    [
+        ("telling", "rest", "better"),
+        ("own_fault", "rest", "better"),
+        ("rest", "telling", "worse"),
+        ("rest", "failed", "worse"),
+        ("rest", None, "fixed"),
+        (None, "rest", "broken"),
+        ("telling", "telling", "unchanged"),
+        (None, None, "unchanged"),
+    ],
+)
+def test_a_crash_that_tells_nothing_any_more_is_better_than_one_that_does(first, second, change):
+    case = CRASHES[0]
+    runs = tuple(PageDrive(name, case.tracks, end=end(need)) for name, need in (("old", first), ("new", second)))
+    assert PageCase(case, runs).change == change
+
+
+def test_what_is_avoided_by_a_careful_driver_alone_is_said_so():
+    """None of the bank's manoeuvres evades it, yet it is avoidable in time."""
+    gentlest = Manoeuvre(5, -7.6, None, 0.0, 0.0, 0.9, driver="careful")
+    found = Avoidability(True, 3879, 0, 5, gentlest, in_time=True)
+    case = replace(judged_as(CRASHES[0], "ego", 70), judgement=Judgement((), found))
+    content = PageCase(case, (PageDrive("idm", case.tracks),)).content(PageMaps().home(case), None)
+    said = dict(content["judgement"])["Avoidable"]
+    assert said.startswith("yes, in time: a careful driver (UN R157) avoids it")
+    assert "none of 3879 manoeuvres" in said
+
+
+def test_the_words_of_the_page_are_explained_where_the_documentation_explains_them():
+    told = " ".join((DOCS / name).read_text().lower() for name in ("glossary.md", "measures.md"))
+    ours = {"least ttc", "at", "impact", "gap", "decision time", "broken", "worse", "better", "fixed", "unchanged"}
+    ours |= {"at fault", "preventable by", "crashes without an attack", "collision rate"}
+    assert [word for word in TERMS if word not in ours and word not in told] == []
+
+
 def test_scores_count_what_the_cases_hold():
-    judged = []
+    cases = []
     for k, case in enumerate(CRASHES):
         evaded = Avoidability(k % 2 == 0, 100, 10 * (k % 2 == 0), 3, None)
         judgement = Judgement(() if k else (Flaw.OFF_ROAD,), evaded, Fault("ego", "rule", "reason"))
         ego = replace(case.tracks, **{n: getattr(case.tracks, n)[:1] for n in ("x", "y", "yaw", "speed", "valid", "z")},
                       accel=None, curvature=None)  # fmt: skip
-        judged.append(replace(case, judgement=judgement, evasion=ego if k % 2 == 0 else None))
+        cases.append(replace(case, judgement=judgement, evasion=ego if k % 2 == 0 else None))
     others = [case for case in CASES if case not in CRASHES]
-    scores = {score.label: score for score in report_of([*judged, *others], {}).scores}
+    scores = {score.label: score for score in report_of([*cases, *others], {}).scores}
     assert scores["Crashes"].detail == f"{len(CRASHES)} of {len(CASES)} cases"
     assert scores["Clean crashes"].detail == f"{len(CRASHES) - 1} of {len(CASES)} cases"
     assert scores["Avoidable"].detail == f"{(len(CRASHES) + 1) // 2} of {len(CRASHES)} crashes"
@@ -335,7 +416,7 @@ def test_the_report_in_python(tmp_path):
     page = (tmp_path / "new" / "report.html").read_text("utf-8")
     twin = json.loads((tmp_path / "new" / "report.report.json").read_text("utf-8"))
     assert page.startswith("<!doctype html>")
-    assert twin["schema"] == 1
+    assert twin["schema"] == 2
     assert {row["id"] for row in twin["cases"]} == {case.id for case in CASES}
     [name] = {row["id"] for row in twin["cases"][:1]}
     watch = dict(unpacked(page, "case-0")["commands"])["Watch it in SUMO"]

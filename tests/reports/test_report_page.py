@@ -1,7 +1,6 @@
 """The page of the report as people use it: in a browser."""
 
 import json
-import re
 import shutil
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ from params import slow
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import Drive
-from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Manoeuvre
+from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import Tracks
@@ -64,7 +63,8 @@ def judged(case, number):
     gentlest = Manoeuvre(5, -2.0, None, 0.3, 0.5, 0.3) if avoidable else None
     onset = case.attack.collision.step - 2 if avoidable else None
     found = Avoidability(avoidable, 40, 4 * avoidable, onset, gentlest, in_time=avoidable and number % 4 == 0)
-    verdict = Judgement((), found, Fault(blamed, "rule", "why"))
+    drives = (ReferenceDrive("careful", avoidable, 1.0, 2.0), ReferenceDrive("rss", avoids=True))
+    verdict = Judgement((), found, Fault(blamed, "rule", "why"), Law((), ()), drives)
     way = Tracks(*(getattr(case.original, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
     return replace(case, judgement=verdict, evasion=way if avoidable else None)
 
@@ -98,6 +98,8 @@ def files(tmp_path_factory):
     """One report of a suite, one that compares two planners."""
     folder = tmp_path_factory.mktemp("report")
     cases = [judged(case, CRASHES.index(case)) if case in CRASHES else case for case in CASES]
+    alone = next(k for k, case in enumerate(cases) if case.id == CRASHES[-1].id)
+    cases[alone] = replace(cases[alone], attack=replace(cases[alone].attack, outcome="already_colliding"))
     cases[0] = replace(cases[0], id=HARMFUL)
     cases[1] = replace(cases[1], attack=replace(cases[1].attack, planner="mine"))
     (folder / "suite.html").write_text(html_page(report_of(cases, {})), "utf-8")
@@ -355,7 +357,7 @@ def test_nothing_is_clipped_and_nothing_scrolls_sideways(visit, name):
     seen = visit(name)
     for opens in (lambda: None, lambda: (seen.open_first(), seen.page.click("#settings-fold summary"))):
         opens()
-        for width in (1280, 1024, 768, 390):
+        for width in (1280, 1200, 1000, 768, 560, 390):
             seen.page.set_viewport_size({"width": width, "height": 900})
             assert seen.page.evaluate(CLIPPED) == [], width
             assert seen.page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0, width
@@ -363,33 +365,99 @@ def test_nothing_is_clipped_and_nothing_scrolls_sideways(visit, name):
 
 
 def test_what_to_fix_comes_first(visit):
-    """The planner's fault that it could have avoided in time, at the top of the summary and of the list."""
+    """Crashes that need no attack, then telling ones by the planner's fault, then the other telling ones, the rest."""
     seen = visit()
     page = seen.page
-    blame, escape = seen.column("At fault"), seen.column("Avoidable")
-    order = {"planner": 0, "both": 0, "unclear": 1, EMPTY: 1, "adversary": 2}
-    urgency = [(order[a], b != "in time") for a, b in zip(blame, escape, strict=True)][: len(CRASHES)]
-    assert urgency == sorted(urgency)
-    assert (blame[0], escape[0]) == ("planner", "in time")
-    first = page.locator(".todo li").first
-    assert "planner at fault" in first.inner_text()
-    assert re.search(r"\d cases?, [1-9]\d* avoidable in time", first.inner_text())
-    assert first.locator("[data-case]").inner_text() == seen.names()[0]
-    count = int(first.locator("button").inner_text().split()[0])
-    first.locator("button").click()
-    assert len(seen.names()) == count
+    needs = page.evaluate("JSON.parse(document.querySelector('#page').textContent).rows.map((row) => row.need)")
+    order = ["ordinary", "own_fault", "telling", "rest", None]
+    assert needs == sorted(needs, key=order.index)
+    assert set(needs) == set(order)
+    blocks = page.locator(".todo ol > li")
+    titles = [title.partition(" ")[0] for title in blocks.locator("h3").all_inner_texts()]
+    assert titles == ["Crashes", "Telling", "Telling", "Other"]
+    assert all(len(text) > 40 for text in blocks.locator(".advice").all_inner_texts())  # what to do about them
+    assert blocks.first.locator("[data-case]").first.inner_text() == seen.names()[0]
+    for block, need in zip(blocks.all(), order, strict=False):
+        every = block.locator("h3 button")
+        assert int(every.inner_text().split()[0]) == needs.count(need)
+        every.click()
+        assert len(seen.names()) == needs.count(need)
+        every.click()
+    blocks.nth(1).locator("h3 button").click()
     assert set(seen.column("At fault")) == {"planner"}
-    first.locator("[data-case]").click()
+    assert set(seen.column("Telling")) == {"yes"}
+    blocks.nth(1).locator("[data-case]").first.click()
     page.wait_for_selector("#case:not([hidden])")
+
+
+def test_a_word_says_what_it_means(visit):
+    seen = visit()
+    page = seen.page
+    word = page.locator(".score h2 .term", has_text="Telling crashes")
+    tip = page.locator("#tip")
+    assert not tip.is_visible()
+    word.hover()
+    assert "careful driver" in tip.inner_text()
+    page.mouse.move(0, 0)
+    page.locator("#search").focus()
+    assert not tip.is_visible()
+    word.focus()
+    assert tip.is_visible()
+    assert word.get_attribute("aria-describedby") == "tip"
+    for width in (1200, 1000, 560):
+        page.set_viewport_size({"width": width, "height": 900})
+        for one in page.locator(".term:visible, th button[data-tip]:visible").all():
+            one.scroll_into_view_if_needed()
+            one.focus()
+            box = tip.bounding_box()
+            assert box is not None
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= width
+
+
+def test_no_word_is_broken_and_no_choice_is_cut_short(visit):
+    """Names may be broken after their signs; words of ours are not broken, and a filter shows what it says."""
+    broken = """() => {
+      const found = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+      while (walker.nextNode()) {
+        const node = walker.currentNode;
+        if (!node.parentElement.checkVisibility() || node.parentElement.closest("script, code, pre, option")) continue;
+        for (const { 0: word, index } of node.textContent.matchAll(/\\b[A-Za-z]{3,}\\b/g)) {
+          const range = new Range();
+          range.setStart(node, index);
+          range.setEnd(node, index + word.length);
+          const lines = new Set([...range.getClientRects()].map(({ top }) => Math.round(top)));
+          if (lines.size > 1) found.push(word);
+        }
+      }
+      return found;
+    }"""
+    cut = """() => [...document.querySelectorAll("select")].filter((one) => one.checkVisibility()).filter((one) => {
+      const [style, pen] = [getComputedStyle(one), document.createElement("canvas").getContext("2d")];
+      pen.font = style.font;
+      const room = one.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight) - 16;
+      return pen.measureText(one.selectedOptions[0].textContent).width > room;
+    }).map((one) => one.selectedOptions[0].textContent)"""
+    for name in ("suite", "pair", "long"):
+        seen = visit(name)
+        for width in (1200, 1000, 560):
+            seen.page.set_viewport_size({"width": width, "height": 900})
+            for sheet in ("list", "case"):
+                if sheet == "case":
+                    seen.open_first()
+                assert seen.page.evaluate(broken) == [], (name, width, sheet)
+                assert seen.page.evaluate(cut) == [], (name, width, sheet)
+            seen.page.evaluate("location.hash = ''")
+            seen.page.wait_for_selector("#overview:not([hidden])")
 
 
 def test_what_got_worse_is_to_be_fixed_first(visit):
     seen = visit("pair")
-    tags = [item.locator(".tag").count() for item in seen.page.locator(".todo li").all()]
+    tags = [item.locator(".tag").count() for item in seen.page.locator(".todo ul li").all()]
     assert tags == sorted(tags, reverse=True)
     assert sum(tags) >= 1
     [broken] = [name for name, change in zip(seen.names(), seen.column("Change"), strict=True) if change == "broken"]
-    assert seen.page.locator(".todo li").first.locator("[data-case]").inner_text() == broken
+    assert seen.page.locator(".todo [data-case]").first.inner_text() == broken
 
 
 def test_no_text_of_a_case_becomes_part_of_the_page(visit):

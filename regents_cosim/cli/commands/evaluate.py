@@ -94,7 +94,7 @@ def evaluate(
         return _show_verdicts(found, found.against, cases, baseline, terminal)
     rows = [dataclasses.asdict(row) for row in found.rows]
     among = " among traffic that reacts" if background == "reactive" else ""
-    terminal.show(f"{planner} on {len(found.drives)} cases in {where}{among}", rows, essential=DRIVEN)
+    terminal.show(f"{planner} on {len(found.drives)} cases in {where}{among}", rows, str(found.counts), DRIVEN)
     for drive in found.errors:
         terminal.say(f"{drive.case}: {drive.error}")
     return PLANNER_FAILED if found.errors else 0

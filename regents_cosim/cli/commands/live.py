@@ -143,6 +143,7 @@ def _row(ended: "EpisodeResult", cases: "Mapping[str, Scenario]", replays: "Mapp
 
 def _summary(ended: "Sequence[EpisodeResult]", cases: "Sequence[Scenario]") -> str:
     """How many ended how, and how many of the crashes tell something."""
+    from regents_cosim.evaluation.drives.crash_counts import CrashCounts, end_of_case
+
     hows = ", ".join(f"{number} {how}" for how, number in Counter(one.how for one in ended).most_common())
-    telling = sum(bool(case.judgement and case.judgement.telling) for case in cases)
-    return f"episodes: {hows}; {telling} telling crashes"
+    return f"episodes: {hows}; {CrashCounts.of(map(end_of_case, cases)).telling} telling crashes"

@@ -45,7 +45,7 @@ def report(
     with terminal.waiting(f"writing {output}"):
         save_report(made, output)
     rows = [{"score": s.label, "driver": s.driver, "value": s.value, "detail": s.detail} for s in made.scores]
-    terminal.show(f"{len(scenarios)} cases in {output}", rows, essential=SCORED)
+    terminal.show(f"{len(scenarios)} cases in {output}", rows, "\n".join(made.crash_lines), SCORED)
     errors = [(case.id, run) for case in made.cases for run in case.runs if run.error]
     for name, run in errors:
         terminal.say(f"{name}: {run.driver}: {run.error}")

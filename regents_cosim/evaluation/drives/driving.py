@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import tee
 from statistics import fmean
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
@@ -13,6 +14,9 @@ from jaxtyping import Bool
 from regents_cosim.attack_record import CollisionKind
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.errors import DriveError
+from regents_cosim.evaluation.drives.crash_counts import CaseEnd, CrashCounts, is_ordinary
+from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
+from regents_cosim.evaluation.drives.driven_crash import verdict_of_drive
 from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, route_completion, share_of_way
 from regents_cosim.evaluation.drives.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
@@ -54,8 +58,15 @@ class Drive:
     min_pet_s: float | None = None
     max_drac_m_s2: float | None = None
     min_gap_m: float | None = None
-    telling: bool = False  # the crash of the case as it was attacked is telling: a careful driver avoids it
+    verdict: CrashVerdict | None = None  # on the crash; None where there is none, or it was not asked for
+    ordinary: bool = False  # nobody attacks in the case
+    telling_case: bool = False  # the crash of the case as it was attacked is telling, whatever this drive does
     careful_completion: float | None = None  # of a harmless neighbour of a crash: how far a careful driver gets
+
+    @property
+    def end(self) -> CaseEnd:
+        """How it ends, to be counted."""
+        return CaseEnd(self.hits is not None, self.ordinary, self.verdict, failed=bool(self.error))
 
     @property
     def held_up(self) -> bool:
@@ -69,13 +80,15 @@ class DrivingRow:
 
     source: str
     n: int
-    telling_cases: int  # whose crash, as it was attacked, is telling: a careful driver avoids them
-    telling_collisions: int  # of these, those in which the planner collides
+    telling_collisions: int  # of the planner's own: clean, by a lawful adversary, and a careful driver avoids them
+    telling_unknown: int  # its collisions of which that is not known
+    telling_cases: int  # those with a telling crash as they were attacked, whatever this planner does
     harmless_cases: int  # neighbours of crashes, in which nothing is to be feared
     held_up: int  # of these, those in which the planner gets less than 80 % as far as a careful driver
     route_completion_percent: float
     completion_interval_percent: tuple[float, float]
     collisions: int
+    ordinary_collisions: int  # of these, where nobody attacks
     collision_rate_percent: float
     collision_interval_percent: tuple[float, float]
     infraction_score: float
@@ -131,7 +144,8 @@ def drive_each(
         replayed, where, given, executor=executor, background=background, act_timeout_s=act_timeout_s, drivers=drivers
     )
     for scenario, one in zip(scenarios, replays, strict=True):
-        yield score(scenario, one.replayed.tracks) if one.replayed else nowhere(scenario, one.reason, one.trace)
+        tracks = one.replayed.tracks if one.replayed else None
+        yield nowhere(scenario, one.reason, one.trace) if tracks is None else judged(scenario, given.name, tracks)
 
 
 def drive_case(scenario: Scenario, driver: MirrorDriver) -> Drive:
@@ -145,7 +159,8 @@ def drive_and_keep(scenario: Scenario, driver: MirrorDriver) -> tuple[Drive, Tra
         driven = driver.drive(scenario)
     except DriveError as failure:
         return nowhere(scenario, str(failure), failure.trace), None
-    return replace(score(scenario, driven.tracks), act_s=tuple(driven.act_seconds)), driven.tracks
+    made = judged(scenario, driver.planner, driven.tracks)
+    return replace(made, act_s=tuple(driven.act_seconds)), driven.tracks
 
 
 def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
@@ -157,7 +172,7 @@ def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
 
 def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
     """Means and rates of some drives."""
-    collisions = sum(drive.hits is not None for drive in drives)
+    counts = CrashCounts.of(drive.end for drive in drives)
     act_s = [second for drive in drives for second in drive.act_s]
     median, p99 = (round(1e3 * float(v), 3) for v in np.percentile(act_s, [50, 99])) if act_s else (None, None)
     against = [drive.against_direction for drive in drives if drive.against_direction is not None]
@@ -165,15 +180,17 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
     return DrivingRow(
         source=source,
         n=len(drives),
-        telling_cases=sum(drive.telling for drive in drives),
-        telling_collisions=sum(drive.telling and drive.hits is not None for drive in drives),
+        telling_collisions=counts.telling,
+        telling_unknown=counts.telling_unknown,
+        telling_cases=sum(drive.telling_case for drive in drives),
         harmless_cases=sum(drive.careful_completion is not None for drive in drives),
         held_up=sum(drive.held_up for drive in drives),
         route_completion_percent=_percent(fmean(completions)),
         completion_interval_percent=_interval(mean_interval(completions)),
-        collisions=collisions,
-        collision_rate_percent=_percent(collisions / len(drives)),
-        collision_interval_percent=_interval(wilson(collisions, len(drives))),
+        collisions=counts.crashes,
+        ordinary_collisions=counts.ordinary,
+        collision_rate_percent=_percent(counts.crashes / len(drives)),
+        collision_interval_percent=_interval(wilson(counts.crashes, len(drives))),
         infraction_score=round(fmean(drive.infraction for drive in drives), 3),
         driving_score_percent=_percent(fmean(scores)),
         driving_interval_percent=_interval(mean_interval(scores)),
@@ -182,7 +199,7 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
         red_lights=sum(drive.red_lights or 0 for drive in drives),
         red_light_cases=sum(bool(drive.red_lights) for drive in drives),
         lights_known=sum(drive.red_lights is not None for drive in drives),
-        planner_errors=sum(bool(drive.error) for drive in drives),
+        planner_errors=counts.failed,
         act_median_ms=median,
         act_p99_ms=p99,
         min_ttc_p5_s=_percentile([drive.min_ttc_s for drive in drives], 5),
@@ -195,7 +212,7 @@ def nowhere(scenario: Scenario, error: str, trace: str = "") -> Drive:
     """A drive that could not be made."""
     return Drive(
         scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0,
-        error=error, trace=trace, telling=_tells(scenario), careful_completion=_careful_completion(scenario),
+        error=error, trace=trace, **_of_case(scenario),
     )  # fmt: skip
 
 
@@ -226,17 +243,23 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
         red_lights=passed,
         **asdict(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None)),
         kind=collision_kind(scenario.agents, tracks, *contact) if contact else None,
-        telling=_tells(scenario),
-        careful_completion=_careful_completion(scenario),
+        **_of_case(scenario),
     )
 
 
-def _careful_completion(scenario: Scenario) -> float | None:
-    return scenario.attack.careful_completion if scenario.attack else None
+def judged(scenario: Scenario, planner: str, tracks: Tracks) -> Drive:
+    """The scores of `planner`, which has driven along `tracks`, with a verdict on its crash."""
+    return replace(score(scenario, tracks), verdict=verdict_of_drive(scenario, planner, tracks))
 
 
-def _tells(scenario: Scenario) -> bool:
-    return scenario.judgement is not None and scenario.judgement.telling is True
+def _of_case(scenario: Scenario) -> dict[str, Any]:
+    """What a drive has from its case."""
+    attack, judgement = scenario.attack, scenario.judgement
+    return {
+        "ordinary": is_ordinary(scenario),
+        "telling_case": judgement is not None and judgement.telling is True,
+        "careful_completion": attack.careful_completion if attack else None,
+    }
 
 
 def _off_road(scenario: Scenario, tracks: Tracks) -> Bool[np.ndarray, " time"]:

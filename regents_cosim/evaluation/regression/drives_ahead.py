@@ -11,8 +11,7 @@ from pathlib import Path
 
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.driven_crash import judged_drive
-from regents_cosim.evaluation.drives.driving import Drive, drive_and_keep, drive_case, drive_each
+from regents_cosim.evaluation.drives.driving import Drive, drive_case, drive_each
 from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
@@ -23,7 +22,6 @@ from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Simulator, check, drivers_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.workers import local_processes
-from regents_cosim.verdicts.words import advice
 
 _DIGITS = 4  # kept of a metric: a drive is the same to more than that on another machine
 
@@ -84,16 +82,9 @@ class DrivesAhead:
         return self._result(folder)[1]
 
     def advice(self, folder: Path) -> str:
-        """What the planner should have done in its crash in that case; empty where that is not known.
-
-        It drives the case once more, in the mirror alone: tracks of crashes that are accepted are not kept.
-        """
-        if self.where != "mirror":
-            return ""
-        scenario = load_case(folder)
-        _, tracks = drive_and_keep(scenario, self._driver)
-        driven = judged_drive(scenario, self.planner.name, tracks) if tracks else None
-        return (driven and driven.judgement and advice(driven.judgement)) or ""
+        """What the planner should have done in its crash in that case; empty where that is not known."""
+        verdict = self._result(folder)[0].verdict
+        return (verdict and verdict.advice) or ""
 
     def drive(self, case: Path | Scenario) -> Drive:
         """The drive through a case, with its scores."""

@@ -11,6 +11,7 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import located, require_own
 from regents_cosim.cases.suite import cases_in_turn, suite_cases
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.drives.crash_counts import CrashCounts
 from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_each, driving_rows
 from regents_cosim.evaluation.drives.kept import drive_once
 from regents_cosim.evaluation.reduction.margin import with_margin
@@ -61,6 +62,11 @@ class Evaluation:
     def rows(self) -> list[DrivingRow]:
         """Scores by source of traffic, those of all cases last."""
         return driving_rows(self.drives)
+
+    @property
+    def counts(self) -> CrashCounts:
+        """How many crashes there are, and what they say of the planner."""
+        return CrashCounts.of(drive.end for drive in self.drives)
 
     @property
     def errors(self) -> list[Drive]:

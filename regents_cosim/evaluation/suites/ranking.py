@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from regents_cosim.evaluation.drives.crash_counts import CrashCounts
 from regents_cosim.evaluation.drives.driving import Drive
 from regents_cosim.evaluation.statistics import mcnemar, percent, percent_interval
 
@@ -16,7 +17,7 @@ class RankRow:
     crashes: int
     crash_percent: float
     interval_percent: tuple[float, float]  # 95 %, Wilson
-    telling_crashes: int  # in cases whose own crash is telling
+    telling_crashes: int  # clean, by a lawful adversary, and a careful driver avoids them
     harmless_crashes: int  # in the harmless neighbours of crashes
     held_up: int  # harmless neighbours in which it gets less than 80 % as far as a careful driver
     failed: int  # cases with a crash or held up
@@ -42,14 +43,16 @@ def _crashes(drive: Drive) -> bool:
 
 def _row(planner: str, drives: Sequence[Drive], hits: list[bool], before: list[bool] | None) -> RankRow:
     pairs = list(zip(hits, before, strict=True)) if before is not None else None
+    counts = CrashCounts.of(drive.end for drive in drives)
+    crashes = counts.crashes + counts.failed
     harmless = [drive.careful_completion is not None for drive in drives]
     return RankRow(
         planner=planner,
         n=len(drives),
-        crashes=sum(hits),
-        crash_percent=percent(sum(hits), len(drives)),
-        interval_percent=percent_interval(sum(hits), len(drives)),
-        telling_crashes=sum(hit and drive.telling for hit, drive in zip(hits, drives, strict=True)),
+        crashes=crashes,
+        crash_percent=percent(crashes, len(drives)),
+        interval_percent=percent_interval(crashes, len(drives)),
+        telling_crashes=counts.telling,
         harmless_crashes=sum(hit and calm for hit, calm in zip(hits, harmless, strict=True)),
         held_up=sum(drive.held_up for drive in drives),
         failed=sum(hit or drive.held_up for hit, drive in zip(hits, drives, strict=True)),

@@ -40,6 +40,7 @@ function showList(missing) {
   open = null;
   byId("case").hidden = true;
   byId("overview").hidden = false;
+  table.fit();
   document.title = document.querySelector("h1").textContent + " · crash-test report";
   if (missing) byId("count").textContent = `no case is called ${missing}`;
   if (!before) return;

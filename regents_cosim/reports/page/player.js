@@ -203,19 +203,26 @@ class Player {
     const way = this.evasion && this.shows("evasion") && this.evasion.at(this.step);
     const [ego] = this.targets(this.step);
     if (way && ego && Math.hypot(way.x - ego.x, way.y - ego.y) > 3) named.push(["way out", way, 0, "evasion"]);
-    const taken = [];
+    context.font = NAME_FONT;
     const there = named.filter(([, pose]) => pose);
-    const middle = there.reduce((total, [, pose]) => total + pose.y / there.length, 0);
-    for (const [words, pose, agent, colour] of there) {
+    const bodies = there.map(([, pose, agent]) => {
       const [length, width] = this.content.agents[agent].size;
-      const half = 0.5 * (Math.abs(Math.sin(pose.yaw)) * length + Math.abs(Math.cos(pose.yaw)) * width) * this.camera.scale;
+      const [c, s] = [Math.abs(Math.cos(pose.yaw)), Math.abs(Math.sin(pose.yaw))];
       const [x, y] = this.camera.pixels(pose.x, pose.y);
-      const free = (place) => taken.every(([a, b]) => Math.abs(x - a) > 74 || Math.abs(place - b) > 17);
-      const [above, below] = [[y - half - 10, y - half - 30], [y + half + 20, y + half + 40]];
-      const place = (pose.y < middle ? [...below, ...above] : [...above, ...below]).find(free) ?? y - half - 50;
-      taken.push([x, place]);
+      return { x, y, across: 0.5 * (c * length + s * width) * this.camera.scale, up: 0.5 * (s * length + c * width) * this.camera.scale };
+    });
+    const taken = [...bodies];
+    const middle = there.reduce((total, [, pose]) => total + pose.y / there.length, 0);
+    there.forEach(([words, pose, , colour], k) => {
+      const { x, y, up } = bodies[k];
+      const across = 0.5 * context.measureText(words).width + 3;
+      const free = (place) => taken.every((other) => Math.abs(x - other.x) > across + other.across || Math.abs(place - 4 - other.y) > 9 + other.up);
+      const away = [0, 1, 2, 3, 4].map((line) => 20 * line);
+      const [above, below] = [away.map((more) => y - up - 10 - more), away.map((more) => y + up + 20 + more)];
+      const place = (pose.y < middle ? [...below, ...above] : [...above, ...below]).find(free) ?? above[0];
+      taken.push({ x, y: place - 4, across, up: 9 });
       drawName(context, words, [x, place], colours[`${colour}-ink`]);
-    }
+    });
   }
 
   // --- pointer: drag to move the map, two fingers or the wheel to zoom ---

@@ -9,9 +9,9 @@ function element(tag, properties = {}, ...children) {
   return made;
 }
 
-// Names may be broken after their signs.
+// Names may be broken after their signs, and where they have none for long.
 function breakable(name) {
-  return name.split(/(?<=[:._/-])/).flatMap((part) => [part, element("wbr")]);
+  return name.split(/(?<=[:._/-])|(?<=[^\s:._/-]{24})/).flatMap((part) => [part, element("wbr")]);
 }
 
 function byId(id) {
@@ -31,7 +31,7 @@ function fillSheets(content) {
 }
 
 function fillList(id, pairs) {
-  byId(id).replaceChildren(...pairs.flatMap(([name, value]) => [element("dt", { textContent: name }), element("dd", { textContent: value })]));
+  byId(id).replaceChildren(...pairs.flatMap(([name, value]) => [element("dt", {}, termed(name)), element("dd", { textContent: value })]));
 }
 
 function fillMotion(rows) {

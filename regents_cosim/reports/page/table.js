@@ -1,5 +1,7 @@
 // --- Table: the cases, what to fix first; sorted by a column, filtered by what they have in common ---
 
+const CHANGES = ["broken", "worse", "unchanged", "better", "fixed"];
+const LEAST_TABLE_PX = 928;
 const AT_ONCE = 200; // lines that are laid out; more when they are asked for
 
 class CaseTable {
@@ -9,6 +11,7 @@ class CaseTable {
     this.columns = this.chooseColumns();
     this.addHeads();
     this.addFilters();
+    addEventListener("resize", () => this.fit());
     byId("more").addEventListener("click", () => this.layOut(this.most + AT_ONCE));
     this.refresh();
   }
@@ -32,10 +35,11 @@ class CaseTable {
     const judged = this.rows.some((row) => row.evasion !== null);
     const told = this.rows.some((row) => row.telling !== null);
     const blamed = this.rows.some((row) => row.fault !== null);
+    const prevented = this.rows.some((row) => row.preventable_by !== null);
     const planners = new Set(this.rows.map((row) => row.attacked)).size > 1;
     const compared = this.drivers.length > 1;
     return [
-      compared && { name: "Change", value: (row) => ["broken", "unchanged", "fixed"].indexOf(row.change), cell: (row) => [element("span", { className: `tag ${row.change}`, textContent: row.change })] },
+      compared && { name: "Change", value: (row) => CHANGES.indexOf(row.change), cell: (row) => [element("span", { className: `tag ${row.change}`, textContent: row.change })] },
       { name: "Case", style: "case", value: (row) => row.id, cell: (row) => [element("a", { href: hashOf({ case: row.id }) }, ...breakable(row.id))] },
       { name: "Network", style: "spare", value: (row) => row.network },
       planners && { name: this.driven ? "Attacked" : "Planner", labelled: true, value: (row) => row.attacked || null, cell: (row) => breakable(row.attacked) },
@@ -45,6 +49,7 @@ class CaseTable {
       !compared && { name: "Least TTC", unit: " s", style: "number spare", value: (row) => (row.endings[0] ? null : (row.closest[0]?.ttc_s ?? null)), digits: 1 },
       told && { name: "Telling", style: "word", labelled: true, value: (row) => tellingOf(row), cell: (row) => [element("span", { className: row.telling ? "yes" : "", textContent: tellingOf(row) })] },
       blamed && { name: "At fault", style: "word", labelled: true, value: (row) => row.fault, cell: (row) => [element("span", { className: FAULT_LOOK[row.fault] ?? "", textContent: row.fault })] },
+      prevented && { name: "Preventable by", style: "word", labelled: true, value: (row) => row.preventable_by && (row.preventable_by.join(", ") || "none") },
       judged && { name: "Avoidable", style: "word", labelled: true, value: (row) => row.evasion, cell: (row) => [element("span", { className: row.in_time ? "yes" : "", textContent: row.evasion })] },
     ].filter(Boolean);
   }
@@ -79,7 +84,8 @@ class CaseTable {
   addHeads() {
     const head = document.querySelector("#cases thead tr");
     for (const column of this.columns) {
-      const button = element("button", { type: "button" }, ...breakable(column.name));
+      const meaning = page.terms[column.name.toLowerCase()];
+      const button = element("button", { type: "button", dataset: meaning ? { tip: meaning } : {} }, ...breakable(column.name));
       button.addEventListener("click", () => this.sort(column));
       column.head = element("th", { scope: "col", className: column.style ?? "" }, button);
       head.append(column.head);
@@ -137,6 +143,14 @@ class CaseTable {
     document.querySelector("#cases tbody").replaceChildren(...shown.slice(0, most).map((row) => this.line(row)));
     byId("more").hidden = shown.length <= most;
     byId("more").textContent = `Show ${Math.min(AT_ONCE, shown.length - most)} more of ${shown.length - most}`;
+    this.fit();
+  }
+
+  // A table where there is room for it, else a card for each case.
+  fit() {
+    const table = byId("cases");
+    table.classList.remove("cards");
+    table.classList.toggle("cards", innerWidth < LEAST_TABLE_PX || table.offsetWidth > table.parentElement.clientWidth);
   }
 
   refresh() {
@@ -163,6 +177,7 @@ class CaseTable {
 // What cases can be filtered by: the values that a row has.
 const FILTERS = {
   change: { of: (row) => (row.change ? [row.change] : []) },
+  need: { of: (row) => (row.need === null ? [] : [row.need]) },
   group: { of: (row) => (row.group === null ? [] : [String(row.group)]) },
   network: { title: "Any network", of: (row) => [row.network] },
   tag: { title: "Any scenario", of: (row) => row.tags },

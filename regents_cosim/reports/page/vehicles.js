@@ -76,9 +76,11 @@ function drawMark(context, [x, y], sinceSeconds) {
   context.stroke(star);
 }
 
+const NAME_FONT = "600 13px system-ui, sans-serif";
+
 // In pixels, above the one that it names.
 function drawName(context, words, [x, y], colour) {
-  context.font = "600 13px system-ui, sans-serif";
+  context.font = NAME_FONT;
   context.textAlign = "center";
   context.lineJoin = "round";
   context.lineWidth = 4;

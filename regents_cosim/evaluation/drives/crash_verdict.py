@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from regents_cosim.judgement import Blamed, Escape
+from regents_cosim.judgement import Blamed, Escape, Flaw
 
 _BLAME: dict[Blamed | None, int] = {"ego": 0, "both": 0, "nobody": 1, None: 1, "adversary": 2}
 
@@ -20,11 +20,17 @@ class CrashVerdict:
     offences: tuple[str, ...] | None = None  # of the adversary
     ego_offences: tuple[str, ...] | None = None
     preventable_by: tuple[str, ...] | None = None  # reference drivers that avoid it
+    flaws: tuple[Flaw, ...] = ()  # what spoils it as a test
 
     @property
-    def urgency(self) -> tuple[int, int, int, int]:
-        """Sorts what to fix first: what tells something about the planner before the rest."""
-        return int(not self.telling), self.blame, int(not self.in_time), int(not self.clean)
+    def actionable(self) -> bool:
+        """Clean, and the driver could have avoided it."""
+        return self.clean and self.avoidable is True
+
+    @property
+    def from_behind(self) -> bool:
+        """Whether another drove into the back of the ego: who replays a track does so where the ego brakes."""
+        return not {Flaw.REAR_ENDS_EGO, Flaw.FROM_BEHIND}.isdisjoint(self.flaws)
 
     @property
     def blame(self) -> int:

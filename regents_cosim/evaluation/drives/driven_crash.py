@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.evaluation.crashes.verdict import CrashVerdict
+from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.judgement import Judgement
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
@@ -26,6 +26,7 @@ def verdict_of(judgement: Judgement | None) -> CrashVerdict | None:
         offences=tuple(offence.name for offence in law.adversary) if law else None,
         ego_offences=tuple(offence.name for offence in law.ego) if law else None,
         preventable_by=judgement.preventable_by if judgement.drivers else None,
+        flaws=judgement.flaws,
     )
 
 
