@@ -175,9 +175,23 @@ class Overlap:
     last_step: int
 
 
+# Why a road user of the source is not, or not as it was, in a scenario.
+Reason = Literal["radius", "limit", "rider", "level", "cut", "unsupported", "guessed"]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Road users of the source that a scenario leaves out, in whole or in part, or holds by a guess, for one reason."""
+
+    reason: Reason
+    count: int
+    ids: tuple[str, ...] = ()  # none where they are many and of no concern: out of the radius
+    detail: str = ""
+
+
 @dataclass(frozen=True)
 class Provenance:
-    """Where a Scenario came from, enough to make it again."""
+    """Where a Scenario came from, enough to make it again, and what of it the Scenario lacks."""
 
     source: str  # "sumo", "fcd", ...
     file: str  # name of the configuration or log
@@ -186,6 +200,7 @@ class Provenance:
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
     command: str = ""
+    left_out: tuple[LeftOut, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

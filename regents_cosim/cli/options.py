@@ -105,6 +105,8 @@ class TrafficOptions:
     """length of a window [s]; of a log that is shorter, all of it"""
     radius: float = 100.0
     """agents that never come closer to the ego are left out [m]"""
+    max_agents: int = 64
+    """road users in a window, the ego included; of more, those that come nearest to the ego"""
     prefer: Literal["conflicts", "pedestrians", "none"] = "conflicts"
     """which egos come first: those whose path another road user can lawfully cross or join within the window, those
     whose path a pedestrian can, or any"""

@@ -22,6 +22,7 @@ from regents_cosim.reports.packing import Spans, gaps, motion, packed, visible
 from regents_cosim.reports.page_map import PageMap
 from regents_cosim.reports.pictured_case import contact_point
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.words import DRIVERS, behind_words, drive_words, offences_words, telling_words
 
@@ -369,6 +370,8 @@ def _facts(case: Scenario) -> list[tuple[str, str]]:
             ),
             ("Candidates", ", ".join(attack.candidates) or "none"),
         ]
+    if source.left_out:
+        facts.append(("Left out", "; ".join(sentence_of(one) for one in source.left_out)))
     if source.command:
         facts.append(("Recorded by", source.command))
     return [*facts, ("Versions", ", ".join(f"{name} {number}" for name, number in source.versions.items()))]

@@ -13,11 +13,13 @@ from regents_cosim.cases.shipped import NAMED_ONLY, NETWORKS, SUITES, WITH_PERSO
 from regents_cosim.evaluation.drives.crash_counts import CrashCounts, end_of_case
 from regents_cosim.replays.verify import Replay
 from regents_cosim.scenario import Scenario
+from regents_cosim.sources.comparison import Comparison
 from regents_cosim.sources.logs.inspection import Inspection
 
 # The columns of each table that a narrow terminal shows before all others.
 RECORDED = ("case", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
+HELD_AGAINST = ("case", "states", "missing", "unexplained", "farthest_m")
 ATTACKED = ("case", "outcome", "telling", "clean", "avoidable", "SUMO_verified")
 REPLAYED = ("case", "verified", "found")
 LIVED = ("seed", "ego", "ended", "after_s", "telling", "SUMO_verified")
@@ -57,6 +59,18 @@ def case_row(scenario: Scenario) -> dict[str, Any]:
         "begin_s": scenario.provenance.begin_s,
         "horizon_s": round((scenario.tracks.steps - 1) * scenario.dt, 6),
         "overlaps": len(scenario.overlaps),
+    }
+
+
+def compared_row(found: Comparison, unexplained: int) -> dict[str, Any]:
+    """A case held against SUMO's own log: road users that it lacks, and how far the others are off at the most."""
+    return {
+        "case": found.case,
+        "states": found.compared,
+        "missing": len(found.missing),
+        "unexplained": unexplained,
+        "farthest_m": round(found.farthest_m, 6),
+        "most_turned_deg": round(found.most_turned_deg, 6),
     }
 
 

@@ -52,6 +52,7 @@ def record_fcd(
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
+    max_agents: int = 64,
     ego: str = ANY_EGO,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -64,7 +65,7 @@ def record_fcd(
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """
-    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, ego=ego)
+    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, ego=ego, max_agents=max_agents)
     require_file(log, "FCD log")
     road = read_road_map(net)
     known = read_types(routes_or_types)
@@ -91,7 +92,7 @@ class _Grid(NamedTuple):
 
 def _time_grid(log: Path) -> _Grid:
     """First instant, step, number of steps. Steps may be missing (SUMO can leave out empty ones)."""
-    times = np.array([time for time, _, _ in _instants(log)])
+    times = np.array([time for time, _, _ in logged_instants(log)])
     if len(times) < 2:
         raise LogError(f"{log}: {len(times)} time steps, expected at least 2 (is it an fcd-output?)")
     gaps = np.diff(times)
@@ -123,12 +124,12 @@ def _recordings(
             f"no window found: a horizon of {windows.horizon_s:g} s does not fit into {log.name}, which lasts "
             f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter --horizon"
         )
-    names, found = DistinctIds(), dict[str, _Row]()
+    names, found = DistinctIds(), dict[str, LoggedState]()
     slots = {
         i: GrowingRecording(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps, names=names, ego=windows.ego)
         for i in draw_slots(total, windows)
     }
-    for time, rows, riders in _instants(log):
+    for time, rows, riders in logged_instants(log):
         index, step = divmod(round((time - grid.begin_s) / grid.dt), steps)
         if index in slots:
             slots[index].riders.update(riders)
@@ -140,9 +141,11 @@ def _recordings(
         yield slot.finish(types)
 
 
-def _add(slot: GrowingRecording, step: int, rows: "list[_Row]", heights: "_RoadHeights") -> "dict[str, _Row]":
+def _add(
+    slot: GrowingRecording, step: int, rows: "list[LoggedState]", heights: "_RoadHeights"
+) -> "dict[str, LoggedState]":
     """Put an instant into a slot; who is there, by id."""
-    there = dict[str, _Row]()
+    there = dict[str, LoggedState]()
     for row in rows:
         height = heights(row)
         if height is None:
@@ -154,7 +157,7 @@ def _add(slot: GrowingRecording, step: int, rows: "list[_Row]", heights: "_RoadH
     return there
 
 
-def _unknown(log: Path, found: "Iterable[_Row]", known: dict[str, VehicleType]) -> Iterator[str]:
+def _unknown(log: Path, found: "Iterable[LoggedState]", known: dict[str, VehicleType]) -> Iterator[str]:
     """What is said of types that are not known."""
     missing = {(row.walks, row.kind) for row in found if row.kind not in known}
     for walks, taken, usual in ((False, "cars", CAR), (True, "persons", PEDESTRIAN)):
@@ -166,7 +169,7 @@ def _unknown(log: Path, found: "Iterable[_Row]", known: dict[str, VehicleType]) 
             )
 
 
-def _type_of(row: "_Row", known: dict[str, VehicleType]) -> VehicleType:
+def _type_of(row: "LoggedState", known: dict[str, VehicleType]) -> VehicleType:
     if not row.walks:
         return known.get(row.kind, CAR)
     return replace(known.get(row.kind, PEDESTRIAN), kind="pedestrian", articulated=False)
@@ -180,7 +183,7 @@ class _RoadHeights:
         self._points = surface_points(road.lanes)
         self._nearest = NearestPoint(self._points[:, :2]) if road.raised else None
 
-    def __call__(self, row: "_Row") -> float | None:
+    def __call__(self, row: "LoggedState") -> float | None:
         """The height [m] of the road at a place. Where there are two, and the log names no lane: None for a person.
 
         Raises LogError for a vehicle there.
@@ -242,7 +245,7 @@ def _resampled(recording: Recording, windows: Windows) -> Recording:
 # --- reading ------------------------------------------------------------------------------------
 
 
-class _Row(NamedTuple):
+class LoggedState(NamedTuple):
     """A vehicle, or a person who walks or waits, at one instant."""
 
     name: str
@@ -255,10 +258,10 @@ class _Row(NamedTuple):
     walks: bool = False
 
 
-_Instant = tuple[float, list[_Row], list[str]]  # time [s], who is where, persons who are left out
+_Instant = tuple[float, list[LoggedState], list[str]]  # time [s], who is where, persons who are left out
 
 
-def _instants(log: Path) -> Iterator[_Instant]:
+def logged_instants(log: Path) -> Iterator[_Instant]:
     """Every instant, one at a time."""
     with _explain(log):
         with open_bounded(log, unpacked_limit(log)) as stream:
@@ -291,18 +294,18 @@ def _from_xml(log: Path) -> Iterator[_Instant]:
             yield _seconds(_value(element.attrib, "time", "timestep")), [*vehicles, *walking], riding
 
 
-def _row(vehicle: Mapping[str, str]) -> _Row:
+def _row(vehicle: Mapping[str, str]) -> LoggedState:
     x, y, angle = (_finite(_value(vehicle, name)) for name in ("x", "y", "angle"))
     z, kind = vehicle.get("z"), vehicle.get("type", "DEFAULT_VEHTYPE")
-    return _Row(_value(vehicle, "id"), kind, x, y, angle, _finite(z) if z else None, vehicle.get("lane", ""))
+    return LoggedState(_value(vehicle, "id"), kind, x, y, angle, _finite(z) if z else None, vehicle.get("lane", ""))
 
 
-def _persons(entries: Sequence[Mapping[str, str]], vehicles: list[_Row]) -> tuple[list[_Row], list[str]]:
+def _persons(entries: Sequence[Mapping[str, str]], vehicles: list[LoggedState]) -> tuple[list[LoggedState], list[str]]:
     """Those who walk or wait, and the ids of the others: in vehicles, on stairs or in lifts, or without a place.
 
     By default a log does not say who rides, but has passengers exactly where their vehicle is.
     """
-    walking, riding = list[_Row](), list[str]()
+    walking, riding = list[LoggedState](), list[str]()
     taken = {(vehicle.x, vehicle.y) for vehicle in vehicles}
     for entry in entries:
         place = [entry.get(name, "") for name in ("x", "y", "angle")]
@@ -314,7 +317,7 @@ def _persons(entries: Sequence[Mapping[str, str]], vehicles: list[_Row]) -> tupl
             riding.append(entry.get("id", ""))
             continue
         z, kind = entry.get("z"), entry.get("type") or "DEFAULT_PEDTYPE"
-        walking.append(_Row(entry.get("id", ""), kind, x, y, angle, _finite(z) if z else None, "", walks=True))
+        walking.append(LoggedState(entry.get("id", ""), kind, x, y, angle, _finite(z) if z else None, "", walks=True))
     return walking, riding
 
 

@@ -49,6 +49,7 @@ def record_highway(
     seed: int = 0,
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
+    max_agents: int = 64,
     executor: Executor | None = None,
 ) -> list[Scenario]:
     """Up to `count` Scenarios out of as many episodes of `environment`; the same seed gives the same.
@@ -60,7 +61,9 @@ def record_highway(
     find_agent(policy)  # complain here rather than in the worker
     _require_environment(environment)
     # One other vehicle is traffic enough: racetrack has no more.
-    job = HighwayRecordingJob(environment, policy, Windows(count, seed, horizon_s, radius_m, company=1))
+    job = HighwayRecordingJob(
+        environment, policy, Windows(count, seed, horizon_s, radius_m, company=1, max_agents=max_agents)
+    )
     return run_isolated(record_episodes, job) if executor is None else result_of(submit(executor, record_episodes, job))
 
 

@@ -40,6 +40,7 @@ class _RecordRequest(TypedDict):
     seed: int
     horizon_s: float
     radius_m: float
+    max_agents: int
 
 
 def record(
@@ -52,6 +53,7 @@ def record(
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
+    max_agents: int = 64,
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -66,10 +68,13 @@ def record(
     - any other file or folder: logged traffic of any of our formats, or a LogInput.
 
     `prefer` says which egos come first, as for `windows.choose_windows`; in highway-env there is one
-    alone. `tell` is told what is left out or assumed. Raises RegentsError for bad input, NoWindowError where
-    there is no window.
+    alone. Of more than `max_agents` road users within `radius_m` of the ego those that come nearest are kept. What a
+    window leaves out is in its `provenance.left_out`. `tell` is told what is left out or assumed. Raises RegentsError
+    for bad input, NoWindowError where there is no window.
     """
-    asked: _RecordRequest = {"count": count, "seed": seed, "horizon_s": horizon_s, "radius_m": radius_m}
+    asked: _RecordRequest = {
+        "count": count, "seed": seed, "horizon_s": horizon_s, "radius_m": radius_m, "max_agents": max_agents,
+    }  # fmt: skip
     if isinstance(source, str) and source.startswith(_HIGHWAY):
         from regents_cosim.sources.highway import record_highway  # imports pygame
 

@@ -39,6 +39,7 @@ def record_sumo(
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
+    max_agents: int = 64,
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -56,7 +57,7 @@ def record_sumo(
     """
     from regents_cosim.sources.sumo_net import read_road_map  # with sumolib, of which SUMO's own process needs nothing
 
-    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego)
+    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego, max_agents=max_agents)
     options = read_input(source)
     _require_microscopic(options)
     require_bounded((*options.routes, *options.additional), options.others.values())

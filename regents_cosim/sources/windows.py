@@ -23,14 +23,13 @@ from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.jumps import jumps
 from regents_cosim.maps.levels import contains
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import VEHICLE_KINDS, Agent, Provenance, Scenario, Tracks
+from regents_cosim.scenario import VEHICLE_KINDS, Agent, LeftOut, Provenance, Scenario, Tracks
 from regents_cosim.sources.conflicts import Conflicts, Others
 from regents_cosim.sources.motion import speeds
 from regents_cosim.sources.recording import ANY_EGO, Recording
 
 Prefer = Literal["conflicts", "pedestrians", "none"]
 
-MAX_AGENTS = 64  # the ego included
 _NEAR_M = 50.0  # within which the ego needs company
 _MOVING_MPS = 1.0
 _LEAST_WAY_M = 5.0  # that the ego covers
@@ -41,6 +40,7 @@ _RANGES = {
     "seed": SEED,
     "horizon_s": Range(0.2, 3600.0, "the length of a window [s]"),
     "radius_m": Range(0.1, 1e6, "how near to the ego an agent must come [m]"),
+    "max_agents": Range(2, 1000, "road users in a window, the ego included", whole=True),
     "company": Range(0, 1000, "moving vehicles near the ego", whole=True),
 }
 
@@ -57,10 +57,12 @@ class Windows:
     prefer: Prefer = "conflicts"  # egos whose path others, or pedestrians, can cross or join, before the rest; or none
 
     ego: str = ANY_EGO  # or a vehicle of SUMO's, a vehicle type or a flow
+    max_agents: int = 64  # the ego included; of more, those that come nearest to it
 
     def __post_init__(self) -> None:
         for name, one in _RANGES.items():
-            one.check(f"--{name.removesuffix('_s').removesuffix('_m')}", getattr(self, name))
+            option = name.removesuffix("_s").removesuffix("_m").replace("_", "-")
+            one.check(f"--{option}", getattr(self, name))
 
     @property
     def others(self) -> Others:
@@ -303,7 +305,8 @@ def make_scenario(
 ) -> Scenario:
     """The Scenario of that ego among those who come near it; `taken` counts the names in use."""
     recording = scene.recording
-    members = [ego, *_nearest(scene, ego, windows.radius_m)]
+    near, left_out = _company(scene, ego, windows)
+    members = [ego, *near]
     agents = tuple(
         Agent(recording.ids[i], t.kind, t.length, t.width, "ego" if i == ego else "background")
         for i, t in ((i, recording.types[i]) for i in members)
@@ -318,18 +321,33 @@ def make_scenario(
         target=(float(tracks.x[0, -1]), float(tracks.y[0, -1])),
         road=road,
         provenance=Provenance(
-            origin.source, origin.file, origin.sha256, recording.begin_s, windows.seed, versions(), made_by()
+            origin.source, origin.file, origin.sha256, recording.begin_s, windows.seed, versions(), made_by(), left_out
         ),
         signals=tuple(signal for signal in recording.signals if signal.id in lights),
         overlaps=find_overlaps(agents, tracks),
     )
 
 
-def _nearest(scene: RecordedScene, ego: int, radius_m: float) -> list[int]:
-    """The other vehicles within the radius at some instant, the nearest up to the limit, by increasing id."""
+def _company(scene: RecordedScene, ego: int, windows: Windows) -> tuple[list[int], tuple[LeftOut, ...]]:
+    """The others within the radius at some instant, the nearest up to the limit, by increasing id; and who is left out.
+
+    How near one comes is from centre to centre.
+    """
+    recording = scene.recording
     least = scene.distances(ego).min(axis=1)
-    near = [int(i) for i in np.argsort(least, kind="stable") if least[i] <= radius_m]
-    return sorted(near[: MAX_AGENTS - 1])
+    by_distance = [int(i) for i in np.argsort(least, kind="stable") if i != ego]
+    near = [i for i in by_distance if least[i] <= windows.radius_m]
+    kept, beyond = near[: windows.max_agents - 1], near[windows.max_agents - 1 :]
+    left_out = list(recording.left_out)
+    if away := len(by_distance) - len(near):
+        left_out.append(LeftOut("radius", away, detail=f"never within {windows.radius_m:g} m of the ego"))
+    if beyond:
+        ids = tuple(sorted(recording.ids[i] for i in beyond))
+        left_out.append(LeftOut("limit", len(ids), ids, f"the nearest comes to {least[beyond[0]]:.0f} m from the ego"))
+    if recording.riders:
+        riders = tuple(sorted(recording.riders))
+        left_out.append(LeftOut("rider", len(riders), riders, "while they have no place of their own on the road"))
+    return sorted(kept), tuple(left_out)
 
 
 def _tracks(scene: RecordedScene, members: list[int]) -> Tracks:

@@ -165,7 +165,7 @@ def _fcd(path: Path) -> object:
     net = path.parent / "a.net.xml"
     if _is_deep(path):
         return fcd.record_fcd(path, net, routes_or_types=(path.parent / "a.rou.xml",), horizon_s=0.5)
-    return sum(len(rows) for _, rows, _ in islice(fcd._instants(path), 10_000))
+    return sum(len(rows) for _, rows, _ in islice(fcd.logged_instants(path), 10_000))
 
 
 def _run_sumo(path: Path) -> object:

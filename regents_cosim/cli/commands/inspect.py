@@ -1,27 +1,39 @@
-"""`regents inspect`: what logged traffic holds."""
+"""`regents inspect`: what logged traffic holds, and whether a case holds what its log does."""
 
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from regents_cosim.cli.options import OutputIfAny, OutputOptions
 from regents_cosim.cli.shared import open_terminal
+from regents_cosim.errors import NEGATIVE_VERDICT, RegentsError
+
+if TYPE_CHECKING:
+    from regents_cosim.cli.terminal import Terminal
 
 
 def inspect(
     log: Path,
     *,
+    against_fcd: Path | None = None,
+    radius: float = 100.0,
     format: str = "auto",
     map: Path | None = None,
     columns: Path | None = None,
     output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Say what logged traffic holds, and draw it.
+    """Say what logged traffic holds, and draw it, or what a case leaves out of the traffic that it was cut from.
 
     Parameters
     ----------
     log
-        a file of logged traffic, or a folder of files
+        a file of logged traffic, a folder of files, a case, or a folder of cases
+    against_fcd
+        an fcd-output of the run that the cases were recorded from: which of its road users they lack, and how far
+        places and headings differ; exit code 1 where one is missing that a case does not say to leave out
+    radius
+        around the ego, within which road users of the fcd-output are looked for in the cases [m]
     format
         of the log; auto tells it by the content
     map
@@ -38,6 +50,10 @@ def inspect(
     from regents_cosim.sources.logs.record import scenes_of
 
     terminal = open_terminal(talk)
+    if cases := _cases(log):
+        return _inspect_cases(cases, against_fcd, radius, terminal)
+    if against_fcd is not None:
+        raise RegentsError(f"{log}: no case, expected one, or a folder of cases, beside --against-fcd")
     found = []
     for _, name, scene in scenes_of(log, format, CompanionFiles(map, columns)):
         found.append(inspect_scene(scene, name))
@@ -46,3 +62,36 @@ def inspect(
     rows = [dataclasses.asdict(one) if talk.json else inspection_row(one) for one in found]
     terminal.show(f"{len(rows)} scenarios in {log}", rows, inspection_notes(found), INSPECTED)
     return 0
+
+
+def _cases(path: Path) -> list[Path]:
+    """The folders of the cases that a path names; none where it is a log."""
+    from regents_cosim.cases.header import HEADER
+
+    if (path / HEADER).is_file():
+        return [path]
+    return sorted(one.parent for one in path.glob(f"*/{HEADER}")) if path.is_dir() else []
+
+
+def _inspect_cases(cases: list[Path], against_fcd: Path | None, radius: float, terminal: "Terminal") -> int:
+    from regents_cosim.cases.files import load_case
+    from regents_cosim.reports.tables import HELD_AGAINST, RECORDED, case_row, compared_row
+    from regents_cosim.sources.comparison import compare_with_fcd
+    from regents_cosim.sources.left_out import sentence_of
+
+    scenarios = [load_case(case) for case in cases]
+    for one in scenarios:
+        for entry in one.provenance.left_out:
+            terminal.say(f"{one.id}: {sentence_of(entry)}")
+    if against_fcd is None:
+        terminal.show(f"{len(cases)} cases", [case_row(one) for one in scenarios], essential=RECORDED)
+        return 0
+    rows, lacking = [], 0
+    for one, found in zip(scenarios, compare_with_fcd(scenarios, against_fcd, radius), strict=True):
+        unexplained = found.unexplained(one)
+        for name, instants in sorted(unexplained.items()):
+            terminal.say(f"{one.id}: {name!r} is missing at {instants} instants, which the case does not say")
+        lacking += len(unexplained)
+        rows.append(compared_row(found, len(unexplained)))
+    terminal.show(f"{len(cases)} cases against {against_fcd}", rows, essential=HELD_AGAINST)
+    return NEGATIVE_VERDICT if lacking else 0

@@ -29,6 +29,7 @@ def record_log(
     stride_s: float | None = None,
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
+    max_agents: int = 64,
     beside: CompanionFiles = ALONE,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -39,7 +40,7 @@ def record_log(
     to make are told once. Raises LogError for what cannot be read, NoWindowError where there is no
     window.
     """
-    asked = LogWindows(Windows(count, seed, horizon_s, radius_m, prefer=prefer), stride_s, ego)
+    asked = LogWindows(Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents), stride_s, ego)
     refused: Counter[str] = Counter()
     told: set[str] = set()
     found = list(islice(_each(find_logs(path, format), asked, beside, refused, told, tell), count))

@@ -1,0 +1,108 @@
+"""How far a case differs from SUMO's own log of the same run."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from regents_cosim.errors import LogError, require, require_file
+from regents_cosim.geometry.frames import Pose, SumoPose, to_sumo
+from regents_cosim.scenario import Scenario
+from regents_cosim.sources.fcd import LoggedState, logged_instants
+
+_SAME_INSTANT_S = 1e-4
+_MARGIN_M = 12.0  # half of a car and half of a bus
+
+
+@dataclass
+class Comparison:
+    """A case held against an fcd-output: at every instant that both have, who is within the radius of the ego."""
+
+    case: str
+    compared: int = 0  # states that both have
+    missing: Counter[str] = field(default_factory=Counter)  # instants that the log has and the case has not, by id
+    farthest_m: float = 0.0  # the largest distance between the front bumpers of one road user
+    farthest: str = ""  # whose that is
+    most_turned_deg: float = 0.0  # the largest difference of headings
+    most_turned: str = ""
+
+    def take(self, name: str, away_m: float, turned_deg: float) -> None:
+        """Count a state that both have."""
+        self.compared += 1
+        if away_m > self.farthest_m:
+            self.farthest_m, self.farthest = away_m, name
+        if turned_deg > self.most_turned_deg:
+            self.most_turned_deg, self.most_turned = turned_deg, name
+
+    def unexplained(self, scenario: Scenario) -> dict[str, int]:
+        """The missing road users that the case does not say to leave out."""
+        named = {name for one in scenario.provenance.left_out for name in one.ids}
+        return {name: count for name, count in self.missing.items() if name not in named}
+
+
+def compare_with_fcd(scenarios: Sequence[Scenario], log: Path, radius_m: float = 100.0) -> list[Comparison]:
+    """Hold cases as they were recorded against an fcd-output (.xml, .csv, .gz) of the run that they come from.
+
+    Places are those of front bumpers, so that a wrong size shows as well. A road user is missing where it is nearer
+    to the ego than `radius_m` by 12 m, from front to front, and the case has it nowhere at that instant: the radius
+    of a recording counts from centre to centre. Persons who ride count nowhere.
+
+    Raises LogError where the log cannot be read or has no instant of a case.
+    """
+    require_file(log, "FCD log")
+    cases = [(Comparison(one.id), one.before_attack()) for one in scenarios]
+    met = set[str]()
+    for time_s, states, _ in logged_instants(log):
+        for found, case in cases:
+            step = _step_at(case, time_s)
+            if step is not None:
+                met.add(case.id)
+                _compare(found, case, step, states, radius_m)
+    for _, case in cases:
+        end_s = case.provenance.begin_s + (case.tracks.steps - 1) * case.dt
+        require(
+            case.id in met,
+            f"{log}: no instant of case {case.id} ({case.provenance.begin_s:g} to {end_s:g} s); expected the "
+            "fcd-output of the run that it was recorded from",
+            LogError,
+        )
+    return [found for found, _ in cases]
+
+
+def _step_at(case: Scenario, time_s: float) -> int | None:
+    """The step of a case at a time of its source [s]; None between its steps and outside."""
+    place = (time_s - case.provenance.begin_s) / case.dt
+    step = round(place)
+    return step if abs(place - step) * case.dt < _SAME_INSTANT_S and 0 <= step < case.tracks.steps else None
+
+
+def _compare(found: Comparison, scenario: Scenario, step: int, states: list[LoggedState], radius_m: float) -> None:
+    fronts = _fronts(scenario, step)
+    ego = fronts[scenario.ego.id][0]
+    for state in states:
+        mine = fronts.get(state.name)
+        if mine is None:
+            if _distance(state, ego) <= radius_m - _MARGIN_M:
+                found.missing[state.name] += 1
+            continue
+        nearest = min(mine, key=lambda pose: _distance(state, pose))
+        turned_deg = abs((float(nearest.angle) - state.angle + 180.0) % 360.0 - 180.0)
+        found.take(state.name, _distance(state, nearest), turned_deg)
+
+
+def _fronts(scenario: Scenario, step: int) -> dict[str, list[SumoPose]]:
+    """Where SUMO would say that each road user is: several where a vehicle and a person have one id."""
+    found: dict[str, list[SumoPose]] = {}
+    tracks = scenario.tracks
+    for row, agent in enumerate(scenario.agents):
+        if tracks.valid[row, step]:
+            pose = Pose(*(float(values[row, step]) for values in (tracks.x, tracks.y, tracks.yaw)))
+            found.setdefault(agent.id.partition("#")[0], []).append(to_sumo(pose, agent.length))
+    return found
+
+
+def _distance(state: LoggedState, pose: SumoPose) -> float:
+    """From front to front [m]."""
+    return float(np.hypot(state.x - pose.x, state.y - pose.y))
