@@ -26,6 +26,7 @@ from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore
 
 MANIFEST = "suite.json"
+_HEAD_BYTES = 64  # that hold the name of the first field
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,15 @@ def save_suite(folder: Path, suite: Suite) -> None:
         del values["pending"]
     with explain_write(folder):
         write_atomic(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(values), indent=1) + b"\n")
+
+
+def has_manifest(folder: Path) -> bool:
+    """Whether a folder has a manifest, or what damage has left of one; another tool's `suite.json` is none."""
+    path = folder / MANIFEST
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return b'"cases"' in file.read(_HEAD_BYTES)
 
 
 def load_manifest(folder: Path) -> Suite:

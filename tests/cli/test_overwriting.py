@@ -100,3 +100,12 @@ def test_what_tables_galleries_and_weights_write_over(tmp_path):
         assert (tmp_path / name).read_bytes() == THEIRS
     for _ in range(2):
         save_weights(load_weights(SHIPPED), tmp_path / "mine.safetensors")
+
+
+def test_a_suite_takes_the_place_of_a_suite_alone(place, tmp_path, capsys):
+    """Another tool may call a file of its own suite.json."""
+    (tmp_path / "suite.json").write_bytes(b'{"tests": [], "schema": 1}')
+    for words in (("suite", "merge", "SUITE", "SUITE"), ("suite", "judge", "SUITE")):
+        assert run([*(str(place.get(word, word)) for word in words), "-o", str(tmp_path)]) == 2
+        assert "is no suite" in capsys.readouterr().err
+    assert (tmp_path / "suite.json").read_bytes() == b'{"tests": [], "schema": 1}'

@@ -109,6 +109,7 @@ def _show_verdicts(
 
     _show(found, held, cases, options, terminal)
     terminal.say(tally(held.verdicts))
+    terminal.say(str(found.counts))
     for verdict in held.verdicts:
         if verdict.fails(options.strict) and not options.update:
             terminal.say(f"{verdict.case}: {'; '.join(verdict.reasons)}")

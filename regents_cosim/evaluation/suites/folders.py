@@ -9,7 +9,7 @@ from regents_cosim.campaign.ledger import FOLDER as RUN
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import HEADER
-from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, is_ours, load_manifest
+from regents_cosim.cases.manifest import Suite, add_case, has_manifest, is_ours, load_manifest
 from regents_cosim.cases.provenance import made_by, revision, versions
 from regents_cosim.cases.suite import CasesOnDisk
 from regents_cosim.cases.suite_code import code_for_pytest
@@ -81,7 +81,7 @@ def require_place(folder: Path) -> None:
     """Raise RegentsError where `folder` cannot be written, or holds something that is no suite."""
     require_writable(folder)
     restore(folder.absolute())
-    if folder.exists() and not (folder / MANIFEST).is_file() and not _is_empty(folder):
+    if folder.exists() and not has_manifest(folder) and not _is_empty(folder):
         raise RegentsError(f"{folder} exists and is no suite (choose another folder with -o)")
 
 
