@@ -15,6 +15,7 @@ import pytest
 from regents_cosim.pytest_plugin.fixture import Regents
 from regents_cosim.pytest_plugin.session import SuiteSession
 from regents_cosim.pytest_plugin.settings import WHERE, suites
+from regents_cosim.pytest_plugin.strangers import require_no_strangers_code
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,6 +47,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini("regents_act_timeout", "a planner that takes longer over one decision has failed [s]", default="10")
     parser.addini("regents_baseline", "file of accepted outcomes", type="paths")
     parser.addini("regents_fail", "which metrics may get how much worse")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
+    """Before the first file of anybody's is run."""
+    require_no_strangers_code(early_config)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -10,6 +10,8 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import pluggy
+
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict
     from regents_cosim.pytest_plugin.session import SuiteSession
 
@@ -21,10 +23,15 @@ class SuiteFile(pytest.File):
         super().__init__(**rest)
         self.run = run
 
+    @property
+    def ihook(self) -> pluggy.HookRelay:
+        """Hooks of the user's `conftest.py` files hold for a suite, though pytest did not go through its folders."""
+        return self.session.gethookproxy(self.run.near(self.path.parent))
+
     def collect(self) -> Iterator[pytest.Item]:
         """The cases in the order of the manifest."""
-        suite = self.path.resolve().parent
-        for case in self.run.cases[suite]:
+        suite = self.path.parent
+        for case in self.run.chosen.get(suite, self.run.cases[suite]):
             yield CaseItem.from_parent(self, name=case, run=self.run, suite=suite)
 
 
@@ -38,6 +45,12 @@ class CaseItem(pytest.Item):
         self.adversary, self.advice = "", ""
         self.properties: list[tuple[str, str]] = []
         self._mark()
+
+    @property
+    def ihook(self) -> pluggy.HookRelay:
+        """As the suite has it."""
+        assert self.parent is not None
+        return self.parent.ihook
 
     def _mark(self) -> None:
         from regents_cosim.errors import CaseError

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import pytest
 
 from regents_cosim.pytest_plugin.items import CaseItem, SuiteFile
-from regents_cosim.pytest_plugin.settings import drives_ahead, from_here, is_worker, option, suites, where
+from regents_cosim.pytest_plugin.settings import MANIFEST, drives_ahead, from_here, is_worker, option, suites, where
+from regents_cosim.pytest_plugin.strangers import named_paths
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable
@@ -18,18 +19,6 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
 
 _VERDICT = "regents_verdict"  # on a report
-
-
-def _refuse_code(suite: Path) -> None:
-    """A suite is data: pytest is not to run what it holds, or to take its configuration from there."""
-    from regents_cosim.cases.suite_code import code_for_pytest
-    from regents_cosim.errors import RegentsError
-
-    if found := code_for_pytest(suite):
-        raise RegentsError(
-            f"{suite} holds {', '.join(found)}, which pytest would run or obey: remove it, or start pytest in the "
-            "suite's own folder if it is yours"
-        )
 
 
 class SuiteSession:
@@ -49,9 +38,7 @@ class SuiteSession:
         self.where = where(config)
         with _usage_errors():
             self._read()
-        here = config.invocation_params.dir
-        named = {Path(here, argument.partition("::")[0]).resolve() for argument in config.args}
-        config.args += [str(suite / "suite.json") for suite in self.cases if suite / "suite.json" not in named]
+        self.chosen: dict[Path, list[str]] = {}  # cases by suite, where some are named
 
     def _read(self) -> None:
         from regents_cosim.cases.shipped import require_own
@@ -61,8 +48,6 @@ class SuiteSession:
         from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 
         self.cases = {suite.resolve(): suite_cases(suite) for suite in suites(self.config)}
-        for suite in self.cases:
-            _refuse_code(suite)
         self.baseline_files = self._baseline_files()
         if self.update:
             for file in self.baseline_files.values():
@@ -88,11 +73,45 @@ class SuiteSession:
 
     # --- collection and order ------------------------------------------------------------------
 
-    def pytest_collect_file(self, file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-        """The manifests of the suites, and no other file."""
-        if file_path.name == "suite.json" and file_path.resolve().parent in self.cases:
-            return SuiteFile.from_parent(parent, path=file_path, run=self)
-        return None
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection(self) -> None:
+        """What is named of a suite is collected by us: pytest would go there through the folders above it."""
+        rest: list[str] = []
+        for argument, path in zip(self.config.args, named_paths(self.config, self.config.args), strict=True):
+            suite = next((one for one in self.cases if path in (one, one / MANIFEST)), None)
+            if suite is None or (self._is_here(suite) and path == suite):
+                rest.append(argument)
+            elif case := argument.partition("::")[2]:
+                self._choose(suite, case, argument)
+        self.config.args[:] = rest
+
+    def _choose(self, suite: Path, case: str, argument: str) -> None:
+        if case not in self.cases[suite]:
+            raise pytest.UsageError(f"not found: {argument} (the suite lists no case of that name)")
+        self.chosen.setdefault(suite, []).append(case)
+
+    def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
+        """No file in a suite is a test, unless we work in the suite's folder, which is ours."""
+        suite = collection_path.resolve()
+        return True if suite in self.cases and not self._is_here(suite) else None
+
+    def _is_here(self, suite: Path) -> bool:
+        return self.config.invocation_params.dir.resolve().is_relative_to(suite)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_make_collect_report(
+        self, collector: pytest.Collector
+    ) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+        """The suites lie directly below the session."""
+        report = yield
+        if isinstance(collector, pytest.Session) and report.passed:
+            report.result += [SuiteFile.from_parent(collector, path=suite / MANIFEST, run=self) for suite in self.cases]
+        return report
+
+    def near(self, suite: Path) -> Path:
+        """The folder whose `conftest.py` files hold for a suite: the nearest of which pytest knows some."""
+        known = self.config.pluginmanager._getconftestmodules  # no public way to ask
+        return next((folder for folder in (suite, *suite.parents) if known(folder)), suite)
 
     def pytest_runtestloop(self, session: pytest.Session) -> None:
         """A planner that does not exist is wrong usage, said once and not by every case."""

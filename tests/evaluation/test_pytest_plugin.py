@@ -1,6 +1,7 @@
 """The pytest plugin as people use it: sessions of pytest inside a session of pytest."""
 
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -8,6 +9,7 @@ from importlib.metadata import entry_points
 
 import pytest
 import regression_cases
+from params import slow
 from places import SUPPORT
 from shipped_cases import crash_on
 
@@ -32,10 +34,16 @@ BUGGY = f"import sys\nsys.path.insert(0, {str(SUPPORT)!r})\nfrom buggy_idm impor
 CASES = ["follows", "pushes", "squeezes_in"]
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The suite, written before an inner session could forget modules."""
+    return regression_cases.write(tmp_path_factory.mktemp("written") / "suite")
+
+
 @pytest.fixture
-def project(pytester):
+def project(written, pytester):
     """A folder with a suite and a planner, as somebody's repository."""
-    regression_cases.write(pytester.path / "suite")
+    shutil.copytree(written, pytester.path / "suite")
     pytester.makeini("[pytest]\naddopts = --strict-markers --strict-config -p no:jaxtyping\n")
     (pytester.path / "planner.py").write_text(GOOD)
     return pytester
@@ -343,6 +351,122 @@ def test_a_damaged_case_fails_alone(project):
     done = session(project)
     done.assert_outcomes(passed=2, failed=1)
     assert "tracks.npz: damaged or truncated" in done.stdout.str()
+
+
+# --- what an archive brings beside a suite ----------------------------------------------------
+
+RUN = "open('PWNED', 'a').write(__file__)\n"
+BESIDE = {
+    "conftest.py": RUN,
+    "__init__.py": RUN,
+    "test_it.py": RUN,
+    "more/conftest.py": RUN,
+    "pytest.ini": "[pytest]\naddopts = --no-such-option\n",
+    "pyproject.toml": "[tool.pytest.ini_options]\naddopts = '--no-such-option'\n",
+}
+
+
+@pytest.fixture
+def archive(written, pytester):
+    """A folder of a stranger, with a suite in it, where it was unpacked; the user has tests of his own."""
+    shutil.copytree(written, pytester.path / "test-archive" / "inner" / "suite")
+    for name in ("mine/conftest.py", "conftest.py"):
+        (pytester.path / name).parent.mkdir(exist_ok=True)
+        (pytester.path / name).write_text("def pytest_report_header(config): return 'my own: ' + __file__\n")
+    (pytester.path / "mine" / "test_mine.py").write_text("def test_mine(): pass\n")
+    (pytester.path / "elsewhere").mkdir()
+    yield pytester
+    assert not list(pytester.path.rglob("PWNED")), [path.read_text() for path in pytester.path.rglob("PWNED")]
+
+
+SUITE = "test-archive/inner/suite"
+WAYS = {
+    "alone": (".", f"--regents-suite={SUITE}"),
+    "with a space": (".", "--regents-suite", SUITE),
+    "with tests": (".", "mine", f"--regents-suite={SUITE}"),
+    "from elsewhere": ("elsewhere", f"--regents-suite=../{SUITE}"),
+    "a case": (".", f"--regents-suite={SUITE}", f"{SUITE}/suite.json::follows"),
+    "the suite": (".", f"--regents-suite={SUITE}", SUITE),
+    "by a link": (".", "--regents-suite=test-archive/inner/link"),
+}
+
+
+@pytest.mark.parametrize("way", [name if name in ("alone", "a case") else slow(name) for name in WAYS])
+@pytest.mark.parametrize("name", BESIDE)
+def test_nothing_beside_a_suite_is_run(archive, monkeypatch, name, way):
+    here, *words = WAYS[way]
+    (archive.path / "test-archive" / "inner" / "link").symlink_to("suite")
+    for folder in ("test-archive", "test-archive/inner"):
+        place = archive.path / folder / name
+        place.parent.mkdir(exist_ok=True)
+        place.write_text(BESIDE[name])
+    monkeypatch.chdir(archive.path / here)
+    done = archive.runpytest_inprocess(
+        *PLUGIN, *words, "--regents-planner=idm", "--collect-only", "-q", "-p", "no:jaxtyping"
+    )
+    if done.ret == 0:
+        assert "follows" in done.stdout.str()
+        assert ("test_mine" in done.stdout.str()) == (way in ("alone", "with tests", "by a link"))
+    else:
+        assert done.ret == pytest.ExitCode.USAGE_ERROR
+        assert "PWNED" not in said(done)
+        assert name.rpartition("/")[2] in said(done)
+        assert "is none of yours" in said(done) or "lies beside a suite" in said(done)
+
+
+@pytest.mark.parametrize(
+    ("words", "own"),
+    [
+        (["mine", "--regents-suite=mine/suite"], True),
+        ([".", "--regents-suite=mine/suite"], True),
+        (["--regents-suite=mine/suite"], False),
+        (["mine/test_mine.py", "--regents-suite=mine/suite"], True),
+        (["-o", "testpaths=mine", "--regents-suite=mine/suite"], True),
+        (["-o", "regents_suite=mine/suite"], True),
+        (["mine/suite/suite.json", "-o", "regents_suite=mine/suite"], True),
+    ],
+)
+def test_the_own_conftest_of_tests_holds_for_a_suite_beside_them(archive, written, words, own):
+    shutil.copytree(written, archive.path / "mine" / "suite")
+    (archive.path / "conftest.py").write_text(
+        "def pytest_runtest_setup(item): item.add_report_section('x', 'root', '')\n"
+    )
+    hook = "def pytest_runtest_call(item):\n    print('call of', item.nodeid)\n"
+    (archive.path / "mine" / "conftest.py").write_text(hook)
+    done = archive.runpytest_inprocess(
+        *PLUGIN,
+        *words,
+        "--regents-planner=constant_velocity",
+        "--regents-update",
+        "-p",
+        "no:jaxtyping",
+        "-s",
+        "-k",
+        "follows or mine",
+    )
+    if own:
+        assert done.ret == 0, said(done)
+        assert "call of mine/suite/suite.json::follows" in done.stdout.str()
+    else:
+        assert done.ret == pytest.ExitCode.USAGE_ERROR
+        assert "mine/conftest.py lies beside a suite" in said(done)
+
+
+def test_a_suite_holds_no_tests(archive):
+    (archive.path / SUITE / "follows" / "test_it.py").write_text(RUN)
+    (archive.path / SUITE / "follows" / "conftest.py").write_text(RUN)
+    (archive.path / SUITE / "test_it.py").write_text(RUN)
+    done = archive.runpytest_inprocess(
+        *PLUGIN, f"--regents-suite={SUITE}", "--regents-planner=idm", "--collect-only", "-q", "-p", "no:jaxtyping"
+    )
+    assert done.ret == 0
+    assert "3 tests collected" in done.stdout.str() or "4 tests collected" in done.stdout.str()
+
+
+def test_a_case_that_is_not_there(project):
+    done = session(project, "suite/suite.json::nothing")
+    assert done.ret == pytest.ExitCode.USAGE_ERROR
+    assert "not found: suite/suite.json::nothing" in said(done)
 
 
 # --- who does not use it ----------------------------------------------------------------------

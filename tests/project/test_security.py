@@ -195,11 +195,27 @@ def test_nothing_of_a_case_is_unpickled(suite):
 
 
 def test_pytest_does_not_run_code_of_a_suite(suite, pytester):
+    for name in ("test_it.py", "platoon0/test_it.py", "platoon0/conftest.py"):
+        (suite / name).write_text(RUN)
+    words = (f"--regents-suite={suite}", "--regents-planner=idm", "--collect-only", "--rootdir=.")
+    pytester.runpytest_subprocess(suite.parent, *words).stdout.fnmatch_lines(["*1 test collected*"])
     (suite / "conftest.py").write_text(RUN)
-    done = pytester.runpytest_subprocess(f"--regents-suite={suite}", "--regents-planner=idm")
-    done.stderr.fnmatch_lines(["*holds conftest.py*"])
-    assert not (pytester.path / "PWNED").exists()
-    assert [row.case for row in check_suite(suite) if row.problem] == ["conftest.py"]
+    pytester.runpytest_subprocess(*words).stderr.fnmatch_lines(["*holds conftest.py*"])
+    assert not list(pytester.path.rglob("PWNED"))
+    assert "conftest.py" in [row.case for row in check_suite(suite) if row.problem]
+
+
+def test_pytest_runs_nothing_beside_a_suite(suite, pytester):
+    (pytester.path / "archive").mkdir()
+    suite = suite.rename(pytester.path / "archive" / "suite")
+    (pytester.path / "archive" / "conftest.py").write_text(RUN)
+    (pytester.path / "mine.py").write_text("def test_mine(): pass")
+    words = (f"--regents-suite={suite}", "--regents-planner=idm", "--collect-only")
+    for more in ((), (f"{suite}/suite.json::platoon0",)):
+        done = pytester.runpytest_subprocess(*words, *more)
+        done.stderr.fnmatch_lines(["*archive/conftest.py lies beside a suite, and pytest would run it*"])
+    pytester.runpytest_subprocess(*words, "mine.py").stdout.fnmatch_lines(["*2 tests collected*"])
+    assert not list(pytester.path.rglob("PWNED"))
 
 
 def test_a_name_does_not_lead_out_of_its_folder(suite):
@@ -333,12 +349,17 @@ def case_of(suite):
 
 
 def test_pytest_is_given_a_suite_with_an_equals_sign(suite, pytester):
-    (suite / "pytest.ini").write_text("[pytest]\naddopts = --no-such-option\n")
+    (suite / "pytest.ini").write_text("[pytest]\naddopts = -p no_such_plugin\n")
     done = pytester.runpytest_subprocess(f"--regents-suite={suite}", "--regents-planner=idm")
     done.stderr.fnmatch_lines(["*holds pytest.ini*"])
     done = pytester.runpytest_subprocess("--regents-suite", suite, "--regents-planner=idm")
-    done.stderr.fnmatch_lines(["*--no-such-option*"])
+    done.stderr.fnmatch_lines(["*no_such_plugin*"])
     assert [row.case for row in check_suite(suite) if row.problem] == ["pytest.ini"]
+    suite = suite.rename(pytester.mkdir("archive") / "suite")
+    (suite / "pytest.ini").unlink()
+    (suite.parent / "pytest.ini").write_text("[pytest]\naddopts = --no-such-option\n")
+    done = pytester.runpytest_subprocess("--regents-suite", suite, "--regents-planner=idm")
+    done.stderr.fnmatch_lines(["*archive/pytest.ini is none of yours*"])
 
 
 # --- logs, networks, weights ------------------------------------------------------------------

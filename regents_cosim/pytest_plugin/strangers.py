@@ -1,0 +1,91 @@
+"""What lies around a suite that is named, and is not the user's: pytest is neither to run nor to obey it.
+
+A suite comes in an archive, with a `conftest.py` beside it perhaps. The user's own are the folder in which pytest is
+started, those of the tests that are named, and all that these lie in; where an ini file names the suites, so are the
+folders that they lie in.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from regents_cosim.cases.suite_code import code_for_pytest, run_by_pytest
+from regents_cosim.pytest_plugin.settings import suites
+
+_NODE = "::"  # after the file, in the name of a test
+
+
+def named_paths(config: pytest.Config, arguments: list[str]) -> list[Path]:
+    """Files and folders of the tests that are named."""
+    return [Path(config.invocation_params.dir, word.partition(_NODE)[0]).resolve() for word in arguments]
+
+
+def require_no_strangers_code(config: pytest.Config) -> None:
+    """Raise UsageError, before anything has run, where pytest would run or obey what a stranger may have sent."""
+    named = suites(config)
+    for suite in named:
+        if found := code_for_pytest(suite):
+            raise pytest.UsageError(
+                f"{suite} holds {', '.join(found)}, which pytest would run or obey: remove it, or start pytest in the "
+                "suite's own folder if it is yours"
+            )
+    known = config.known_args_namespace
+    given = [way for suite in named for way in {suite.resolve(), Path(os.path.abspath(suite))}]  # a link is another way
+    if not known.regents_suite:
+        return
+    tests = named_paths(config, known.file_or_dir)
+    own = _Own(config.invocation_params.dir.resolve(), [one for one in tests if not _lies_in(one, given)])
+    ini = config.inipath
+    if ini is not None and not known.inifilename and not own.has(ini.parent) and _lies_in_line(ini.parent, given):
+        raise pytest.UsageError(f"{ini} is none of yours, and pytest obeys it: write --regents-suite=FOLDER")
+    for suite in given:
+        ways = [folder for folder in suite.parents if not own.has(folder)]  # from the suite upwards
+        code = _gone_through(suite, ways, tests, config, given)
+        if code is not None:
+            raise pytest.UsageError(
+                f"{code} lies beside a suite, and pytest would run it: move the suite elsewhere, or name the folder of "
+                "your tests as well if it is yours"
+            )
+
+
+class _Own:
+    """The folders that are the user's."""
+
+    def __init__(self, here: Path, tests: list[Path]) -> None:
+        self._above = {*tests, *(folder for place in (here / "_", *tests) for folder in place.parents)}
+        self._tests = tests
+
+    def has(self, folder: Path) -> bool:
+        return folder in self._above or _lies_in(folder, self._tests)
+
+
+def _gone_through(
+    suite: Path, ways: list[Path], tests: list[Path], config: pytest.Config, suites: list[Path]
+) -> Path | None:
+    """Code that pytest comes by on its ways to a suite: to a case of it that is named, or from here to all tests."""
+    if any(test.is_relative_to(suite) for test in tests):
+        return next((folder / name for folder in ways for name in run_by_pytest(folder)), None)
+    from_here = not tests and not config.getini("testpaths")
+    if not from_here or not suite.is_relative_to(config.invocation_params.dir.resolve()):
+        return None
+    return next((code for folder in ways[-1:] for code in _code_in(folder, suites)), None)
+
+
+def _code_in(folder: Path, suites: list[Path]) -> Iterator[Path]:
+    """Python files in a folder and those below it, but for suites, which pytest does not go into."""
+    for place, folders, files in os.walk(folder):
+        folders[:] = sorted(one for one in folders if Path(place, one) not in suites)
+        yield from (Path(place, name) for name in sorted(files) if name.endswith(".py"))
+
+
+def _lies_in(path: Path, folders: list[Path]) -> bool:
+    return any(path.is_relative_to(folder) for folder in folders)
+
+
+def _lies_in_line(path: Path, suites: list[Path]) -> bool:
+    """Whether it lies in a suite, or a suite in it."""
+    return any(path.is_relative_to(suite) or suite.is_relative_to(path) for suite in suites)
