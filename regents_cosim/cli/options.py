@@ -76,8 +76,6 @@ class TrafficOptions:
     """begin of the simulation [s]"""
     end: Annotated[float | None, Parameter(["--end", "-e"])] = None
     """end of the simulation [s]"""
-    step_length: float = 0.1
-    """step of the simulation [s]; recordings are made at 0.1 s only"""
     fcd: Path | None = None
     """an fcd-output of SUMO (xml, xml.gz, csv) to read instead of running SUMO; needs -n"""
     log: Path | None = None
@@ -87,6 +85,8 @@ class TrafficOptions:
     ego: str = "auto"
     """id of a logged road user, or in SUMO of a vehicle, a vehicle type or a flow; auto: the recorder's vehicle or the
     planning problem's, else one drawn by seed"""
+    ego_kind: Literal["auto", "any", "car", "truck", "bus", "motorcycle"] = "auto"
+    """of vehicle the ego may be; auto: passenger cars before the rest; any: as it is drawn"""
     stride: float | None = None
     """from one window of a log to the next [s]; the horizon by default"""
     map: Path | None = None

@@ -51,6 +51,7 @@ def record_traffic(
             radius_m=traffic.radius,
             prefer=traffic.prefer,
             max_agents=traffic.max_agents,
+            ego_kind=traffic.ego_kind,
             executor=pool,
             tell=terminal.say,
         )
@@ -85,8 +86,6 @@ def traffic_source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput
         raise RegentsError(f"--from {traffic.source}: expected highway:ENVIRONMENT, e.g. highway:merge-v1")
     if traffic.source and traffic.ego != "auto":
         raise RegentsError(f"--ego {traffic.ego}: an environment of highway-env has one ego of its own; leave it out")
-    if traffic.step_length != 0.1:
-        raise RegentsError(f"--step-length {traffic.step_length:g}: recordings are made at 0.1 s only")
     return traffic.source or SumoInput(
         config=traffic.config,
         net=traffic.net,

@@ -17,8 +17,9 @@ from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
-from regents_cosim.sources.recording import ANY_EGO, is_called
+from regents_cosim.sources.recording import ANY_EGO, STEP_S, is_called
 from regents_cosim.sources.sumo_config import SumoOptions, write_config
+from regents_cosim.sources.sumo_types import is_passenger_car, vehicle_type_of
 from regents_cosim.system.scratch import scratch_folder
 from regents_cosim.system.workers import local_processes, result_of, submit
 
@@ -78,7 +79,7 @@ def run_episode(episodes: Episodes, seed: int) -> EpisodeResult:
     """One of them. Call it in a worker process."""
     keep_compiled_programs()
     with scratch_folder() as folder:
-        forced = {"step-length": "0.1", "seed": str(seed), **CRASHES_STAY}
+        forced = {"step-length": str(STEP_S), "seed": str(seed), **CRASHES_STAY}
         command = ["-c", str(write_config(episodes.options, folder, forced, {})), *episodes.options.extra]
         if episodes.gui:
             command += ["--start", "true", "--quit-on-end", "true"]
@@ -103,6 +104,9 @@ class _Episode:
         if ego is None:
             return EpisodeResult(self._seed, "never departed", self._of.ego)
         begun_s = self._now
+        body = vehicle_type_of(self._sumo.vehicle, ego)
+        if self._of.ego == ANY_EGO and not is_passenger_car(body):
+            self._told.append(f"no passenger car departed: the ego {ego} is a {body.kind} of {body.length:.3g} m")
         adversary = Adversary(
             self._sumo, ego, self._of.expected or self._of.planner, self._of.method,
             replan_s=self._of.replan_s, horizon_s=self._of.horizon_s, radius_m=self._of.radius_m,

@@ -17,7 +17,7 @@ from regents_cosim.sources.comparison import Comparison
 from regents_cosim.sources.logs.inspection import Inspection
 
 # The columns of each table that a narrow terminal shows before all others.
-RECORDED = ("case", "agents", "overlaps")
+RECORDED = ("case", "ego_kind", "ego_length_m", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
 HELD_AGAINST = ("case", "states", "missing", "unexplained", "farthest_m")
 ATTACKED = ("case", "outcome", "telling", "clean", "avoidable", "SUMO_verified")
@@ -55,6 +55,8 @@ def case_row(scenario: Scenario) -> dict[str, Any]:
     return {
         "case": scenario.id,
         "ego": scenario.ego.id,
+        "ego_kind": scenario.ego.kind,
+        "ego_length_m": scenario.ego.length,
         "agents": len(scenario.agents),
         "begin_s": scenario.provenance.begin_s,
         "horizon_s": round((scenario.tracks.steps - 1) * scenario.dt, 6),

@@ -28,13 +28,12 @@ from regents_cosim.geometry.nearest import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
-from regents_cosim.sources.recording import ANY_EGO, DistinctIds, GrowingRecording, Recording, left_out
+from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, PEDESTRIAN, VehicleType, read_types
-from regents_cosim.sources.windows import Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
 from regents_cosim.sources.xml_input import children, unpacked_limit
 
-STEP_S = 0.1
 _EXPECTED = "SUMO's fcd-output as .xml, .xml.gz or .csv"
 _LONGEST_LINE = 1 << 16
 _FINEST_S = 1e-3
@@ -53,6 +52,7 @@ def record_fcd(
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
     max_agents: int = 64,
+    ego_kind: EgoKind = "auto",
     ego: str = ANY_EGO,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -65,7 +65,9 @@ def record_fcd(
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """
-    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, ego=ego, max_agents=max_agents)
+    windows = Windows(
+        count, seed, horizon_s, radius_m, prefer=prefer, ego=ego, max_agents=max_agents, ego_kind=ego_kind
+    )
     require_file(log, "FCD log")
     road = read_road_map(net)
     known = read_types(routes_or_types)

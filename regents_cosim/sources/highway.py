@@ -24,14 +24,12 @@ from regents_cosim.geometry.frames import HighwayPose, from_highway
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.highway_agents import IDM_PARAMETERS, HighwayAgent, find_agent
 from regents_cosim.sources.highway_net import to_road_map
-from regents_cosim.sources.recording import Recording
-from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows
+from regents_cosim.sources.recording import STEP_S, Recording
+from regents_cosim.sources.sumo_types import TRUCK_M, VehicleType
+from regents_cosim.sources.windows import EgoKind, RecordingOrigin, Windows, choose_windows
 from regents_cosim.system.workers import result_of, run_isolated, submit
 
-STEP_S = 0.1
 _LATEST_BEGIN_S = 4.0  # of a window in its episode
-_TRUCK_M = 7.0  # vehicles from this length on
 
 
 def environments() -> list[str]:
@@ -50,6 +48,7 @@ def record_highway(
     horizon_s: float = 8.0,
     radius_m: float = 100.0,
     max_agents: int = 64,
+    ego_kind: EgoKind = "auto",
     executor: Executor | None = None,
 ) -> list[Scenario]:
     """Up to `count` Scenarios out of as many episodes of `environment`; the same seed gives the same.
@@ -62,7 +61,9 @@ def record_highway(
     _require_environment(environment)
     # One other vehicle is traffic enough: racetrack has no more.
     job = HighwayRecordingJob(
-        environment, policy, Windows(count, seed, horizon_s, radius_m, company=1, max_agents=max_agents)
+        environment,
+        policy,
+        Windows(count, seed, horizon_s, radius_m, company=1, max_agents=max_agents, ego_kind=ego_kind),
     )
     return run_isolated(record_episodes, job) if executor is None else result_of(submit(executor, record_episodes, job))
 
@@ -196,7 +197,7 @@ class _TrackHistory:
             is_vehicle = item in _road(env).vehicles
             label = "ego" if item is env.vehicle else f"{'car' if is_vehicle else 'object'}{len(self._names):03d}"
             self._names[id(item)] = name = f"e{self.episode:03d}.{label}"
-            kind = ("truck" if item.LENGTH >= _TRUCK_M else "car") if is_vehicle else "other"
+            kind = ("truck" if item.LENGTH >= TRUCK_M else "car") if is_vehicle else "other"
             self.types[name] = VehicleType(kind, float(item.LENGTH), float(item.WIDTH))
         return self._names[id(item)]
 

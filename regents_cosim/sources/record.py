@@ -13,9 +13,10 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.record import record_log
+from regents_cosim.sources.recording import ANY_EGO
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
-from regents_cosim.sources.windows import Prefer
+from regents_cosim.sources.windows import EgoKind, Prefer, no_cars
 
 _HIGHWAY = "highway:"
 _SUMO = ".sumocfg"
@@ -41,6 +42,7 @@ class _RecordRequest(TypedDict):
     horizon_s: float
     radius_m: float
     max_agents: int
+    ego_kind: EgoKind
 
 
 def record(
@@ -54,6 +56,7 @@ def record(
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
     max_agents: int = 64,
+    ego_kind: EgoKind = "auto",
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -68,20 +71,22 @@ def record(
     - any other file or folder: logged traffic of any of our formats, or a LogInput.
 
     `prefer` says which egos come first, as for `windows.choose_windows`; in highway-env there is one
-    alone. Of more than `max_agents` road users within `radius_m` of the ego those that come nearest are kept. What a
+    alone. `ego_kind` auto prefers passenger cars, however the ego is drawn, any does not, and the name of a kind takes
+    no other. Of more than `max_agents` road users within `radius_m` of the ego those that come nearest are kept. What a
     window leaves out is in its `provenance.left_out`. `tell` is told what is left out or assumed. Raises RegentsError
     for bad input, NoWindowError where there is no window.
     """
     asked: _RecordRequest = {
         "count": count, "seed": seed, "horizon_s": horizon_s, "radius_m": radius_m, "max_agents": max_agents,
+        "ego_kind": ego_kind,
     }  # fmt: skip
-    if isinstance(source, str) and source.startswith(_HIGHWAY):
+    given = source if isinstance(source, str) and source.startswith(_HIGHWAY) else _given(source)
+    if isinstance(given, str):
         from regents_cosim.sources.highway import record_highway  # imports pygame
 
-        return record_highway(source.removeprefix(_HIGHWAY), policy, **asked, executor=executor)
-    given = _given(source)
-    if isinstance(given, LogInput):
-        return record_log(
+        found = record_highway(given.removeprefix(_HIGHWAY), policy, **asked, executor=executor)
+    elif isinstance(given, LogInput):
+        found = record_log(
             given.path,
             format=given.format,
             ego=given.ego,
@@ -91,12 +96,17 @@ def record(
             prefer=prefer,
             tell=tell,
         )
-    if fcd is None:
-        return record_sumo(given, **asked, prefer=prefer, executor=executor, tell=tell)
-    if given.net is None:
+    elif fcd is None:
+        found = record_sumo(given, **asked, prefer=prefer, executor=executor, tell=tell)
+    elif given.net is None:
         raise RegentsError("an fcd-output needs the network it was made on: give it with -n NAME.net.xml")
-    types = (*given.routes, *given.additional)
-    return record_fcd(fcd, given.net, routes_or_types=types, **asked, prefer=prefer, ego=given.ego, tell=tell)
+    else:
+        types = (*given.routes, *given.additional)
+        found = record_fcd(fcd, given.net, routes_or_types=types, **asked, prefer=prefer, ego=given.ego, tell=tell)
+    drawn = isinstance(given, str) or given.ego == ANY_EGO
+    if drawn and ego_kind == "auto" and (said := no_cars(found)):
+        tell(said)
+    return found
 
 
 def _given(source: SumoInput | LogInput | Path | str) -> SumoInput | LogInput:

@@ -14,6 +14,7 @@ from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.scenario import LeftOut, Signal
 from regents_cosim.sources.sumo_types import VehicleType
 
+STEP_S = 0.1  # of every recording
 _MOST_CELLS = 20_000_000  # of a window: vehicles times instants
 _NOWHERE_M = 1e8  # SUMO puts a vehicle without a place beyond this
 

@@ -15,15 +15,14 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.sources.conflicts import has_conflict
-from regents_cosim.sources.recording import ANY_EGO, DistinctIds, GrowingRecording, Recording, left_out
-from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, read_input, write_config
+from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording, left_out
+from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, other_step, read_input, write_config
 from regents_cosim.sources.sumo_files import require_bounded
-from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of, require_size
-from regents_cosim.sources.windows import Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.sumo_types import VehicleType, require_size, vehicle_type_of
+from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
 from regents_cosim.system.scratch import scratch_folder
 from regents_cosim.system.workers import result_of, run_isolated, submit
 
-STEP_S = 0.1
 _SPAN_S = 600.0  # recorded where the configuration names no end
 # Into how many pieces SUMO cuts the way of a person around a corner, each with a jump sideways: in Bologna
 # (acosta_persontrips, 120 s, 536 persons) its own 4 make 534 jumps that cut a track in two, 32 pieces 46 (SUMO 1.28).
@@ -40,6 +39,7 @@ def record_sumo(
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
     max_agents: int = 64,
+    ego_kind: EgoKind = "auto",
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -57,9 +57,13 @@ def record_sumo(
     """
     from regents_cosim.sources.sumo_net import read_road_map  # with sumolib, of which SUMO's own process needs nothing
 
-    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego, max_agents=max_agents)
+    windows = Windows(
+        count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego, max_agents=max_agents, ego_kind=ego_kind
+    )
     options = read_input(source)
     _require_microscopic(options)
+    if said := other_step(options):
+        tell(said)
     require_bounded((*options.routes, *options.additional), options.others.values())
     road = read_road_map(options.net)
     origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
@@ -195,7 +199,7 @@ def _read(sumo: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types
             one = slot.named(name, kind)
             slot.rows.append((one, step, x, y, yaw, z))
             if one not in types:
-                types[one] = _type_of(vehicle, name)
+                types[one] = vehicle_type_of(vehicle, name)
     _read_persons(sumo.person, slots, types)
     for name in light.getIDList():
         letters = light.getRedYellowGreenState(name)
@@ -218,14 +222,6 @@ def _read_persons(
             slot.rows.append((one, step, x, y, yaw, z))
             if one not in types:
                 types[one] = _type_of_person(person, name)
-
-
-def _type_of(vehicle: ModuleType, name: str) -> VehicleType:
-    vehicle_class = vehicle.getVehicleClass(name)
-    articulated = is_articulated(vehicle_class, vehicle.getShapeClass(name))
-    length, width = vehicle.getLength(name), vehicle.getWidth(name)
-    require_size(f"vehicle {name!r}", length, width)
-    return VehicleType(kind_of(vehicle_class), length, width, articulated)
 
 
 def _type_of_person(person: ModuleType, name: str) -> VehicleType:

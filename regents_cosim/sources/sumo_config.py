@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 from regents_cosim.cases.shipped import ALL_NETWORKS, located, names
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import SumoError, require_file
-from regents_cosim.sources.recording import ANY_EGO
+from regents_cosim.sources.recording import ANY_EGO, STEP_S
 from regents_cosim.sources.sumo_files import OUTPUT_ATTRIBUTES, exists
 from regents_cosim.sources.xml_input import read_tree
 
@@ -100,6 +100,17 @@ def write_config(options: SumoOptions, folder: Path, forced: dict[str, str], def
     return path
 
 
+def other_step(options: SumoOptions) -> str:
+    """What is said of a configuration with another step than that of a recording; empty where it has the same."""
+    named = options.others.get("step-length", str(STEP_S))
+    if named.strip("0") == str(STEP_S).strip("0"):
+        return ""
+    return (
+        f"{options.file.name} names a step of {named} s: SUMO runs at {STEP_S} s here, as recordings are made, so its "
+        "traffic is not the same"
+    )
+
+
 # --- the configuration file ---------------------------------------------------------------------
 
 _SYNONYMS = {
@@ -113,7 +124,7 @@ _DROPPED = {
     "personinfo", "vehroutes", "personroutes", "person-fcd", "output-prefix", "output-suffix", "save-configuration",
     "C", "save-config", "save-template", "save-schema", "device.ssm.file", "device.toc.file",
     "pedestrian.jupedsim.wkt", "pedestrian.jupedsim.py", "remote-port", "num-clients", "gui-settings-file", "g",
-    "configuration-file", "c", "configuration", "step-length", "seed", "random",
+    "configuration-file", "c", "configuration", "seed", "random",
 }  # fmt: skip
 
 

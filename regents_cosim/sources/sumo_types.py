@@ -3,9 +3,10 @@
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from regents_cosim.errors import SumoError, require
-from regents_cosim.scenario import Kind
+from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.xml_input import children
 
 
@@ -36,6 +37,7 @@ _SIZES: dict[str, tuple[float, float]] = {
     "delivery": (6.5, 2.16), "emergency": (6.5, 2.16), "motorcycle": (2.2, 0.9), "moped": (2.1, 0.78),
     "bicycle": (1.6, 0.65), "scooter": (1.2, 0.5), "pedestrian": (0.215, 0.478), "wheelchair": (1.2, 0.72),
 }  # fmt: skip
+TRUCK_M = 7.0  # from this length on no motor vehicle is a passenger car, also where all are called cars
 CAR = VehicleType("car", 5.0, 1.8)
 PEDESTRIAN = VehicleType("pedestrian", *_SIZES["pedestrian"])
 _LEAST_M, _MOST_M = 0.05, 1000.0  # of a vehicle, trains included
@@ -51,6 +53,11 @@ DEFAULT_TYPES: dict[str, VehicleType] = {
 def kind_of(vehicle_class: str) -> Kind:
     """The kind of a vClass; a car for every class that drives like one (delivery, taxi, ignoring ...)."""
     return _KINDS.get(vehicle_class, "car")
+
+
+def is_passenger_car(one: VehicleType | Agent) -> bool:
+    """Whether it is a car, by its length too: some logs call every motor vehicle one."""
+    return one.kind == "car" and one.length < TRUCK_M
 
 
 def is_articulated(vehicle_class: str, shape: str) -> bool:
@@ -75,6 +82,15 @@ def require_size(whose: str, length: float, width: float) -> None:
             f"{whose} has the {name} {size:g} m, expected {_LEAST_M} to {_MOST_M:g} m",
             SumoError,
         )
+
+
+def vehicle_type_of(vehicle: Any, name: str) -> VehicleType:
+    """Of a vehicle of a running SUMO, by TraCI's part `vehicle`. Raises SumoError for a size that none has."""
+    vehicle_class = vehicle.getVehicleClass(name)
+    articulated = is_articulated(vehicle_class, vehicle.getShapeClass(name))
+    length, width = vehicle.getLength(name), vehicle.getWidth(name)
+    require_size(f"vehicle {name!r}", length, width)
+    return VehicleType(kind_of(vehicle_class), length, width, articulated)
 
 
 def _vehicle_type(entry: ET.Element, path: Path) -> VehicleType:

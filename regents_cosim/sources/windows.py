@@ -6,7 +6,7 @@ Pure: the same recordings, road and seed give the same Scenarios.
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice, pairwise
 from typing import Literal
@@ -27,8 +27,10 @@ from regents_cosim.scenario import VEHICLE_KINDS, Agent, LeftOut, Provenance, Sc
 from regents_cosim.sources.conflicts import Conflicts, Others
 from regents_cosim.sources.motion import speeds
 from regents_cosim.sources.recording import ANY_EGO, Recording
+from regents_cosim.sources.sumo_types import is_passenger_car
 
 Prefer = Literal["conflicts", "pedestrians", "none"]
+EgoKind = Literal["auto", "any", "car", "truck", "bus", "motorcycle"]
 
 _NEAR_M = 50.0  # within which the ego needs company
 _MOVING_MPS = 1.0
@@ -58,6 +60,7 @@ class Windows:
 
     ego: str = ANY_EGO  # or a vehicle of SUMO's, a vehicle type or a flow
     max_agents: int = 64  # the ego included; of more, those that come nearest to it
+    ego_kind: EgoKind = "auto"  # passenger cars before the rest, however it is drawn, or that kind alone
 
     def __post_init__(self) -> None:
         for name, one in _RANGES.items():
@@ -125,7 +128,7 @@ def choose_windows(
     - keeps its centre on the drivable area (buses on their own lanes do not).
 
     Those come first whose path another road user can cross or join (`conflicts`), or with `windows.prefer` a
-    pedestrian, unless that is "none".
+    pedestrian, unless that is "none"; and of these, as of the rest, passenger cars, unless `windows.ego_kind` says who.
     Others are where they were recorded, gaps and jumps included. Raises NoWindowError with the
     number of vehicles that fail each rule where there is no window at all.
     """
@@ -148,21 +151,44 @@ def preferred(
 ) -> Iterator[tuple[int, int]]:
     """In rounds over the slots: egos with a possible conflict, then the rest; all alike where none are preferred."""
     if windows.prefer == "none":
-        yield from _in_rounds(queues)
+        yield from _cars_first(queues, scenes, windows)
         return
+
     rest: dict[int, list[int]] = {slot: [] for slot in queues}
     first = {
         slot: _with_conflict(queue, scenes[slot].conflicts(road), windows.others, rest[slot])
         for slot, queue in queues.items()
     }
-    yield from _in_rounds(first)
-    yield from _in_rounds({slot: chain(left, queues[slot]) for slot, left in rest.items()})
+    yield from _cars_first(first, scenes, windows)
+    yield from _cars_first({slot: chain(left, queues[slot]) for slot, left in rest.items()}, scenes, windows)
 
 
 def _with_conflict(queue: Iterator[int], conflicts: Conflicts, who: Others, rest: list[int]) -> Iterator[int]:
     """Those with a possible conflict; the others are put into `rest`. In a large city not all are asked."""
-    for ego in islice(queue, _MOST_ASKED):
-        if conflicts.possible_for(ego, who):
+    return _those(islice(queue, _MOST_ASKED), lambda ego: conflicts.possible_for(ego, who), rest)
+
+
+def _cars_first(
+    queues: dict[int, Iterator[int]], scenes: Sequence["RecordedScene"], windows: Windows
+) -> Iterator[tuple[int, int]]:
+    """In rounds over the slots: passenger cars, then the rest; all alike where a kind is asked for, or any."""
+    if windows.ego_kind != "auto":
+        yield from _in_rounds(queues)
+        return
+    rest: dict[int, list[int]] = {slot: [] for slot in queues}
+    yield from _in_rounds({slot: _cars(queue, scenes[slot], rest[slot]) for slot, queue in queues.items()})
+    yield from _in_rounds({slot: iter(left) for slot, left in rest.items()})
+
+
+def _cars(queue: Iterator[int], scene: "RecordedScene", rest: list[int]) -> Iterator[int]:
+    """Passenger cars; the others are put into `rest`."""
+    return _those(queue, lambda ego: is_passenger_car(scene.recording.types[ego]), rest)
+
+
+def _those(queue: Iterator[int], wanted: Callable[[int], bool], rest: list[int]) -> Iterator[int]:
+    """Those that are wanted, as they come; the others are put into `rest`."""
+    for ego in queue:
+        if wanted(ego):
             yield ego
         else:
             rest.append(ego)
@@ -242,11 +268,21 @@ def egos(
     for ego in order.tolist():
         if recording.egos is not None and recording.ids[ego] not in recording.egos:
             continue
-        reason = refusal(scene, ego, road, windows.company)
+        reason = other_kind(scene, ego, windows) or refusal(scene, ego, road, windows.company)
         if reason is None:
             yield ego
         else:
             refused[reason] += 1
+
+
+def other_kind(scene: RecordedScene, ego: int, windows: Windows) -> str | None:
+    """Why a vehicle may not be the ego where a kind is asked for, None where it is of that kind."""
+    asked = windows.ego_kind not in ("auto", "any")
+    return (
+        f"were of another kind than --ego-kind {windows.ego_kind}"
+        if asked and scene.recording.types[ego].kind != windows.ego_kind
+        else None
+    )
 
 
 def refusal(scene: RecordedScene, ego: int, road: RoadMap, company: int) -> str | None:
@@ -294,6 +330,17 @@ def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: W
     return (
         f"no window found: of {refused.total()} candidate egos in {tried}, {reasons} "
         "(try another --begin or --seed, a shorter --horizon, or more traffic)"
+    )
+
+
+def no_cars(found: Sequence[Scenario]) -> str:
+    """What is said of egos that are no passenger cars; empty where all are."""
+    egos = [one.ego for one in found if not is_passenger_car(one.ego)]
+    if not egos:
+        return ""
+    which = ", ".join(dict.fromkeys(f"{ego.kind} {ego.length:.3g} m" for ego in egos))
+    return (
+        f"the ego is no passenger car in {len(egos)} of {len(found)} windows: {which} (--ego-kind car takes no other)"
     )
 
 

@@ -62,7 +62,6 @@ WORDS = [
     ("--max-lateral-accel", "nan"), ("--nearest", "0"), ("--patience", "-1"), ("--iterations", "0"),
     ("--attempts", "0"), ("--replan-every", "-1"), ("--batch", "0"), ("--count", "0"), ("--horizon", "nan"),
     ("--radius", "inf"), ("--seed", "-1"), ("--seed", "99999999999"), ("--begin", "nan"), ("--end", "-7"),
-    ("--step-length", "nan"),
 ]  # fmt: skip
 
 

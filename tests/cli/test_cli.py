@@ -265,7 +265,7 @@ BAD_TRAFFIC = [
     (("-c", GRID, "--begin", "700"), "SUMO refused: The end time should be after the begin time"),
     (("-c", GRID, "--count", "0"), "--count is 0, expected 1 to 1e+06"),
     (("-c", GRID, "--cout", "1"), "Unknown option: --cout"),
-    (("-c", GRID, "--step-length", "0.5"), "0.1 s only"),
+    (("-c", GRID, "--ego-kind", "tram"), "tram"),
     (("-c", GRID, "--executor", "moon"), "expected `local`, `dask` or `dask:ADDRESS`"),
     ((), "no traffic named"),
 ]

@@ -37,10 +37,15 @@ def test_it_departs_among_others_and_seeds_differ(network):
     assert drawn(2, options) == found[2]
 
 
-def routes(tmp_path, departs_s):
-    trips = "".join(f'<trip id="v{k}" depart="{at_s}" from="main" to="exit"/>' for k, at_s in enumerate(departs_s))
+def routes(tmp_path, departs_s, cars=""):
+    """Lorries where `cars` names the others by their numbers, else cars alone."""
+    kinds = ["" if not cars or str(k) in cars.split() else 'type="lorry"' for k in range(len(departs_s))]
+    each = zip(departs_s, kinds, strict=True)
+    trips = "".join(
+        f'<trip id="v{k}" depart="{at_s}" {kind} from="main" to="exit"/>' for k, (at_s, kind) in enumerate(each)
+    )
     file = tmp_path / "few.rou.xml"
-    file.write_text(f"<routes>{trips}</routes>")
+    file.write_text(f'<routes><vType id="lorry" vClass="truck"/>{trips}</routes>')
     return ["-n", str(NET), "-r", str(file)]
 
 
@@ -54,3 +59,13 @@ def test_where_few_drive_it_is_the_first_after_a_while(tmp_path):
 def test_where_no_vehicle_follows_it_is_one_on_the_road(tmp_path):
     assert drawn(0, routes(tmp_path, [5.0, 15.0]))[0] in {"v0", "v1"}
     assert drawn(0, routes(tmp_path, [1.0])) is None  # it has arrived
+
+
+def test_passenger_cars_come_before_all_others(tmp_path):
+    cars = {f"v{k}" for k in range(0, 120, 6)}
+    many = routes(tmp_path, [1.5 * k for k in range(120)], cars=" ".join(cars).replace("v", ""))
+    found = [drawn(seed, many) for seed in range(5)]
+    assert {name for name, *_ in found} <= cars
+    assert all(near >= 3 for _, _, near, _ in found)
+    assert drawn(0, routes(tmp_path, [5.0, 15.0], cars="1"))[0] == "v1"
+    assert drawn(0, routes(tmp_path, [5.0, 15.0], cars="7"))[0] in {"v0", "v1"}  # there are none

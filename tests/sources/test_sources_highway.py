@@ -54,6 +54,13 @@ def test_the_road_map_is_the_network(name):
             assert road.contains(point[None]).all()
 
 
+def test_the_kind_that_is_asked_for_holds_in_highway_env_too():
+    with pytest.raises(NoWindowError, match="of another kind than --ego-kind truck"):
+        record_episodes(
+            HighwayRecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=1.0, ego_kind="truck"))
+        )
+
+
 def test_a_recording_is_what_highway_env_drove():
     first, second = record_episodes(HighwayRecordingJob("merge-v1", "idm", replace(WINDOWS, radius_m=400.0)))
     assert (first.ego.id, second.ego.id) == ("e000.ego", "e001.ego")

@@ -3,6 +3,7 @@ import multiprocessing
 import os
 import shutil
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.sources.conflicts import has_conflict
+from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo
 from regents_cosim.sources.sumo_config import SumoInput, read_input
 from regents_cosim.sources.windows import Windows
@@ -122,6 +124,28 @@ def test_the_ego_may_be_named_by_its_type_or_its_flow(ego):
     assert len(kinds if ego == "truck" else flows) == 1
 
 
+def of_one_type(tmp_path, words):
+    """Vehicles of one type, one after the other on the main road of merge."""
+    trips = "".join(f'<trip id="v{k}" type="t" depart="{2 * k}" from="main" to="exit"/>' for k in range(12))
+    path = tmp_path / "one.rou.xml"
+    path.write_text(f'<routes><vType id="t" {words}/>{trips}</routes>')
+    return SumoInput(net=MERGE_NET, routes=(path,), end_s=40.0)
+
+
+def test_an_ego_that_is_no_passenger_car_is_said(tmp_path):
+    said: list[str] = []
+    trailers = of_one_type(tmp_path, 'vClass="trailer"')
+    (found,) = record(trailers, count=1, tell=said.append)
+    assert (found.ego.kind, found.ego.length) == ("truck", 16.5)
+    assert "the ego is no passenger car in 1 of 1 windows: truck 16.5 m (--ego-kind car takes no other)" in said
+    with pytest.raises(NoWindowError, match="of another kind than --ego-kind car"):
+        record(trailers, ego_kind="car", tell=said.append)
+    said.clear()
+    record(trailers, count=1, ego_kind="truck", tell=said.append)
+    record(replace(trailers, ego="t"), count=1, tell=said.append)  # who is named need not be told of
+    assert not [line for line in said if "passenger car" in line]
+
+
 def test_a_longer_look_reads_windows_that_overlap():
     job = SumoRecordingJob(read_input(SumoInput(MERGE, end_s=40.0)), Windows(count=2, seed=1), longer=True)
     slots = run_isolated(record_slots, job)
@@ -197,8 +221,13 @@ def test_a_configuration_is_read_from_any_folder_and_nothing_is_written(tmp_path
     before = sorted(p.name for p in tmp_path.iterdir())
     monkeypatch.chdir(elsewhere)
     options = read_input(SumoInput(path))
-    assert options.others == {"end": "60", "ignore-route-errors": "true"}
-    assert record_sumo(SumoInput(Path("../x.sumocfg")), count=1)
+    assert options.others == {"end": "60", "step-length": "1", "ignore-route-errors": "true"}
+    said: list[str] = []
+    (found,) = record_sumo(SumoInput(Path("../x.sumocfg")), count=1, tell=said.append)
+    assert found.dt == 0.1
+    assert said == [
+        "x.sumocfg names a step of 1 s: SUMO runs at 0.1 s here, as recordings are made, so its traffic is not the same"
+    ]
     assert sorted(p.name for p in tmp_path.iterdir()) == before
     assert list(elsewhere.iterdir()) == []
 

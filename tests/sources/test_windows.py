@@ -12,7 +12,7 @@ from regents_cosim.scenario import Signal
 from regents_cosim.sources.motion import speeds
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows, draw_slots, no_cars
 
 CAR = VehicleType("car", 5.0, 1.8)
 BIKE = VehicleType("bicycle", 1.6, 0.65)
@@ -106,6 +106,56 @@ def test_the_seed_decides():
 
     assert hashes(3) == hashes(3)
     assert len({tuple(hashes(seed)) for seed in range(5)}) > 1
+
+
+TRUCK, MOTORCYCLE, LORRY = (
+    VehicleType("truck", 16.5, 2.5), VehicleType("motorcycle", 2.2, 0.9), VehicleType("car", 12.0, 2.5),
+)  # fmt: skip
+
+
+def mixed(*types):
+    """Slots of one vehicle of each type, 20 m apart, in several orders."""
+    return [recording(cruise(*range(0, 20 * len(types), 20)), types=types, begin_s=8.1 * i) for i in range(4)]
+
+
+@pytest.mark.parametrize("prefer", ["conflicts", "none"])
+@pytest.mark.parametrize("seed", range(4))
+def test_passenger_cars_are_egos_before_all_others(prefer, seed):
+    slots = mixed(TRUCK, MOTORCYCLE, CAR, LORRY)
+    assert {s.ego.id for s in choose(*slots, count=4, seed=seed, prefer=prefer)} == {"v002"}
+    more = choose(*slots, count=7, seed=seed, prefer=prefer)
+    assert sum(s.ego.id == "v002" for s in more) == 4  # where there are no more cars, what there is
+    assert len(more) == 7
+
+
+def test_any_vehicle_or_a_kind_alone_may_be_asked_for():
+    slots = mixed(TRUCK, MOTORCYCLE, CAR, LORRY)
+    assert len({s.ego.id for s in choose(*slots, count=16, ego_kind="any")}) == 4
+    assert {s.ego.id for s in choose(*slots, count=16, ego_kind="truck")} == {"v000"}
+    with pytest.raises(NoWindowError, match="16 were of another kind than --ego-kind bus"):
+        choose(*slots, ego_kind="bus")
+
+
+@given(
+    st.lists(st.lists(st.sampled_from([CAR, TRUCK, MOTORCYCLE]), min_size=3, max_size=5), min_size=2, max_size=6),
+    st.integers(0, 9),
+)
+def test_a_window_whose_ego_is_a_car_is_cut_as_if_none_were_preferred(kinds, seed):
+    slots = [
+        recording(cruise(*range(0, 20 * len(types), 20)), types=tuple(types), begin_s=8.1 * i)
+        for i, types in enumerate(kinds)
+    ]
+    as_drawn = choose(*slots, count=len(slots), seed=seed, ego_kind="any")
+    found = {content_hash(s) for s in choose(*slots, count=len(slots), seed=seed)}
+    assert {content_hash(s) for s in as_drawn if s.ego.kind == "car"} <= found
+
+
+def test_egos_that_are_no_passenger_cars_are_named():
+    slots = mixed(TRUCK, MOTORCYCLE, CAR, LORRY)
+    assert no_cars(choose(*slots, count=4)) == ""
+    said = no_cars(choose(*slots, count=16))
+    assert said.startswith("the ego is no passenger car in 12 of 16 windows: ")
+    assert {"truck 16.5 m", "motorcycle 2.2 m", "car 12 m"} <= set(said.split(": ")[1].partition(" (")[0].split(", "))
 
 
 def test_a_vehicle_that_jumps_is_no_ego_and_is_there_throughout():

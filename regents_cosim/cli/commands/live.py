@@ -92,12 +92,15 @@ def live(
     from regents_cosim.live.settings import live_config
     from regents_cosim.replays.replay import verify_in_sumo
     from regents_cosim.reports.tables import LIVED
-    from regents_cosim.sources.sumo_config import SumoInput, read_input
+    from regents_cosim.sources.sumo_config import SumoInput, other_step, read_input
 
     terminal = open_terminal(talk)
     SuiteWriter(output, seed)  # a folder that cannot be written is said before anything runs
+    options = read_input(SumoInput(config=located(config), extra=sumo))
+    if said := other_step(options):
+        terminal.say(said)
     made = Episodes(
-        read_input(SumoInput(config=located(config), extra=sumo)), ego, planner, live_config(method), expected,
+        options, ego, planner, live_config(method), expected,
         replan_s=replan, horizon_s=horizon, radius_m=radius, most_s=longest, output=output.absolute(), keep=keep,
         act_timeout_s=act_timeout, gui=gui,
     )  # fmt: skip

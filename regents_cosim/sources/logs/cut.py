@@ -19,12 +19,20 @@ from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.jumps import jumps
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Signal
-from regents_cosim.sources.logs.resample import STEP_S, Samples, sample
+from regents_cosim.sources.logs.resample import Samples, sample
 from regents_cosim.sources.logs.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
-from regents_cosim.sources.recording import Recording, changes
+from regents_cosim.sources.recording import STEP_S, Recording, changes
 from regents_cosim.sources.sumo_types import VehicleType
-from regents_cosim.sources.windows import RecordedScene, RecordingOrigin, Windows, egos, make_scenario, preferred
+from regents_cosim.sources.windows import (
+    RecordedScene,
+    RecordingOrigin,
+    Windows,
+    egos,
+    make_scenario,
+    other_kind,
+    preferred,
+)
 
 _STRIDE = Range(0.1, 1e6, "seconds from one window to the next")
 _COMPANY = 1
@@ -92,10 +100,12 @@ def _ego(
 ) -> str | None:
     ids = slot.recording.ids
     if wanted is not None:
+        reason = "were not there throughout"
         if wanted in ids and slot.recording.valid[ids.index(wanted)].all():
-            return wanted
-        refused["were not there throughout"] += 1
-        return None
+            reason = other_kind(slot, ids.index(wanted), windows)
+        if reason is not None:
+            refused[reason] += 1
+        return wanted if reason is None else None
     order = np.random.default_rng(seed).permutation(len(ids))
     queue = egos(slot, road, windows, order, refused)
     return next((ids[ego] for _, ego in preferred({0: queue}, [slot], road, windows)), None)

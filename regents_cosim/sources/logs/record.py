@@ -13,7 +13,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import ALONE, CompanionFiles, LogFormat, find_logs, read_log
 from regents_cosim.sources.logs.scene import LoggedScene
-from regents_cosim.sources.windows import Prefer, RecordingOrigin, Windows
+from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows
 
 _MANY = 5
 
@@ -30,6 +30,7 @@ def record_log(
     radius_m: float = 100.0,
     prefer: Prefer = "conflicts",
     max_agents: int = 64,
+    ego_kind: EgoKind = "auto",
     beside: CompanionFiles = ALONE,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
@@ -40,7 +41,11 @@ def record_log(
     to make are told once. Raises LogError for what cannot be read, NoWindowError where there is no
     window.
     """
-    asked = LogWindows(Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents), stride_s, ego)
+    asked = LogWindows(
+        Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents, ego_kind=ego_kind),
+        stride_s,
+        ego,
+    )
     refused: Counter[str] = Counter()
     told: set[str] = set()
     found = list(islice(_each(find_logs(path, format), asked, beside, refused, told, tell), count))

@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.sources.logs.scene import Track
+from regents_cosim.sources.recording import STEP_S
 
-STEP_S = 0.1
 _SAME = 1e-6  # instants closer than this part of a step are one
 
 

@@ -131,6 +131,12 @@ def test_any_road_user_may_be_the_ego(logs):
         record_log(logs["gpudrive"], ego="nobody", tell=str)
 
 
+def test_the_kind_that_is_asked_for_holds_for_an_ego_that_the_log_names(logs):
+    assert record_log(logs["gpudrive"], ego_kind="car", tell=str)[0].ego.id == "11"
+    with pytest.raises(NoWindowError, match="of another kind than --ego-kind bus"):
+        record_log(logs["gpudrive"], ego_kind="bus", tell=str)
+
+
 def test_an_ego_that_comes_late_begins_its_windows_late(logs):
     scenarios = record_log(logs["gpudrive"], ego="13", horizon_s=8.0, tell=str)
     assert [s.provenance.begin_s for s in scenarios] == [0.5]
