@@ -4,6 +4,7 @@ Frozen and validated at construction. Frame: the map's own (x east, y north, met
 centres, yaw in radians counter-clockwise from +x, heights those of the road. Entries where `valid` is False are 0.
 """
 
+import bisect
 import itertools
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -163,7 +164,7 @@ class Signal:
 
     def letters(self, step: int) -> str:
         """What the light shows at `step`."""
-        return [letters for since, letters in self.changes if since <= step][-1]
+        return self.changes[bisect.bisect_right(self.changes, step, key=lambda change: change[0]) - 1][1]
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.checks.bounded import MIB, read_bounded
+from regents_cosim.checks.work import Work
 from regents_cosim.errors import InputError, require
 
 PACKED_BYTES = 64 * MIB
@@ -26,7 +27,8 @@ def load_arrays(path: Path, names: Collection[str]) -> dict[str, np.ndarray]:
         with zipfile.ZipFile(io.BytesIO(data)) as packed:
             members = packed.infolist()
             _check_members(members, names, path)
-            return {one.filename.removesuffix(_ENDING): _array(packed.read(one), one.filename) for one in members}
+            work = Work(len(data))
+            return {one.filename.removesuffix(_ENDING): _array(packed.read(one), one.filename, work) for one in members}
     except InputError:
         raise
     except Exception as error:  # zipfile and NumPy raise a dozen kinds on damage
@@ -47,7 +49,7 @@ def _check_members(members: list[zipfile.ZipInfo], names: Collection[str], path:
     )
 
 
-def _array(data: bytes, name: str) -> np.ndarray:
+def _array(data: bytes, name: str, work: Work) -> np.ndarray:
     """What `np.save` wrote; the data has to be there, as much as the shape says."""
     file = io.BytesIO(data)
     version = np.lib.format.read_magic(file)
@@ -62,4 +64,5 @@ def _array(data: bytes, name: str) -> np.ndarray:
         f"{name}: shape {list(shape)} is not that of {len(data) - file.tell()} bytes",
         InputError,
     )
+    work.spend(f"{name}: numbers of its axes", *shape)
     return np.frombuffer(data, kind, offset=file.tell()).reshape(shape, order="F" if by_column else "C")

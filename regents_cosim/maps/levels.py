@@ -7,7 +7,7 @@ clearance of it: roads that are 3.8 m apart or more never mix.
 
 import functools
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 
 BAND_M = 1.5
 _SPACING_M = 1.0  # between the points that stand for a surface
-_MOST_POINTS = 50_000  # of a lane: beyond 50 km it is sampled more coarsely
+_MOST_POINTS = 50_000, 2_000_000  # of a lane, and of all: beyond 50 km, or 2,000, they are further apart
 _STRETCH = 3.0  # of heights: a road 8 m above is as far away as one 24 m to the side
 _REACH_M = 150.0  # beyond the tracks of a scene
 _CELL_M = 4.0  # in cells of this size and those around them roads lie above each other, or not
@@ -38,7 +38,8 @@ def band(z: Values) -> Int[np.ndarray, "..."]:
 
 def surface_points(lanes: tuple[Lane, ...] | list[Lane]) -> Points:
     """Points x, y, z [m] along the centre lines of lanes, a metre apart at most."""
-    return np.concatenate([np.zeros((0, 3)), *(_dense(lane) for lane in lanes)])
+    spacing_m = _spacing_m(lanes)
+    return np.concatenate([np.zeros((0, 3)), *(_dense(lane, spacing_m) for lane in lanes)])
 
 
 def stacked(points: Points) -> Bool[np.ndarray, " point"]:
@@ -117,16 +118,18 @@ def height_on(lane: Lane, points: Float[np.ndarray, "... 2"]) -> Float[np.ndarra
 def _drivable_of(road: RoadMap, level: int) -> BaseGeometry:
     crossings = _crossings(road)
     near = road.centre_lines.query(crossings, predicate="dwithin", distance=_AROUND_M)
-    pieces = [piece for index in near for piece in _pieces(road.lanes[index], level * BAND_M)]
+    lanes = [road.lanes[index] for index in near]
+    spacing_m = _spacing_m(lanes)
+    pieces = [piece for lane in lanes for piece in _pieces(lane, level * BAND_M, spacing_m)]
     own = shapely.union_all([strip for strip, is_own in pieces if is_own])
     others = shapely.union_all([strip for strip, is_own in pieces if not is_own])
     taken = shapely.difference(shapely.intersection(others.buffer(_SEAM_M, join_style="mitre"), crossings), own)
     return prepared(shapely.difference(road.drivable, taken))
 
 
-def _pieces(lane: Lane, z: float) -> Iterator[tuple[BaseGeometry, bool]]:
+def _pieces(lane: Lane, z: float, spacing_m: float) -> Iterator[tuple[BaseGeometry, bool]]:
     """The strips of a lane that are within the clearance of height `z` [m], and those that are not."""
-    points = _dense(lane)
+    points = _dense(lane, spacing_m)
     own = np.abs(points[:, 2] - z) < CLEARANCE_M
     ends = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(points)]
     for begin, end in itertools.pairwise(ends):
@@ -134,9 +137,14 @@ def _pieces(lane: Lane, z: float) -> Iterator[tuple[BaseGeometry, bool]]:
         yield line.buffer(0.5 * lane.width, cap_style="flat"), bool(own[begin])
 
 
-def _dense(lane: Lane) -> Points:
+def _spacing_m(lanes: Sequence[Lane]) -> float:
+    """How far apart the points along lanes are [m]."""
+    return max(_SPACING_M, sum(lane.length for lane in lanes) / _MOST_POINTS[1])
+
+
+def _dense(lane: Lane, spacing_m: float) -> Points:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))])
-    count = min(int(along[-1] / _SPACING_M) + 2, _MOST_POINTS)
+    count = min(int(along[-1] / spacing_m) + 2, _MOST_POINTS[0])
     at = np.union1d(along, np.linspace(0.0, along[-1], count))
     return np.stack([np.interp(at, along, values) for values in (*lane.centre.T, lane.height)], axis=-1)
 

@@ -18,9 +18,11 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.checks.bounded import open_bounded
+from regents_cosim.checks.work import Work
 from regents_cosim.errors import InputError, LogError, NoWindowError, require_file
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.jumps import jumps
@@ -37,7 +39,8 @@ from regents_cosim.sources.xml_input import children, unpacked_limit
 _EXPECTED = "SUMO's fcd-output as .xml, .xml.gz or .csv"
 _LONGEST_LINE = 1 << 16
 _FINEST_S = 1e-3
-_LATEST_S = 1e9
+_LATEST_S = 1e12
+_NUMBERS = 4  # of a vehicle at an instant: place, heading, height
 _COARSEST_S = 1.0  # between samples further apart a vehicle's way is a guess
 
 
@@ -85,11 +88,21 @@ def record_fcd(
 
 
 class _Grid(NamedTuple):
-    """The instants of a log."""
+    """The instants of a log: `known` are the numbers of those that it holds."""
 
     begin_s: float
     dt: float
-    steps: int
+    known: Int[np.ndarray, " instant"]
+
+    @property
+    def steps(self) -> int:
+        """From the first to the last, one more."""
+        return int(self.known[-1]) + 1
+
+    def slots(self, steps: int) -> list[int]:
+        """Which of the whole slots of so many instants hold any: in a pause of years there is nothing to look for."""
+        numbers = np.unique(self.known // steps)
+        return numbers[numbers < self.steps // steps].tolist()
 
 
 def _time_grid(log: Path) -> _Grid:
@@ -108,7 +121,8 @@ def _time_grid(log: Path) -> _Grid:
     steps = gaps / dt
     if np.abs(steps - np.round(steps)).max() > 0.01:
         raise LogError(f"{log}: time steps of {dt:g} s and {gaps.max():g} s mixed, expected one step length")
-    return _Grid(float(times[0]), round(dt, 6), round((times[-1] - times[0]) / dt) + 1)
+    known = np.round((times - times[0]) / dt).astype(np.int64)
+    return _Grid(float(times[0]), round(dt, 6), known)
 
 
 def _recordings(
@@ -120,8 +134,8 @@ def _recordings(
     tell: Callable[[str], None],
 ) -> Iterator[Recording]:
     steps = int(np.ceil(windows.horizon_s / grid.dt - 1e-6)) + 1
-    total = grid.steps // steps
-    if total == 0:
+    there = grid.slots(steps)
+    if not there:
         raise NoWindowError(
             f"no window found: a horizon of {windows.horizon_s:g} s does not fit into {log.name}, which lasts "
             f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter --horizon"
@@ -129,7 +143,7 @@ def _recordings(
     names, found = DistinctIds(), dict[str, LoggedState]()
     slots = {
         i: GrowingRecording(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps, names=names, ego=windows.ego)
-        for i in draw_slots(total, windows)
+        for i in (there[k] for k in draw_slots(len(there), windows))
     }
     for time, rows, riders in logged_instants(log):
         index, step = divmod(round((time - grid.begin_s) / grid.dt), steps)
@@ -139,7 +153,10 @@ def _recordings(
     for line in _unknown(log, found.values(), known):
         tell(line)
     types = {name: _type_of(row, known) for name, row in found.items()}
+    work = Work.of(log)
     for slot in slots.values():
+        vehicles = len({row[0] for row in slot.rows})
+        work.spend("vehicles x instants x numbers of the windows", vehicles, steps, _NUMBERS)
         yield slot.finish(types)
 
 

@@ -21,9 +21,11 @@ import sumolib
 from shapely.errors import ShapelyError
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.checks.xml_count import ElementCount
 from regents_cosim.errors import InputError, ScenarioError, SumoError, require
 from regents_cosim.geometry.areas import closed
+from regents_cosim.geometry.crossings import require_few_crossings
 from regents_cosim.maps.net_elements import require_network_alone
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.sources.xml_input import explained_xml, open_xml
@@ -68,9 +70,11 @@ def _road_map(net: sumolib.net.Net, sides: "_Sides", content: bytes, packed_byte
         raise SumoError(
             "no lane of this network allows passenger cars (expected at least one; see allow/disallow of its lanes)"
         )
+    work = Work(packed_bytes)
+    links = (link for lane in lanes.values() for link in _connections(lane, net, lanes, work))
     return RoadMap(
         lanes=tuple(_lane(lane, lanes, sides) for lane in lanes.values()),
-        connections=tuple(dict.fromkeys(link for lane in lanes.values() for link in _connections(lane, net, lanes))),
+        connections=tuple(dict.fromkeys(links)),
         drivable=_drivable(net, list(lanes.values())),
         sumo_net=gzip.compress(content, mtime=0),  # no time stamp: equal networks give equal bytes
     )
@@ -163,13 +167,14 @@ def _neighbour(lane: sumolib.net.lane.Lane, offset: int, lanes: dict[str, sumoli
 
 
 def _connections(
-    lane: sumolib.net.lane.Lane, net: sumolib.net.Net, lanes: dict[str, sumolib.net.lane.Lane]
+    lane: sumolib.net.lane.Lane, net: sumolib.net.Net, lanes: dict[str, sumolib.net.lane.Lane], work: Work
 ) -> Iterator[Connection]:
     """The connections out of `lane`, those through a junction lane by lane, the light at its entry."""
     if lane.getEdge().getFunction() == "internal":
         return
     for link in lane.getOutgoing():
         chain = [lane, *_ways_through(link, net), link.getToLane()]
+        work.spend("lanes of one more way through a junction x steps", len(chain), 4 * STEPS)
         if not all(part.allows("passenger") for part in chain) or not _has_direction(link.getToLane()):
             continue
         names = [part.getID() for part in chain if part.getID() in lanes]
@@ -197,11 +202,13 @@ def _ways_through(link: sumolib.net.connection.Connection, net: sumolib.net.Net)
 def _drivable(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> BaseGeometry:
     """Lanes, the bicycle lanes of their roads, and junctions in one, gaps up to 0.4 m closed."""
     on_wheels = [*lanes, *_bicycle_lanes(lanes)]
-    centre_lines = [shapely.LineString(lane.getShape()) for lane in on_wheels]
+    centre_lines, outlines = [shapely.LineString(lane.getShape()) for lane in on_wheels], list(_junctions(net, lanes))
+    require_few_crossings([*centre_lines, *outlines])
     half_widths = [0.5 * lane.getWidth() for lane in on_wheels]
     strips = shapely.buffer(centre_lines, half_widths, cap_style="flat")
-    area = shapely.union_all([*strips, *_junctions(net, lanes)])
-    return closed(area, _CLOSE_M)
+    parts = [*strips, *(outline.buffer(0.0) for outline in outlines)]
+    require_few_crossings(parts)
+    return closed(shapely.union_all(parts), _CLOSE_M)
 
 
 def _bicycle_lanes(lanes: list[sumolib.net.lane.Lane]) -> Iterator[sumolib.net.lane.Lane]:
@@ -213,10 +220,10 @@ def _bicycle_lanes(lanes: list[sumolib.net.lane.Lane]) -> Iterator[sumolib.net.l
                 yield lane
 
 
-def _junctions(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> Iterator[BaseGeometry]:
+def _junctions(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> Iterator[shapely.Polygon]:
     edges = {lane.getEdge() for lane in lanes}
     nodes = dict.fromkeys(node.getID() for edge in edges for node in (edge.getFromNode(), edge.getToNode()))
     for name in sorted(nodes):
         shape = net.getNode(name).getShape()
         if len(shape) >= 3:
-            yield shapely.Polygon(shape).buffer(0.0)
+            yield shapely.Polygon(shape)

@@ -15,10 +15,11 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.cases.manifest import Suite, SuiteEntry, load_manifest, save_suite
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
 from regents_cosim.evaluation.regression.thresholds import parse_thresholds
+from regents_cosim.maps.levels import has_levels
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.sources import fcd
 from regents_cosim.sources.logs.argoverse2_map import read_map
@@ -37,6 +39,7 @@ from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import CompanionFiles, formats, read_log
 from regents_cosim.sources.logs.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.protobuf import columns, grouped
+from regents_cosim.sources.logs.road import drivable_area
 from regents_cosim.sources.logs.tfrecord import records
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.sumo_config import SumoInput, read_input, write_config
@@ -44,6 +47,7 @@ from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import read_types
 from regents_cosim.sources.windows import RecordingOrigin, Windows
+from tests.endurance.products import is_product, products_of
 
 _PROCESS = 150  # cost of a reader that starts a process
 _SECONDS = 1.2  # of every log: a reader is asked thousands of times
@@ -66,7 +70,11 @@ class Reader:
 def readers() -> dict[str, Reader]:
     """All of them by name."""
     found = [*_sumo(), *_logs(), *_parts(), *_cases(), *_small()]
-    return {one.name: one for one in found}
+    return {one.name: replace(one, hostile=partial(_all_hostile, one)) for one in found}
+
+
+def _all_hostile(one: Reader) -> tuple[bytes, ...]:
+    return (*one.hostile(), *map(one.wrap, products_of(one.name)))
 
 
 # --- SUMO -----------------------------------------------------------------------------------------
@@ -129,7 +137,13 @@ def _fcd_csv() -> bytes:
 def _sumo() -> list[Reader]:
     deep = {**_SUMO_FILES}
     return [
-        Reader("sumo_net", "a.net.xml", (_NET,), read_road_map, hostile=partial(_xml_bombs, "net")),
+        Reader(
+            "sumo_net",
+            "a.net.xml",
+            (_NET,),
+            lambda path: has_levels(read_road_map(path)),
+            hostile=partial(_xml_bombs, "net"),
+        ),
         Reader(
             "sumo_types",
             "a.rou.xml",
@@ -196,8 +210,9 @@ def _log(format: str, path: Path, mutated: Path) -> object:
 
 
 def _is_deep(path: Path) -> bool:
-    """Whether an input is also used: costly, so only one of sixteen, the same ones every time."""
-    return zlib.crc32(path.read_bytes()) % 16 == 0
+    """Whether an input is also used: costly, so only one of sixteen, the same ones every time; and every product."""
+    data = path.read_bytes()
+    return zlib.crc32(data) % 16 == 0 or is_product(data)
 
 
 def _of(format: str, file: str = "", wrap: Callable[[bytes], bytes] = bytes, name: str = "", **more) -> Reader:
@@ -260,7 +275,7 @@ def _argoverse2() -> list[Reader]:
     with tempfile.TemporaryDirectory() as folder:
         log_files.argoverse2_map(Path(folder))
         map_ = (Path(folder) / file).read_bytes()
-    found = [Reader("argoverse2_map", file, (map_,), lambda path: _quiet(read_map, path.parent))]
+    found = [Reader("argoverse2_map", file, (map_,), _argoverse2_road)]
     try:
         motion, sensor = "scenario_abc.parquet", "annotations.feather"
         found.append(_of("argoverse2_motion", motion, cost=_PROCESS))
@@ -270,7 +285,12 @@ def _argoverse2() -> list[Reader]:
     return found
 
 
-def _quiet(read: Callable[[Path], object], path: Path) -> object:
+def _argoverse2_road(path: Path) -> object:
+    road = _quiet(read_map, path.parent)
+    return drivable_area(road, ()) if _is_deep(path) else road
+
+
+def _quiet(read: Callable[[Path], Any], path: Path) -> Any:
     """As `read_log` calls readers."""
     from regents_cosim.sources.logs.formats import explained
 

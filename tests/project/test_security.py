@@ -379,6 +379,17 @@ def test_files_for_sumo_are_bounded_first(tmp_path):
             record_sumo(SumoInput(net=network_config("merge").parent / "merge.net.xml", **files))
 
 
+def test_a_small_file_cannot_ask_for_much(tmp_path, capsys):
+    lights = {str(number): {} for number in range(4000)}
+    still = {"position": [{"x": 0, "y": 0}] * 6000, "heading": [0] * 6000, "valid": [1] * 6000}
+    content = {"objects": [still | {"length": 4, "width": 2}], "roads": [], "tl_states": lights}
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    assert run(["record", "--log", str(tmp_path / "a.json"), "-o", str(tmp_path / "suite")]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    assert "lights x instants: 4,000 x 6,000, which makes more than" in said
+
+
 def test_pickles_of_logs_are_not_run(tmp_path, monkeypatch):
     class Harm:
         def __reduce__(self):

@@ -1,6 +1,5 @@
 """The vector map of Argoverse 2 (`log_map_archive_*.json`): lanes between two bounds, drivable areas."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
@@ -15,32 +14,28 @@ from regents_cosim.sources.logs.road import largest
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
 
 
-@dataclass(frozen=True)
-class _Point:
+class _Point(msgspec.Struct, gc=False):
     x: float
     y: float
     z: float = 0.0
 
 
-@dataclass(frozen=True)
-class _Segment:
+class _Segment(msgspec.Struct):
     id: int
     lane_type: str
     left_lane_boundary: list[_Point]
     right_lane_boundary: list[_Point]
-    successors: list[int] = field(default_factory=list)
+    successors: list[int] = []
     left_neighbor_id: int | None = None
     right_neighbor_id: int | None = None
     is_intersection: bool = False
 
 
-@dataclass(frozen=True)
-class _Area:
+class _Area(msgspec.Struct):
     area_boundary: list[_Point]
 
 
-@dataclass(frozen=True)
-class _Map:
+class _Map(msgspec.Struct):
     lane_segments: dict[str, _Segment]
     drivable_areas: dict[str, _Area]
 
@@ -82,7 +77,7 @@ def _beside(segment: _Segment, name: int | None, road: _Map, centre: np.ndarray)
     other = road.lane_segments.get(str(name))
     if other is None or len(other.left_lane_boundary) < 2:
         return None
-    line = _xy(other.left_lane_boundary)
+    line = _xy([other.left_lane_boundary[end] for end in (0, -1)])
     return str(other.id) if float((line[-1] - line[0]) @ (centre[-1] - centre[0])) > 0.0 else None
 
 

@@ -5,13 +5,15 @@ leads along the lanelets to its goal (`planned_ego`). Positions and times given 
 intervals are taken at their middle; obstacles known by sets alone are left out, and said so.
 """
 
+import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
@@ -19,6 +21,7 @@ from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_tr
 from regents_cosim.sources.logs.road import lanelet
 from regents_cosim.sources.logs.scene import (
     DEFAULT_SIZES,
+    LATEST_STEP,
     LoggedLane,
     LoggedMap,
     LoggedScene,
@@ -36,7 +39,7 @@ _KINDS: dict[str, Kind] = {
 _LETTERS = {"red": "r", "redYellow": "u", "yellow": "y", "green": "g", "inactive": "O"}
 _OFF_ROAD_TYPES = {"sidewalk", "crosswalk", "bicycleLane", "border"}
 _LEAST_WIDTH_M = 2.0
-_MOST_STEPS = 100_000
+_BRIDGED = 100  # steps without any moving obstacle, over which one that stands is there all the same
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
@@ -47,7 +50,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         raise LogError(f"{path}: CommonRoad version {version[:20]!r}, expected 2018b or 2020a")
     dt = _real(root.get("timeStepSize"))
     lanes, areas = _lanelets(root)
-    tracks, notes = _obstacles(root)
+    tracks, notes = _obstacles(root, Work.of(path))
     last = max((int(track.step[-1]) for track in tracks), default=0)
     ego, target = _ego(root, lanes, dt, last)
     notes += [] if ego else _without_goal(root)
@@ -61,7 +64,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         road=LoggedMap(lanes, (), areas),
         ego=ego.agent.id if ego else None,
         target=target,
-        signals=_signals(root, dt, last + 1),
+        signals=_signals(root),
         notes=tuple(notes),
     )
 
@@ -167,34 +170,36 @@ def _limit(sign: ET.Element) -> float | None:
     return None
 
 
-def _signals(root: ET.Element, dt: float, steps: int) -> tuple[LoggedSignal, ...]:
+def _signals(root: ET.Element) -> tuple[LoggedSignal, ...]:
     stands_at: dict[str, list[str]] = {}
     for element in root.findall("lanelet"):
         for ref in element.findall("trafficLightRef"):
             stands_at.setdefault(ref.get("ref", ""), []).append(element.get("id", ""))
     found = []
     for light in root.iter("trafficLight"):
-        name, letters = light.get("id", ""), _cycle(light, min(steps, _MOST_STEPS))
-        if letters and name in stands_at:
-            found.append(LoggedSignal(name, letters, tuple(stands_at[name])))
+        name = light.get("id", "")
+        if name in stands_at and (cycle := _cycle(light)) is not None:
+            letters, ends, offset = cycle
+            found.append(LoggedSignal(name, letters, tuple(stands_at[name]), ends=ends, offset=offset))
     return tuple(found)
 
 
-def _cycle(light: ET.Element, steps: int) -> str:
-    """The letter of each step of a light that repeats itself."""
+def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
+    """The letters of a light that repeats itself, the steps at which they end, and at which it begins."""
     parts = [(int(_real(e.findtext("duration"))), e.findtext("color", "")) for e in light.iter("cycleElement")]
     if not parts or min(duration for duration, _ in parts) < 1 or light.findtext("active") == "false":
-        return ""
-    ends = np.cumsum([duration for duration, _ in parts])
+        return None
+    ends = tuple(itertools.accumulate(duration for duration, _ in parts))
     offset = int(_real(light.findtext("cycle/timeOffset") or "0"))
-    place = (np.arange(steps) - offset) % ends[-1]
-    return "".join(_LETTERS.get(parts[i][1], "O") for i in np.searchsorted(ends, place, side="right"))
+    if max(ends[-1], abs(offset)) > LATEST_STEP:
+        raise ValueError(f"a light with a cycle of {ends[-1]:.3g} steps from step {offset:.3g} on")
+    return "".join(_LETTERS.get(color, "O") for _, color in parts), ends, offset
 
 
 # --- traffic ----------------------------------------------------------------------------------
 
 
-def _obstacles(root: ET.Element) -> tuple[list[Track], list[str]]:
+def _obstacles(root: ET.Element, work: Work) -> tuple[list[Track], list[str]]:
     found, without = [], 0
     for element in root:
         if element.tag in ("dynamicObstacle", "obstacle", "staticObstacle"):
@@ -202,17 +207,24 @@ def _obstacles(root: ET.Element) -> tuple[list[Track], list[str]]:
             found += [track] if track is not None else []
             without += track is None
     moving = [track for track in found if len(track.step) > 1]
-    last = max((int(track.step[-1]) for track in moving), default=0)
-    standing = {id(e) for e in found} - {id(e) for e in moving}
-    tracks = [_standing(track, last) if id(track) in standing else track for track in found]
+    there = _instants(moving)
+    work.spend("obstacles that stand x instants", len(found) - len(moving), len(there))
+    tracks = [track if len(track.step) > 1 else _standing(track, there) for track in found]
     return tracks, [f"{without} obstacles have no positions, only sets, and are left out"] * (without > 0)
 
 
-def _standing(track: Track, last: int) -> Track:
+def _instants(moving: list[Track]) -> Int[np.ndarray, " instant"]:
+    """From the first instant of the file on, as long as any obstacle moves; longer pauses are left out."""
+    known = np.unique(np.concatenate([[0], *(track.step for track in moving)]))
+    breaks = np.flatnonzero(np.diff(known) > _BRIDGED)
+    firsts, lasts = known[[0, *(breaks + 1)]], known[[*breaks, -1]]
+    return np.concatenate([np.arange(first, last + 1) for first, last in zip(firsts, lasts, strict=True)])
+
+
+def _standing(track: Track, there: Int[np.ndarray, " instant"]) -> Track:
     """A static obstacle is there all the time."""
-    step = np.arange(min(last, _MOST_STEPS) + 1)
-    x, y, yaw = (np.full(len(step), float(values[0])) for values in (track.x, track.y, track.yaw))
-    return Track(track.agent, step, x, y, yaw)
+    x, y, yaw = (np.full(len(there), float(values[0])) for values in (track.x, track.y, track.yaw))
+    return Track(track.agent, there, x, y, yaw)
 
 
 def _track(element: ET.Element) -> Track | None:

@@ -12,7 +12,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from regents_cosim.checks.ranges import Range
 from regents_cosim.geometry.boxes import same_level
@@ -63,7 +63,7 @@ class LogWindows:
         steps = scene.last_step - scene.first_step
         if ego is not None:
             mine = next((track for track in scene.tracks if track.agent.id == ego), None)
-            steps = max((last - first for first, last in _pieces(mine)), default=0) if mine else 0
+            steps = max((last - first for first, last in mine.pieces()), default=0) if mine else 0
         return min(self.windows.steps(STEP_S), int(steps * scene.dt / STEP_S + 1e-6) + 1)
 
 
@@ -139,6 +139,12 @@ class _SceneWindows:
         smooth = (without_jumps(track, self.scene.dt) for track in self.scene.tracks)
         return tuple(sorted(smooth, key=lambda track: track.agent.id))
 
+    @cached_property
+    def _ends(self) -> tuple[Int[np.ndarray, " track"], Int[np.ndarray, " track"]]:
+        """First and last steps of all."""
+        first, last = (np.array([track.step[end] for track in self._tracks]) for end in (0, -1))
+        return first, last
+
     def windows(self, ego: str | None, stride: float) -> list[float]:
         """First steps of the windows that one who may be the ego spans without a gap.
 
@@ -149,14 +155,16 @@ class _SceneWindows:
         origin = min((int(t.step[0]) for t in may), default=0)
         found: set[int] = set()
         for track in may:
-            for first, last in _pieces(track):
+            for first, last in track.pieces():
                 low, high = (first - origin) / stride, (last - self._span - origin) / stride
                 found.update(range(int(np.ceil(low - 1e-6)), int(np.floor(high + 1e-6)) + 1))
         return [origin + k * stride for k in sorted(found)]
 
     def slot(self, first_step: float) -> RecordedScene:
         """All that are there in the window from `first_step` on."""
-        here = [t for t in self._tracks if t.step[0] <= first_step + self._span and t.step[-1] >= first_step]
+        first, last = self._ends
+        there = (first <= first_step + self._span) & (last >= first_step)
+        here = [self._tracks[i] for i in np.flatnonzero(there)]
         samples = [sample(track, self.scene.dt, first_step, self.instants) for track in here]
         kept = [(track, found) for track, found in zip(here, samples, strict=True) if found.valid.any()]
         begin_s = round(self.scene.begin_s + first_step * self.scene.dt, 6)
@@ -165,11 +173,7 @@ class _SceneWindows:
 
     def _signals(self, first_step: float) -> tuple[Signal, ...]:
         step = np.floor(first_step + np.arange(self.instants) * STEP_S / self.scene.dt + 1e-6).astype(int)
-        return tuple(
-            Signal(light.id, changes([light.letters[i] for i in np.clip(step, 0, len(light.letters) - 1)]))
-            for light in self.scene.signals
-            if light.letters
-        )
+        return tuple(Signal(light.id, changes(light.shown(step))) for light in self.scene.signals if light.letters)
 
     def without_bridges(self, slot: RecordedScene, ego: str) -> RecordedScene:
         """The slot without those who pass above or below the ego."""
@@ -207,13 +211,6 @@ def without_jumps(track: Track, dt: float) -> Track:
         return track
     z = None if track.z is None else track.z[kept]
     return Track(track.agent, track.step[kept], track.x[kept], track.y[kept], track.yaw[kept], z)
-
-
-def _pieces(track: Track) -> Iterator[tuple[int, int]]:
-    """First and last step of every piece without a gap."""
-    breaks = np.flatnonzero(np.diff(track.step) != 1)
-    starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks, [len(track.step) - 1]])
-    yield from zip(track.step[starts].tolist(), track.step[ends].tolist(), strict=True)
 
 
 def _on_another_level(ego: Track, other: Track) -> bool:

@@ -7,13 +7,13 @@ where there is one. The files hold no time: 0.1 s is Waymo's.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 import numpy as np
 from jaxtyping import Bool, Float
 
+from regents_cosim.checks.work import Work
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, unpacked
 from regents_cosim.sources.logs.headings import joined as joined_ways
@@ -34,15 +34,13 @@ from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, lights
 _KINDS: dict[str, Kind] = {"vehicle": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
 
 
-@dataclass(frozen=True)
-class _Point:
+class _Point(msgspec.Struct, gc=False):
     x: float
     y: float
     z: float | None = None
 
 
-@dataclass(frozen=True)
-class _Object:
+class _Object(msgspec.Struct):
     position: list[_Point]
     heading: list[float]
     valid: list[bool | int]
@@ -52,20 +50,17 @@ class _Object:
     id: int | str | None = None
 
 
-@dataclass(frozen=True)
-class _Road:
+class _Road(msgspec.Struct):
     type: str | int
     geometry: list[_Point] | _Point
     id: int | str | None = None
 
 
-@dataclass(frozen=True)
-class _Metadata:
+class _Metadata(msgspec.Struct):
     sdc_track_index: int = -1
 
 
-@dataclass(frozen=True)
-class _File:
+class _File(msgspec.Struct):
     objects: list[_Object]
     roads: list[_Road]
     name: str = ""
@@ -74,12 +69,11 @@ class _File:
     metadata: _Metadata | None = None
 
 
-@dataclass(frozen=True)
-class _Light:
-    state: list[str | int] = field(default_factory=list)
-    time_index: list[int] = field(default_factory=list)
-    x: list[float] = field(default_factory=list)
-    y: list[float] = field(default_factory=list)
+class _Light(msgspec.Struct):
+    state: list[str | int] = []
+    time_index: list[int] = []
+    x: list[float] = []
+    y: list[float] = []
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
@@ -97,7 +91,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         tracks=tuple(track for track in tracks if track is not None),
         road=LoggedMap(lanes, edges),
         ego=mine.agent.id if mine else None,
-        signals=_signals(content.tl_states or {}, lanes, steps),
+        signals=_signals(content.tl_states or {}, lanes, steps, Work.of(path)),
         notes=("the log holds no time: 0.1 s between its instants", note, "one size per agent for all steps"),
     )
 
@@ -164,7 +158,10 @@ def _map(roads: Sequence[_Road]) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge
     return joined(lanes), tuple(edges)
 
 
-def _signals(states: dict[str, _Light], lanes: Sequence[LoggedLane], steps: int) -> tuple[LoggedSignal, ...]:
+def _signals(
+    states: dict[str, _Light], lanes: Sequence[LoggedLane], steps: int, work: Work
+) -> tuple[LoggedSignal, ...]:
+    work.spend("lights x instants", len(states), steps)
     letters, stops = {}, {}
     for name, light in states.items():
         shown = [UNKNOWN] * steps

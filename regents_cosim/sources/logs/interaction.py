@@ -74,8 +74,10 @@ def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " r
 
 
 def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Iterator[Track]:
-    empty = np.full(len(table), np.nan)
-    x, y, yaw, length, width = (table.numbers.get(key, empty)[mine] for key in ("x", "y", "psi_rad", "length", "width"))
+    empty = np.full(len(mine), np.nan)
+    x, y, yaw, length, width = (
+        table.numbers[key][mine] if key in table.numbers else empty for key in ("x", "y", "psi_rad", "length", "width")
+    )
     place = _place(table, mine, begin_ms)
     names, kinds = table.texts["track_id"], table.texts["agent_type"]
     kind = table.codes["agent_type"][mine]

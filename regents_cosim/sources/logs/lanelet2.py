@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_lat_lon
 from regents_cosim.sources.logs.commonroad import centre_line
@@ -47,14 +48,17 @@ def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
     place = _nodes(root, origin)
     ways = {way.get("id", ""): tuple(nd.get("ref", "") for nd in way.findall("nd")) for way in root.findall("way")}
     limits = _speed_limits(root)
-    found = [one for one in map(lambda r: _lanelet(r, ways, place), root.findall("relation")) if one is not None]
+    work = Work.of(path)
+    found = [one for relation in root.findall("relation") if (one := _lanelet(relation, ways, place, work)) is not None]
+    neighbours = _Neighbours(found)
     lanes, areas = [], []
     for one in found:
         left, right = (np.array([place[node] for node in side]) for side in (one.left, one.right))
         area = lanelet(left, right)
         if area is not None:
             areas.append(area)
-            lanes.append(_lane(one, found, left, right, limits))
+            lanes.append(_lane(one, neighbours, left, right, limits))
+            work.spend("lanelets that one leads to", len(lanes[-1].exits))
     if not lanes:
         raise LogError(f"{path}: no lanelet for vehicles (expected a lanelet2 map)")
     return LoggedMap(with_openings(tuple(lanes)), (), tuple(areas))
@@ -107,7 +111,7 @@ def _tags_of(element: ET.Element) -> dict[str, str]:
 
 
 def _lanelet(
-    relation: ET.Element, ways: dict[str, tuple[str, ...]], place: dict[str, tuple[float, float]]
+    relation: ET.Element, ways: dict[str, tuple[str, ...]], place: dict[str, tuple[float, float]], work: Work
 ) -> _Lanelet | None:
     tags = _tags_of(relation)
     if tags.get("type") != "lanelet" or tags.get("subtype") in _NOT_FOR_CARS:
@@ -120,6 +124,7 @@ def _lanelet(
     left, right = ways[refs["left"]], ways[refs["right"]]
     if len(left) < 2 or len(right) < 2:
         return None
+    work.spend("nodes of the bounds of one more lanelet x steps", len(left) + len(right), STEPS)
     left, right = _in_driving_direction(left, right, place)
     return _Lanelet(relation.get("id", ""), (refs["left"], refs["right"]), left, right, tags)
 
@@ -137,20 +142,44 @@ def _in_driving_direction(
     return (left[::-1], right[::-1]) if turns_left else (left, right)
 
 
+class _Neighbours:
+    """Which lanelets begin where one ends, and which share a bound with it."""
+
+    def __init__(self, every: list[_Lanelet]) -> None:
+        self._from: dict[tuple[str, str], list[str]] = {}
+        self._left: dict[tuple[str, str], str] = {}
+        self._right: dict[tuple[str, str], str] = {}
+        for one in every:
+            self._from.setdefault((one.left[0], one.right[0]), []).append(one.id)
+            self._left.setdefault((one.ways[0], one.left[0]), one.id)
+            self._right.setdefault((one.ways[1], one.right[0]), one.id)
+
+    def after(self, one: _Lanelet) -> tuple[str, ...]:
+        """Those that it leads to."""
+        return tuple(self._from.get((one.left[-1], one.right[-1]), ()))
+
+    def left_of(self, one: _Lanelet) -> str | None:
+        """The one whose right bound is its left one and runs the same way."""
+        return self._right.get((one.ways[0], one.left[0]))
+
+    def right_of(self, one: _Lanelet) -> str | None:
+        """The one whose left bound is its right one and runs the same way."""
+        return self._left.get((one.ways[1], one.right[0]))
+
+
 def _lane(
-    one: _Lanelet, every: list[_Lanelet], left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"],
+    one: _Lanelet, neighbours: _Neighbours, left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"],
     limits: dict[str, float],
 ) -> LoggedLane:  # fmt: skip
     centre, width = centre_line(left, right)
-    ends = (one.left[-1], one.right[-1])
     return LoggedLane(
         id=one.id,
         centre=centre,
         width=max(width, 2.0),
         speed_limit=limits.get(one.id, 13.9),
-        exits=tuple(other.id for other in every if (other.left[0], other.right[0]) == ends),
-        left=next((o.id for o in every if o.ways[1] == one.ways[0] and o.right[0] == one.left[0]), None),
-        right=next((o.id for o in every if o.ways[0] == one.ways[1] and o.left[0] == one.right[0]), None),
+        exits=neighbours.after(one),
+        left=neighbours.left_of(one),
+        right=neighbours.right_of(one),
     )
 
 

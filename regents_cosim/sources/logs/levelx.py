@@ -17,7 +17,7 @@ from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, sized
+from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, LoggedScene, sized
 
 _KINDS: dict[str, Kind] = {
     "car": "car", "van": "car", "truck": "truck", "truck_bus": "truck", "trailer": "truck", "bus": "bus",
@@ -67,9 +67,9 @@ def companion(path: Path, what: str) -> Path:
 
 
 def whole(values: np.ndarray, path: Path) -> np.ndarray:
-    """Numbers that must be whole."""
-    if not np.isfinite(values).all() or not (np.abs(values) < 1e9).all():
-        raise LogError(f"{path}: a frame or id is no whole number")
+    """Numbers that must be whole, and may be steps."""
+    if not np.isfinite(values).all() or not (np.abs(values) <= LATEST_STEP).all():
+        raise LogError(f"{path}: a frame or id is no whole number up to {LATEST_STEP:g}")
     return values.astype(int)
 
 

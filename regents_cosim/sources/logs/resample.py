@@ -39,7 +39,7 @@ def sample(track: Track, dt: float, first_step: float, instants: int) -> Samples
     exact = (before >= 0) & (track.step[at] == place)
     between = (before >= 0) & (before + 1 < len(track.step)) & (track.step[after] - track.step[at] == 1)
     valid = exact | between
-    values = np.stack([track.x, track.y, np.unwrap(track.yaw)])
+    values = track.motion
     found = np.zeros((3, instants))
     found[:, exact] = values[:, at[exact]]
     for instant, piece in _pieces(track, np.flatnonzero(between & ~exact), at):
@@ -49,7 +49,7 @@ def sample(track: Track, dt: float, first_step: float, instants: int) -> Samples
 
 def _pieces(track: Track, wanted: np.ndarray, at: np.ndarray) -> list[tuple[np.ndarray, slice]]:
     """Instants that fall between samples, with the gapless piece of the track around each group."""
-    breaks = np.flatnonzero(np.diff(track.step) != 1) + 1
+    breaks = track.breaks
     piece = np.searchsorted(breaks, at[wanted], side="right")
     found = []
     for number in np.unique(piece):

@@ -14,8 +14,9 @@ import shapely
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.errors import LogError
+from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.areas import closed
+from regents_cosim.geometry.crossings import require_few_crossings
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track
@@ -33,7 +34,7 @@ def build_road(scene: LoggedScene) -> RoadMap:
     lanes = tuple(lane for lane in scene.road.lanes if _has_direction(lane))
     try:
         area = drivable_area(scene.road, scene.tracks)
-    except shapely.errors.ShapelyError as error:
+    except (shapely.errors.ShapelyError, InputError) as error:
         raise LogError(f"{scene.name}: the road cannot be put together ({error})") from error
     if area.is_empty:
         raise LogError(f"{scene.name}: neither a road nor a moving vehicle (expected at least one of them)")
@@ -52,11 +53,14 @@ def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
 
         area = area_inside(road.edges, road.lanes)
     elif road.areas:
-        joined = shapely.union_all([area for area in road.areas if area.is_valid])
-        area = closed(joined, _CLOSE_M)
+        valid = [area for area in road.areas if area.is_valid]
+        require_few_crossings(valid)
+        area = closed(shapely.union_all(valid), _CLOSE_M)
     else:
         return _swept(tracks)
-    return _polygons_of(shapely.union_all([area, *_beyond(road, area)]))
+    beyond = list(_beyond(road, area))
+    require_few_crossings(beyond)
+    return _polygons_of(shapely.union_all([area, *beyond]))
 
 
 def lanelet(left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]) -> shapely.Polygon | None:
@@ -71,7 +75,9 @@ def largest(ring: Float[np.ndarray, "point 2"]) -> shapely.Polygon | None:
     """A ring as a valid polygon, the largest one where it crosses itself; None where it has no area."""
     if len(ring) < 3:
         return None
-    parts = [p for p in shapely.get_parts(shapely.make_valid(shapely.Polygon(ring))) if p.geom_type == "Polygon"]
+    polygon = shapely.Polygon(ring)
+    require_few_crossings([polygon])
+    parts = [p for p in shapely.get_parts(shapely.make_valid(polygon)) if p.geom_type == "Polygon"]
     best = max(parts, key=lambda part: part.area, default=None)
     return best if best is not None and best.area > 1e-3 else None
 

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Agent
-from regents_cosim.sources.logs.scene import Track
+from regents_cosim.sources.logs.scene import LATEST_STEP, Track
 
 _TURNS_M = 0.5  # of way by which a direction is told
 _MOST_AGENTS = 100_000
@@ -94,7 +94,7 @@ def steps_of(
         raise LogError(f"{len(known)} instants, expected at least 2")
     dt = float(np.round(np.median(np.diff(known)), 4))
     place = (times - known[0]) / max(dt, 1e-4)
-    if place.max() > 1e9:
+    if place.max() > LATEST_STEP:
         raise LogError(f"times from {known[0]:g} to {known[-1]:g} s at steps of {dt:g} s, expected one recording")
     step = np.round(place).astype(int)
     if np.median(np.abs(place - step)) > 0.1:

@@ -6,6 +6,7 @@ nuScenes has length and width swapped; a vehicle wider than long is turned round
 """
 
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,9 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError
+from regents_cosim.geometry.crossings import require_few_crossings
 from regents_cosim.scenario import VEHICLE_KINDS, Kind
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked
 from regents_cosim.sources.logs.road import largest
@@ -48,14 +51,14 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         scene = unpickle(content)
         if not isinstance(scene, dict) or not {"tracks", "map_features", "metadata"} <= set(scene):
             raise LogError("not a ScenarioNet file (expected tracks, map_features and metadata)")
-        yield _Reader(scene, len(content)).scene(path)
+        yield _Reader(scene, Work.of(path)).scene(path)
 
 
 class _Reader:
-    """One file; `budget` is what it may hold, so that parts that are named many times do not multiply."""
+    """One file, in which everything may be named many times: `work` counts all that is made of it."""
 
-    def __init__(self, content: dict[str, Any], budget: int) -> None:
-        self._content, self._budget = content, budget
+    def __init__(self, content: dict[str, Any], work: Work) -> None:
+        self._content, self._work = content, work
 
     def scene(self, path: Path) -> LoggedScene:
         """The LoggedScene."""
@@ -67,12 +70,12 @@ class _Reader:
         unit = 1.0 if dt < 1.5 else 1e-6  # some count microseconds
         dt = round(unit * float(np.median(np.diff(times))), 3)
         require_steady(unit * times, dt)
-        tracks = [self._track(str(name), track, len(times)) for name, track in self._content["tracks"].items()]
+        tracks = [self._track(_text(name), track, len(times)) for name, track in self._content["tracks"].items()]
         kept = tuple(track for track in tracks if track is not None)
-        ego = str(metadata.get("sdc_id"))
+        ego = _text(metadata.get("sdc_id"))
         lanes, edges, areas = self._map()
         return LoggedScene(
-            name=str(metadata.get("scenario_id") or self._content.get("id") or path.stem),
+            name=_text(metadata.get("scenario_id") or self._content.get("id") or path.stem),
             dt=dt,
             tracks=kept,
             road=LoggedMap(lanes, edges, () if edges else areas),
@@ -84,13 +87,12 @@ class _Reader:
 
     def _array(self, value: Any) -> np.ndarray:
         if isinstance(value, list | tuple):
-            rows = [tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,) for row in value]
-            value = np.array([row[:3] for row in rows], float)
-        if not isinstance(value, np.ndarray):
+            self._work.spend("numbers of one more list", 3 * len(value))
+            value = np.array([_row(entry) for entry in value], float)
+        elif isinstance(value, np.ndarray):
+            self._work.spend("numbers of one more array", value.size + 10 * STEPS)
+        else:
             raise ValueError("no array where one is expected")
-        self._budget -= value.size
-        if self._budget < 0:
-            raise LogError("the file names the same arrays over and over (expected a ScenarioNet file)")
         return value
 
     def _track(self, name: str, track: dict[str, Any], steps: int) -> Track | None:
@@ -102,7 +104,7 @@ class _Reader:
         there = valid > 0
         if not there.any():
             return None
-        kind = _KINDS.get(str(track["type"]), "other")
+        kind = _KINDS.get(_text(track["type"]), "other")
         length, width = (self._size(state.get(key), there) for key in ("length", "width"))
         if kind in VEHICLE_KINDS and width > length:
             length, width = width, length
@@ -120,13 +122,13 @@ class _Reader:
     def _map(self) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...], tuple[shapely.Polygon, ...]]:
         lanes, edges, areas, has_exits = [], [], [], False
         for name, feature in self._content["map_features"].items():
-            kind = str(feature.get("type"))
+            kind = _text(feature.get("type"))
             if kind in ("ROAD_EDGE_BOUNDARY", "ROAD_EDGE_MEDIAN", "BOUNDARY_LINE") and "polyline" in feature:
                 points = self._points(feature["polyline"])
                 if len(points) > 1:
                     edges.append(RoadEdge(points[:, :2], _height(points)))
             elif kind.startswith("LANE_") and "BIKE" not in kind:
-                lane = self._lane(str(name), feature)
+                lane = self._lane(_text(name), feature)
                 has_exits |= bool(feature.get("exit_lanes"))
                 lanes += [lane] if lane else []
                 areas += self._areas(feature, lane)
@@ -145,14 +147,15 @@ class _Reader:
         points = self._points(feature["polyline"])
         if len(points) < 2:
             return None
-        limit = feature.get("speed_limit_kmh")
+        limit, exits = feature.get("speed_limit_kmh"), feature.get("exit_lanes") or ()
+        self._work.spend("lanes that one leads to", len(exits))
         left, right = (_neighbour(feature.get(f"{side}_neighbor")) for side in ("left", "right"))
         return LoggedLane(
             id=name,
             centre=points[:, :2],
             z=_height(points),
             speed_limit=limit * _KMH if isinstance(limit, int | float) and limit > 0 else 13.9,
-            exits=tuple(str(exit_) for exit_ in feature.get("exit_lanes") or ()),
+            exits=tuple(map(_text, exits)),
             left=left,
             right=right,
         )
@@ -163,7 +166,9 @@ class _Reader:
             area = largest(self._points(feature["polygon"])[:, :2])
             found += [area] if area is not None else []
         if lane is not None:
-            strip = shapely.LineString(lane.centre).buffer(_BESIDE_CENTRE_M, cap_style="flat", quad_segs=3)
+            line = shapely.LineString(lane.centre)
+            require_few_crossings([line])
+            strip = line.buffer(_BESIDE_CENTRE_M, cap_style="flat", quad_segs=3)
             found += [part for part in shapely.get_parts(strip) if part.geom_type == "Polygon"]
         return found
 
@@ -175,10 +180,11 @@ class _Reader:
             states = light["state"].get("object_state")
             if not isinstance(states, list | tuple) or len(states) != steps:
                 continue
-            self._budget -= steps
-            letters[str(light.get("lane", name))] = [_letter(state) for state in states]
+            self._work.spend("instants of one more light", steps)
+            lane = _text(light.get("lane", name))
+            letters[lane] = [_letter(_text(state)) for state in states]
             if isinstance(light.get("stop_point"), np.ndarray) and light["stop_point"].size >= 2:
-                stops[str(light.get("lane", name))] = light["stop_point"].ravel().astype(float)
+                stops[lane] = self._array(light["stop_point"]).ravel()[:2].astype(float)
         return lights(letters, stops, lanes)
 
 
@@ -186,15 +192,33 @@ def _height(points: Float[np.ndarray, "point axis"]) -> Float[np.ndarray, " poin
     return points[:, 2] if points.shape[1] > 2 and np.isfinite(points[:, 2]).all() else None
 
 
+def _text(value: Any) -> str:
+    """A name. Of a list, which may hold itself a billion times, nothing is made."""
+    if isinstance(value, str):
+        return value
+    if value is None or isinstance(value, int | float):
+        return str(value)
+    raise ValueError(f"a {type(value).__name__} where a name is expected")
+
+
+def _row(entry: Any) -> tuple[float, ...]:
+    """The first three numbers of an entry of a list, or the one that it is."""
+    row = tuple(entry[:3]) if isinstance(entry, list | tuple | np.ndarray) else (entry,)
+    if not all(isinstance(number, int | float | np.number | np.bool_) for number in row):
+        raise ValueError("a list of something else than numbers")
+    return row
+
+
 def _neighbour(value: Any) -> str | None:
     """The first neighbour of a list of ids or of dictionaries with one."""
     first = value[0] if isinstance(value, list | tuple) and value else None
     first = first.get("feature_id") if isinstance(first, dict) else first
-    return str(first) if isinstance(first, str | int) else None
+    return _text(first) if isinstance(first, str | int) else None
 
 
-def _letter(state: Any) -> str:
-    return next((letter for word, letter in _LETTERS.items() if word in str(state)[:60]), UNKNOWN)
+@lru_cache
+def _letter(state: str) -> str:
+    return next((letter for word, letter in _LETTERS.items() if word in state[:60]), UNKNOWN)
 
 
 _INDICES = ("dataset_summary.pkl", "dataset_mapping.pkl")  # lie in a folder of scenarios, and hold none

@@ -5,8 +5,9 @@ counter-clockwise from +x. Tracks hold only the samples that the log calls valid
 of hours takes the memory of its rows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -19,7 +20,7 @@ _FARTHEST_M = 1e8
 _LONGEST_M = 5000.0  # of a straight piece of kerb or lane
 _COARSEST_S = 1.0  # between samples further apart the way of a vehicle is a guess
 _FINEST_S = 1e-3
-_LONGEST_STEPS = 10**9
+LATEST_STEP = 10**13  # 30,000 years at 10 Hz; instants that late are still told apart as numbers
 _JOIN_M = 0.6  # between the end of a lane and the start of the next
 _SIZES_M = (0.05, 100.0)  # of a road user; anything else is a damaged number
 DEFAULT_SIZES: dict[Kind, tuple[float, float]] = {
@@ -47,10 +48,25 @@ class Track:
             require(bool(np.isfinite(values).all()), f"{name}: NaN or infinite numbers at valid samples", LogError)
             require(np.abs(values).max() < _FARTHEST_M, f"{name}: a number beyond {_FARTHEST_M:g}", LogError)
         require(bool((np.diff(self.step) > 0).all()), f"{name}: time does not increase", LogError)
-        require(self.step[0] >= 0 and self.step[-1] < _LONGEST_STEPS, f"{name}: time is out of range", LogError)
+        require(self.step[0] >= 0 and self.step[-1] <= LATEST_STEP, f"{name}: time is out of range", LogError)
         least, most = _SIZES_M
         for size in (self.agent.length, self.agent.width):
             require(least <= size <= most, f"{name}: {size:g} m long or wide, expected {least} to {most} m", LogError)
+
+    @cached_property
+    def breaks(self) -> Int[np.ndarray, " gap"]:
+        """The samples before which there is a gap."""
+        return np.flatnonzero(np.diff(self.step) != 1) + 1
+
+    @cached_property
+    def motion(self) -> Float[np.ndarray, "3 sample"]:
+        """x, y and the yaw without leaps of a whole turn."""
+        return np.stack([self.x, self.y, np.unwrap(self.yaw)])
+
+    def pieces(self) -> Iterator[tuple[int, int]]:
+        """First and last step of every piece without a gap."""
+        starts, ends = np.concatenate([[0], self.breaks]), np.concatenate([self.breaks - 1, [len(self.step) - 1]])
+        yield from zip(self.step[starts].tolist(), self.step[ends].tolist(), strict=True)
 
 
 def _check_line(name: str, points: np.ndarray, z: np.ndarray | None) -> None:
@@ -111,12 +127,26 @@ class LoggedMap:
 
 @dataclass(frozen=True)
 class LoggedSignal:
-    """A light, its letter (SUMO's) per instant of the log, and the lane at whose start or end it stands."""
+    """A light, its letters (SUMO's), and the lane at whose start or end it stands.
+
+    A letter is that of an instant of the log, and the last one stays; or it is shown until its step of `ends`, after
+    the last of which they begin again.
+    """
 
     id: str
     letters: str
     lanes: tuple[str, ...]
     at_start: bool = False
+    ends: tuple[int, ...] = ()  # steps after `offset`
+    offset: int = 0
+
+    def shown(self, step: Int[np.ndarray, " instant"]) -> list[str]:
+        """The letter at each of these instants of the log."""
+        if not self.ends:
+            index = np.clip(step, 0, len(self.letters) - 1)
+        else:
+            index = np.searchsorted(self.ends, (step - self.offset) % self.ends[-1], side="right")
+        return [self.letters[i] for i in index]
 
 
 @dataclass(frozen=True, eq=False)

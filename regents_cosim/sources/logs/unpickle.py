@@ -8,6 +8,7 @@ numbers, since hashing deeply nested tuples overflows the stack. Memory is bound
 
 import io
 import pickletools
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -26,6 +27,7 @@ _VALUES = {
     "SHORT_BINSTRING", "UNICODE", "SHORT_BINUNICODE", "BINUNICODE", "BINUNICODE8", "BINBYTES", "SHORT_BINBYTES",
     "BINBYTES8",
 }  # fmt: skip
+_MOST_KEY = 1 << 63  # larger ones may share one hash by the thousand
 _MARK = object()
 
 
@@ -56,7 +58,7 @@ class _Array:
         _, shape, kind, fortran, data = state
         if isinstance(data, list):
             return data
-        if kind.name[:1] not in _DTYPES:
+        if not re.fullmatch(rf"[{_DTYPES}]\d{{1,9}}", kind.name):
             raise ValueError(f"an array of {kind.name[:10]!r}")
         content = data.encode("latin-1") if isinstance(data, str) else data
         values = np.frombuffer(content, np.dtype(kind.name).newbyteorder(kind.order))
@@ -116,9 +118,10 @@ class _Machine:
 
     def name(self, module: str, name: str) -> None:
         """A global: one of five, or the end."""
+        _require_text(module, name)
         if (module, name) not in _NAMES:
             raise LogError(
-                f"the pickle asks for {str(module)[:60]}.{str(name)[:60]}, which is none of the names a ScenarioNet "
+                f"the pickle asks for {module[:60]}.{name[:60]}, which is none of the names a ScenarioNet "
                 "file needs; refused, nothing of it was run"
             )
         self.stack.append(_Name((module, name)))
@@ -131,7 +134,7 @@ class _Machine:
         if function[1] == "_reconstruct":
             self.stack.append(_Array())
         elif function[1] == "dtype":
-            self.stack.append(_Type(str(arguments[0])))
+            self.stack.append(_Type(_require_text(arguments[0])))
         elif function[1] == "defaultdict":
             self.stack.append({})
         else:
@@ -154,8 +157,8 @@ class _Machine:
         if not isinstance(target, dict) or len(items) % 2:
             raise ValueError("items for something that is no dictionary")
         for key, value in zip(items[::2], items[1::2], strict=True):
-            if not isinstance(key, str | int | float | bytes | None):
-                raise ValueError("a key that is neither text nor number")
+            if not isinstance(key, str | int | float | bytes | None) or _is_huge(key):
+                raise ValueError("a key that is neither text nor a number of 64 bits")
             target[key] = value
 
     def append(self, items: list[Any]) -> None:
@@ -171,6 +174,17 @@ class _Machine:
         values = tuple(self.stack[-count:])
         del self.stack[-count:]
         self.stack.append(values)
+
+
+def _is_huge(key: Any) -> bool:
+    return isinstance(key, int) and abs(key) >= _MOST_KEY
+
+
+def _require_text(*values: Any) -> str:
+    """The first of them. Text alone is hashed or printed: lists and tuples may hold themselves a billion times."""
+    if not all(isinstance(value, str) for value in values):
+        raise ValueError("a name that is no text")
+    return values[0]
 
 
 def _dictionary(machine: _Machine, _: Any) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained
 from regents_cosim.sources.logs.protobuf import Message, columns, grouped, messages, number, numbers, reals, text
@@ -40,12 +41,13 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         empty = False
         with explained(path, f"Waymo scenario in record {index}"):
             top = grouped(memoryview(payload))
-            yield read_example(top, f"{path.stem}-{index}") if set(top) == {1} else _scene(top)
+            work = Work(len(payload))
+            yield read_example(top, f"{path.stem}-{index}", work) if set(top) == {1} else _scene(top, work)
     if empty:
         raise LogError(f"{path}: no records")
 
 
-def _scene(top: dict[int, list[int | Message]]) -> LoggedScene:
+def _scene(top: dict[int, list[int | Message]], work: Work) -> LoggedScene:
     times = reals(top[1])
     if len(times) < 2 or not (np.diff(times) > 0).all():
         raise ValueError(f"{len(times)} time stamps, expected at least 2 that increase")
@@ -59,7 +61,7 @@ def _scene(top: dict[int, list[int | Message]]) -> LoggedScene:
         tracks=tuple(track for track in tracks if track is not None),
         road=LoggedMap(lanes, edges),
         ego=mine.agent.id if mine else None,
-        signals=_signals(messages(top[7]), lanes, len(times)),
+        signals=_signals(messages(top[7]), lanes, len(times), work),
         begin_s=float(times[0]),
     )
 
@@ -126,14 +128,19 @@ def _lane(name: str, lane: dict[int, list[int | Message]]) -> LoggedLane | None:
 # --- signals ----------------------------------------------------------------------------------
 
 
-def _signals(states: Sequence[Message], lanes: Sequence[LoggedLane], steps: int) -> tuple[LoggedSignal, ...]:
+def _signals(
+    states: Sequence[Message], lanes: Sequence[LoggedLane], steps: int, work: Work
+) -> tuple[LoggedSignal, ...]:
     letters: dict[str, list[str]] = {}
     stops: dict[str, np.ndarray] = {}
     for step, message in enumerate(states[:steps]):
         for one in messages(grouped(message)[1]):
             light = grouped(one)
             name = str(number(light[1]))
-            letters.setdefault(name, [UNKNOWN] * steps)[step] = LETTERS.get(number(light[2]), UNKNOWN)
+            if name not in letters:
+                work.spend("instants of one more light", steps)
+                letters[name] = [UNKNOWN] * steps
+            letters[name][step] = LETTERS.get(number(light[2]), UNKNOWN)
             if light[3]:
                 stops[name] = columns(messages(light[3][-1:]), (1, 2))[0]
     return lights(letters, stops, lanes)

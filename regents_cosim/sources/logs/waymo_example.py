@@ -7,6 +7,7 @@ broken where points are far apart, because the cloud may be cut off or thinned o
 import numpy as np
 from jaxtyping import Bool, Float
 
+from regents_cosim.checks.work import Work
 from regents_cosim.sources.logs.protobuf import Message, grouped, messages, numbers, reals
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
@@ -73,7 +74,7 @@ class _Features:
         return np.concatenate(parts, axis=1)
 
 
-def read_example(top: dict[int, list[int | Message]], name: str) -> LoggedScene:
+def read_example(top: dict[int, list[int | Message]], name: str, work: Work) -> LoggedScene:
     """The scenario of one Example."""
     features = _Features(top)
     tracks, ego = _tracks(features)
@@ -84,7 +85,7 @@ def read_example(top: dict[int, list[int | Message]], name: str) -> LoggedScene:
         tracks=tracks,
         road=LoggedMap(lanes, edges),
         ego=ego,
-        signals=_signals(features, lanes),
+        signals=_signals(features, lanes, work),
         notes=("a tf.Example holds at most 128 agents and 20000 map points; kerbs may be missing",),
     )
 
@@ -128,10 +129,14 @@ def _map(features: _Features) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, .
     xyz = features("roadgraph_samples/xyz")
     points = xyz.reshape(-1, 3)
     kind, name, valid = (features(f"roadgraph_samples/{key}", len(points)) for key in ("type", "id", "valid"))
+    there = np.flatnonzero(valid > 0)
+    if not np.isfinite(name[there]).all():
+        raise ValueError("the id of a map feature is no number")
+    order = there[np.argsort(name[there], kind="stable")]
+    starts = np.flatnonzero(np.diff(name[order], prepend=np.nan))
     lanes, edges = [], []
-    for number in np.unique(name[valid > 0]):
-        mine = (name == number) & (valid > 0)
-        line, what = points[mine], int(kind[mine][0])
+    for mine in np.split(order, starts[1:]) if len(order) else []:
+        number, line, what = name[mine[0]], points[mine], int(kind[mine[0]])
         if what in _EDGES:
             edges += [RoadEdge(part[:, :2], part[:, 2]) for part in _unbroken(line)]
         elif what in _LANES:
@@ -151,7 +156,7 @@ def _unbroken(line: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "_ 3
     return [part for part in np.split(line, breaks) if len(part) > 1]
 
 
-def _signals(features: _Features, lanes: tuple[LoggedLane, ...]) -> tuple[LoggedSignal, ...]:
+def _signals(features: _Features, lanes: tuple[LoggedLane, ...], work: Work) -> tuple[LoggedSignal, ...]:
     """Up to 16 lights per instant, each named by its lane."""
     letters: dict[str, list[str]] = {}
     stops: dict[str, np.ndarray] = {}
@@ -162,7 +167,10 @@ def _signals(features: _Features, lanes: tuple[LoggedLane, ...]) -> tuple[Logged
     for step in range(instants.shape[1]):
         for name, state, valid, x, y in instants[:, step].T:
             if valid > 0:
-                known = letters.setdefault(f"{name:.0f}", [UNKNOWN] * instants.shape[1])
-                known[step] = LETTERS.get(int(state), UNKNOWN)
-                stops[f"{name:.0f}"] = np.array([x, y])
+                lane = f"{name:.0f}"
+                if lane not in letters:
+                    work.spend("instants of one more light", instants.shape[1])
+                    letters[lane] = [UNKNOWN] * instants.shape[1]
+                letters[lane][step] = LETTERS.get(int(state), UNKNOWN)
+                stops[lane] = np.array([x, y])
     return lights(letters, stops, lanes)
