@@ -136,6 +136,10 @@ class HighwayControl:
         lane: AbstractLane = self._vehicle.lane
         return abs(float(lane.local_coordinates(self._vehicle.position)[1]))
 
+    def is_at_ease(self) -> bool:
+        """Whether its driver could go on; it has no braking that it likes to keep to."""
+        return True
+
     def give_back(self) -> bool:
         """It decides again, and keeps to the lane that it is on; False where it has gone."""
         vehicle = self._vehicle

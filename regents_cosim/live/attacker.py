@@ -231,7 +231,8 @@ class Attacker:
             home.met = True
             self._tally.crashes += 1
             self._over(frame, home, "collision")
-        if home.control.off_lane_m() < _OFF_LANE_M or frame.time_s - self._home_since_s > _LONGEST_RETURN_S:
+        is_home = home.control.off_lane_m() < _OFF_LANE_M and home.control.is_at_ease()
+        if is_home or frame.time_s - self._home_since_s > _LONGEST_RETURN_S:
             self.let_go()
         elif self._is_time(frame):
             onward = self._replanner.homeward(frame, name)

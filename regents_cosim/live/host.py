@@ -29,6 +29,10 @@ class VehicleControl(Protocol):
         """How far it is from the middle of its lane [m]."""
         ...
 
+    def is_at_ease(self) -> bool:
+        """Whether its own driver could go on from here without braking harder than it likes to."""
+        ...
+
     def give_back(self) -> bool:
         """As it was found; False where it has gone, and needs nothing."""
         ...

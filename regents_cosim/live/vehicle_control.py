@@ -5,15 +5,15 @@ there (SUMO issue 6140). Where lanes are changed over time or the sublane model 
 the vehicle keeps to its lane, and its speed alone is ours.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from regents_cosim.geometry.frames import Pose, to_sumo
+from regents_cosim.geometry.lines import stretch
 from regents_cosim.live.paths import LaneChains
 from regents_cosim.live.plan import Plan
+from regents_cosim.live.vehicle_route import VehicleRoute, raise_unless_refused
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
 
@@ -23,16 +23,8 @@ _ONTO_LANE = 1  # keepRoute: the nearest place in the middle of a lane of its ro
 _UNCHECKED = 0  # speed and lane changes: nothing but what it is told
 _AS_SUMO_LIKES = -1.0
 _POINTS_M = 5.0  # of a plan, by which its edges are told
-
-
-@dataclass(frozen=True)
-class _Found:
-    """How a vehicle was."""
-
-    speed_mode: int
-    lane_change_mode: int
-    colour: tuple[int, ...]
-    route: tuple[str, ...]
+_ROUNDED_M_S = 1e-3
+_GOES_FIRST = "MGO"  # letters of a link before which no vehicle waits for others
 
 
 class SumoVehicleControl:
@@ -49,13 +41,10 @@ class SumoVehicleControl:
     ) -> None:
         self._sumo, self.name, self._length_m = connection, name, length_m
         self._road, self._only_speed = road, only_speed
+        self._step_s = float(connection.simulation.getDeltaT())
         vehicle = connection.vehicle
-        self._found = _Found(
-            vehicle.getSpeedMode(name),
-            vehicle.getLaneChangeMode(name),
-            tuple(vehicle.getColor(name)),
-            tuple(vehicle.getRoute(name)),
-        )
+        self._modes = int(vehicle.getSpeedMode(name)), int(vehicle.getLaneChangeMode(name))
+        self._colour, self._route = tuple(vehicle.getColor(name)), VehicleRoute(connection, name)
         vehicle.setSpeedMode(name, _UNCHECKED)
         vehicle.setLaneChangeMode(name, _UNCHECKED)
         vehicle.setColor(name, colour)
@@ -65,16 +54,7 @@ class SumoVehicleControl:
         """Let the vehicle's route be the way of the plan, so that others at a junction see it come."""
         if self._only_speed:
             return
-        edges = self._edges(plan)
-        route = list(self._sumo.vehicle.getRoute(self.name))
-        index = max(self._sumo.vehicle.getRouteIndex(self.name), 0)
-        ahead = route[index:]
-        if not edges or not ahead or _runs_along(edges, ahead):
-            return
-        edges = edges[edges.index(ahead[0]) :] if ahead[0] in edges else [ahead[0], *edges]
-        kind = self._sumo.vehicle.getTypeID(self.name)
-        onward = self._sumo.simulation.findRoute(edges[-1], self._found.route[-1], kind).edges[1:]
-        self._try(lambda: self._sumo.vehicle.setRoute(self.name, [*edges, *onward]))
+        self._route.lead_along(self._edges(plan))
 
     def confirm(self) -> None:
         """After a step: SUMO forgets the speed of one that comes onto another lane."""
@@ -91,30 +71,66 @@ class SumoVehicleControl:
         self._told_m_s = speed
 
     def give_back(self) -> bool:
-        """As it was found: modes, colour and route; False where it has gone, and needs nothing."""
+        """As it was found: modes, colour, route and stops; False where it has gone, and needs nothing.
+
+        For one step more it goes on at its speed, in the middle of its lane. SUMO takes the way to the place that a
+        vehicle is put at for its speed: one that is put where it is brakes as in an emergency.
+        """
         vehicle = self._sumo.vehicle
         if self.name not in vehicle.getIDList():
             return False
-        if not self._only_speed and self._told_m_s is not None:
-            x, y = vehicle.getPosition(self.name)
-            self._try(lambda: vehicle.moveToXY(self.name, "", -1, x, y, vehicle.getAngle(self.name), _ONTO_LANE))
-        vehicle.setSpeed(self.name, _AS_SUMO_LIKES)
-        vehicle.setSpeedMode(self.name, self._found.speed_mode)
-        vehicle.setLaneChangeMode(self.name, self._found.lane_change_mode)
-        vehicle.setColor(self.name, self._found.colour)
-        self._route_as_found()
+        self._route.give_back()
+        if self._told_m_s is None:
+            vehicle.setSpeed(self.name, _AS_SUMO_LIKES)
+        else:
+            if not self._only_speed:
+                self._onto_lane()
+            vehicle.slowDown(self.name, vehicle.getSpeed(self.name), self._step_s)  # and then as SUMO likes
+        vehicle.setSpeedMode(self.name, self._modes[0])
+        vehicle.setLaneChangeMode(self.name, self._modes[1])
+        vehicle.setColor(self.name, self._colour)
         return True
 
     def off_lane_m(self) -> float:
         """How far its front is from the middle of the lane that SUMO has it on [m]."""
         return abs(float(self._sumo.vehicle.getLateralLanePosition(self.name)))
 
-    def _route_as_found(self) -> None:
-        vehicle, found = self._sumo.vehicle, self._found.route
-        now = list(vehicle.getRoute(self.name))
-        here = now[max(vehicle.getRouteIndex(self.name), 0)] if now else ""
-        if here in found and now[max(vehicle.getRouteIndex(self.name), 0) :] != list(found[found.index(here) :]):
-            self._try(lambda: vehicle.setRoute(self.name, list(found[found.index(here) :])))
+    def is_at_ease(self) -> bool:
+        """Whether SUMO has it brake by no more than its `decel` now, and could at the next place where it may wait."""
+        vehicle = self._sumo.vehicle
+        speed, decel = float(vehicle.getSpeed(self.name)), float(vehicle.getDecel(self.name))
+        if vehicle.getSpeedWithoutTraCI(self.name) < speed - decel * self._step_s - _ROUNDED_M_S:
+            return False
+        stops_m = speed * self._step_s + 0.5 * speed**2 / decel
+        return self._may_wait_in_m() > stops_m
+
+    def _may_wait_in_m(self) -> float:
+        """How far ahead the next line is where it may have to let others pass [m]."""
+        vehicle = self._sumo.vehicle
+        lane = vehicle.getLaneID(self.name)
+        if lane not in self._road.lane:
+            return np.inf
+        links = vehicle.getNextLinks(self.name)
+        if self._road.lane[lane].junction:  # and may have to wait within it
+            waits = any(self._road.lane[link.target].junction for link in self._road.exits[lane])
+        else:
+            waits = bool(links) and links[0][5] not in _GOES_FIRST
+        return self._road.lane[lane].length - float(vehicle.getLanePosition(self.name)) if waits else np.inf
+
+    def _onto_lane(self) -> None:
+        """Put it onto the nearest lane of its route, as far ahead as it comes in a step."""
+        vehicle = self._sumo.vehicle
+        angle, way_m = float(vehicle.getAngle(self.name)), float(vehicle.getSpeed(self.name)) * self._step_s
+        lane, along_m = vehicle.getLaneID(self.name), float(vehicle.getLanePosition(self.name))
+        if lane in self._road.lane and along_m + way_m < self._road.lane[lane].length:
+            x, y = stretch(self._road.lane[lane].centre, along_m + way_m)[0].tolist()
+        else:
+            (x, y), turned = vehicle.getPosition(self.name), np.deg2rad(90.0 - angle)
+            x, y = float(x + way_m * np.cos(turned)), float(y + way_m * np.sin(turned))
+        try:
+            vehicle.moveToXY(self.name, "", -1, x, y, angle, _ONTO_LANE)
+        except Exception as error:  # too far from its route
+            raise_unless_refused(error)
 
     def _edges(self, plan: Plan) -> list[str]:
         """The edges under a plan up to where it meets the ego and a little further.
@@ -131,17 +147,3 @@ class SumoVehicleControl:
         names = [lane.id for lane in lanes if not lane.junction]
         names += LaneChains(self._road).out_of_junction(lanes[-1].id)[-1:] if lanes else []
         return list(dict.fromkeys(name.rpartition("_")[0] for name in names))
-
-    def _try(self, change: Any) -> None:
-        """What SUMO may refuse without harm: a route that does not join, a place too far from one."""
-        try:
-            change()
-        except Exception as error:
-            if type(error).__name__ != "TraCIException":
-                raise
-
-
-def _runs_along(edges: Sequence[str], route: Sequence[str]) -> bool:
-    """Whether the edges are among those of a route, in order."""
-    left = iter(route)
-    return all(edge in left for edge in edges)
