@@ -1,6 +1,5 @@
 """The axes of the map of behaviours, and the cell of a crash on them."""
 
-import difflib
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import get_args
 
 from regents_cosim.archive.crash import Crash
 from regents_cosim.attack_record import CollisionKind
+from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.tags.table import TAGS, About
 
@@ -83,9 +83,7 @@ class Axes:
             raise RegentsError(f"--axes: expected one or more of {', '.join(AXES)}")
         for at, name in enumerate(self.names):
             if name not in AXES:
-                near = difflib.get_close_matches(name, AXES, n=3, cutoff=0.4)
-                hint = f"did you mean {', '.join(near)}?" if near else f"expected one of {', '.join(AXES)}"
-                raise RegentsError(f"unknown axis {name!r}: {hint}")
+                raise RegentsError(f"unknown axis {name!r}: {did_you_mean(name, AXES)}")
             if name in self.names[:at]:
                 raise RegentsError(f"axis {name!r} is given twice: expected each once")
 

@@ -16,9 +16,10 @@ from regents_cosim.cases.files import CASE_FILES, is_of_case, load_header, write
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.json_files import FLAT_SCHEMA, JSON_BYTES, decode, explain_read
 from regents_cosim.cases.map_files import is_map_file
-from regents_cosim.cases.shipped import SUITES, located, names
+from regents_cosim.cases.shipped import ALL_NETWORKS, SUITES, located, names
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_file_name, require_inside
+from regents_cosim.checks.suggestions import nearest
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, is_temporary, write_atomic
@@ -150,15 +151,24 @@ def _settled(suite: Suite, folder: Path) -> Suite:
     return suite.having(suite.pending) if there else replace(suite, pending=None)
 
 
+def _no_cases(named: Path, path: Path) -> str:
+    """What to say of a path that is no folder: what was meant may be a network, or a name misspelt."""
+    if path.suffix == ".sumocfg":
+        return f"{named} is traffic, expected cases: name it with -c"
+    if near := nearest(named.name, (*SUITES, *ALL_NETWORKS)):
+        return f"{named} is not a folder: did you mean {'' if near[0] in SUITES else '-c '}{names(tuple(near))[0]}?"
+    return (
+        f"{named} is not a folder (expected a case, a folder of cases, or one that comes with regents_cosim: "
+        f"{', '.join(names(SUITES))})"
+    )
+
+
 def find_cases(path: Path) -> list[Path]:
     """The case folders that `path` stands for: itself, or those its manifest lists, in that order."""
-    path = located(path)
+    named, path = path, located(path)
     restore(path)
     if not path.is_dir():
-        raise CaseError(
-            f"{path} is not a folder (expected a case, a folder of cases, or one that comes with regents_cosim: "
-            f"{', '.join(names(SUITES))})"
-        )
+        raise CaseError(_no_cases(named, path))
     if (path / HEADER).is_file():
         return [path]
     return [path / entry.case for entry in load_manifest(path).cases]

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError
 
 NETWORKS = ("merge", "crossing", "signals", "roundabout", "grid", "multilane")  # taken where none is named
@@ -24,7 +25,7 @@ def shipped(folder: str) -> Path:
 def network_config(name: str) -> Path:
     """The .sumocfg of a shipped network."""
     if name not in ALL_NETWORKS:
-        raise RegentsError(f"network {name!r} does not exist, expected one of {', '.join(ALL_NETWORKS)}")
+        raise RegentsError(f"network {name!r} does not exist, {did_you_mean(name, ALL_NETWORKS)}")
     return shipped("sumo_nets") / name / f"{name}.sumocfg"
 
 
@@ -36,7 +37,7 @@ def network(name: str) -> Path:
 def suite_folder(name: str) -> Path:
     """The folder of a shipped suite."""
     if name not in SUITES:
-        raise RegentsError(f"suite {name!r} does not exist, expected one of {', '.join(SUITES)}")
+        raise RegentsError(f"suite {name!r} does not exist, {did_you_mean(name, SUITES)}")
     return shipped("scenarios") / name
 
 
@@ -49,7 +50,8 @@ def located(path: Path) -> Path:
         return network_config(name)
     if name in SUITES and ".." not in case:
         return suite_folder(name).joinpath(*case)
-    raise RegentsError(f"{path} does not exist, expected one of {', '.join((*names(SUITES), *names(ALL_NETWORKS)))}")
+    known = (*SUITES, *ALL_NETWORKS)
+    raise RegentsError(f"{path} does not exist, {did_you_mean(name, known, _PREFIX)}")
 
 
 def names(of: tuple[str, ...]) -> list[str]:

@@ -1,8 +1,10 @@
 """All commands together, and what comes of one: an exit code, and an error as one line."""
 
+import math
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 
 from cyclopts import App, CycloptsError, Parameter, UnknownOptionError
@@ -34,6 +36,20 @@ def _shown_default(value: object) -> str | None:
     return " ".join(map(str, value)) if isinstance(value, tuple) else "on" if value is True else str(value)
 
 
+def _require_plain_numbers(_: object, value: object) -> None:
+    """No option of ours takes a number below 0, or one that is none; narrower ranges are checked where they belong."""
+    if is_dataclass(value):  # options that several commands share
+        for one in fields(value):
+            _require_plain(getattr(value, one.name), f"--{one.name.replace('_', '-')} is ")
+    for one in value if isinstance(value, tuple) else (value,):
+        _require_plain(one, "")
+
+
+def _require_plain(value: object, name: str) -> None:
+    if isinstance(value, int | float) and not (math.isfinite(value) and value >= 0):
+        raise ValueError(f"{name}{value}, expected a number of 0 or more")
+
+
 app = App(
     name="regents",
     help="Crash-test driving planners: ordinary traffic in, a verified crash out.",
@@ -44,7 +60,9 @@ app = App(
         "planner failed in at least one case, the others are done; 130 interrupted, 143 terminated."
     ),
     version=lambda: version("regents_cosim"),
-    default_parameter=Parameter(negative_bool=(), negative_iterable=(), show_default=_shown_default),
+    default_parameter=Parameter(
+        negative_bool=(), negative_iterable=(), show_default=_shown_default, validator=_require_plain_numbers
+    ),
 )
 for _command in (record, inspect, attack, replay, export, report, gallery, shrink, evaluate, live, status):
     app.command(_command)
@@ -91,7 +109,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _where_to_look(error: CycloptsError, mine: Sequence[str]) -> str:
-    place = f"see `regents {' '.join(mine[:1])} --help`"
+    place = f"see `{' '.join(['regents', *(word for word in mine[:1] if word in app)])} --help`"
     mistaken = isinstance(error, UnknownOptionError) and mine[:1] in _FOR_SUMO
     return f"{place}; SUMO's own options go behind --, at the end" if mistaken else place
 

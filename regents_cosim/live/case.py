@@ -54,7 +54,7 @@ def case_of(
     recording = _recording(frames, dt, after, round(tail_s / dt))
     ego = recording.ids.index(frames[0].ids[0])
     scene = RecordedScene.of(recording)
-    reach = Windows(count=1, seed=attacked.seed, horizon_s=max((recording.x.shape[1] - 1) * dt, 0.2), radius_m=1e5)
+    reach = Windows(count=1, seed=attacked.seed, horizon_s=max((recording.x.shape[1] - 1) * dt, 1.0), radius_m=1e5)
     base = make_scenario(scene, ego, road, attacked.source, reach, Counter())
     original = _original(base, recording.begin_s, dt, (base.ego.id, attacked.adversary), before)
     agents = tuple(

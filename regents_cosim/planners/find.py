@@ -9,6 +9,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
+from regents_cosim.checks.suggestions import did_you_mean, nearest
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.bridges import bridges
 from regents_cosim.planners.interface import Planner
@@ -63,13 +64,26 @@ def find_attribute(name: str) -> Any:
         return lambda: factory(rest)
     module_name, _, attribute = known.get(name, name).rpartition(":")
     if not module_name:
-        raise PlannerError(f"planner {name!r} not found, expected one of {all_that_may_be_named(tuple(known))}")
-    found: Any = import_named(module_name, f"planner {name!r}", installed=name in known)
+        raise _unknown(name, tuple(known))
+    module = import_named(module_name, f"planner {name!r}", installed=name in known)
+    found: Any = module
     for part in attribute.split("."):  # of a class in a class
         found = getattr(found, part, None)
     if found is None:
-        raise PlannerError(f"planner {name!r}: {module_name} has no {attribute!r}")
+        own = [
+            one for one, what in vars(module).items() if isinstance(what, type) and what.__module__ == module.__name__
+        ]
+        hint = did_you_mean(attribute, own) if own else "it defines no class"
+        raise PlannerError(f"planner {name!r}: {module_name} has no {attribute!r} ({hint})")
     return found
+
+
+def _unknown(name: str, installed: tuple[str, ...]) -> PlannerError:
+    if name.endswith(".py"):
+        return PlannerError(f"planner {name!r} is a file: name the planner in it as well, {name}:CLASS")
+    if near := nearest(name, (*OURS, *installed), 3):
+        return PlannerError(f"planner {name!r} not found: did you mean {' or '.join(near)}?")
+    return PlannerError(f"planner {name!r} not found, expected one of {all_that_may_be_named(installed)}")
 
 
 def _ours(place: str) -> Any:

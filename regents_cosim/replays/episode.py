@@ -1,6 +1,5 @@
 """What the environments of both simulators share: the case that is played, how far the ego came, who it hit."""
 
-import difflib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
+from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.planners.interface import Snapshot
@@ -33,9 +33,7 @@ def require_known(given: dict[str, Any], known: Sequence[str] | dict[str, Any], 
     """Raise RegentsError with the nearest name for a key that is not known."""
     for key in given:
         if key not in known:
-            near = difflib.get_close_matches(str(key), list(known), 1)
-            hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(sorted(known))}"
-            raise RegentsError(f"unknown {what} {key!r}, {hint}")
+            raise RegentsError(f"unknown {what} {key!r}, {did_you_mean(str(key), sorted(known))}")
 
 
 class RecordedPath:

@@ -13,6 +13,7 @@ from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.controller import ControlledVehicle
 
+from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import PlannerError
 from regents_cosim.system.user_code import import_named
 
@@ -177,8 +178,8 @@ def find_agent(name: str) -> HighwayAgent:
     module_name, _, attribute = name.partition(":")
     if not attribute:
         raise PlannerError(
-            f"highway-env agent {name!r} not found, expected one of {', '.join(sorted(AGENTS))}, "
-            "`package.module:attribute` or `file.py:attribute`"
+            f"highway-env agent {name!r} not found, {did_you_mean(name, sorted(AGENTS))} (or name your own: "
+            "`package.module:attribute` or `file.py:attribute`)"
         )
     found = getattr(import_named(module_name, f"agent {name!r}"), attribute, None)
     if found is None:

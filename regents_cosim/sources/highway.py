@@ -4,7 +4,6 @@ Episodes run at 10 Hz, the policy decides as often as the environment says, and 
 read. One window per episode, its ego is the controlled vehicle.
 """
 
-import difflib
 import hashlib
 import json
 import warnings
@@ -19,6 +18,7 @@ from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
 
+from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import HighwayPose, from_highway
 from regents_cosim.scenario import Scenario
@@ -110,11 +110,7 @@ def record_episodes(job: HighwayRecordingJob) -> list[Scenario]:
 def _require_environment(name: str) -> None:
     known = environments()
     if name not in known:
-        near = difflib.get_close_matches(name, known, 1)
-        raise RegentsError(
-            f"highway-env has no environment {name!r}{f', did you mean {near[0]}?' if near else ''} "
-            f"(expected one of {', '.join(known)})"
-        )
+        raise RegentsError(f"highway-env has no environment {name!r}: {did_you_mean(name, known)}")
 
 
 def _make(job: HighwayRecordingJob) -> AbstractEnv:

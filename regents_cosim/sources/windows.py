@@ -40,7 +40,7 @@ _MOST_ASKED = 24  # vehicles of a slot that are asked for conflicts
 _RANGES = {
     "count": Range(1, 1_000_000, "windows wanted", whole=True),
     "seed": SEED,
-    "horizon_s": Range(0.2, 3600.0, "the length of a window [s]"),
+    "horizon_s": Range(1.0, 3600.0, "the length of a window [s]"),
     "radius_m": Range(0.1, 1e6, "how near to the ego an agent must come [m]"),
     "max_agents": Range(2, 1000, "road users in a window, the ego included", whole=True),
     "company": Range(0, 1000, "moving vehicles near the ego", whole=True),

@@ -8,11 +8,11 @@ where it comes from, and the road apart, as is done here. How a tag is measured 
 case may have several.
 """
 
-import difflib
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Literal
 
+from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags import braking, crossing, ego, lawless, place, sideways, traffic
@@ -90,6 +90,4 @@ def require_tags(names: Collection[str], among: Collection[str] = TAGS) -> None:
     """Raise RegentsError for one that is none of `among`, with the nearest names."""
     for name in names:
         if name not in among:
-            near = difflib.get_close_matches(name, among, n=3, cutoff=0.4)
-            hint = f"did you mean {', '.join(near)}?" if near else f"expected one of {', '.join(among)}"
-            raise RegentsError(f"unknown tag {name!r}: {hint}")
+            raise RegentsError(f"unknown tag {name!r}: {did_you_mean(name, among)}")

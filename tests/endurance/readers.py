@@ -178,7 +178,7 @@ def _configuration(path: Path) -> object:
 def _fcd(path: Path) -> object:
     net = path.parent / "a.net.xml"
     if _is_deep(path):
-        return fcd.record_fcd(path, net, routes_or_types=(path.parent / "a.rou.xml",), horizon_s=0.5)
+        return fcd.record_fcd(path, net, routes_or_types=(path.parent / "a.rou.xml",), horizon_s=1.0)
     return sum(len(rows) for _, rows, _ in islice(fcd.logged_instants(path), 10_000))
 
 
@@ -203,7 +203,7 @@ def _log(format: str, path: Path, mutated: Path) -> object:
     """Read a log, and cut a window out of every sixteenth."""
     scenes_ = list(islice(read_log(path, formats()[format], CompanionFiles()), 2))
     if _is_deep(mutated):
-        asked = LogWindows(Windows(horizon_s=0.8))
+        asked = LogWindows(Windows(horizon_s=1.0))
         for scene in scenes_:
             list(islice(cut(scene, asked, RecordingOrigin("x", "x", "x"), Counter()), 1))
     return len(scenes_)

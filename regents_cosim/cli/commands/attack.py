@@ -80,6 +80,8 @@ def attack(
     from regents_cosim.campaign.attack_run import attacked_headers
     from regents_cosim.campaign.requests import parse_types
     from regents_cosim.campaign.window_job import AttackRun
+    from regents_cosim.cases.files import load_case
+    from regents_cosim.evaluation.crashes.failures import reasons_without_crash
     from regents_cosim.reports.tables import ATTACKED, attack_row, summary
 
     terminal = open_terminal(talk)
@@ -105,6 +107,8 @@ def attack(
     rows = [attack_row(one, replays.get(one.id)) for one in attacked]
     title = f"{run.label} against {' and '.join((planner, *against))}: {len(rows)} cases in {output}"
     terminal.show(title, rows, summary(attacked, replays), ATTACKED)
+    for line in reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None):
+        terminal.say(line)
     if axes:
         kept = archive_of([output / one.id for one in attacked], axes)
         terminal.say(f"of {len(record.own)} windows, {Coverage(kept).summary()}")
@@ -115,13 +119,15 @@ def _require_one_input(
     cases: Path | None, traffic: TrafficOptions, sumo: tuple[str, ...], outputs: Sequence[Path]
 ) -> None:
     """Raise RegentsError unless either cases or traffic are named, with what belongs to them."""
-    if (cases is None) == (not names_traffic(traffic)):
-        raise RegentsError(
-            "expected either a folder of cases or traffic "
-            "(-c NAME.sumocfg, --from highway:ENVIRONMENT, --log PATH), not both"
-        )
     if cases is None:
+        if not names_traffic(traffic):
+            raise RegentsError(
+                "nothing to attack: expected a case or a folder of cases (shipped:standard, say), or traffic "
+                "(-c NAME.sumocfg, -c shipped:merge, --from highway:ENVIRONMENT, --log PATH)"
+            )
         return
+    if names_traffic(traffic):
+        raise RegentsError(f"both cases ({cases}) and traffic are named: expected one of them")
     if sumo:
         raise RegentsError("what follows -- goes to SUMO, which records nothing here: leave it out, or name traffic")
     for output in outputs:

@@ -1,7 +1,7 @@
 """Why an attack has not found what it looked for in a window."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -14,6 +14,12 @@ Reason = Literal[
     "no_candidate", "out_of_reach", "stuck", "spoilt_only", "unlawful_only", "not_known", "unavoidable_only",
     "careful_driver_crashes_too",
 ]  # fmt: skip
+_WORDS_OF_NONE: dict[str, str] = {
+    "no_candidate": "no candidate: the rules of the method leave no road user that may attack",
+    "out_of_reach": "out of reach: no candidate could meet the ego within its limits",
+    "stuck": "stuck: a candidate could reach the ego, and the search did not find out how",
+    "spoilt_only": "spoilt: the collisions that were found are none that a person could be asked to prevent",
+}
 _NEARER: tuple[Reason, ...] = (
     "spoilt_only",
     "unlawful_only",
@@ -48,6 +54,15 @@ def failure_reason(results: Sequence[Scenario]) -> Reason | None:
     if any(record.spoilt for record in records):
         return "spoilt_only"
     return "stuck" if may_reach(results[0]) else "out_of_reach"
+
+
+def reasons_without_crash(attacked: Iterable[Scenario]) -> list[str]:
+    """A line for each reason why windows that were searched hold no crash, with the ids of their cases."""
+    found: dict[str, list[str]] = {}
+    for case in attacked:
+        if case.attack is not None and case.attack.outcome in ("no_collision", "no_candidate"):
+            found.setdefault(str(failure_reason([case])), []).append(case.id)
+    return [f"{_WORDS_OF_NONE[reason]} ({', '.join(ids)})" for reason, ids in found.items()]
 
 
 def failing_offences(results: Sequence[Scenario]) -> set[str]:
