@@ -9,7 +9,7 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/*
 
 COPY dist/*.whl /tmp/
-RUN pip install --no-cache-dir /tmp/*.whl && rm /tmp/*.whl
+RUN pip install --no-cache-dir "$(ls /tmp/*.whl)[test]" && rm /tmp/*.whl
 
 RUN useradd --create-home tester
 USER tester

@@ -15,7 +15,7 @@ CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable '.[test]'
 	touch $@
 
 .venv/installed-dev: .venv/installed

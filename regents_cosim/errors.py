@@ -29,6 +29,11 @@ class MissingDependencyError(RegentsError):
     exit_code = MISSING_DEPENDENCY
 
 
+def install_hint(extra: str) -> str:
+    """The command that brings what an extra of ours needs, from a checkout: nothing is released yet."""
+    return f"pip install '.[{extra}]'"
+
+
 class InputError(RegentsError):
     """A file that is missing, no regular file, damaged, or larger than what we read."""
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.errors import MissingDependencyError, RegentsError
+from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint
 from regents_cosim.exports.stays import Stay, poses, stays
 from regents_cosim.replays.sumo.bare_network import network_of
 from regents_cosim.scenario import Agent, Scenario
@@ -52,7 +52,7 @@ def _package(name: str) -> Any:
     except ImportError as error:
         raise MissingDependencyError(
             f"OpenSCENARIO needs scenariogeneration and eclipse-sumo ({error}); install them with "
-            "pip install 'regents_cosim[openscenario]'"
+            f"{install_hint('openscenario')}"
         ) from error
 
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.errors import MissingDependencyError, PlannerError
+from regents_cosim.errors import MissingDependencyError, PlannerError, install_hint
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.interface import Control, Observation, Scene
@@ -47,7 +47,7 @@ class TorchPlanner:
         Raises PlannerError where there is nothing of that name, MissingDependencyError without torch.
         """
         if importlib.util.find_spec("torch") is None:
-            raise MissingDependencyError(f"planner 'torch:{name}' needs the extra: pip install 'regents_cosim[torch]'")
+            raise MissingDependencyError(f"planner 'torch:{name}' needs the extra: {install_hint('torch')}")
         self._name = name
         self._found = find_attribute(name) if found is None else found
 

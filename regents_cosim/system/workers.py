@@ -15,7 +15,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ParamSpec, TypeVar
 
-from regents_cosim.errors import MissingDependencyError, RegentsError, WorkerError
+from regents_cosim.errors import MissingDependencyError, RegentsError, WorkerError, install_hint
 from regents_cosim.system.processes import Worker, main_hidden
 from regents_cosim.system.safe_path import safe_path
 from regents_cosim.system.scratch import scratch_folder
@@ -26,7 +26,7 @@ _Job = TypeVar("_Job")
 
 _ANSWERS_S = 10.0  # how long a scheduler may take
 _MESSAGES_KEPT = 10  # of each connection of Dask's, for its developers
-_NEEDED = "`--executor dask` needs the extra: pip install 'regents_cosim[dask]'"
+_NEEDED = f"`--executor dask` needs the extra: {install_hint('dask')}"
 _AHEAD = 256  # jobs that a foreign executor is given before the first result is taken
 
 

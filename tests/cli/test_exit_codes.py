@@ -85,7 +85,7 @@ def test_2_a_planner_that_is_not_there_or_is_something_else(case, tmp_path, name
 def test_3_a_package_that_is_not_installed(case, tmp_path):
     done = regents("replay", case, "--executor", "dask:tcp://127.0.0.1:1", **without("distributed", tmp_path))
     assert done.returncode == 3
-    assert "pip install 'regents_cosim[dask]'" in complaint(done)
+    assert "pip install '.[dask]'" in complaint(done)
 
 
 @pytest.mark.parametrize("where", ["mirror", pytest.param("sumo", marks=pytest.mark.slow)])

@@ -13,7 +13,7 @@ PACKAGE = Path(regents_cosim.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LIBSUMO_DOOR = PACKAGE / "simulators" / "sumo_process.py"
 OBJECT_DOOR = PACKAGE / "planners/own_object.py"
-TRACI_DOORS = {"live/adversary.py", "live/reading.py"}
+TRACI_DOORS = {"live/adversary.py", "live/reading.py", "live/vehicle_route.py"}
 ENVIRONMENTS = {f"envs/{name}.py" for name in ("__init__", "sumo_replay", "live_adversary", "highway_host")}
 HIGHWAY_DOORS = {"simulators/highway_agents.py", "sources/highway.py", "sources/highway_net.py", *ENVIRONMENTS} | {
     f"replays/highway/{name}.py" for name in ("replay", "cast", "gym", "inject", "road", "window")

@@ -1,6 +1,6 @@
 """A driving policy trained with stable-baselines3 in highway-env, as a system under test.
 
-pip install 'regents_cosim[sb3]'
+pip install '.[sb3]'
 python tests/support/highway_dqn.py                 # trains for a few minutes, writes highway_dqn.zip beside this file
 regents record --from highway:highway-fast-v0 --policy tests/support/highway_dqn.py:Trained -o cases/
 regents attack cases/ --method regents --planner highway:tests/support/highway_dqn.py:Trained -o suite/

@@ -239,14 +239,14 @@ def test_unknown_executors(name):
 
 def test_dask_that_is_not_installed(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(RegentsError, match=r"pip install 'regents_cosim\[dask\]'"), executor_for("dask:tcp://h:1"):
+    with pytest.raises(RegentsError, match=r"pip install '\.\[dask\]'"), executor_for("dask:tcp://h:1"):
         pass
 
 
 def test_dask_without_what_makes_its_keys(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setitem(sys.modules, "cryptography", None)
-    with pytest.raises(RegentsError, match=r"pip install 'regents_cosim\[dask\]'"), executor_for("dask"):
+    with pytest.raises(RegentsError, match=r"pip install '\.\[dask\]'"), executor_for("dask"):
         pass
 
 

@@ -39,7 +39,7 @@ def train_aim_bev(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install 'regents_cosim[torch]').
+    """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install '.[torch]').
 
     Every vehicle near the ego of a case is a teacher. After each epoch the weights, a checkpoint and a picture of
     the training are written. With --finetune it also learns from its own crashes, with --adversarial from those that

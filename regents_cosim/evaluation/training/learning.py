@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from regents_cosim.errors import MissingDependencyError, RegentsError
+from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint
 from regents_cosim.evaluation.drives.driving import Drive, score
 from regents_cosim.evaluation.training.before_after import hold_back
 from regents_cosim.evaluation.training.mixture import SHARES, Mixture, best, mixture
@@ -149,5 +149,5 @@ def _torch() -> ModuleType:
     try:
         from regents_cosim.planners.aim_bev import train as found
     except ModuleNotFoundError as error:
-        raise MissingDependencyError(f"training needs {error.name}: pip install 'regents_cosim[torch]'") from error
+        raise MissingDependencyError(f"training needs {error.name}: {install_hint('torch')}") from error
     return found

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.checks.work import Work
-from regents_cosim.errors import InputError, LogError, MissingDependencyError, RegentsError
+from regents_cosim.errors import InputError, LogError, MissingDependencyError, RegentsError, install_hint
 from regents_cosim.sources.logs.csv_columns import Columns
 from regents_cosim.sources.logs.formats import unpacked
 from regents_cosim.system.workers import run_isolated
@@ -37,7 +37,7 @@ def read_polars(path: Path, numbers: Sequence[str], texts: Sequence[str] = (), o
     if importlib.util.find_spec("polars") is None:
         raise MissingDependencyError(
             f"{path.name}: Parquet and Feather files need polars; install it with the extra `logs` "
-            "(pip install 'regents_cosim[logs]')"
+            f"({install_hint('logs')})"
         )
     try:
         return run_isolated(_read, path, tuple(numbers), tuple(texts), tuple(optional))
