@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
 
 from cyclopts import App, CycloptsError, Parameter, UnknownOptionError
 
@@ -27,6 +28,10 @@ from regents_cosim.cli.run_log import end_run_log
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import one_line
 from regents_cosim.simulators.sumo_process import untested_sumo
+
+if TYPE_CHECKING:
+    from cyclopts.help import HelpPanel
+    from rich.console import Console, ConsoleOptions
 
 
 def _shown_default(value: object) -> str | None:
@@ -50,10 +55,31 @@ def _require_plain(value: object, name: str) -> None:
         raise ValueError(f"{name}{value}, expected a number of 0 or more")
 
 
+class _Flowing:
+    """Help as usual, but that lines end where there is no more room, not where those of a docstring do."""
+
+    def __call__(self, console: "Console", options: "ConsoleOptions", panel: "HelpPanel") -> None:
+        from cyclopts.help.formatters import DefaultFormatter
+        from rich.text import Text
+
+        for entry in panel.entries:
+            text = getattr(entry.description, "primary_renderable", None)
+            if isinstance(text, Text):
+                text.plain = " ".join(text.plain.split())
+        DefaultFormatter()(console, options, panel)
+
+    def render_usage(self, console: "Console", options: "ConsoleOptions", usage: Any) -> None:
+        """The first line."""
+        from cyclopts.help.formatters import DefaultFormatter
+
+        DefaultFormatter().render_usage(console, options, usage)
+
+
 app = App(
     name="regents",
     help="Crash-test driving planners: ordinary traffic in, a verified crash out.",
     help_format="plaintext",
+    help_formatter=_Flowing(),
     help_epilogue=(
         "Exit codes: 0 all is well; 1 a negative verdict (a crash that did not transfer, a regression, a suite that "
         "fails its check); 2 wrong usage or input; 3 an optional package or a library of the system is missing; 4 a "

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from regents_cosim.cli.groups import ADVANCED, SEARCH, Advanced, OfOutput
 from regents_cosim.cli.options import MapAxes, TrafficOptions
 from regents_cosim.cli.shared import record_traffic, traffic_source
 from regents_cosim.errors import RegentsError
@@ -29,14 +30,14 @@ if TYPE_CHECKING:
 _MINUTES, _MOST_MINUTES = 10.0, 10_000
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=SEARCH)
 @dataclass(frozen=True)
 class CampaignOptions:
     """Which part of a large run is done here, and what is done again."""
 
-    shard: str = ""
+    shard: Annotated[str, Advanced] = ""
     """NUMBER/COUNT: this share of the windows alone, as 3/64; in a SLURM job array the task's own"""
-    retry: bool = False
+    retry: Annotated[bool, Advanced] = False
     """try again what failed before; without it the same command does what is missing only"""
     types: Annotated[tuple[str, ...], Parameter(["--type"])] = ()
     """KIND or KIND=NUMBER: look for crashes of this kind alone (docs/tags.md, e.g. cut_in=10), so many (--count where
@@ -44,14 +45,14 @@ class CampaignOptions:
     archive: bool = False
     """keep the best crash of each cell of the map of behaviours alone: telling before avoidable before clean, then the
     most usual adversary, then the least deviation (`regents suite coverage` shows the map)"""
-    axes: MapAxes = ""
-    rollouts: Annotated[int | None, Parameter(validator=Number(gte=0, lte=1_000_000))] = None
+    axes: Annotated[MapAxes, Advanced] = ""
+    rollouts: Annotated[int | None, Parameter(validator=Number(gte=0, lte=1_000_000), group=ADVANCED)] = None
     """with --archive: roll-outs in each window, by a search that goes on after its first crash for others that differ
     (CMA-ME, by the rules of focused); default 2000. 0: the search of --method, which ends there"""
-    into: Path | None = None
+    into: Annotated[Path | None, OfOutput] = None
     """a suite to which crashes are added that are new: in an empty cell of the map of behaviours, or better than the
     best there; windows with the surroundings that are least explored come first. With -o they are saved there too"""
-    minutes: float | None = None
+    minutes: Annotated[float | None, OfOutput] = None
     """with --into: how long; what is at work then is finished. Default 10"""
 
     def map_axes(self) -> "Axes | None":

@@ -7,6 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from regents_cosim.cli.groups import (
+    ADVANCED,
+    BASELINE,
+    OUTPUT,
+    PLANNER,
+    SEARCH,
+    TRAFFIC,
+    TRAINING,
+    Advanced,
+    OfOutput,
+    OfSearch,
+    OfTraffic,
+)
 from regents_cosim.planners.names import all_that_may_be_named
 
 if TYPE_CHECKING:
@@ -24,22 +37,26 @@ Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**31 - 1))]
 Count = Annotated[int, Parameter(validator=Number(gte=1, lte=1_000_000))]  # of what there must be one of
 CountOrZero = Annotated[int, Parameter(validator=Number(gte=0, lte=1_000_000))]  # of what there may be none of
 
-Output = Annotated[Path, Parameter(["--output", "-o"])]
-OutputIfAny = Annotated[Path | None, Parameter(["--output", "-o"])]
-PlannerName = Annotated[str, Parameter(help=f"system under test: {all_that_may_be_named()}")]
+Output = Annotated[Path, Parameter(["--output", "-o"], group=OUTPUT)]
+OutputIfAny = Annotated[Path | None, Parameter(["--output", "-o"], group=OUTPUT)]
+PlannerName = Annotated[str, Parameter(help=f"system under test: {all_that_may_be_named()}", group=PLANNER)]
 PlannerOfCase = Annotated[
     str | None,
     Parameter(
         help="who drives the ego, any that `attack --planner` takes; default the planner that was attacked, if it is "
-        "one of ours: what a case names is not run"
+        "one of ours: what a case names is not run",
+        group=PLANNER,
     ),
 ]
 ActTimeout = Annotated[
-    float, Parameter(help="a planner outside JAX that takes longer over one decision has failed [s]")
+    float, Parameter(help="a planner outside JAX that takes longer over one decision has failed [s]", group=ADVANCED)
 ]
-Executor = Annotated[str, Parameter(help="who does the work: local, dask (a worker for each core), or dask:ADDRESS")]
+Executor = Annotated[
+    str, Parameter(help="who does the work: local, dask (a worker for each core), or dask:ADDRESS", group=ADVANCED)
+]
 Networks = Annotated[
-    tuple[str, ...], Parameter(help="shipped networks, or .sumocfg files; by default the six of vehicles alone")
+    tuple[str, ...],
+    Parameter(help="shipped networks, or .sumocfg files; by default the six of vehicles alone", group=TRAFFIC),
 ]
 MapAxes = Annotated[
     str,
@@ -48,8 +65,8 @@ MapAxes = Annotated[
         "place, lights and density; by default tag,closing_speed,departure"
     ),
 ]
-Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO")]
-Pictures = Annotated[Switch, Parameter(help="draw a still picture into every case")]
+Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO", group=OUTPUT)]
+Pictures = Annotated[Switch, Parameter(help="draw a still picture into every case", group=OUTPUT)]
 
 
 def _located(type_: object, tokens: "Sequence[Token]") -> Path:
@@ -58,7 +75,7 @@ def _located(type_: object, tokens: "Sequence[Token]") -> Path:
     return located(Path(tokens[0].value))
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=TRAFFIC)
 @dataclass(frozen=True)
 class TrafficOptions:
     """Ordinary traffic, in SUMO's own option names, and the windows to cut out of it."""
@@ -66,6 +83,24 @@ class TrafficOptions:
     config: Annotated[Path | None, Parameter(["--configuration-file", "-c"])] = None
     """SUMO configuration (.sumocfg), or shipped:NETWORK: merge, crossing, signals, roundabout, grid, multilane,
     lane_drop, exit_lane, town or street"""
+    source: Annotated[str, Parameter("--from")] = ""
+    """highway:ENVIRONMENT instead of SUMO, e.g. highway:merge-v1"""
+    log: Path | None = None
+    """logged traffic to read instead: a file, or a folder of files"""
+    count: int = 8
+    """windows wanted"""
+    seed: Seed = 0
+    """of SUMO and of the choice of windows"""
+    horizon: float = 8.0
+    """length of a window [s]; of a log that is shorter, all of it"""
+    prefer: Literal["conflicts", "pedestrians", "none"] = "conflicts"
+    """which egos come first: those whose path another road user can lawfully cross or join within the window, those
+    whose path a pedestrian can, or any"""
+    ego: str = "auto"
+    """id of a logged road user, or in SUMO of a vehicle, a vehicle type or a flow; auto: the recorder's vehicle or the
+    planning problem's, else one drawn by seed"""
+    ego_kind: Literal["auto", "any", "car", "truck", "bus", "motorcycle"] = "auto"
+    """of vehicle the ego may be; auto: passenger cars before the rest; any: as it is drawn"""
     net: Annotated[Path | None, Parameter(["--net-file", "-n"])] = None
     """SUMO network (.net.xml, .net.xml.gz)"""
     routes: Annotated[str, Parameter(["--route-files", "-r"])] = ""
@@ -78,41 +113,23 @@ class TrafficOptions:
     """end of the simulation [s]"""
     fcd: Path | None = None
     """an fcd-output of SUMO (xml, xml.gz, csv) to read instead of running SUMO; needs -n"""
-    log: Path | None = None
-    """logged traffic to read instead: a file, or a folder of files"""
-    format: str = "auto"
-    """of the log; auto tells it by the content, a wrong name lists all"""
-    ego: str = "auto"
-    """id of a logged road user, or in SUMO of a vehicle, a vehicle type or a flow; auto: the recorder's vehicle or the
-    planning problem's, else one drawn by seed"""
-    ego_kind: Literal["auto", "any", "car", "truck", "bus", "motorcycle"] = "auto"
-    """of vehicle the ego may be; auto: passenger cars before the rest; any: as it is drawn"""
-    stride: float | None = None
-    """from one window of a log to the next [s]; the horizon by default"""
-    map: Path | None = None
-    """lanelet2 map (.osm) of a log that does not lie beside it"""
-    columns: Path | None = None
-    """TOML file that names the columns of a table (csv, parquet)"""
-    source: Annotated[str, Parameter("--from")] = ""
-    """highway:ENVIRONMENT instead of SUMO, e.g. highway:merge-v1"""
-    policy: str = "idm"
+    policy: Annotated[str, Advanced] = "idm"
     """who drives the ego in highway-env: idm, mdp, random, package.module:attribute or file.py:attribute"""
-    count: int = 8
-    """windows wanted"""
-    seed: Seed = 0
-    """of SUMO and of the choice of windows"""
-    horizon: float = 8.0
-    """length of a window [s]; of a log that is shorter, all of it"""
-    radius: float = 100.0
+    format: Annotated[str, Advanced] = "auto"
+    """of --log; auto tells it by the content, a wrong name lists all"""
+    stride: Annotated[float | None, Advanced] = None
+    """from one window of a log to the next [s]; the horizon by default"""
+    map: Annotated[Path | None, Advanced] = None
+    """lanelet2 map (.osm) of a log that does not lie beside it"""
+    columns: Annotated[Path | None, Advanced] = None
+    """TOML file that names the columns of a table (csv, parquet)"""
+    radius: Annotated[float, Advanced] = 100.0
     """agents that never come closer to the ego are left out [m]"""
-    max_agents: int = 64
+    max_agents: Annotated[int, Advanced] = 64
     """road users in a window, the ego included; of more, those that come nearest to the ego"""
-    prefer: Literal["conflicts", "pedestrians", "none"] = "conflicts"
-    """which egos come first: those whose path another road user can lawfully cross or join within the window, those
-    whose path a pedestrian can, or any"""
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=ADVANCED)
 @dataclass(frozen=True)
 class SearchRules:
     """What a search may try, and what it accepts; what is not given is the preset's."""
@@ -125,9 +142,9 @@ class SearchRules:
     """do as the public ReGentS code where it departs from its paper (king and regents only)"""
     patience: int | None = None
     """updates without progress after which a search ends; 0: it goes on to the last"""
-    accept: Literal["any", "clean", "telling"] | None = None
+    accept: Annotated[Literal["any", "clean", "telling"] | None, OfSearch] = None
     """which collisions end a search: any, one that nothing spoils, or only one that a careful driver avoids as well"""
-    law: Literal["any", "strict"] | None = None
+    law: Annotated[Literal["any", "strict"] | None, OfSearch] = None
     """strict: the adversary keeps to its own lanes and turns, to lights and to the speed limit; on foot to crossings"""
     starts: int | None = None
     """drives on other ways, timed to meet the ego, that are tried for each candidate before it is searched"""
@@ -139,7 +156,7 @@ class SearchRules:
     """iterations between two closed loops of the planner; 1 in the compiled loop, 10 for planners outside it"""
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=SEARCH)
 @dataclass(frozen=True)
 class SearchOptions:
     """How the attack searches; what is not given is the preset's."""
@@ -151,28 +168,28 @@ class SearchOptions:
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
     adversary_kinds: str | None = None
     """who may attack, with commas between: vehicle, cyclist, pedestrian (focused: all; king, regents: vehicle)"""
-    background: Literal["log", "reactive"] | None = None
+    background: Annotated[Literal["log", "reactive"] | None, Advanced] = None
     """do other agents replay their log, or brake for what stands in their way"""
-    dynamics: Literal["recorded", "bicycle", "highway"] | None = None
+    dynamics: Annotated[Literal["recorded", "bicycle", "highway"] | None, Advanced] = None
     """how vehicles move: by the mirror's bicycle, or exactly as in highway-env; recorded: as where the case is from"""
-    gradient: Literal["adversary", "through-planner"] | None = None
+    gradient: Annotated[Literal["adversary", "through-planner"] | None, Advanced] = None
     """is the planner's track constant to the gradient, or is the planner (in JAX) differentiated as well"""
     iterations: int | None = None
     """updates at most"""
-    universal: Literal["mean", "worst"] | None = None
+    universal: Annotated[Literal["mean", "worst"] | None, Advanced] = None
     """with --against: lower the mean of the planners' costs, or the cost of the one furthest from a crash"""
-    max_deviation: float | None = None
+    max_deviation: Annotated[float | None, Advanced] = None
     """of an action from the logged one, as a share of its limit; 0: no bound"""
     driving: Literal["any", "ordinary"] | None = None
     """ordinary: the adversary accelerates, brakes and steers no harder, and with no more jerk, than drivers in the
     traffic of its scene, or than its kind of vehicle is known for; any: as hard as the mirror can"""
-    max_accel: float | None = None
+    max_accel: Annotated[float | None, Advanced] = None
     """of the adversary, unless its log has more [m/s^2]; 0: as --driving says; so for the next three"""
-    max_braking: float | None = None
+    max_braking: Annotated[float | None, Advanced] = None
     """the same for braking [m/s^2]"""
-    max_lateral_accel: float | None = None
+    max_lateral_accel: Annotated[float | None, Advanced] = None
     """the same to either side [m/s^2]"""
-    max_jerk: float | None = None
+    max_jerk: Annotated[float | None, Advanced] = None
     """the same for how fast the acceleration changes [m/s^3]"""
 
     def config(self, rules: SearchRules) -> "AttackConfig":
@@ -183,7 +200,7 @@ class SearchOptions:
         return preset(**(vars(self) | {"adversary_kinds": kinds}), **vars(rules))
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=BASELINE)
 @dataclass(frozen=True)
 class Against:
     """Whether the planner got worse than a baseline allows."""
@@ -202,7 +219,7 @@ class Against:
     """file for a summary that a pull request can show; - for stdout, in place of the table"""
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=TRAINING)
 @dataclass(frozen=True)
 class FineTune:
     """Learning from crashes, and the cases that tell whether it helped."""
@@ -220,7 +237,7 @@ class FineTune:
     """recorded cases for the scores; default every fifth of those to train on, which is not taught"""
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=TRAINING)
 @dataclass(frozen=True)
 class AdversarialRounds:
     """Rounds of attack and training: what is attacked, how long, and where the crashes go."""
@@ -230,15 +247,15 @@ class AdversarialRounds:
     and that it can see coming, and attack what it has become; a round whose weights drive ordinary traffic worse than
     those at the beginning does not count. The same command goes on after a stop"""
     nets: Networks = ()
-    windows: Count = 24
+    windows: Annotated[Count, OfTraffic] = 24
     """of each network that are attacked in each round"""
-    held_out_windows: Count = 24
+    held_out_windows: Annotated[Count, OfTraffic] = 24
     """of each network, with a seed of their own, in which the weights before and after are attacked at the end"""
-    first_seed: Seed = 1
+    first_seed: Annotated[Seed, OfTraffic] = 1
     """of SUMO in the first round; each round takes the next, and the judgement the one after the last"""
-    method: Literal["focused", "regents", "king"] = "focused"
+    method: Annotated[Literal["focused", "regents", "king"], OfSearch] = "focused"
     """who attacks, as in `regents attack`"""
-    into: Path | None = None
+    into: Annotated[Path | None, OfOutput] = None
     """a suite that grows by the crashes of new kinds that the rounds find; default OUTPUT.rounds/suite"""
     neighbours: Switch = True
     """teach the scene of each crash as well with so little of the attack left that nothing is to be feared"""
@@ -264,7 +281,7 @@ class AdversarialRounds:
         )
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=TRAINING)
 @dataclass(frozen=True)
 class TrainOptions:
     """How long, from what and how fast the network learns; what is not given is what the way to learn has.
@@ -296,7 +313,7 @@ class TrainOptions:
     view: Annotated[float | None, Parameter(validator=Number(gt=0.0))] = None
     """how far the network sees ahead, behind and to each side [m], in as many pixels, so at the same cost; as the
     weights of --resume have it, else 19.2 as in the papers"""
-    threads: Count = 2
+    threads: Annotated[Count, Advanced] = 2
     """of torch"""
     seed: Seed = 0
     """of everything that is drawn"""
@@ -310,7 +327,7 @@ class TrainOptions:
         return replace(FINE_TUNING if from_crashes else TrainConfig(), **known)
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=ADVANCED)
 @dataclass(frozen=True)
 class ProgramOptions:
     """What becomes of the programs that are compiled on the way."""
@@ -326,7 +343,7 @@ class ProgramOptions:
             keep_compiled_programs()
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=OUTPUT)
 @dataclass(frozen=True)
 class OutputOptions:
     """How results are shown."""

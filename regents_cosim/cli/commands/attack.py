@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from regents_cosim.cli.campaign import CampaignOptions, Given, attack_into
+from regents_cosim.cli.groups import Advanced, OfOutput, OfPlanner, OfTraffic
 from regents_cosim.cli.growth import grow_suite
 from regents_cosim.cli.options import (
     ActTimeout,
@@ -36,19 +37,19 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 
 def attack(
-    cases: Cases | None = None,
+    cases: Annotated[Cases | None, OfTraffic] = None,
     *,
     traffic: TrafficOptions = TrafficOptions(),
     planner: PlannerName = "idm",
-    against: tuple[str, ...] = (),
+    against: Annotated[tuple[str, ...], OfPlanner] = (),
     output: OutputIfAny = None,
     search: SearchOptions = SearchOptions(),
     rules: SearchRules = SearchRules(),
-    batch: Count = 32,
-    engine: Literal["auto", "threads", "batched"] = "auto",
+    batch: Annotated[Count, Advanced] = 32,
+    engine: Annotated[Literal["auto", "threads", "batched"], Advanced] = "auto",
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
     executor: Executor = "local",
-    judge: Switch = True,
+    judge: Annotated[Switch, OfOutput] = True,
     verify: Verify = True,
     pictures: Pictures = True,
     campaign: CampaignOptions = CampaignOptions(),

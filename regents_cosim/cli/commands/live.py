@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from regents_cosim.cli.groups import TRAFFIC, Advanced, OfOutput, OfPlanner, OfSearch, OfTraffic
 from regents_cosim.cli.options import (
     ActTimeout,
     Count,
@@ -32,20 +33,20 @@ if TYPE_CHECKING:
 
 def live(
     *,
-    config: Annotated[Path, Parameter(["--configuration-file", "-c"])],
-    ego: str = "auto",
+    config: Annotated[Path, Parameter(["--configuration-file", "-c"], group=TRAFFIC)],
+    ego: Annotated[str, OfTraffic] = "auto",
     planner: PlannerName = "idm",
-    expected: str = "",
-    method: Literal["focused", "regents", "king"] = "focused",
+    expected: Annotated[str, OfPlanner] = "",
+    method: Annotated[Literal["focused", "regents", "king"], OfSearch] = "focused",
     output: Output,
-    episodes: Count = 1,
-    seed: Seed = 0,
-    longest: float = 60.0,
-    replan: float = 0.5,
-    horizon: float = 8.0,
-    radius: float = 100.0,
-    keep: Literal["crashes", "near-misses"] = "crashes",
-    gui: bool = False,
+    episodes: Annotated[Count, OfTraffic] = 1,
+    seed: Annotated[Seed, OfTraffic] = 0,
+    longest: Annotated[float, OfTraffic] = 60.0,
+    replan: Annotated[float, OfSearch] = 0.5,
+    horizon: Annotated[float, OfTraffic] = 8.0,
+    radius: Annotated[float, Advanced] = 100.0,
+    keep: Annotated[Literal["crashes", "near-misses"], OfOutput] = "crashes",
+    gui: Annotated[bool, OfOutput] = False,
     verify: Verify = True,
     pictures: Pictures = True,
     act_timeout: ActTimeout = ACT_TIMEOUT_S,

@@ -3,10 +3,11 @@
 import dataclasses
 from collections.abc import Iterable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App
 
+from regents_cosim.cli.groups import Advanced, OfChoice, OfPlanner, OfSearch, OfTraffic
 from regents_cosim.cli.options import (
     ActTimeout,
     Cases,
@@ -39,21 +40,21 @@ suites = App(name="suite", help="Make, look at, check and merge suites: folders 
 def build(
     *,
     output: Output,
-    nets: str = "all",
-    highway: str = "",
-    windows: Count = 25,
-    attacked: CountOrZero = 0,
-    adversarial: CountOrZero = 80,
-    unavoidable: CountOrZero = 5,
-    ordinary: CountOrZero = 40,
-    harmless: Switch = True,
-    planner: tuple[str, ...] = ("idm",),
-    method: Literal["regents", "king", "focused"] = "focused",
-    adversary_kinds: str | None = None,
-    prefer: Literal["conflicts", "pedestrians", "none"] = "conflicts",
-    min_cells: CountOrZero = 0,
-    axes: MapAxes = "",
-    seed: Seed = 0,
+    nets: Annotated[str, OfTraffic] = "all",
+    highway: Annotated[str, OfTraffic] = "",
+    windows: Annotated[Count, OfTraffic] = 25,
+    attacked: Annotated[CountOrZero, OfSearch] = 0,
+    adversarial: Annotated[CountOrZero, OfChoice] = 80,
+    unavoidable: Annotated[CountOrZero, OfChoice] = 5,
+    ordinary: Annotated[CountOrZero, OfChoice] = 40,
+    harmless: Annotated[Switch, OfChoice] = True,
+    planner: Annotated[tuple[str, ...], OfPlanner] = ("idm",),
+    method: Annotated[Literal["regents", "king", "focused"], OfSearch] = "focused",
+    adversary_kinds: Annotated[str | None, OfSearch] = None,
+    prefer: Annotated[Literal["conflicts", "pedestrians", "none"], OfTraffic] = "conflicts",
+    min_cells: Annotated[CountOrZero, OfChoice] = 0,
+    axes: Annotated[MapAxes, Advanced] = "",
+    seed: Annotated[Seed, OfTraffic] = 0,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:

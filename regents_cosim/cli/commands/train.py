@@ -3,10 +3,11 @@
 import dataclasses
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App
 
+from regents_cosim.cli.groups import OfTraffic, OfTraining
 from regents_cosim.cli.options import (
     AdversarialRounds,
     Cases,
@@ -29,11 +30,11 @@ training = App(name="train", help="Teach a planner to drive.")
 
 @training.command(name="aim-bev")
 def train_aim_bev(
-    cases: Cases,
+    cases: Annotated[Cases, OfTraffic],
     *,
     output: Output,
     options: TrainOptions = TrainOptions(),
-    resume: Path | None = None,
+    resume: Annotated[Path | None, OfTraining] = None,
     fine_tune: FineTune = FineTune(),
     rounds: AdversarialRounds = AdversarialRounds(),
     programs: ProgramOptions = ProgramOptions(),

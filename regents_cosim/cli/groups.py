@@ -1,0 +1,16 @@
+"""The boxes in which `--help` shows options, in their order: an option is in the same one wherever it is."""
+
+from cyclopts import Group, Parameter
+
+TRAFFIC = Group("Traffic", sort_key=1)
+PLANNER = Group("Planner", sort_key=2)
+BASELINE = Group("Baseline", sort_key=3)
+TRAINING = Group("Training", sort_key=3)
+SEARCH = Group("Search", sort_key=4)
+CHOICE = Group("Choice of cases", sort_key=5)
+OUTPUT = Group("Output", sort_key=6)
+ADVANCED = Group("Advanced", sort_key=7)
+
+OfTraffic, OfPlanner, OfTraining, OfSearch, OfChoice, OfOutput, Advanced = (
+    Parameter(group=group) for group in (TRAFFIC, PLANNER, TRAINING, SEARCH, CHOICE, OUTPUT, ADVANCED)
+)

@@ -1,0 +1,64 @@
+"""How `--help` is laid out: in boxes that are the same in all commands, what is used most in the first."""
+
+import re
+from functools import cache, reduce
+
+import pytest
+
+from regents_cosim.cli.application import app
+
+BOXES = ["Traffic", "Planner", "Baseline", "Training", "Search", "Choice of cases", "Output", "Advanced"]
+SAY_SOMETHING_ELSE = {"--adversarial", "--against", "--ordinary", "--seed"}  # in one command than in another
+IN_BOXES = ["attack", "record", "live", "train aim-bev", "suite build"]
+COMMANDS = [*IN_BOXES, "evaluate", "replay", "inspect", "shrink", "report", "suite rank", "suite merge", "bench table1"]
+
+
+@cache
+def boxes(command: str) -> dict[str, list[str]]:
+    """The options of each box, in their order."""
+    found: dict[str, list[str]] = {}
+    one = reduce(lambda family, word: family[word], command.split(), app)
+    for argument in one.assemble_argument_collection():
+        if argument.show:
+            (group,) = argument.parameter.group
+            found.setdefault(group.name, []).append(argument.name)
+    return found
+
+
+def shown(capsys, command: str) -> str:
+    app([*command.split(), "--help"], exit_on_error=False, result_action="return_value")
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", IN_BOXES)
+def test_every_option_is_in_a_box_of_what_it_is_about(command, capsys):
+    titles = re.findall(r"^╭─ (.*?) ─+╮$", shown(capsys, command), re.MULTILINE)
+    assert titles == [box for box in BOXES if box in titles]
+    assert set(titles) == set(boxes(command))
+    assert titles[-1] == "Advanced"
+
+
+def test_what_is_used_most_comes_first():
+    found = boxes("attack")
+    assert found["Traffic"][:3] == ["--cases", "--configuration-file", "--from"]
+    assert {"--count", "--seed"} <= set(found["Traffic"][:6])
+    assert (found["Planner"][0], found["Search"][0], found["Output"][0]) == ("--planner", "--method", "--output")
+    assert sum(len(box) for name, box in found.items() if name != "Advanced") < 45
+
+
+def test_an_option_that_commands_share_is_in_the_same_box():
+    places: dict[str, set[str]] = {}
+    for command in COMMANDS:
+        assert {"--quiet", "--json", "--wide"} <= set(boxes(command)["Output"])
+        for box, options in boxes(command).items():
+            for option in options:
+                places.setdefault(option, set()).add(box)
+    assert {option for option, found in places.items() if len(found - {"Parameters"}) > 1} <= SAY_SOMETHING_ELSE
+
+
+def test_sentences_run_on_where_the_lines_of_the_source_end(capsys):
+    text = shown(capsys, "attack")
+    inside = [line.strip("│ ") for line in text.splitlines() if line.startswith("│")]
+    indents = {len(line) - len(line[1:].lstrip()) for line in text.splitlines() if re.match("│ {20,}", line)}
+    assert len(indents) <= 4  # one column of words for each box
+    assert "path another road user can lawfully cross or join" in " ".join(" ".join(inside).split())
