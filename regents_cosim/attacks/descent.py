@@ -28,6 +28,7 @@ from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.rollout import (
     LoopPlanner,
     as_scripted,
+    ask,
     drive,
     drive_among_reacting,
     roll_out_background,
@@ -193,13 +194,13 @@ class Descent(eqx.Module):
 
     def look(self, actions: Controls, before: Rollout) -> Rollout:
         """Roll out, after a roll-out that showed what was seen `before`."""
-        motion, ego_controls, last = self.drive(actions, self.planner.recall(self.memory, before.kept))
-        return Rollout(motion, self.world.boxes(motion), ego_controls, self.planner.keep(last))
+        motion, ego_controls, last = self.drive(actions, ask(self.planner.recall, self.memory, before.kept))
+        return Rollout(motion, self.world.boxes(motion), ego_controls, ask(self.planner.keep, last))
 
     def unseen(self) -> Rollout:
         """What stands where nothing has been seen yet: the log, of the shapes of what will be."""
         log, of_ego = self.world.log, jax.tree.map(lambda values: values[0], self.world.controls)
-        return Rollout(log, self.world.boxes(log), of_ego, self.planner.keep(self.memory))
+        return Rollout(log, self.world.boxes(log), of_ego, ask(self.planner.keep, self.memory))
 
     def drive(self, actions: Controls, memory: Any) -> tuple[Motion, Controls, Any]:
         """Every agent's motion [agent time] and the ego's controls [step] under the searched agents' actions.

@@ -16,7 +16,7 @@ from regents_cosim.attacks.replanned import BackgroundTraffic, searching
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.rollout import EgoTrack, drive, drive_among_reacting
+from regents_cosim.mirror.rollout import EgoTrack, ask, drive, drive_among_reacting
 from regents_cosim.mirror.world import World
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_process import HostProcess
@@ -81,10 +81,10 @@ def in_compiled_loop(planner: JaxPlanner, name: str) -> RunClosedLoops:
     def drive_once(request: DriveRequest) -> ClosedLoopDrive | DriveError:
         scenario, job, memory = request.scenario, request.job, request.job.memory
         of_scene, of_search = (id(scenario),), (id(scenario), id(job.searched))
-        if last := kept.get(of_search) or kept.get(of_scene):
-            memory = planner.recall(memory, last[1])
         try:
             with foreign(name, scenario.id):
+                if last := kept.get(of_search) or kept.get(of_scene):
+                    memory = ask(planner.recall, memory, last[1])
                 ego, after = jax.block_until_ready(_drive(planner, memory, job.world.without_road(), request.traffic))
             require_finite(ego.controls, name, scenario.id)
         except DriveError as failure:
@@ -93,16 +93,13 @@ def in_compiled_loop(planner: JaxPlanner, name: str) -> RunClosedLoops:
         kept.setdefault(of_scene, kept[of_search])
         return ClosedLoopDrive(ego)
 
-    def answer(requests: Sequence[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
-        return [drive_once(request) for request in requests]
-
-    return answer
+    return lambda requests: [drive_once(request) for request in requests]
 
 
 def in_process(process: HostProcess) -> RunClosedLoops:
     """Closed loops of the planner that `process` hosts."""
 
-    def answer(requests: Sequence[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
+    def drive_all(requests: Sequence[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
         by_length: dict[int, list[int]] = {}
         for index, request in enumerate(requests):
             by_length.setdefault(request.scenario.tracks.steps, []).append(index)
@@ -111,7 +108,7 @@ def in_process(process: HostProcess) -> RunClosedLoops:
             found.update(zip(group, _side_by_side(process, [requests[index] for index in group]), strict=True))
         return [found[index] for index in range(len(requests))]
 
-    return answer
+    return drive_all
 
 
 def _side_by_side(process: HostProcess, requests: list[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
@@ -136,4 +133,4 @@ def _drive(planner: JaxPlanner, memory: Any, world: World, traffic: BackgroundTr
     else:
         all_motion, controls, last = drive_among_reacting(planner, memory, world, traffic.background, traffic.reacting)
         motion = jax.tree.map(lambda values: values[0], all_motion)
-    return EgoTrack(motion, controls), planner.keep(last)
+    return EgoTrack(motion, controls), ask(planner.keep, last)

@@ -6,17 +6,23 @@ step runs in a loop. Gradients do not pass through the ego: its actions are cons
 attack, as in the code of both papers, and that is what lets any planner be attacked.
 """
 
-from typing import Any, ClassVar, Protocol, runtime_checkable
+import traceback
+from collections.abc import Callable
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, clip
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.reactions import LogProgress, begin, place, react
 from regents_cosim.mirror.world import World
+from regents_cosim.system.foreign_code import foreign_code, said_by
+
+_R = TypeVar("_R")
 
 
 class Traffic(eqx.Module):
@@ -50,6 +56,20 @@ class LoopPlanner(Protocol):
     def recall(self, memory: Any, kept: Any) -> Any:
         """Memory to begin that next drive with, from that of the first one and what was kept."""
         ...
+
+
+class RaisedInLoopError(DriveError):
+    """What a planner raised while it was traced; who runs the program knows its name and the case (`foreign`)."""
+
+
+def ask(question: Callable[..., _R], *given: Any) -> _R:
+    """A planner's answer while a program is traced. Raises RaisedInLoopError for whatever it raises."""
+    with foreign_code(_raised_in_loop):
+        return question(*given)
+
+
+def _raised_in_loop(error: BaseException) -> RaisedInLoopError:
+    return RaisedInLoopError(f"the planner failed: {said_by(error)}", "".join(traceback.format_exception(error)))
 
 
 def roll_out_background(world: World, controls: Controls) -> Motion:
@@ -100,11 +120,11 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
     """
     if isinstance(planner, FixedEgo):
         return memory.motion, memory.controls, memory
-    sight = planner.look(memory, others(world, background, world.valid))
+    sight = ask(planner.look, memory, others(world, background, world.valid))
 
     def advance(carry: tuple[Motion, Any], sight_now: Any) -> tuple[tuple[Motion, Any], tuple[Motion, Controls]]:
         ego, recalled = carry
-        control, recalled = planner.step(recalled, sight_now, ego)
+        control, recalled = ask(planner.step, recalled, sight_now, ego)
         control = _limited(planner, control)
         return (move_ego(world, ego, control), recalled), (ego, control)
 
@@ -183,8 +203,8 @@ def reacted(
 
 def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> tuple[Controls, Any]:
     """The planner's control and next memory from one instant of `traffic` [agent, 1], within the limits."""
-    sight = jax.tree.map(lambda values: values[0], planner.look(memory, traffic))
-    control, memory = planner.step(memory, sight, ego)
+    sight = jax.tree.map(lambda values: values[0], ask(planner.look, memory, traffic))
+    control, memory = ask(planner.step, memory, sight, ego)
     return _limited(planner, control), memory
 
 

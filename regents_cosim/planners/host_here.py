@@ -1,7 +1,7 @@
 """A planner asked in the process that it is in, for an object that cannot leave it.
 
 It is told, asked and checked as in a process of its own (`host_process`), and what it raises costs its drive only. But
-nothing ends it: one that hangs hangs this process, and one that leaves it takes this process along.
+nothing ends it: one that hangs hangs this process, and one that crashes below Python takes this process along.
 """
 
 from regents_cosim.planners.host_messages import encoder, questions

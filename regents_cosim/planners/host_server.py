@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from regents_cosim.errors import RegentsError
 from regents_cosim.planners.find import make_planner
 from regents_cosim.planners.host_messages import (
     SUMMARY_LIMIT,
@@ -50,8 +51,11 @@ from regents_cosim.planners.interface import (
 )
 from regents_cosim.planners.talk import MessageSocket
 from regents_cosim.planners.waypoints import follow
+from regents_cosim.system import foreign_code as foreign
+from regents_cosim.system.foreign_code import foreign_code
 
 _TOLERANCE = 1e-6  # rounding beyond a limit
+_OURS = (__file__, foreign.__file__)
 _MOST_DESCRIPTORS = 1024  # that are looked at for a place that cannot be guessed
 
 
@@ -81,7 +85,7 @@ def _hidden(descriptor: int) -> int:
 def _raised(number: int, error: BaseException) -> Raised:
     """The error, and the part of its traceback that is the planner's own."""
     place = error.__traceback__
-    while place is not None and place.tb_frame.f_code.co_filename == __file__:
+    while place is not None and place.tb_frame.f_code.co_filename in _OURS:
         place = place.tb_next
     try:
         said = " ".join(f"{type(error).__name__}: {error}".split())
@@ -96,6 +100,14 @@ def _sent(text: str, limit: int) -> str:
     return shortened(text, limit).encode(errors="backslashreplace").decode()[:limit]
 
 
+class _PlannerRaisedError(Exception):
+    """What a planner raised."""
+
+    def __init__(self, error: BaseException) -> None:
+        super().__init__()
+        self.error = error
+
+
 class Served:
     """The planner, and the scenes that it drives in."""
 
@@ -107,10 +119,11 @@ class Served:
     def answered(self, question: Question) -> Reply:
         """The answer to one question, or what the planner raised."""
         try:
-            return self._answer(question)
-        except BaseException as error:  # foreign code, `sys.exit` included
-            if self._given is not None and isinstance(error, KeyboardInterrupt):  # the user's own
-                raise
+            with foreign_code(_PlannerRaisedError):
+                return self._answer(question)
+        except _PlannerRaisedError as failure:
+            return _raised(question.number, failure.error)
+        except RegentsError as error:
             return _raised(question.number, error)
 
     def _answer(self, question: Question) -> Reply:

@@ -33,10 +33,11 @@ from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device
-from regents_cosim.mirror.rollout import Traffic, decide, others
+from regents_cosim.mirror.rollout import RaisedInLoopError, Traffic, decide, others
 from regents_cosim.mirror.traces import traced
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.foreign_code import foreign_code, said_by
 
 
 @dataclass(frozen=True)
@@ -112,15 +113,17 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
     expected where its answer has the wrong form. Values that are not finite show later.
     """
     traffic, ego = _at_first(scene.world)
-    try:
-        memory = planner.init(scene)
-        control, after = _forms(planner, memory, traffic, ego)
-    except Exception as error:  # code from outside: whatever it raises is an answer
+
+    def failed(error: BaseException) -> DriveError:
         said = str(error).strip().partition("\n")[0]
-        raise DriveError(
+        return DriveError(
             f"planner {name!r} failed on case {scene.scenario.id}: {type(error).__name__}: {said}",
             "".join(traceback.format_exception(error)),
-        ) from error
+        )
+
+    with foreign(name, scene.scenario.id), foreign_code(failed):
+        memory = planner.init(scene)
+        control, after = _forms(planner, memory, traffic, ego)
     if any(value.shape != () for value in jax.tree.leaves(control)):
         shapes = [list(value.shape) for value in jax.tree.leaves(control)]
         raise DriveError(f"planner {name!r}: controls of shapes {shapes}, expected two scalars (accel, curvature)")
@@ -143,17 +146,20 @@ def require_finite(controls: Controls, name: str, case: str, first_step: int = 0
 
 @contextmanager
 def foreign(name: str, case: str, when: str = "") -> Iterator[None]:
-    """Raise DriveError for what the planner raises inside a compiled program, in a callback or by `eqx.error_if`.
+    """Raise DriveError for what the planner raises while a program is traced, or in it: a callback, `eqx.error_if`.
 
     Wait for the results inside, an error comes with them.
     """
+    where = f"on case {case} {when}".rstrip()
     try:
         yield
+    except RaisedInLoopError as error:
+        said = said_by(error.__cause__ or error)
+        raise DriveError(f"planner {name!r} failed {where}: {said}", error.trace) from error
     except (RuntimeError, ValueError) as error:  # JAX's own take both forms
         said = str(error)
         if not isinstance(error, eqx.EquinoxRuntimeError) and "callback error" not in said.lower():
             raise
-        where = f"on case {case} {when}".rstrip()
         raise DriveError(f"planner {name!r} failed {where}: {_last_line(said)}", said) from error
 
 

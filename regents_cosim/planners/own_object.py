@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from regents_cosim.errors import PlannerError
+from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _PLAIN = (bool, int, float, str, type(None))
 
@@ -45,13 +46,14 @@ def unpickled(planner: Pickled) -> Any:
     """The planner in the other process. Raises PlannerError."""
     import cloudpickle
 
-    try:
-        return cloudpickle.loads(planner.content)
-    except Exception as error:
-        raise PlannerError(
-            f"the object cannot be made again in a process of its own: {type(error).__name__}: {error} "
+    def failed(error: BaseException) -> PlannerError:
+        return PlannerError(
+            f"the object cannot be made again in a process of its own: {said_by(error)} "
             "(PlannerUnderTest.of(planner, own_process=False) lets it drive where it is)"
-        ) from error
+        )
+
+    with foreign_code(failed):
+        return cloudpickle.loads(planner.content)
 
 
 def name_of(planner: Any) -> str:

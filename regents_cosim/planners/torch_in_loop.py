@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.errors import PlannerError
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.planners.torch_bridge import NEAREST, TorchPlanner
-from regents_cosim.planners.torch_translation import Translated, translate
+from regents_cosim.planners.torch_translation import NotTranslatedError, Translated, translate
+from regents_cosim.system.foreign_code import foreign_code, said_by
 
 
 class TorchMemory(eqx.Module):
@@ -31,10 +31,9 @@ def in_loop(planner: TorchPlanner) -> "TorchInLoop | None":
     chance = torch.Generator().manual_seed(0)
     examples = (10.0 * torch.randn(shape, generator=chance) for shape in ((1, 5), (1, NEAREST, 8)))
     try:
-        module = translate(planner.module, *examples)
-    except PlannerError:  # no module at all
-        raise
-    except Exception:  # its process will say what is wrong with a module that cannot be made
+        with foreign_code(lambda error: NotTranslatedError(said_by(error))):
+            module = translate(planner.module, *examples)
+    except NotTranslatedError:  # its process will say what is wrong with a module that cannot be made
         return None
     answer = eqx.filter_eval_shape(module, jnp.zeros((1, 5)), jnp.zeros((1, NEAREST, 8)))
     return TorchInLoop(module) if answer.shape == (1, 2) else None  # and of one that does not fit

@@ -23,7 +23,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.system.foreign_code import foreign_code, said_by
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -32,7 +34,7 @@ _TOLERANCE = 1e-4  # relative, of the answer: float32 in another order
 _NOT_OURS = {"device", "layout", "pin_memory", "memory_format", "non_blocking", "implicit"}
 
 
-class NotTranslatedError(Exception):
+class NotTranslatedError(RegentsError):
     """The module does not run in JAX, and why."""
 
 
@@ -72,7 +74,8 @@ def translate(module: "nn.Module", *examples: "Tensor") -> Translated:
     """The module in JAX, for inputs of the shapes of `examples`. Raises NotTranslatedError."""
     import torch
 
-    try:
+    # torch, JAX and the module itself may each say no in their own way
+    with foreign_code(lambda error: NotTranslatedError(said_by(error))):
         with _quiet():
             program = torch.export.export(module, examples).run_decompositions()
         translated = _translated(program)
@@ -81,10 +84,6 @@ def translate(module: "nn.Module", *examples: "Tensor") -> Translated:
         got = np.asarray(
             compiled(lambda *given: translated(*given))(*(jnp.asarray(example.numpy()) for example in examples))
         )
-    except NotTranslatedError:
-        raise
-    except Exception as error:  # torch, JAX and the module itself may each say no in their own way
-        raise NotTranslatedError(f"{type(error).__name__}: {error}") from error
     if got.shape != wanted.shape or not np.allclose(got, wanted, _TOLERANCE, _TOLERANCE * np.abs(wanted).max()):
         raise NotTranslatedError("JAX computes something else than torch")
     return translated

@@ -5,11 +5,12 @@ an object that cannot leave the process that it is in is asked where it is.
 """
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from regents_cosim.checks.names import require_id
-from regents_cosim.errors import PlannerError, RegentsError
+from regents_cosim.errors import PlannerError
 from regents_cosim.planners.find import find_attribute, no_planner
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.jax_planner import JaxPlanner
@@ -17,6 +18,7 @@ from regents_cosim.planners.names import OURS, is_built_in
 from regents_cosim.planners.own_object import Pickled, name_of, pickled, unpickled
 from regents_cosim.planners.torch_bridge import TorchPlanner, is_torch
 from regents_cosim.planners.torch_in_loop import in_loop
+from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _SHORT_NAMES = {place: name for name, place in OURS.items()}
 
@@ -42,10 +44,9 @@ class PlannerUnderTest:
         """
         if isinstance(planner, PlannerUnderTest):
             return planner
-        if isinstance(planner, str):
-            return _named(planner)
-        given = _by_object(planner, own_process)
-        return replace(given, name=_own_name(name)) if name else given
+        with _looked_at(planner if isinstance(planner, str) else type(planner).__name__):
+            given = _named(planner) if isinstance(planner, str) else _by_object(planner, own_process)
+        return replace(given, name=_own_name(name)) if name and not isinstance(planner, str) else given
 
     @property
     def where(self) -> Where:
@@ -71,7 +72,7 @@ class PlannerTicket:
     def planner(self) -> PlannerUnderTest:
         """The planner in that process. Raises PlannerError."""
         if isinstance(self.source, str):
-            return _named(self.source)
+            return PlannerUnderTest.of(self.source)
         return PlannerUnderTest(self.name, unpickled(self.source) if self.in_loop else None, self.source)
 
 
@@ -101,6 +102,11 @@ def _by_object(planner: Any, own_process: bool) -> PlannerUnderTest:
     return PlannerUnderTest(name, here=_made(name, made) if isinstance(made, type) else made)
 
 
+def _looked_at(name: str) -> AbstractContextManager[None]:
+    """While a planner is looked at, which may run code of its own: attributes, comparisons, pickling."""
+    return foreign_code(lambda error: PlannerError(f"planner {name!r} cannot be looked at: {said_by(error)}"))
+
+
 def _name(planner: Any) -> str:
     name = name_of(planner)
     if name in _SHORT_NAMES:
@@ -122,14 +128,12 @@ def _made(name: str, found: Any) -> Any:
         return found
     if not callable(found):
         raise no_planner(name, found)
-    try:
+    with foreign_code(
+        lambda error: PlannerError(
+            f"planner {name!r} cannot be made: {said_by(error)} (it is called without arguments)"
+        )
+    ):
         made = found()
-    except RegentsError:
-        raise
-    except Exception as error:  # whatever a user's code raises is the user's answer
-        raise PlannerError(
-            f"planner {name!r} cannot be made: {type(error).__name__}: {error} (it is called without arguments)"
-        ) from error
     if not isinstance(made, JaxPlanner) and not _acts(made):
         raise no_planner(name, made)
     return made

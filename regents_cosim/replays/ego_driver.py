@@ -6,9 +6,10 @@ from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
-from regents_cosim.errors import DriveError, PlannerError, RegentsError
+from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _R = TypeVar("_R")
 
@@ -53,10 +54,9 @@ def decision(driver: Driver, step: int, seen: Snapshot) -> EgoState:
 
 def ask(question: Callable[[], _R], when: str) -> _R:
     """The answer of code from outside. Raises DriveError where it fails."""
-    try:
+
+    def failed(error: BaseException) -> DriveError:
+        return DriveError(f"the planner failed {when} ({said_by(error)})", "".join(format_exception(error)))
+
+    with foreign_code(failed):
         return question()
-    except RegentsError:
-        raise
-    except Exception as error:  # code from outside: whatever it raises is an answer
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise DriveError(f"the planner failed {when} ({said})", "".join(format_exception(error))) from error

@@ -15,6 +15,7 @@ from highway_env.vehicle.controller import ControlledVehicle
 
 from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import PlannerError
+from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.user_code import import_named
 
 
@@ -184,7 +185,8 @@ def find_agent(name: str) -> HighwayAgent:
     found = getattr(import_named(module_name, f"agent {name!r}"), attribute, None)
     if found is None:
         raise PlannerError(f"highway-env agent {name!r}: {module_name} has no {attribute!r}")
-    return PolicyAgent(found() if isinstance(found, type) else found, name)
+    with foreign_code(lambda error: PlannerError(f"highway-env agent {name!r} cannot be made: {said_by(error)}")):
+        return PolicyAgent(found() if isinstance(found, type) else found, name)
 
 
 def _decision(policy: Any, name: str) -> Callable[[Any], Any]:

@@ -27,6 +27,7 @@ from regents_cosim.sources.highway_net import to_road_map
 from regents_cosim.sources.recording import STEP_S, Recording
 from regents_cosim.sources.sumo_types import TRUCK_M, VehicleType
 from regents_cosim.sources.windows import EgoKind, RecordingOrigin, Windows, choose_windows
+from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.workers import result_of, run_isolated, submit
 
 _LATEST_BEGIN_S = 4.0  # of a window in its episode
@@ -200,13 +201,10 @@ class _TrackHistory:
 
 def _drive(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob, episode: int) -> Recording | None:
     """The window of one episode, None where it ended too early."""
-    try:
+    with foreign_code(
+        lambda error: PlannerError(f"policy {job.policy} cannot drive in {job.environment} ({said_by(error)})")
+    ):
         return _run_episode(env, agent, job, episode)
-    except RegentsError:
-        raise
-    except Exception as error:  # of a user's own code, policy or environment: whatever it raises is an answer
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise PlannerError(f"policy {job.policy} cannot drive in {job.environment} ({said})") from error
 
 
 def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob, episode: int) -> Recording | None:

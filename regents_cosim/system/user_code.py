@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 
 from regents_cosim.errors import PlannerError
+from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _SEARCHED: list[Path] = []  # folders of users that are on sys.path
 _LOCK = threading.RLock()
@@ -24,15 +25,17 @@ def import_named(module_name: str, what: str, installed: bool = False) -> Module
     An `installed` module needs no folder searched. Raises PlannerError with what the module itself raised.
     """
     hint = ""
-    try:
-        with _LOCK:
-            if not installed:
-                hint = _search_first(_folder_of(module_name))
-            is_file = module_name.endswith(".py")
-            return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
-    except (Exception, SystemExit) as error:  # whatever a user's module raises is the user's answer
-        said = f"{what} cannot be imported: {type(error).__name__}: {error}"
-        raise PlannerError(f"{said}{hint if isinstance(error, ImportError) else ''}") from error
+
+    def failed(error: BaseException) -> PlannerError:
+        return PlannerError(
+            f"{what} cannot be imported: {said_by(error)}{hint if isinstance(error, ImportError) else ''}"
+        )
+
+    with foreign_code(failed), _LOCK:
+        if not installed:
+            hint = _search_first(_folder_of(module_name))
+        is_file = module_name.endswith(".py")
+        return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
 
 
 def suite_around(folder: Path) -> Path | None:

@@ -132,7 +132,7 @@ def test_what_it_sees():
     [
         ("Raises", "failed in `act` at step 5: KeyError: 'lost'"),
         ("Sleeps", "gave no answer within 0.5 s in `act` at step 5"),
-        slow("Exits", "ended its process in `act` at step 5 (exit code 3)"),
+        slow("Exits", "failed in `act` at step 5: SystemExit: 3"),
         slow("Quits", "failed in `act` at step 5: SystemExit: 4"),
         ("NotANumber", "accel is nan, expected a finite number"),
         slow("Vectors", "accel of shape [3], expected a single number"),

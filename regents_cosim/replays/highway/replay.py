@@ -61,7 +61,7 @@ def drive_in_highway(
     agent = find_agent(agent_name)
     env = HighwayReplayEnv({"case": scenario, "mode": mode, **agent.config})
     observation, _ = env.reset(seed=seed)
-    agent.start(env, seed)
+    ask(lambda: agent.start(env, seed), "before the first step")
     with opened(env.road, scenario.dt, gui) as window:
         film = _StateHistory(scenario, window)
         film.take(env.road)

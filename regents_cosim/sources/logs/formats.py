@@ -10,8 +10,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
-from importlib.metadata import entry_points
+from functools import lru_cache, partial
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from regents_cosim.errors import InputError, LogError, RegentsError, ScenarioErr
 from regents_cosim.sources.logs.headings import require_headings_along_motion
 from regents_cosim.sources.logs.scene import LoggedScene
 from regents_cosim.sources.xml_input import unpacked_limit
+from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _HEAD_BYTES = 1 << 16
 _READERS = (
@@ -63,14 +64,16 @@ def formats() -> dict[str, LogFormat]:
         one = importlib.import_module(f"{__package__}.{module}").FORMAT
         found[one.name] = one
     for point in entry_points(group="regents_cosim.sources"):
-        try:
+        with foreign_code(partial(_not_loaded, point)):
             one = point.load()
-        except Exception as error:
-            raise LogError(f"the log format {point.name!r} ({point.value}) cannot be loaded: {error}") from error
         if not isinstance(one, LogFormat):
             raise LogError(f"the log format {point.name!r} ({point.value}) is no LogFormat")
         found[point.name] = one
     return found
+
+
+def _not_loaded(point: EntryPoint, error: BaseException) -> LogError:
+    return LogError(f"the log format {point.name!r} ({point.value}) cannot be loaded: {said_by(error)}")
 
 
 def find_logs(path: Path, name: str = "auto") -> list[tuple[Path, LogFormat]]:

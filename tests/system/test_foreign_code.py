@@ -1,0 +1,67 @@
+"""Code from outside: whatever it does to leave becomes an error, but for a real interrupt."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from regents_cosim.errors import InputError
+from regents_cosim.system.foreign_code import foreign_code
+
+FORKS = """
+import os
+from regents_cosim.system.foreign_code import foreign_code
+with foreign_code(lambda error: AssertionError()):
+    child = os.fork()
+    if child == 0:
+        os._exit(7)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+class _AskedError(Exception):
+    pass
+
+
+def _failed(error):
+    return _AskedError(type(error).__name__)
+
+
+@pytest.mark.parametrize("kind", [SystemExit, KeyboardInterrupt, GeneratorExit, StopIteration, ValueError])
+def test_whatever_it_raises_is_an_error(kind):
+    with pytest.raises(_AskedError, match=kind.__name__), foreign_code(_failed):
+        raise kind(0)
+
+
+def test_our_own_errors_say_what_they_say():
+    with pytest.raises(InputError, match="no file"), foreign_code(_failed):
+        raise InputError("no file")
+
+
+def test_leaving_python_is_an_error_also_of_code_that_calls_such_code():
+    with pytest.raises(_AskedError, match="_AskedError"), foreign_code(_failed), foreign_code(_failed):
+        os._exit(0)
+
+
+def test_a_process_that_it_forks_leaves_as_it_likes():
+    done = subprocess.run([sys.executable, "-c", FORKS], capture_output=True, text=True)
+    assert done.stdout == "7\n", done.stderr
+
+
+def test_a_real_interrupt_goes_through():
+    with pytest.raises(KeyboardInterrupt), foreign_code(_failed):
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_real_interrupt_goes_through_where_the_code_makes_something_else_of_it():
+    def hides_it():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as error:
+            raise ValueError from error
+
+    with pytest.raises(KeyboardInterrupt), foreign_code(_failed):
+        hides_it()
