@@ -34,3 +34,31 @@ def require_few_crossings(parts: Sequence[BaseGeometry]) -> None:
                 f"the {len(boxes):,} sides of the road's parts cross each other more than {most:,} times (expected "
                 "lanes that meet their neighbours)"
             )
+
+
+def united(parts: Sequence[BaseGeometry]) -> BaseGeometry:
+    """The union of parts that may lie along each other in any number, as the ways of vehicles over one road do.
+
+    Raises InputError as `require_few_crossings` does, of what two and two of them come to.
+    """
+    try:
+        require_few_crossings(parts)
+    except InputError:
+        layer = list(parts)
+    else:
+        return shapely.union_all(parts)
+    while len(layer) > 1:
+        pairs = [layer[first : first + 2] for first in range(0, len(layer), 2)]
+        for pair in pairs:
+            require_few_crossings(pair)
+        layer = [shapely.union_all(pair) for pair in pairs]
+        _require_small(layer, len(shapely.get_coordinates(parts)))
+    return layer[0]
+
+
+def _require_small(layer: Sequence[BaseGeometry], corners: int) -> None:
+    found = len(shapely.get_coordinates(layer))
+    if found > _FEW + corners:
+        raise InputError(
+            f"the ways of vehicles have {corners:,} corners and cross each other in {found:,} places or more"
+        )

@@ -401,6 +401,20 @@ def _table_one_place() -> bytes:
     return "\n".join([head, *rows]).encode()
 
 
+def _table_crossing() -> bytes:
+    """Thousands of ways that all cross: where they drove is the road."""
+    head = "name,stamp,east,north,course,long,wide,what"
+    half = 1500
+    rows = []
+    for i in range(half):
+        for k in range(9):
+            rows += [
+                f"a{i},{100 * k},{3 * half * k},{24 * i},90,14,6,1",
+                f"b{i},{100 * k},{24 * i},{3 * half * k},0,14,6,1",
+            ]
+    return "\n".join([head, *rows]).encode()
+
+
 def _argoverse(segments: dict[str, dict], areas: dict[str, dict] | None = None) -> bytes:
     area = {"area_boundary": [{"x": x, "y": y} for x, y in ((0, 0), (9, 0), (9, 9), (0, 9))]}
     return json.dumps({"lane_segments": segments, "drivable_areas": areas or {"1": area}}).encode()
@@ -485,7 +499,7 @@ _PRODUCTS: dict[str, tuple[Callable[[], bytes], ...]] = {
     "levelx": (_levelx_late,),
     "highd": (_highd_late,),
     "ngsim": (_ngsim_late,),
-    "table": (_table_late, _table_crowd, _table_one_place),
+    "table": (_table_late, _table_crowd, _table_one_place, _table_crossing),
     "argoverse2_map": (_argoverse_neighbour, _argoverse_crossing),
     "argoverse2_motion": (_parquet_rows,),
     "tracks_npz": (_npz_small_numbers,),

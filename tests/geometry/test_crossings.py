@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from regents_cosim.errors import InputError
-from regents_cosim.geometry.crossings import require_few_crossings
+from regents_cosim.geometry.crossings import require_few_crossings, united
 
 
 def strips(count, apart):
@@ -34,3 +34,19 @@ def test_a_line_that_crosses_itself_everywhere_is_refused():
 def test_a_few_parts_may_lie_as_they_like():
     require_few_crossings(strips(20, 8))
     require_few_crossings([])
+
+
+def test_ways_along_one_road_are_united_however_many_there_are():
+    rng = np.random.default_rng(0)
+    x = np.linspace(0.0, 300.0, 40)
+    ways = [np.column_stack([x, 0.5 * x + np.cumsum(rng.normal(0.0, 0.2, len(x)))]) for i in range(400)]
+    strips_ = shapely.buffer([shapely.LineString(way) for way in ways], 2.0, quad_segs=3).tolist()
+    with pytest.raises(InputError):
+        require_few_crossings(strips_)
+    whole = shapely.union_all(strips_)
+    assert shapely.symmetric_difference(united(strips_), whole).area < 1e-6 * whole.area
+
+
+def test_ways_that_all_cross_are_not():
+    with pytest.raises(InputError, match="cross"):
+        united(strips(2000, 8))

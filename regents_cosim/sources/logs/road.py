@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.areas import closed
-from regents_cosim.geometry.crossings import require_few_crossings
+from regents_cosim.geometry.crossings import require_few_crossings, united
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track
@@ -88,7 +88,7 @@ def _swept(tracks: Iterable[Track]) -> BaseGeometry:
         if track.agent.kind in VEHICLE_KINDS:
             pieces = np.split(np.column_stack([track.x, track.y]), np.flatnonzero(np.diff(track.step) != 1) + 1)
             ways += [shapely.LineString(piece) for piece in pieces if len(piece) > 1]
-    return shapely.union_all(shapely.buffer(shapely.simplify(ways, 0.2), _WIDEN_M, quad_segs=3))
+    return united(np.asarray(shapely.buffer(shapely.simplify(ways, 0.2), _WIDEN_M, quad_segs=3)).tolist())
 
 
 def _polygons_of(area: BaseGeometry) -> shapely.MultiPolygon:

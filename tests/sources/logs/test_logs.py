@@ -319,3 +319,14 @@ def test_recordings(folder):
     assert len(found) == len(set(found)) == number
     assert len(windows) == min(2, number)
     assert all(len(window.agents) > 3 for window in windows)
+
+
+def test_overlaps_are_counted_among_a_bounded_number_of_pairs(tmp_path):
+    """Of 1,500 at one place there are a million pairs."""
+    for many, overlaps in ((150, 150 * 149 // 2), (1500, 23_000)):
+        rows = "\n".join(f"{i},{k},{9 * k},0" for i in range(many) for k in (0, 1))
+        (tmp_path / "crowd.csv").write_text(f"id,time,x,y\n{rows}\n")
+        ((_, name, scene),) = scenes_of(tmp_path / "crowd.csv")
+        found = inspect_scene(scene, name)
+        assert found.overlaps == overlaps
+        assert any("pairs that come near" in note for note in found.notes) == (many > 1000)
