@@ -409,8 +409,8 @@ def _table_crossing() -> bytes:
     for i in range(half):
         for k in range(9):
             rows += [
-                f"a{i},{100 * k},{3 * half * k},{24 * i},90,14,6,1",
-                f"b{i},{100 * k},{24 * i},{3 * half * k},0,14,6,1",
+                f"{i},{100 * k},{3 * half * k},{24 * i},90,14,6,1",
+                f"{i + half},{100 * k},{24 * i},{3 * half * k},0,14,6,1",
             ]
     return "\n".join([head, *rows]).encode()
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import itertools
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ from regents_cosim.sources.xml_input import unpacked_limit
 
 _ROWS = 50_000  # at a time
 _LONGEST_HEADER = 1 << 16  # characters
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")  # in thousands
 
 
 class Columns(NamedTuple):
@@ -41,8 +43,8 @@ def read_columns(
 ) -> Columns:
     """Columns of a file by name; those in `optional` may be missing, and then are missing in the result.
 
-    Numbers may have separators of thousands; an empty field is NaN. Raises LogError for a
-    missing column, a row that is too short, a field that is no number.
+    Commas within numbers are decimal where fields are separated by semicolons or tabs, else they separate thousands; an
+    empty field is NaN. Raises LogError for a missing column, a row that is too short, a field that is no number.
     """
     with _opened(path) as file:
         line = file.readline(_LONGEST_HEADER)
@@ -53,14 +55,15 @@ def read_columns(
         wanted = [name for name in (*numbers, *texts) if name in names]
         kept: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
         codes: dict[str, dict[str, int]] = {name: {} for name in texts}
-        rows = csv.reader(file, delimiter=_separator(line))
+        separator = _separator(line)
+        rows = csv.reader(file, delimiter=separator)
         for piece in _pieces(rows, path):
             for name in wanted:
                 place = names.index(name)
                 values = [row[place] for row in piece] if len(min(piece, key=len)) > place else _short(piece, path)
                 known = codes.get(name)
                 if known is None:
-                    kept[name].append(_numbers(values, name, path))
+                    kept[name].append(_numbers(values, separator, name, path))
                 else:
                     kept[name].append(np.array([known.setdefault(v, len(known)) for v in values], int))
     joined = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in kept.items()}
@@ -87,15 +90,30 @@ def _pieces(rows: Iterator[list[str]], path: Path) -> Iterator[list[list[str]]]:
         raise LogError(f"{path}: truncated or damaged CSV ({error})") from error
 
 
-def _numbers(values: list[str], name: str, path: Path) -> Float[np.ndarray, " row"]:
+def _numbers(values: list[str], separator: str, name: str, path: Path) -> Float[np.ndarray, " row"]:
     try:
         return np.array(values, float)
     except ValueError:
         pass
     try:
-        return np.array([float(v.replace(",", "")) if v.strip() else np.nan for v in values])
+        return np.array([_number(value.strip(), separator) for value in values])
     except ValueError as error:
         raise LogError(f"{path}: column {name}: {str(error)[:200]}") from error
+
+
+def _number(text: str, separator: str) -> float:
+    """A number that may have commas. Raises ValueError where it is not certain what they mean."""
+    if "," not in text:
+        return float(text) if text else np.nan
+    is_grouped = _GROUPED.fullmatch(text) is not None
+    if separator == "," and is_grouped:
+        return float(text.replace(",", ""))
+    is_decimal = text.count(",") == 1 and "." not in text
+    if is_decimal and (separator == ";" or (separator == "\t" and not is_grouped)):
+        return float(text.replace(",", "."))
+    raise ValueError(
+        f"{text[:40]!r}: what its commas mean is not certain (write decimals with a point and thousands without a mark)"
+    )
 
 
 def _separator(line: str) -> str:

@@ -11,6 +11,7 @@ import pytest
 
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs import polars_files, scenarionet, table
+from regents_cosim.sources.logs.csv_columns import read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.record import record_log, scenes_of
 
@@ -172,3 +173,32 @@ def test_a_planning_problem_without_a_goal_is_left_out(tmp_path):
     scenarios = record_log(tmp_path / "a.xml", tell=said.append)
     assert scenarios[0].ego.id in log_files.CARS
     assert any("planning problem 99 has no goal and is left out" in line for line in said)
+
+
+COMMAS = {  # separator and numbers with commas, and what they are; None: one line says that it is not certain
+    (";", "10,90"): 10.9, (";", "-0,5"): -0.5, (";", "1,125"): 1.125, (";", "10,"): 10.0, (";", "1,125,000"): None,
+    (";", "1.125,5"): None, (";", "1.5"): 1.5, ("\t", "10,90"): 10.9, ("\t", "1,125"): None, (",", '"1,125"'): 1125.0,
+    (",", '"1,118,846.5"'): 1118846.5, (",", '"10,90"'): None, (",", '"0,125"'): None, (",", '"1,125,00"'): None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("separator", "text"), COMMAS)
+def test_a_comma_in_a_number_is_what_it_must_be_or_refused(tmp_path, separator, text):
+    file, value = tmp_path / "a.csv", COMMAS[separator, text]
+    file.write_text(separator.join("abc") + "\n" + separator.join((text, text, "2")) + "\n")
+    if value is not None:
+        numbers = read_columns(file, ["a", "b", "c"]).numbers
+        assert [numbers[name].tolist() for name in "abc"] == [[value], [value], [2.0]]
+        return
+    with pytest.raises(LogError, match="what its commas mean is not certain"):
+        read_columns(file, ["a", "b", "c"])
+
+
+def test_a_table_with_decimal_commas_is_the_one_with_points(tmp_path):
+    rows = [(i, f"{k / 10:.1f}", f"{9 * i + k:.2f}", "0.50", "4.50", "1.80") for i in range(3) for k in range(90)]
+    lines = ["id;time;x;y;length;width", *(";".join(map(str, row)) for row in rows)]
+    (tmp_path / "points.csv").write_text("\n".join(lines))
+    (tmp_path / "commas.csv").write_text("\n".join(lines).replace(".", ","))
+    (points, commas) = (record_log(tmp_path / f"{name}.csv", count=1, tell=print)[0] for name in ("points", "commas"))
+    np.testing.assert_array_equal(points.tracks.x, commas.tracks.x)
+    assert points.agents == commas.agents
