@@ -25,7 +25,8 @@ def traffic_digest(source: SumoInput | LogInput | str, fcd: Path | None = None, 
 
 def _sumo(source: SumoInput, fcd: Path | None) -> list[str]:
     options = read_input(source)
-    files = [options.file, options.net, *options.routes, *options.additional, *([fcd] if fcd else [])]
+    named = [path for paths in options.read.values() for path in paths if path.is_file()]
+    files = [options.file, options.net, *options.files, *named, *([fcd] if fcd else [])]
     for file in files:
         require_file(file, "file of the traffic")
-    return [*map(sha256_of, files), json.dumps(options.others, sort_keys=True), *options.extra]
+    return [*map(sha256_of, files), json.dumps([options.others, options.typed], sort_keys=True)]

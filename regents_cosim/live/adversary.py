@@ -49,6 +49,7 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.untaken_moves import forget_at_close
+from regents_cosim.sources.sumo_options import path_of
 from regents_cosim.sources.windows import RecordingOrigin
 
 State = Literal["waiting", "watching", "attacking", "returning", "paused", "detached"]
@@ -215,7 +216,7 @@ class Adversary(StepListener):
         self.ego = self._finder.find()
         if self.ego is not None and self._reader is None:
             self._reader = Reader(self._sumo, self._settings.radius_m, self._net, self._route)
-            net = self._net or Path(self._reader.option("net-file"))
+            net = self._net or path_of(self._reader.option("net-file"))
             source = self._called or Path(self._reader.option("configuration-file") or net).name
             self._source = RecordingOrigin("sumo", source, sha256_of(net))
         return self.ego is not None

@@ -80,7 +80,7 @@ def run_episode(episodes: Episodes, seed: int) -> EpisodeResult:
     keep_compiled_programs()
     with scratch_folder() as folder:
         forced = {"step-length": str(STEP_S), "seed": str(seed), **CRASHES_STAY}
-        command = ["-c", str(write_config(episodes.options, folder, forced, {})), *episodes.options.extra]
+        command = ["-c", str(write_config(episodes.options, folder, forced, {}))]
         if episodes.gui:
             command += ["--start", "true", "--quit-on-end", "true"]
         with (

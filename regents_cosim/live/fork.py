@@ -17,6 +17,8 @@ from regents_cosim.live.traffic import TrafficState
 from regents_cosim.scenario import Tracks
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
 from regents_cosim.sources.sumo_config import SumoInput, read_input, write_config
+from regents_cosim.sources.sumo_files import ShownFiles, survey
+from regents_cosim.sources.sumo_options import path_of
 from regents_cosim.system.workers import LocalProcesses, local_processes, result_of, submit
 
 _SAME_OPTIONS = ("lateral-resolution", "lanechange.duration", "step-method.ballistic", "default.action-step-length")
@@ -42,7 +44,8 @@ class Fork:
         self._sumo.simulation.saveState(str(state))
         ids = tuple(user.agent.id for user in traffic.users)
         step_s = float(self._sumo.simulation.getDeltaT())
-        seen = result_of(submit(self._process, _run_ahead, self._config, state, ids, round((steps - 1) * dt / step_s)))
+        shown = ShownFiles(survey([state]), folder).of(state)  # its vehicles may have devices that write
+        seen = result_of(submit(self._process, _run_ahead, self._config, shown, ids, round((steps - 1) * dt / step_s)))
         return _tracks(traffic, seen, step_s, np.arange(steps) * dt)
 
     def close(self) -> None:
@@ -55,9 +58,9 @@ class Fork:
     def _write_config(self, folder: Path) -> Path:
         """What the second SUMO is to load: the same network and traffic, and no outputs."""
         option = self._option
-        routes, additional = ([Path(one) for one in option(name).split(",") if one] for name in
+        routes, additional = ([path_of(one.strip()) for one in option(name).split(",") if one.strip()] for name in
                               ("route-files", "additional-files"))  # fmt: skip
-        given = read_input(SumoInput(net=Path(option("net-file")), routes=(*routes,), additional=(*additional,)))
+        given = read_input(SumoInput(net=path_of(option("net-file")), routes=(*routes,), additional=(*additional,)))
         same = {name: value for name in _SAME_OPTIONS if (value := option(name))}
         same |= {"step-length": option("step-length"), "seed": option("seed"), "save-state.precision": _MOST_DIGITS}
         return write_config(given, folder, same | CRASHES_STAY, {})

@@ -23,6 +23,7 @@ from regents_cosim.live.traffic import Following, RoadUser, TrafficState
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.sumo_net import read_road_map
+from regents_cosim.sources.sumo_options import path_of
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
 
 _WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED]
@@ -50,7 +51,7 @@ class Reader:
         self._in_process = bool(getattr(connection, "isLibsumo", bool)())
         if self.option("mesosim") == "true":
             raise SumoError("a mesoscopic simulation (mesosim): its vehicles have no place of their own on the road")
-        found = net or File(self.option("net-file"))
+        found = net or path_of(self.option("net-file"))
         self.road = _road(found, found.stat().st_mtime_ns if found.exists() else 0)
         self.step_s = float(connection.simulation.getDeltaT())
         # Where a vehicle put off its lane makes SUMO 1.28 crash: with lane changes that take time.

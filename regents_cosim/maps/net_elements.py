@@ -34,12 +34,17 @@ def require_network_alone(content: bytes, packed_bytes: int) -> None:
         raise InputError(f"SUMO network: {error}") from error
 
 
+def names_a_file(key: str) -> bool:
+    """Whether a parameter of this name may tell SUMO where to write: that of a light, a vehicle, a type or a route."""
+    return any(word in key.lower() for word in ("file", "output"))
+
+
 def _refuse_document_type(*_: object) -> None:
     raise InputError("SUMO network with a document type, which is not read (its entities may fill the memory)")
 
 
 def _require_known(name: str, attributes: dict[str, str]) -> None:
     key = attributes.get("key", "") if name == "param" else ""
-    if name not in _ELEMENTS or key == "file" or key.endswith(".file") or "output" in key:
+    if name not in _ELEMENTS or names_a_file(key):
         what = f"a parameter {key!r}" if key else f"<{name}>"
         raise InputError(f"SUMO network holds {what}, with which SUMO may write files: expected roads and lights alone")

@@ -99,10 +99,34 @@ def running_sumo(options: Sequence[str], gui: bool = False) -> Iterator[ModuleTy
             libsumo.start(["sumo-gui" if gui else "sumo", *options])
             yield libsumo
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:  # the second while it runs
-            raise SumoError(f"SUMO refused: {' '.join((_reason(output) or str(error)).split())}") from error
+            raise _refusal(output, error) from error
         finally:
             if not gui:  # sumo-gui may never return from it (1.28.0, once shown for a second); it ends with the process
                 libsumo.close()
+
+
+def written_by_sumo(options: Sequence[str]) -> bytes:
+    """The XML that SUMO writes to `stdout` where it is asked for its options, and runs nothing.
+
+    `options` are command-line options, `--save-configuration stdout` or `--save-template stdout` among them. Raises
+    SumoError with SUMO's own words where it cannot read them, or was asked for something else.
+    """
+    with _ONE_SIMULATION, _output_kept() as output:
+        libsumo = load_libsumo()
+        try:
+            libsumo.simulation.load([*options])
+        except libsumo.TraCIException as error:
+            raise _refusal(output, error) from error
+        output.seek(0)
+        said = output.read()
+        begin = said.rfind(b"<?xml")
+        if begin < 0:
+            raise SumoError("SUMO was asked for a simulation, and not for its version or its help")
+        return said[begin:]
+
+
+def _refusal(output: IO[bytes], error: Exception) -> SumoError:
+    return SumoError(f"SUMO refused: {' '.join((_reason(output) or str(error)).split())}")
 
 
 @contextmanager

@@ -13,15 +13,15 @@ from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.sumo_at_hand import end_sumo_process, in_sumo_process
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.sources.conflicts import has_conflict
 from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, other_step, read_input, write_config
-from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_types import VehicleType, require_size, vehicle_type_of
 from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
 from regents_cosim.system.scratch import scratch_folder
-from regents_cosim.system.workers import result_of, run_isolated, submit
+from regents_cosim.system.workers import result_of, submit
 
 _SPAN_S = 600.0  # recorded where the configuration names no end
 # Into how many pieces SUMO cuts the way of a person around a corner, each with a jump sideways: in Bologna
@@ -55,16 +55,24 @@ def record_sumo(
     Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words
     where it refuses, NoWindowError where no window is found.
     """
-    from regents_cosim.sources.sumo_net import read_road_map  # with sumolib, of which SUMO's own process needs nothing
-
     windows = Windows(
         count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego, max_agents=max_agents, ego_kind=ego_kind
     )
+    try:
+        return _record(source, windows, executor, tell)
+    finally:
+        end_sumo_process()
+
+
+def _record(
+    source: SumoInput, windows: Windows, executor: Executor | None, tell: Callable[[str], None]
+) -> list[Scenario]:
+    from regents_cosim.sources.sumo_net import read_road_map  # with sumolib, of which SUMO's own process needs nothing
+
     options = read_input(source)
     _require_microscopic(options)
-    if said := other_step(options):
+    for said in filter(None, (other_step(options), options.left_out())):
         tell(said)
-    require_bounded((*options.routes, *options.additional), options.others.values())
     road = read_road_map(options.net)
     origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
     job = SumoRecordingJob(options, windows)
@@ -74,7 +82,7 @@ def record_sumo(
         if not _may_look_longer(windows):
             raise
         found = []
-    if not _may_look_longer(windows) or sum(has_conflict(one, windows.others) for one in found) >= count:
+    if not _may_look_longer(windows) or sum(has_conflict(one, windows.others) for one in found) >= windows.count:
         return found
     return _windows(replace(job, longer=True), road, origin, executor, tell)
 
@@ -91,7 +99,9 @@ def _windows(
     tell: Callable[[str], None],
 ) -> list[Scenario]:
     """The windows of one run of SUMO."""
-    recordings = run_isolated(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))
+    recordings = (
+        in_sumo_process(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))
+    )
     for line in left_out(recordings):
         tell(line)
     return choose_windows(recordings, road, origin, job.windows)
@@ -99,10 +109,7 @@ def _windows(
 
 def _require_microscopic(options: SumoOptions) -> None:
     """Raise SumoError for a mesoscopic simulation, whose vehicles have no places on the road."""
-    words = [word.partition("=") for word in options.extra]
-    named = [value for name, _, value in words if name == "--mesosim"]
-    value = named[-1] if named else options.others.get("mesosim", "false")
-    if value.strip().lower() not in ("false", "0", "no", "off", "-"):
+    if options.is_on("mesosim"):
         raise SumoError(
             f"{options.file}: a mesoscopic simulation (mesosim), whose vehicles stand in queues and have no place or "
             "heading of their own; expected a microscopic one (take the option out, or add -- --mesosim=false)"
@@ -129,10 +136,16 @@ def sumo_command(job: SumoRecordingJob, folder: Path) -> list[str]:
     options = job.options
     forced = {"step-length": str(STEP_S), "seed": str(job.windows.seed)}
     defaults = {"time-to-teleport": "-1", "no-step-log": "true", "no-warnings": "true", _CORNERS: _FINE}
-    sublane = "lateral-resolution" in options.others or any("lateral-resolution" in word for word in options.extra)
-    if not sublane:
+    if not _has_sublanes(options):
         defaults["lanechange.duration"] = "3"
-    return ["-c", str(write_config(options, folder, forced, defaults)), *options.extra]
+    return ["-c", str(write_config(options, folder, forced, defaults))]
+
+
+def _has_sublanes(options: SumoOptions) -> bool:
+    try:
+        return float(options.says("lateral-resolution") or 0.0) > 0.0  # 0 and -1: none
+    except ValueError:
+        return False  # SUMO says that it is no number
 
 
 def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:

@@ -1,23 +1,42 @@
 """What SUMO is to simulate: a .sumocfg, or a network with routes, without its outputs.
 
 City configurations write logs, trip infos and detector counts next to themselves. We only
-look at the traffic, so every option and every detector that names an output is turned off and
-the folder stays as it is. All other options reach SUMO unchanged.
+look at the traffic, so nothing that SUMO writes reaches it: of options and of what stands in files, it is
+told what is known to write nothing (`sumo_words`), and the folder stays as it is.
 """
 
-import xml.etree.ElementTree as ET
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from regents_cosim.cases.shipped import ALL_NETWORKS, located, names
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import SumoError, require_file
+from regents_cosim.simulators.sumo_at_hand import in_sumo_process
 from regents_cosim.sources.recording import ANY_EGO, STEP_S
-from regents_cosim.sources.sumo_files import OUTPUT_ATTRIBUTES, exists
-from regents_cosim.sources.xml_input import read_tree
+from regents_cosim.sources.sumo_files import ShownFiles, Survey, exists, is_xml, survey
+from regents_cosim.sources.sumo_options import NamedOptions, as_value, options_of_config, typed_options
+from regents_cosim.sources.sumo_words import (
+    FILES_OF_GUI,
+    FILES_READ,
+    NOWHERE,
+    OF_ADDITIONAL,
+    OF_NET,
+    OF_ROUTES,
+    OF_STATE,
+    OPTIONS,
+)
+from regents_cosim.sources.xml_input import walk
 
 _LATEST_S = 1e9  # SUMO counts milliseconds
+_MOST_NAMED = 6  # of what is taken away, in one line
+# Vehicles have a battery where its output is asked for, and a vehicle with one looks for places to charge.
+_BATTERY = "battery-output"
+# Where the devices write that a vehicle may have by a parameter of its own.
+_DEVICES_WRITE = {"device.ssm.file": NOWHERE}
+_FALSE = {"false", "0", "no", "off", "-", "f"}  # SUMO's words for it
 
 
 @dataclass(frozen=True)
@@ -48,52 +67,96 @@ class SumoOptions:
     net: Path
     routes: tuple[Path, ...]
     additional: tuple[Path, ...]
-    others: dict[str, str]
-    extra: tuple[str, ...]
+    others: dict[str, str]  # of the configuration, but for those that write
+    typed: dict[str, str]  # what goes before all else, outputs as well
+    read: dict[str, tuple[Path, ...]]  # files of other options
+    files: Survey  # all that SUMO is to read but the network, and what they would write
+    taken: tuple[str, ...]  # options of the configuration that write
+
+    def says(self, name: str) -> str:
+        """The value of an option as it was given; empty where it was not."""
+        return self.typed.get(name, self.others.get(name, ""))
+
+    def is_on(self, name: str) -> bool:
+        """Whether an option that is on or off is on; off where it was not given."""
+        return self.says(name).strip().lower() not in {*_FALSE, ""}
+
+    def left_out(self) -> str:
+        """One line on what SUMO does not write here, empty where it would write nothing."""
+        found = Counter(dict.fromkeys(self.taken, 1))
+        for one in self.files.values():
+            found.update(one.taken)
+        named = [name if times == 1 else f"{name} ({times} times)" for name, times in found.items()]
+        more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+        off = f"turned off, so that SUMO writes nothing beside {self.file.name}: {', '.join(named[:_MOST_NAMED])}{more}"
+        return off if named else ""
 
 
 def read_input(given: SumoInput) -> SumoOptions:
-    """Merge a configuration with what is given beside it.
+    """Merge a configuration, as SUMO takes it, with what is given beside it.
 
-    Raises RegentsError where a file is missing or broken, or no network is named.
+    Raises RegentsError where a file is missing, broken or would fill SUMO's memory, or no network is named.
     """
     given = replace(given, config=given.config and located(given.config))
-    others = _read_config(given.config) if given.config else {}
-    net = _paths(others.pop("net-file", ""))
-    routes = _paths(others.pop("route-files", ""))
-    additional = _paths(others.pop("additional-files", ""))
+    config = _read_config(given.config) if given.config else NamedOptions({}, {})
+    typed = in_sumo_process(typed_options, given.extra) if given.extra else NamedOptions({}, {})
+    others = {name: value for name, value in config.values.items() if name in OPTIONS}
     for name, time_s in (("begin", given.begin_s), ("end", given.end_s)):
         if time_s is not None:
             others[name] = f"{time_s:.10g}"
-    if given.net is None and not net:
+    beside = {OF_NET: [given.net] if given.net else [], OF_ROUTES: given.routes, OF_ADDITIONAL: given.additional}
+    read = {name: paths for name, paths in config.files.items() if name in FILES_READ}
+    read |= {name: tuple(path.absolute() for path in paths) for name, paths in beside.items() if paths}
+    read |= {name: paths for name, paths in typed.files.items() if name in FILES_READ}
+    written = {name: as_value(paths) for name, paths in typed.files.items() if name not in FILES_READ}
+    if not read.get(OF_NET):
         raise SumoError(
             f"{given.config or 'SUMO input'}: no network named (expected <net-file> in the configuration, or -n)"
         )
-    options = SumoOptions(
-        file=Path(),
-        net=given.net.absolute() if given.net else net[0],
-        routes=_absolute(given.routes) or routes,
-        additional=_absolute(given.additional) or additional,
+    traffic = _Traffic(read.pop(OF_NET)[0], read.pop(OF_ROUTES, ()), read.pop(OF_ADDITIONAL, ()))
+    traffic.require()
+    return SumoOptions(
+        given.config or (traffic.routes or (traffic.net,))[0],
+        *traffic,
         others=others,
-        extra=given.extra,
+        typed=typed.values | written,
+        read=read,
+        files=_survey(traffic, read),
+        taken=_that_write(config),
     )
-    options = replace(options, file=given.config or (options.routes or (options.net,))[0])
-    require_file(options.net, "SUMO network")
-    for path in options.routes:
-        require_file(path, "route file")
-    for path in options.additional:
-        require_file(path, "additional file")
-    return options
+
+
+class _Traffic(NamedTuple):
+    net: Path
+    routes: tuple[Path, ...]
+    additional: tuple[Path, ...]
+
+    def require(self) -> None:
+        """Raise RegentsError where one is missing."""
+        require_file(self.net, "SUMO network")
+        for path in self.routes:
+            require_file(path, "route file")
+        for path in self.additional:
+            require_file(path, "additional file")
+
+
+def _survey(traffic: _Traffic, read: dict[str, tuple[Path, ...]]) -> Survey:
+    """What may let SUMO write: the network's reader sees to it itself. The files of other options are numbers."""
+    survey(path for name, paths in read.items() if name != OF_STATE for path in paths if exists(path) and is_xml(path))
+    return survey([*traffic.routes, *traffic.additional, *read.get(OF_STATE, ())])
 
 
 def write_config(options: SumoOptions, folder: Path, forced: dict[str, str], defaults: dict[str, str]) -> Path:
-    """A configuration without outputs in `folder`; `forced` options replace, `defaults` fill in."""
-    additional = [_without_outputs(path, folder / f"{i}.add.xml") for i, path in enumerate(options.additional)]
-    values = defaults | options.others | forced | {"net-file": str(options.net)}
-    if options.routes:
-        values["route-files"] = ",".join(map(str, options.routes))
-    if additional:
-        values["additional-files"] = ",".join(map(str, additional))
+    """A configuration in `folder` with which SUMO writes nothing but what was asked for on the command line.
+
+    `forced` options replace those of the configuration, `defaults` fill in.
+    """
+    shown = ShownFiles(options.files, folder)
+    traffic = {OF_NET: (options.net,), OF_ROUTES: options.routes, OF_ADDITIONAL: options.additional}
+    files = {name: paths for name, paths in (traffic | options.read).items() if paths}
+    read = {name: as_value([shown.of(path) for path in paths]) for name, paths in files.items()}
+    nowhere = _DEVICES_WRITE | ({_BATTERY: NOWHERE} if _BATTERY in options.taken else {})
+    values = defaults | options.others | nowhere | forced | read | options.typed
     lines = [f"<{name} value={quoteattr(value)}/>" for name, value in values.items()]
     path = folder / "recording.sumocfg"
     path.write_text("\n".join(["<configuration>", *lines, "</configuration>"]), encoding="utf-8")
@@ -113,79 +176,28 @@ def other_step(options: SumoOptions) -> str:
 
 # --- the configuration file ---------------------------------------------------------------------
 
-_SYNONYMS = {
-    "n": "net-file", "net": "net-file", "r": "route-files", "routes": "route-files",
-    "a": "additional-files", "additional": "additional-files", "b": "begin", "e": "end",
-}  # fmt: skip
-_SECTIONS_DROPPED = {"output", "report", "gui_only", "traci_server"}
-# Outputs, ways into a running SUMO, and what a recording decides itself.
-_DROPPED = {
-    "log", "l", "log-file", "message-log", "error-log", "netstate-dump", "netstate", "ndump", "summary", "tripinfo",
-    "personinfo", "vehroutes", "personroutes", "person-fcd", "output-prefix", "output-suffix", "save-configuration",
-    "C", "save-config", "save-template", "save-schema", "device.ssm.file", "device.toc.file",
-    "pedestrian.jupedsim.wkt", "pedestrian.jupedsim.py", "remote-port", "num-clients", "gui-settings-file", "g",
-    "configuration-file", "c", "configuration", "seed", "random",
-}  # fmt: skip
 
-
-def _read_config(path: Path) -> dict[str, str]:
-    """Options of a configuration by their long names, paths absolute, outputs left out."""
+def _read_config(path: Path) -> NamedOptions:
+    """Its options as SUMO takes them."""
     if not path.exists():
         raise SumoError(
             f"SUMO configuration not found: {path} (check the path; networks that come with regents_cosim: "
             f"{', '.join(names(ALL_NETWORKS))})"
         )
-    root = read_tree(path, "SUMO configuration", SumoError)
-    if root.tag not in ("configuration", "sumoConfiguration", "sumo-configuration"):
-        raise SumoError(f"{path}: the root element is <{root.tag}>, expected a .sumocfg with <configuration>")
-    dropped = {item for section in root if section.tag in _SECTIONS_DROPPED for item in section.iter()}
-    found = {}
-    for item in root.iter():
-        value = item.get("value", item.get("v"))
-        name = _SYNONYMS.get(item.tag, item.tag)
-        if value is not None and value.strip() and item not in dropped and not _is_dropped(name):
-            found[name] = _resolved(name, value.strip(), path.absolute().parent)
-    return found
+    roots: list[str] = []
+    walk(path, "SUMO configuration", SumoError, lambda tag, _: roots.append(tag) if not roots else None)
+    if not roots[0].lower().endswith("configuration"):
+        raise SumoError(f"{path}: the root element is <{roots[0]}>, expected a .sumocfg with <configuration>")
+    return in_sumo_process(options_of_config, path)
 
 
-def _is_dropped(name: str) -> bool:
-    return name in _DROPPED or name.startswith("save-state.") or "-output" in name or name.endswith(".output")
+def _that_write(config: NamedOptions) -> tuple[str, ...]:
+    """The options of a configuration that let SUMO write, in their order; not those that show or say something."""
+    files = (name for name in config.files if name not in FILES_READ | FILES_OF_GUI)
+    values = (name for name in config.values if name not in OPTIONS and _writes_by_value(name))
+    return (*files, *values)
 
 
-def _resolved(name: str, value: str, folder: Path) -> str:
-    """`value` with the paths in it made absolute: options for files, and whatever names a file that exists."""
-    names_files = name.endswith(("-file", "-files", ".file", ".files", "load-state"))
-    parts = [part.strip() for part in value.split(",")]
-    return ",".join(
-        str(folder / part) if part and "$" not in part and (names_files or exists(folder / part)) else part
-        for part in parts
-    )
-
-
-def _paths(value: str) -> tuple[Path, ...]:
-    return tuple(Path(part) for part in value.split(",") if part)
-
-
-def _absolute(paths: tuple[Path, ...]) -> tuple[Path, ...]:
-    return tuple(path.absolute() for path in paths)
-
-
-# --- additional files ---------------------------------------------------------------------------
-
-_NOWHERE = "NUL"  # SUMO's name for it on every system
-
-
-def _without_outputs(path: Path, copy: Path) -> Path:
-    """`path` itself, or a copy that writes nothing where an element of it names an output."""
-    root = read_tree(path, "additional file", SumoError)
-    outputs = [e for e in root.iter() if e.tag in OUTPUT_ATTRIBUTES and OUTPUT_ATTRIBUTES[e.tag] in e.keys()]  # noqa: SIM118
-    if not outputs:
-        return path
-    for element in root.iter():
-        for name in ("file", "href", "imgFile"):
-            if element.get(name):
-                element.set(name, str(path.parent / str(element.get(name))))
-    for element in outputs:
-        element.set(OUTPUT_ATTRIBUTES[element.tag], _NOWHERE)
-    ET.ElementTree(root).write(copy, encoding="utf-8")
-    return copy
+def _writes_by_value(name: str) -> bool:
+    """Whether an option without a file's name lets SUMO write: the names of such files are SUMO's or a prefix."""
+    return name.startswith("save-state.") or name in _DEVICES_WRITE or name.endswith("-output")

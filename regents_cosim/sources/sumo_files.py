@@ -1,76 +1,184 @@
-"""The files that SUMO opens by itself: how large they are, and those that they name in turn.
+"""The files that SUMO opens by itself: how large they are, those that they name in turn, and what they would write.
 
 SUMO unpacks what it is given and keeps it in memory, and any of its files may include others. So each is read to its
-end here first, within the bounds of `xml_count`.
+end here first, within the bounds of `xml_count`. Many write, too: detectors, lights, probes, vehicles with a device. A
+file with anything that is not known to write nothing (`sumo_words`) is not shown to SUMO, but a copy without it.
+Detectors and vehicles stay, as traffic may depend on them: what they measure goes nowhere.
 """
 
 import os
-import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import escape, quoteattr
 
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.errors import RegentsError, SumoError, require_file
-from regents_cosim.sources.xml_input import unpacked_limit, walk
+from regents_cosim.maps.net_elements import names_a_file
+from regents_cosim.sources.sumo_words import ATTRIBUTES, ELEMENTS, NOWHERE, READ, READ_BY, WRITTEN
+from regents_cosim.sources.xml_input import explained_xml, unpacked_limit, walk
 
-# The attribute with which an element names a file that SUMO writes.
-OUTPUT_ATTRIBUTES = {
-    **dict.fromkeys(
-        ("e1Detector", "inductionLoop", "e2Detector", "laneAreaDetector", "e3Detector", "entryExitDetector",
-         "instantInductionLoop", "edgeData", "laneData", "routeProbe", "vTypeProbe"),
-        "file",
-    ),
-    "timedEvent": "dest",
-    "calibrator": "output",
-}  # fmt: skip
+_WHAT = "a file of a SUMO simulation"
 _MOST_READERS = 100  # signs and rerouters that share one file
 _HEAD_BYTES = 256
+_UNKNOWN = "unknown"  # an element that SUMO passes over, with what stands in it
+_ENCODINGS = (None, "utf-8", "us-ascii", "iso-8859-1")  # which every reader of XML takes for the same
+_WRITES_NOWHERE = (NOWHERE, NOWHERE.lower(), os.devnull)
 
 
-def require_bounded(traffic: Iterable[Path], values: Iterable[str]) -> None:
-    """Raise SumoError where a file of the traffic, or one that an option's value names, would fill SUMO's memory."""
+@dataclass(frozen=True)
+class FileContents:
+    """What a file says of others."""
+
+    included: Mapping[Path, int]  # and how often
+    read: Mapping[Path, int]  # by elements of it
+    taken: Mapping[str, int]  # what would let SUMO write, and how often it is there
+    as_it_is: bool  # whether SUMO may read it itself: it holds nothing else that is not known either
+
+
+Survey = Mapping[Path, FileContents]
+
+
+def survey(files: Iterable[Path]) -> Survey:
+    """What these files hold, and those that they name. Raises SumoError where one would fill SUMO's memory."""
+    found: dict[Path, FileContents] = {}
     seen: set[Path] = set()
-    named = [path for value in values for path in _named_in(value) if _is_xml(path)]
-    for path in [*traffic, *named]:
-        if path.resolve() not in seen:
-            _follow(path, seen)
+    for path in files:
+        _follow(_key(path), seen, found)
+    return found
 
 
-def _follow(path: Path, seen: set[Path]) -> None:
+def _key(path: Path) -> Path:
+    """One name for all spellings from which a file's relative names lead to the same places."""
+    return path.parent.resolve() / path.name
+
+
+def _follow(path: Path, seen: set[Path], found: dict[Path, FileContents]) -> None:
     """A file, and those that it names; one that includes itself would never end."""
     waiting = [path]
     while waiting:
         path = waiting.pop()
+        if path in found:
+            continue
         seen.add(path.resolve())
-        included, shared = _named_by(path)
-        for one, times in included.items():
+        found[path] = contents = _contents(path)
+        for one, times in contents.included.items():
             if times > 1 or one.resolve() in seen:
                 raise SumoError(f"{path} includes {one}, which is included already (expected each file once)")
-        for one, times in shared.items():
+        for one, times in contents.read.items():
             if times > _MOST_READERS:
                 raise SumoError(f"{path} names {one} {times} times, expected at most {_MOST_READERS}")
-        waiting += [*included, *(one for one in shared if one.resolve() not in seen and _is_xml(one))]
+        waiting += [*contents.included, *(one for one in contents.read if one not in found and is_xml(one))]
 
 
-def _named_by(path: Path) -> tuple[Counter[Path], Counter[Path]]:
-    """The files that a file includes, and those that elements of it read."""
-    included: Counter[Path] = Counter()
-    shared: Counter[Path] = Counter()
+def _contents(path: Path) -> FileContents:
+    with explained_xml(path, _WHAT, SumoError):
+        about = require_file(path, _WHAT).stat()
+    return _read(path, about.st_mtime_ns, about.st_size, about.st_ino)
+
+
+@lru_cache(maxsize=1024)
+def _read(path: Path, *_as_it_was: int) -> FileContents:
+    """The contents of a file as it was; a second look at one that has not changed costs nothing."""
+    included, read, taken = Counter[Path](), Counter[Path](), Counter[str]()
+    encodings: list[str | None] = []
+    root = as_it_is = True
 
     def visit(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal root, as_it_is
+        at_root, root = root, False
+        if tag in ELEMENTS and attributes.keys() <= ATTRIBUTES and not _is_output(tag, attributes):
+            return  # most
         if tag == "include":
-            included.update(_existing(path.parent, attributes.get("href", "")))
-        elif "file" in attributes and OUTPUT_ATTRIBUTES.get(tag) != "file":
-            shared.update(_existing(path.parent, attributes["file"]))
+            included.update(map(_key, existing(path.parent / attributes.get("href", ""))))
+        elif tag in READ_BY and attributes.get("file"):
+            read.update(map(_key, existing(path.parent / attributes["file"])))
+        if not at_root or tag in ELEMENTS:
+            shown = _shown(tag, attributes, path.parent)
+            taken.update(shown.taken)
+            as_it_is &= shown.as_it_is
 
-    walk(path, "a file of a SUMO simulation", SumoError, visit)
-    return included, shared
+    walk(path, _WHAT, SumoError, visit, encoded=encodings.append)
+    plain = all(encoding is None or encoding.lower() in _ENCODINGS for encoding in encodings)
+    return FileContents(dict(included), dict(read), dict(taken), plain and as_it_is)
 
 
-def _named_in(value: str) -> set[Path]:
-    parts = {value, *re.split("[,;]", value), *value.split()}
-    return {one for part in parts for one in _existing(Path(), part.strip())}
+class _ShownElement(NamedTuple):
+    """An element as SUMO may see it."""
+
+    tag: str
+    attributes: dict[str, str]  # files that it names by their whole path
+    as_it_is: bool
+    taken: tuple[str, ...] = ()  # what would let SUMO write
+
+
+def _shown(
+    tag: str, attributes: dict[str, str], folder: Path, shown: Callable[[Path], Path] = lambda path: path
+) -> _ShownElement:
+    if tag not in ELEMENTS:
+        return _ShownElement(_UNKNOWN, {}, False)
+    if _is_output(tag, attributes):
+        return _ShownElement(_UNKNOWN, {}, False, (f"the parameter {attributes['key']}",))
+    kept, taken = dict[str, str](), list[str]()
+    for name, value in attributes.items():
+        if name in ATTRIBUTES or name.startswith(("xml", "xsi:")):
+            kept[name] = value
+        elif name in READ or (name == "file" and tag in READ_BY):
+            kept[name] = str(shown(folder / value)) if value else value
+        elif name == "file" or name in WRITTEN:
+            kept[name] = NOWHERE
+            if value not in _WRITES_NOWHERE:
+                taken.append(f"{name} of <{tag}>")
+    return _ShownElement(tag, kept, kept.keys() == attributes.keys() and not taken, tuple(taken))
+
+
+def _is_output(tag: str, attributes: dict[str, str]) -> bool:
+    return tag == "param" and names_a_file(attributes.get("key", ""))
+
+
+class ShownFiles:
+    """What SUMO is shown of files: themselves, or copies in a folder where one would write."""
+
+    def __init__(self, files: Survey, folder: Path) -> None:
+        self._files, self._folder = files, folder
+        self._shown: dict[Path, Path] = {}
+        self._differ = _that_differ(files)
+
+    def of(self, path: Path) -> Path:
+        """The one that SUMO is to read in the place of `path`."""
+        key = _key(path)
+        if key not in self._differ:
+            return path
+        if key not in self._shown:
+            copy = self._shown[key] = self._folder / f"{len(self._shown)}-{path.name.removesuffix('.gz')}"
+            self._write(path, copy)
+        return self._shown[key]
+
+    def _write(self, path: Path, copy: Path) -> None:
+        with copy.open("w", encoding="utf-8") as file:
+            begun: list[str] = []
+
+            def begin(tag: str, attributes: dict[str, str]) -> None:
+                shown = _shown(tag, attributes, path.parent, self.of)
+                begun.append(shown.tag)
+                named = "".join(f" {key}={quoteattr(value)}" for key, value in shown.attributes.items())
+                file.write(f"<{shown.tag}{named}>")
+
+            walk(path, _WHAT, SumoError, begin, lambda _: file.write(f"</{begun.pop()}>"),
+                 lambda text: file.write(escape(text)))  # fmt: skip
+
+
+def _that_differ(files: Survey) -> set[Path]:
+    """Those of which SUMO is shown a copy, and all that lead to them."""
+    differ = {path for path, one in files.items() if not one.as_it_is}
+    while True:
+        more = {path for path, one in files.items() if not differ.isdisjoint([*one.included, *one.read])} - differ
+        if not more:
+            return differ
+        differ |= more
 
 
 def exists(path: Path) -> bool:
@@ -81,12 +189,12 @@ def exists(path: Path) -> bool:
         return False
 
 
-def _existing(folder: Path, name: str) -> list[Path]:
-    path = folder / os.path.expandvars(name)
+def existing(path: Path) -> list[Path]:
+    """`path` alone, where something other than a folder lies there."""
     return [path] if exists(path) else []
 
 
-def _is_xml(path: Path) -> bool:
+def is_xml(path: Path) -> bool:
     """Whether SUMO may take a file for XML: not so a script, a table or a picture."""
     try:
         require_file(path, "file of a SUMO simulation")

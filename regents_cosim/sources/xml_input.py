@@ -63,8 +63,19 @@ def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
     return root
 
 
-def walk(path: Path, what: str, error: type[RegentsError], visit: Callable[[str, dict[str, str]], object]) -> None:
-    """Read a file to its end and tell `visit` of every element; nothing is kept. Raises `error` as `read_tree` does."""
+def walk(
+    path: Path,
+    what: str,
+    error: type[RegentsError],
+    visit: Callable[[str, dict[str, str]], object],
+    leave: Callable[[str], object] = lambda name: None,
+    text: Callable[[str], object] | None = None,
+    encoded: Callable[[str | None], object] = lambda encoding: None,
+) -> None:
+    """Read a file to its end and tell `visit` of every element; nothing is kept. Raises `error` as `read_tree` does.
+
+    `leave` is told where an element ends, `text` what stands between, `encoded` the encoding that the file names.
+    """
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
         count = ElementCount(path.stat().st_size)
 
@@ -73,9 +84,15 @@ def walk(path: Path, what: str, error: type[RegentsError], visit: Callable[[str,
             count.forget()
             visit(name, attributes)
 
+        def end(name: str) -> None:
+            count.close()
+            leave(name)
+
         parser = expat.ParserCreate()
+        parser.XmlDeclHandler = lambda version, encoding, standalone: encoded(encoding)
         parser.StartElementHandler = begin
-        parser.EndElementHandler = lambda _: count.close()
+        parser.EndElementHandler = end
+        parser.CharacterDataHandler = text
         for piece in _pieces(stream):
             parser.Parse(piece)
         parser.Parse(b"", True)

@@ -43,7 +43,6 @@ from regents_cosim.sources.logs.road import drivable_area
 from regents_cosim.sources.logs.tfrecord import records
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.sumo_config import SumoInput, read_input, write_config
-from regents_cosim.sources.sumo_files import require_bounded
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import read_types
 from regents_cosim.sources.windows import RecordingOrigin, Windows
@@ -170,7 +169,6 @@ def _sumo() -> list[Reader]:
 
 def _configuration(path: Path) -> object:
     options = read_input(SumoInput(path.parent / "a.sumocfg"))
-    require_bounded((*options.routes, *options.additional), options.others.values())
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         return write_config(options, Path(folder), {}, {})
 

@@ -20,6 +20,7 @@ import pytest
 from places import ROOT, SUPPORT
 from scenes import platoon, scene
 from trapped_folder import trapped_folder
+from writing_scenario import listing, make_scenario
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.content_hash import content_hash
@@ -388,6 +389,14 @@ def test_a_small_file_cannot_ask_for_much(tmp_path, capsys):
     said = capsys.readouterr().err.strip()
     assert "\n" not in said
     assert "lights x instants: 4,000 x 6,000, which makes more than" in said
+
+
+def test_nothing_is_written_beside_a_scenario(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    config = make_scenario(tmp_path / "there")
+    before = listing(tmp_path)
+    assert record_sumo(SumoInput(config), count=1, horizon_s=4.0, tell=lambda line: None)
+    assert listing(tmp_path) == before
 
 
 def test_pickles_of_logs_are_not_run(tmp_path, monkeypatch):
