@@ -38,7 +38,7 @@ def in_sumo_process(function: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.
 
 
 def end_sumo_process() -> None:
-    """Give back what it takes, where there is one; the next job starts another."""
+    """End it, also in the middle of a job that is given up; the next job starts another."""
     kept, _mine.kept = _mine.kept, None
     if kept is not None:
-        kept.process.shutdown()
+        kept.process.shutdown(wait=False)
