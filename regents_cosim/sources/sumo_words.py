@@ -41,7 +41,8 @@ _OPTIONS = """
     phemlight-temperature phemlight-year precision precision.geo railsignal-moving-block railsignal.default-classes
     railsignal.max-block-length railsignal.moving-block.default-classes railsignal.moving-block.max-dist
     railway.max-train-length random-depart-offset replay-rerouting ride.stop-tolerance route-steps routing-algorithm
-    scale scale-suffix slope-centered sloppy-insert startup-wait-threshold step-length step-method.ballistic thread-rngs threads
+    scale scale-suffix slope-centered sloppy-insert startup-wait-threshold step-length step-method.ballistic
+    thread-rngs threads
     time-to-impatience time-to-teleport time-to-teleport.bidi time-to-teleport.disconnected time-to-teleport.highways
     time-to-teleport.highways.min-speed time-to-teleport.railsignal-deadlock time-to-teleport.remove
     time-to-teleport.remove-constraint time-to-teleport.ride tls.actuated.detector-length tls.actuated.jam-threshold
