@@ -12,8 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from jaxtyping import Float
 
 from regents_cosim.errors import require
+from regents_cosim.exports.permitted_lanes import PermittedLanes
 from regents_cosim.exports.stays import lanes_along, poses, stays
 from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.replays.sumo.bare_network import lane_names, network_of
@@ -41,7 +43,8 @@ def write_fcd(scenario: Scenario, folder: Path) -> None:
     )
     (folder / "case.net.xml.gz").write_bytes(network_of(scenario.road))
     _write(folder / "types.add.xml", _additional(scenario))
-    (folder / "fcd.xml.gz").write_bytes(gzip.compress(_bytes(_log(scenario)), mtime=0))
+    lanes = PermittedLanes(folder / "case.net.xml.gz")
+    (folder / "fcd.xml.gz").write_bytes(gzip.compress(_bytes(_log(scenario, lanes)), mtime=0))
     _write(folder / "view.xml", _view(scenario))
     _write(folder / "case.sumocfg", _configuration(scenario))
 
@@ -58,17 +61,17 @@ def _bytes(root: ET.Element) -> bytes:
 # --- the log ----------------------------------------------------------------------------------
 
 
-def _log(scenario: Scenario) -> ET.Element:
+def _log(scenario: Scenario, permitted: PermittedLanes) -> ET.Element:
     root = ET.Element("fcd-export")
     instants = [
         ET.SubElement(root, "timestep", time=_number(step * scenario.dt)) for step in range(scenario.tracks.steps)
     ]
-    for step, entry in _entries(scenario):
+    for step, entry in _entries(scenario, permitted):
         instants[step].append(entry)
     return root
 
 
-def _entries(scenario: Scenario) -> Iterator[tuple[int, ET.Element]]:
+def _entries(scenario: Scenario, permitted: PermittedLanes) -> Iterator[tuple[int, ET.Element]]:
     """Who is where, and at which step: pedestrians as persons, all others as vehicles."""
     lanes_there, names = lane_names(scenario.road), _names(scenario)
     first_lane: dict[int, str] = {}  # of an agent
@@ -81,18 +84,28 @@ def _entries(scenario: Scenario) -> Iterator[tuple[int, ET.Element]]:
         on_foot = stay.agent.kind == "pedestrian"
         # Bare lanes lead nowhere, and a person walks where no lane leads, but the replayer makes a route of the log.
         if on_foot or not scenario.road.sumo_net:
-            lanes = [first_lane.setdefault(stay.index, lanes[0])] * len(lanes)
-        lines = [shapely.LineString(scenario.road.lane[lane].centre) for lane in lanes]
+            first = _lane_beside(scenario, points[0], lanes[0]) if on_foot else lanes[0]
+            lanes = [first_lane.setdefault(stay.index, first)] * len(lanes)
+        named = [permitted.nearest(lanes_there[lane], _CLASSES[stay.agent.kind]) for lane in lanes]
+        lines = [permitted.line(name) for name in named]
         along = shapely.line_locate_point(lines, shapely.points(points))
         values = {"x": front.x, "y": front.y, "angle": front.angle, "speed": speed, "pos": along}
         if not scenario.tracks.flat:
             values["z"] = z
-        for k, lane in enumerate(lanes):
+        for k, name in enumerate(named):
             entry = {"id": names[stay.agent.id], "type": _type_of(stay.agent), "slope": "0"}
-            name = lanes_there[lane]
             entry |= {"edge": name.rpartition("_")[0]} if on_foot else {"lane": name}
-            numbers = {name: _number(column[k]) for name, column in values.items()}
+            numbers = {key: _number(column[k]) for key, column in values.items()}
             yield stay.first + k, ET.Element("person" if on_foot else "vehicle", entry | numbers)
+
+
+def _lane_beside(scenario: Scenario, point: Float[np.ndarray, " 2"], lane: str) -> str:
+    """The lane, or the nearest outside of junctions: the replayer sets no person off within one."""
+    outside = [one for one in scenario.road.lanes if not one.id.startswith(":")]
+    if not lane.startswith(":") or not outside:
+        return lane
+    away = shapely.distance([shapely.LineString(one.centre) for one in outside], shapely.Point(point))
+    return outside[int(np.argmin(away))].id
 
 
 def _names(scenario: Scenario) -> dict[str, str]:

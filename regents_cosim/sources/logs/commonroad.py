@@ -200,16 +200,18 @@ def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
 
 
 def _obstacles(root: ET.Element, work: Work) -> tuple[list[Track], list[str]]:
-    found, without = [], 0
+    moving, standing, without = [], [], 0
     for element in root:
         if element.tag in ("dynamicObstacle", "obstacle", "staticObstacle"):
             track = _track(element)
-            found += [track] if track is not None else []
-            without += track is None
-    moving = [track for track in found if len(track.step) > 1]
+            stands = element.tag == "staticObstacle" or element.findtext("role") == "static"
+            if track is None or (len(track.step) == 1 and element.find("occupancySet") is not None):
+                without += 1
+            else:
+                (standing if stands else moving).append(track)
     there = _instants(moving)
-    work.spend("obstacles that stand x instants", len(found) - len(moving), len(there))
-    tracks = [track if len(track.step) > 1 else _standing(track, there) for track in found]
+    work.spend("obstacles that stand x instants", len(standing), len(there))
+    tracks = [*moving, *(_standing(track, there) for track in standing)]
     return tracks, [f"{without} obstacles have no positions, only sets, and are left out"] * (without > 0)
 
 

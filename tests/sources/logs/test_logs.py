@@ -280,7 +280,7 @@ def test_the_error_without_polars_names_the_extra(logs, monkeypatch):
     import importlib.util
 
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(RegentsError, match=r"regents_cosim\[logs\]"):
+    with pytest.raises(RegentsError, match=r"\.\[logs\]"):
         record_log(logs["argoverse2_motion"])
 
 

@@ -1,0 +1,26 @@
+"""Which lanes of a SUMO network a class of vehicles may be on: SUMO sets none off on a lane that is closed to it."""
+
+from functools import cache
+from pathlib import Path
+
+import shapely
+import sumolib
+
+
+class PermittedLanes:
+    """The lanes of a network file (.net.xml.gz)."""
+
+    def __init__(self, network: Path) -> None:
+        self._net = sumolib.net.readNet(str(network), withInternal=True)
+        self.nearest = cache(self._nearest)
+        self.line = cache(self._line)
+
+    def _nearest(self, lane: str, vehicle_class: str) -> str:
+        """The lane where it is open to a class of SUMO's, else the next one of its edge that is, else the lane."""
+        given = self._net.getLane(lane)
+        beside = sorted(given.getEdge().getLanes(), key=lambda one: abs(one.getIndex() - given.getIndex()))
+        return next((one.getID() for one in beside if one.allows(vehicle_class)), lane)
+
+    def _line(self, lane: str) -> shapely.LineString:
+        """The middle of a lane [m]."""
+        return shapely.LineString(self._net.getLane(lane).getShape())
