@@ -5,6 +5,7 @@ Importing it loads neither JAX nor libsumo: every name below is loaded when it i
 
 from __future__ import annotations
 
+__version__: str
 TYPE_CHECKING = False  # what type checkers take for true; `typing` takes a while to import, before Ctrl-C is seen to
 if TYPE_CHECKING:
     from typing import Any
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from regents_cosim.cases.files import load_case as load_case
     from regents_cosim.cases.files import save_case as save_case
     from regents_cosim.cases.shipped import network_config as network_config
+    from regents_cosim.cases.shipped import networks as networks
     from regents_cosim.cases.suite import load_suite as load_suite
     from regents_cosim.errors import MissingDependencyError as MissingDependencyError
     from regents_cosim.errors import NoWindowError as NoWindowError
@@ -79,7 +81,7 @@ _NAMES = {
     "attacks.attack": "attack",
     "attacks.presets": "AttackConfig KING REGENTS REGENTS_FOCUSED",
     "cases.files": "load_case save_case",
-    "cases.shipped": "network_config",
+    "cases.shipped": "network_config networks",
     "cases.suite": "load_suite",
     "errors": "MissingDependencyError NoWindowError PlannerError RegentsError",
     "evaluation.drives.driving": "Drive DrivingRow",
@@ -120,6 +122,10 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

@@ -8,6 +8,7 @@ import bisect
 import itertools
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from html import escape
 from typing import Literal
 
 import numpy as np
@@ -129,6 +130,9 @@ class Tracks:
     def flat(self) -> bool:
         """All agents are at height 0, as in all maps without heights."""
         return not self.z.any()
+
+    def __repr__(self) -> str:
+        return f"Tracks({len(self.x)} agents, {self.steps} steps)"
 
     @property
     def steps(self) -> int:
@@ -281,6 +285,31 @@ class Scenario:
                 f"evasion of shape {list(evasion.x.shape)}, expected the ego alone: [1, {self.tracks.steps}]",
             )
             require(bool(evasion.valid.all()), "the ego's evasion has gaps, expected it throughout")
+
+    def __repr__(self) -> str:
+        return f"Scenario({', '.join(f'{name}={value!r}' for name, value in self._summary().items())})"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in self._summary().items()
+        )
+        return f"<table>{rows}</table>"
+
+    def _summary(self) -> dict[str, object]:
+        """What a person asks first of a scenario."""
+        found: dict[str, object] = {
+            "id": self.id,
+            "agents": len(self.agents),
+            "seconds": round((self.tracks.steps - 1) * self.dt, 3),
+            "ego": self.ego.id,
+        }
+        if self.attack is not None:
+            found |= {"method": self.attack.method, "planner": self.attack.planner, "outcome": self.attack.outcome}
+        if self.attack is not None and self.attack.collision is not None:
+            found["adversary"] = self.attack.collision.agent
+        if self.judgement is not None:
+            found["telling"] = self.judgement.telling
+        return found
 
     @property
     def ego(self) -> Agent:

@@ -17,6 +17,7 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.header import HEADER, Header, header_of, schema_of
 from regents_cosim.cases.json_files import JSON_BYTES, decode, explain_read
 from regents_cosim.cases.map_files import load_map, save_map
+from regents_cosim.cases.shipped import located
 from regents_cosim.cases.track_files import load_tracks, pack_tracks
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_inside, require_no_link
@@ -67,12 +68,13 @@ def write_case(scenario: Scenario, suite: Path, digest: str, ready: Callable[[],
     return suite / scenario.id
 
 
-def load_case(folder: Path) -> Scenario:
-    """Read a case exactly as it was saved.
+def load_case(folder: Path | str) -> Scenario:
+    """Read a case exactly as it was saved: a folder of your own, or `shipped:standard/NAME`.
 
     Raises CaseError with what was found and expected where a file is missing, truncated, of
     a newer schema, or does not match its content hash.
     """
+    folder = located(Path(folder))
     header = load_header(folder)
     with explain_read(folder):
         scenario = Scenario(

@@ -29,6 +29,11 @@ def network_config(name: str) -> Path:
     return shipped("sumo_nets") / name / f"{name}.sumocfg"
 
 
+def networks() -> list[str]:
+    """The SUMO networks that come with the package, as `record` and `-c` take them: `shipped:merge` and its like."""
+    return names(ALL_NETWORKS)
+
+
 def network(name: str) -> Path:
     """The .sumocfg that `name` stands for: a file, or a shipped network, with `shipped:` before it or without."""
     return Path(name) if name.endswith(".sumocfg") else network_config(name.removeprefix(_PREFIX))

@@ -95,6 +95,9 @@ class RoadMap:
             for end in (link.source, link.target):
                 require(end in ids, f"a connection names lane {end}, which the map does not have")
 
+    def __repr__(self) -> str:
+        return f"RoadMap({len(self.lanes)} lanes, {len(self.connections)} connections)"
+
     @cached_property
     def raised(self) -> bool:
         """Whether its lanes have heights; otherwise everything is at height 0."""

@@ -4,8 +4,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
 from itertools import tee
+from pathlib import Path
 from typing import Literal
 
+from regents_cosim.cases.files import load_case
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
@@ -29,14 +31,14 @@ _AGENT = "highway:"  # in front of the names of highway-env's agents, which need
 
 
 def replay(
-    scenario: Scenario,
+    scenario: Scenario | Path | str,
     where: Simulator = "sumo",
     planner: AnyPlanner | None = None,
     gui: bool = False,
     mode: Mode = "track",
     background: Background = "log",
 ) -> Replay:
-    """Replay one case; the ego follows its track, or `planner` in closed loop.
+    """Replay one case, or the one in a folder; the ego follows its track, or `planner` in closed loop.
 
     In highway-env the others follow their tracks, or by `mode` actions are moved by its own
     physics. In SUMO they follow their tracks, or by `background` reactive only the adversary does
@@ -46,7 +48,8 @@ def replay(
     PlannerError for a planner that cannot be found, RegentsError for a window of the mirror, or of
     highway-env without a display.
     """
-    return next(replay_each([scenario], where, planner, gui, mode=mode, background=background))
+    case = scenario if isinstance(scenario, Scenario) else load_case(scenario)
+    return next(replay_each([case], where, planner, gui, mode=mode, background=background))
 
 
 def _ended(found: Replay) -> str:

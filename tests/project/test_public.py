@@ -2,13 +2,26 @@
 
 import inspect
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from scenes import scene
 
 import regents_cosim
-from regents_cosim import Control, LogInput, RegentsError, SumoInput, evaluate, load_suite, record, save_case, shrink
+from regents_cosim import (
+    Control,
+    LogInput,
+    RegentsError,
+    SumoInput,
+    evaluate,
+    load_case,
+    load_suite,
+    record,
+    replay,
+    save_case,
+    shrink,
+)
 from regents_cosim.cases.suite import SuiteWriter
 
 SCENES = [scene((0, 0, 10), (60, 3.2, 8), name="free"), scene((0, 0, 10), (25, 0, 0), name="blocked")]
@@ -42,6 +55,28 @@ def test_public_names_are_typed_and_documented(name):
         signature = inspect.signature(found)
         assert signature.return_annotation is not inspect.Signature.empty
         assert all(one.annotation is not inspect.Parameter.empty for one in signature.parameters.values())
+
+
+def test_a_case_is_one_line_and_a_table_in_a_notebook():
+    assert repr(SCENES[0]).startswith("Scenario(id='free', agents=2, seconds=")
+    assert "\n" not in repr(SCENES[0])
+    assert len(repr(SCENES[0])) < 200
+    assert "<th>ego</th><td>" in SCENES[0]._repr_html_()
+    strange = replace(SCENES[0], agents=(replace(SCENES[0].agents[0], id="<b>"), *SCENES[0].agents[1:]))
+    assert "<b>" not in strange._repr_html_()
+    assert repr(SCENES[0].tracks) == f"Tracks(2 agents, {SCENES[0].tracks.steps} steps)"
+    assert "lanes" in repr(SCENES[0].road)
+
+
+def test_paths_are_strings_too(tmp_path):
+    folder = save_case(SCENES[0], tmp_path)
+    assert load_case(str(folder)).id == "free"
+    assert replay(str(folder), "mirror").case == "free"
+
+
+def test_the_version_and_the_networks_are_named():
+    assert regents_cosim.__version__ == version("regents_cosim")
+    assert "shipped:merge" in regents_cosim.networks()
 
 
 def suite(folder: Path) -> Path:
