@@ -16,19 +16,25 @@ from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_image_corner
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import header_of, read_columns
-from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.levelx import companion, whole
 from regents_cosim.sources.logs.rows import Rows, tracks_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, sized
 
 _KINDS: dict[str, Kind] = {"car": "car", "truck": "truck"}
 _NUMBERS = ("id", "frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
+_MORE = (
+    "xAcceleration", "yAcceleration", "frontSightDistance", "backSightDistance", "dhw", "thw", "ttc",
+    "precedingXVelocity", "precedingId", "followingId", "leftPrecedingId", "leftAlongsideId", "leftFollowingId",
+    "rightPrecedingId", "rightAlongsideId", "rightFollowingId", "laneId",
+)  # fmt: skip
 _MOTORWAY_MPS = 36.1  # recommended speed, where there is no limit
 _CRAWL_MPS = 0.5  # below which velocities say nothing about headings
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The recording of one `NN_tracks.csv`."""
+    _require_columns_of_highd(path)
     numbers = read_columns(path, _NUMBERS).numbers
     about = read_columns(
         companion(path, "recordingMeta"), ("frameRate", "speedLimit"), ("upperLaneMarkings", "lowerLaneMarkings"),
@@ -57,6 +63,16 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         road=_road(marks, float(np.min(x)), float(np.max(x)), limit if limit > 0 else _MOTORWAY_MPS),
         begin_s=float(step.min()) / rate,
     )
+
+
+def _require_columns_of_highd(path: Path) -> None:
+    """Raise LogError where the layout is another one's: AD4CHE has the same columns and more, and means centres."""
+    others = sorted(set(header_of(head_of(path))) - {*_NUMBERS, *_MORE})
+    if others:
+        raise LogError(
+            f"{path}: {', '.join(others)[:100]} is no column of highD, so x and y may be no corners of boxes (describe "
+            "the file with a mapping, and give it with --format table --columns FILE.toml)"
+        )
 
 
 def _about_tracks(path: Path) -> tuple[dict[int, Kind], set[int]]:

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import VEHICLE_KINDS, Agent, Kind
 from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
-from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
@@ -43,7 +43,19 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
 
 
 def _table(path: Path) -> Columns:
-    return read_columns(path, _NUMBERS, ("track_id", "agent_type"), _OPTIONAL)
+    found = read_columns(path, _NUMBERS, ("track_id", "agent_type"), _OPTIONAL)
+    kinds = {_kind(name) for name in found.texts["agent_type"]}
+    if "psi_rad" not in found.numbers and kinds & VEHICLE_KINDS:
+        names = ", ".join(header_of(head_of(path)))[:200]
+        raise LogError(
+            f"{path}: vehicles without the column psi_rad, their headings; the header has {names} (if of other data, "
+            "describe the file with a mapping, and give it with --format table --columns FILE.toml)"
+        )
+    return found
+
+
+def _kind(name: str) -> Kind:
+    return _KINDS.get(name.strip().lower(), "other")
 
 
 def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[LoggedScene]:
@@ -84,7 +96,7 @@ def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> I
     rows = Rows(table.codes["track_id"][mine], np.round(place).astype(int), x, y, yaw, _late(place))
 
     def agent(who: int, of: np.ndarray) -> Agent:
-        what = _KINDS.get(kinds[kind[of[0]]].strip().lower(), "other")
+        what = _kind(kinds[kind[of[0]]])
         return sized(names[who].removesuffix(".0"), what, float(np.median(length[of])), float(np.median(width[of])))
 
     yield from tracks_of(rows, agent)

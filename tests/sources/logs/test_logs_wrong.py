@@ -202,3 +202,17 @@ def test_a_table_with_decimal_commas_is_the_one_with_points(tmp_path):
     (points, commas) = (record_log(tmp_path / f"{name}.csv", count=1, tell=print)[0] for name in ("points", "commas"))
     np.testing.assert_array_equal(points.tracks.x, commas.tracks.x)
     assert points.agents == commas.agents
+
+
+@pytest.mark.parametrize(
+    ("format", "column", "other"),
+    [("interaction", "psi_rad", "yaw_rad"), ("highd", "yVelocity", "yVelocity,orientation")],
+)
+def test_a_format_is_not_taken_for_its_neighbour(tmp_path, format, column, other):
+    """SinD has INTERACTION's first columns and other headings; AD4CHE has highD's columns, and centres for corners."""
+    path = log_files.write(format, tmp_path)
+    head, *rows = path.read_text().splitlines()
+    rows = [row + ",0.0" * ("," in other) for row in rows]
+    path.write_text("\n".join([head.replace(column, other), *rows]))
+    with pytest.raises(LogError, match=other.rpartition(",")[2]):
+        list(scenes_of(path))
