@@ -2,12 +2,14 @@
 
 import copy
 import json
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from highway_env.road.lane import AbstractLane
+from highway_env.road.regulation import RegulatedRoad
 from highway_env.road.road import LaneIndex, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
@@ -24,6 +26,8 @@ from regents_cosim.scenario import Agent
 from regents_cosim.sources.highway_net import lane_name, to_road_map
 from regents_cosim.sources.sumo_types import VehicleType
 
+Spare = Collection[str] | Callable[[Any], bool]
+
 _REACH_S = 3.0  # of paths, beyond the horizon
 _MOST_REACH_M = 400.0
 _EGO = "ego"
@@ -34,8 +38,9 @@ class HighwayHost:
 
     speed_only = False
 
-    def __init__(self, env: Any, radius_m: float) -> None:
-        self._env, self._radius_m = env, radius_m
+    def __init__(self, env: Any, radius_m: float, spare: Spare = ()) -> None:
+        """`spare` is as in `LiveAdversary`."""
+        self._env, self._radius_m, self._spare = env, radius_m, spare
         self.step_s = 1.0 / env.config["simulation_frequency"]
         self._named: dict[str, Vehicle] = {}
         self.road = _road_map(_Network.of(env.road.network))
@@ -70,6 +75,15 @@ class HighwayHost:
     def is_at_stop(self, name: str) -> bool:
         """None of highway-env's vehicles does."""
         return False
+
+    def is_spared(self, name: str) -> bool:
+        """Whether a vehicle is driven by one of the user's agents, or is to be spared."""
+        vehicle = self._named[name]
+        if any(vehicle is one for one in self._env.controlled_vehicles):
+            return True
+        if callable(self._spare):
+            return bool(self._spare(vehicle))
+        return name in self._spare or type(vehicle).__name__ in self._spare
 
     def take(self, name: str, length_m: float) -> "HighwayControl":
         """Take a vehicle into our hands."""
@@ -116,7 +130,8 @@ class HighwayControl:
 
     def __init__(self, name: str, vehicle: Any) -> None:
         self.name, self._vehicle = name, vehicle
-        self._colour = {name: value for name, value in vehicle.__dict__.items() if name == "color"}
+        own = {name: value for name, value in vehicle.__dict__.items() if name == "color"}
+        self._colour = {} if _is_yielding(vehicle) else own
         vehicle.color = ADVERSARY_COLOUR[:3]
         vehicle.act, vehicle.step = self._decide_nothing, self._go
         self._next: tuple[float, float, float, float] | None = None
@@ -130,6 +145,7 @@ class HighwayControl:
     def place(self, x: float, y: float, yaw: float, speed: float) -> None:
         """Where its centre [m] is to be after the next step, how it is turned [rad], and how fast it goes [m/s]."""
         self._next = x, y, yaw, max(speed, 0.0)
+        self._vehicle.color = ADVERSARY_COLOUR[:3]  # a junction paints who waits there, and takes the paint off
 
     def off_lane_m(self) -> float:
         """How far it is from the middle of its lane [m]."""
@@ -144,8 +160,9 @@ class HighwayControl:
         """It decides again, and keeps to the lane that it is on; False where it has gone."""
         vehicle = self._vehicle
         del vehicle.act, vehicle.step
-        vehicle.__dict__.pop("color", None)  # junctions of highway-env's take colours away themselves
-        vehicle.__dict__.update(self._colour)
+        vehicle.__dict__.pop("color", None)
+        # Who waits at a junction has to have a colour: the junction deletes it when the wait is over.
+        vehicle.__dict__.update({"color": RegulatedRoad.YIELDING_COLOR} if _is_yielding(vehicle) else self._colour)
         vehicle.target_lane_index = vehicle.lane_index
         return vehicle in vehicle.road.vehicles
 
@@ -162,6 +179,11 @@ class HighwayControl:
             vehicle.heading, vehicle.speed = float(pose.heading), speed
         vehicle.impact = None
         vehicle.on_state_update()
+
+
+def _is_yielding(vehicle: Any) -> bool:
+    """Whether a junction of highway-env's has it wait, painted."""
+    return bool(getattr(vehicle, "is_yielding", False))
 
 
 def _following(vehicle: Any) -> Following:

@@ -10,7 +10,7 @@ from highway_env.envs.common.abstract import AbstractEnv
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.envs.attacked_episodes import AttackedEpisodes
-from regents_cosim.envs.highway_host import HighwayHost
+from regents_cosim.envs.highway_host import HighwayHost, Spare
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.attacker import Attacker, Tally
 from regents_cosim.live.history import History
@@ -32,6 +32,9 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
 
     `info` has `attacked`, whether this is an episode with attacks, `adversary`, the name of the vehicle that attacks
     now or empty, and `attacks`, how many have begun. Vehicles are named in the order in which they come near the ego.
+
+    Other agents of yours (`controlled_vehicles`) never attack, nor do those that `spare` tells: vehicles by their names
+    in `info` or those of their classes, or a function of one of highway-env's vehicles that says whether it is spared.
     """
 
     def __init__(
@@ -43,17 +46,18 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         replan_s: float = 0.5,
         horizon_s: float = 5.0,
         radius_m: float = 100.0,
+        spare: Spare = (),
     ) -> None:
         """Raises RegentsError where `env` is none of highway-env's, and for values that cannot be meant."""
         given = {"method": method, "every": every, "planner": planner}
-        given |= {"replan_s": replan_s, "horizon_s": horizon_s, "radius_m": radius_m}
+        given |= {"replan_s": replan_s, "horizon_s": horizon_s, "radius_m": radius_m, "spare": spare}
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
         gymnasium.Wrapper.__init__(self, env)
         host = env.unwrapped
         require(isinstance(host, AbstractEnv), f"{host} is no environment of highway-env", RegentsError)
         assert isinstance(host, AbstractEnv)
         self._settings = LiveSettings(replan_s, horizon_s, radius_m)
-        self._env, self._episodes = host, AttackedEpisodes(every)
+        self._env, self._episodes, self._spare = host, AttackedEpisodes(every), spare
         self._search = Search(planner, live_config(method, samples=False))
         self._moments = Moments(Mirror(), horizon_s)
         self._tally = Tally()
@@ -83,7 +87,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         """One that knows nothing of the episodes before."""
         self._search.forget()
         self._moments.forget()
-        host = HighwayHost(self._env, self._settings.radius_m)
+        host = HighwayHost(self._env, self._settings.radius_m, self._spare)
         history = History(self._settings.horizon_s, host.step_s)
         replanner = Replanner(host, self._search, self._moments, history)
         return _Pilot(host, history, Attacker(host, replanner, self._settings.replan_s, self._tally, _nothing))

@@ -127,8 +127,9 @@ class Attacker:
         self._barred = {name: until for name, until in self._barred.items() if until > frame.time_s}
         standing = (name for name in frame.ids[1:] if frame.speed[frame.number[name]] < _STANDS_M_S)
         at_stops = {name for name in standing if self._host.is_at_stop(name)}
+        spared = {name for name in frame.ids[1:] if self._host.is_spared(name)}
         none_between = self._host.step_s > self._looks_s - _EARLY_S
-        found = self._replanner.fresh(frame, self._barred.keys() | at_stops, at_once=none_between)
+        found = self._replanner.fresh(frame, self._barred.keys() | at_stops | spared, at_once=none_between)
         if found is not None:
             self._take(frame, *found)
 

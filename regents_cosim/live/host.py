@@ -53,6 +53,10 @@ class Host(Protocol):
         """Whether a vehicle waits at a stop of its own, or is parked: it is left there."""
         ...
 
+    def is_spared(self, name: str) -> bool:
+        """Whether a vehicle may not attack, whatever it does."""
+        ...
+
     def take(self, name: str, length_m: float) -> VehicleControl:
         """Take a vehicle into our hands."""
         ...

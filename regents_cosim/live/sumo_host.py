@@ -25,6 +25,10 @@ class SumoHost:
         """Whether a vehicle waits at a stop of its own, or is parked."""
         return bool(self._sumo.vehicle.getStopState(name) & _STOPPED)
 
+    def is_spared(self, name: str) -> bool:
+        """None is."""
+        return False
+
     def take(self, name: str, length_m: float) -> SumoVehicleControl:
         """Take a vehicle into our hands."""
         return SumoVehicleControl(self._sumo, name, length_m, self.road, self.speed_only)
