@@ -85,7 +85,9 @@ def test_lane_changes_are_motions_not_jumps():
     changes, largest = lane_changes()
     assert changes > 0
     assert largest < 0.35
-    assert lane_changes("--lanechange.duration", "0")[0] == 0  # jumps are cut, so that none is left
+    at_once, farthest = lane_changes("--lanechange.duration", "0")  # as SUMO was told to, so they are kept
+    assert at_once > 0
+    assert farthest > 2.0
 
 
 def test_sizes_and_kinds_come_from_the_vehicle_types(merge):
