@@ -125,7 +125,7 @@ def test_attempts_need_somewhere_to_begin():
         (("--method", "focused", "--search", "joint"), "law `strict` gives each candidate a map of its own"),
         (("--method", "regents", "--law", "strict"), "law `strict` gives each candidate a map of its own"),
         (("--method", "focused", "--starts", "0"), "3 attempts need somewhere else to begin"),
-        (("--method", "focused", "--starts", "-1"), "starts is -1, expected 0 to 1000"),
+        (("--method", "focused", "--starts", "-1"), "starts is -1, expected a number of 0 or more"),
     ],
 )
 def test_settings_that_do_not_fit_are_one_line_and_exit_code_2(tmp_path, capsys, words, said):
