@@ -88,7 +88,7 @@ def test_a_policy_decides_as_often_as_it_wants(tmp_path):
 
 
 def test_an_agent_that_cannot_be_found():
-    with pytest.raises(PlannerError, match="'idmm' not found, expected one of idm, mdp, random"):
+    with pytest.raises(PlannerError, match="'idmm' not found, did you mean idm"):
         PlannerUnderTest.of("highway:idmm")
 
 
