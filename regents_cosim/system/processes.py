@@ -36,8 +36,7 @@ class Worker:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_work, args=(theirs,))
-        _running.add(self._process)
-        _end_with_this_process()
+        end_with_this_process(self._process)
         with starting():
             self._process.start()
         theirs.close()
@@ -72,7 +71,7 @@ class Worker:
             self._process.kill()
             self._process.join()
             self._pipe.close()
-            _running.discard(self._process)
+            has_ended(self._process)
 
 
 @contextmanager
@@ -134,6 +133,17 @@ def main_hidden() -> Iterator[None]:
             main.__dict__.update(hidden)
 
 
+def end_with_this_process(process: BaseProcess) -> None:
+    """Kill a process, which leaves SIGTERM to its parent, before `multiprocessing` waits for it at this one's end."""
+    _running.add(process)
+    _kill_all_at_end()
+
+
+def has_ended(process: BaseProcess) -> None:
+    """Nothing is left to be killed."""
+    _running.discard(process)
+
+
 def _kill_all() -> None:
     for process in _running:
         if process.pid is not None:
@@ -141,8 +151,8 @@ def _kill_all() -> None:
 
 
 @cache
-def _end_with_this_process() -> None:
-    """Before `multiprocessing` waits for every process, also at the end of one that it started: a worker of Dask."""
+def _kill_all_at_end() -> None:
+    """Also at the end of a process that `multiprocessing` started: a worker of Dask."""
     Finalize(None, _kill_all, exitpriority=0)
 
 

@@ -266,6 +266,20 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("ending", ["", "raise ValueError('of the user')"])
+def test_who_does_not_close_it_need_not_wait_at_the_end(ending):
+    code = f"""
+import gymnasium, regents_cosim.envs
+env = gymnasium.make({ID!r}, disable_env_checker=True)
+env.reset(seed=0)
+{ending}
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == (1 if ending else 0)
+    assert done.stderr.count("Traceback") == (1 if ending else 0)
+
+
+@pytest.mark.slow
 def test_pictures_need_no_screen():
     made = gymnasium.make(ID, render_mode="rgb_array", config={"case": meeting(), "screen_width": 400}).unwrapped
     made.reset(seed=0)

@@ -15,7 +15,7 @@ from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.processes import begin_child, starting
+from regents_cosim.system.processes import begin_child, end_with_this_process, has_ended, starting
 
 _START_S = 120.0  # the imports of a process, and the network of a city
 _STEP_S = 30.0
@@ -65,12 +65,14 @@ class SumoSession:
             self._pipe.close()
             self._process.kill()
             self._process.join()
+            has_ended(self._process)
             self._pipe = None
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        end_with_this_process(self._process)
         with starting():
             self._process.start()
         theirs.close()
