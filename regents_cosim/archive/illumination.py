@@ -24,6 +24,7 @@ from regents_cosim.attacks.searches import descents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.checks.names import file_name
 from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario
@@ -78,6 +79,7 @@ def illuminate_each(
     return in_threads(windows, partial(_illuminated, setup, name, axes, seed), batch)
 
 
+@in_float32
 def _illuminated(
     setup: AttackSetup, name: DiverseName, axes: Axes, seed: int, given: tuple[Scenario, int]
 ) -> list[Scenario]:

@@ -16,6 +16,7 @@ from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.attacks.wanted_kinds import WantedKinds
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError
+from regents_cosim.mirror.jax_settings import require_device
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
@@ -117,6 +118,7 @@ def attack_each(
 
 def engine_of(engine: Engine) -> Engine:
     """What "auto" stands for on this machine."""
+    require_device()
     return engine if engine != "auto" else "threads" if jax.default_backend() == "cpu" else "batched"
 
 

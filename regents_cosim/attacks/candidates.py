@@ -30,6 +30,7 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import World, scene_origin, to_tracks, to_world
@@ -115,6 +116,7 @@ def _from_log(setup: AttackSetup, job: SearchJob) -> SearchJob:
     return job._replace(start=job.searched.rows(to_actions(job.world.controls))) if setup.config.starts else job
 
 
+@in_float32
 def candidates_or_failure(
     setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
 ) -> "list[Candidate] | DriveError":

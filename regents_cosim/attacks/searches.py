@@ -20,6 +20,7 @@ from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign
 from regents_cosim.scenario import Scenario
@@ -36,6 +37,7 @@ def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
     return search_together(setup, [scenario], run, loop)[0]
 
 
+@in_float32
 def search_together(
     setup: AttackSetup,
     scenarios: list[Scenario],

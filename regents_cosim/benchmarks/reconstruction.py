@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from regents_cosim.mirror.bicycle import Controls, clip
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_roadless_world
 from regents_cosim.scenario import Scenario
@@ -27,6 +28,7 @@ class ReconstructionRow:
     local_p99_cm: float
 
 
+@in_float32
 def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> ReconstructionRow:
     """Position errors over all agents and valid steps of `scenarios`."""
     smooth, local = [], []

@@ -126,7 +126,8 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         answer = self._session.begin(self._case_to_play())
         self._frames, self._said = [answer.seen], answer.said
         self._origin = np.array([*scene_origin(self.scenario), 0.0, 0.0])
-        self._half_length, self._dt = jnp.array([0.5 * self.scenario.ego.length]), jnp.float32(self.scenario.dt)
+        self._half_length = jnp.array([0.5 * self.scenario.ego.length], jnp.float32)
+        self._dt = jnp.float32(self.scenario.dt)
         self._path, self._progress = RecordedPath(self.scenario), 0.0
         self._contacts, self._hit = Contacts(self.scenario.agents), None
         self._contacts.at(self.seen)

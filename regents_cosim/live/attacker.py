@@ -17,6 +17,7 @@ from regents_cosim.live.host import Host, VehicleControl
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.safety import braking, would_touch_others
+from regents_cosim.mirror.jax_settings import in_float32
 
 _LOOKS_S = 0.2  # from one look for a plan to the next, at most
 _REDRAWN_S = 0.2  # after a renewal has failed, other drives of its vehicle are tried
@@ -85,6 +86,7 @@ class Attacker:
             return "attacking"
         return "watching" if self._home is None else "returning"
 
+    @in_float32
     def step(self, frame: Frame, wanted: Callable[[], bool]) -> None:
         """After a step of the simulation; `wanted`: whether an attack may begin."""
         if self.attack is not None:

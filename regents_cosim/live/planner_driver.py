@@ -14,6 +14,7 @@ from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moment, Moments
 from regents_cosim.live.predict import Mirror
 from regents_cosim.live.reading import Reader
 from regents_cosim.live.vehicle_control import SumoVehicleControl
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.planners.driver import HostDriver, LoopDriver
 from regents_cosim.planners.interface import Snapshot
 
@@ -37,6 +38,7 @@ class PlannerDriver:
         self._control: SumoVehicleControl | None = None
         self._step = 0
 
+    @in_float32
     def go(self, ego: str) -> Frame | None:
         """Decide where the ego is after the next step. What was seen; None where the ego is gone, or has arrived."""
         frame = self._reader.frame(ego, float(self._sumo.simulation.getTime()))

@@ -20,6 +20,7 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
 from regents_cosim.live.moments import Moment
 from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Tracks
@@ -82,6 +83,7 @@ class PlannerInLoop:
         """Whether searches may sample: where the configuration says so, on a planner in the compiled loop."""
         return self._loop is not None and self._config.samples > 0
 
+    @in_float32
     def sampled(self, job: SearchJob, most: int) -> SearchEnd:
         """What changes of a job's actions lead to, in at most so many roll-outs, for a search that `samples`."""
         assert self._loop is not None

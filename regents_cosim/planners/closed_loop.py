@@ -12,6 +12,7 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.reactions import LogProgress, begin
 from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, placed, reacted
 from regents_cosim.mirror.world import World, scene_origin
@@ -110,6 +111,7 @@ def move(world: World, ego: State, control: tuple[float, float]) -> State:
     return move_by(world.dynamics, world.half_length, world.dt, ego, control)
 
 
+@in_float32
 def move_by(
     dynamics: Dynamics, half_length: Float[Array, " agent"], dt: Array, ego: State, control: tuple[float, float]
 ) -> State:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool
 
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import decide, move_ego, others
 from regents_cosim.mirror.world import World, scene_origin, to_roadless_world
 from regents_cosim.planners.closed_loop import move, scene_of
@@ -62,12 +63,14 @@ class LoopDriver:
     def __init__(self, name: str, planner: JaxPlanner) -> None:
         self._name, self._loop = name, planner
 
+    @in_float32
     def start(self, scenario: Scenario, world: World | None = None) -> None:
         """Prepare for `scenario`, whose `world` may be known. Raises DriveError where the planner fails."""
         self._world = to_roadless_world(scenario) if world is None else world
         self._scene = LoopScene(scenario, self._world)
         self._memory = start(self._loop, self._scene, self._name)
 
+    @in_float32
     def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame).
 
@@ -92,12 +95,14 @@ class HostDriver:
     def __init__(self, process: HostProcess) -> None:
         self._process = process
 
+    @in_float32
     def start(self, scenario: Scenario, world: World | None = None) -> None:
         """Prepare for `scenario`, whose `world` may be known. Raises DriveError where the planner fails."""
         self._world = to_roadless_world(scenario) if world is None else world
         self._origin = np.array([*scene_origin(scenario), 0.0, 0.0])
         self._process.reset([scene_of(scenario)])
 
+    @in_float32
     def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1, from all agents as reported at `step` (map frame).
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.planners.torch_bridge import NEAREST, TorchPlanner
@@ -21,6 +22,7 @@ class TorchMemory(eqx.Module):
     size: Float[Array, " 2"]  # [m] length and width
 
 
+@in_float32
 def in_loop(planner: TorchPlanner) -> "TorchInLoop | None":
     """The same planner inside the compiled loop; None where its module does not run in JAX, or not at all.
 

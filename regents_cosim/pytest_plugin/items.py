@@ -68,7 +68,12 @@ class CaseItem(pytest.Item):
 
     def runtest(self) -> None:
         """Drive and judge."""
-        self.verdict = self.run.judge(self.suite, self.name)
+        from regents_cosim.errors import MissingDependencyError
+
+        try:
+            self.verdict = self.run.judge(self.suite, self.name)
+        except MissingDependencyError as error:  # no other case would find it either
+            pytest.exit(str(error), returncode=pytest.ExitCode.USAGE_ERROR)
         now = self.verdict.now
         self.user_properties += [("verdict", self.verdict.status), ("outcome", now.outcome), *now.metrics.items()]
         self.user_properties += self.properties

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import EgoTrack, drive, with_ego
 from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
@@ -43,6 +44,7 @@ class MirrorDriver:
     def __exit__(self, *error: object) -> None:
         self._hosts.__exit__(*error)
 
+    @in_float32
     def drive(self, scenario: Scenario) -> MirrorDrive:
         """The tracks of `scenario`, its ego driven in closed loop. Raises DriveError."""
         world = to_roadless_world(scenario)

@@ -22,6 +22,7 @@ from regents_cosim.benchmarks.gallery.scenes import Car, traffic
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_world
 
@@ -77,6 +78,7 @@ def in_red_zone(
     return (abs(yaw) < window) & (np.abs(bearing) < window) & (bearing * yaw > 0.0) & (np.abs(bearing) < abs(yaw))
 
 
+@in_float32
 def gradient_field(yaw: float) -> GradientField:
     """The field for adversaries turned by `yaw` [rad] against the ego."""
     grid = np.meshgrid(AHEAD_M, LEFT_M)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.scenario import Scenario, Tracks
 
@@ -30,6 +31,7 @@ def changed_agents(attacked: Scenario) -> tuple[str, ...]:
 class WayBack:
     """From an agent's attacked controls to its logged ones: all in between are controls of the same vehicle."""
 
+    @in_float32
     def __init__(self, attacked: Scenario, agent: int) -> None:
         """`agent` is an index."""
         logged = attacked.original or attacked.tracks
@@ -38,6 +40,7 @@ class WayBack:
         self._attacked, self._agent, self._logged = attacked, agent, to_roadless_world(among)
         self._world = to_roadless_world(attacked)
 
+    @in_float32
     def at(self, share: float, part: Part) -> Scenario:
         """The case with that share of the attack left in the controls of the agent, or in a `part` of them.
 

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.mirror.camera import Camera
+from regents_cosim.mirror.jax_settings import each_in_float32
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import Curriculum, evading_steps, plan
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
@@ -47,6 +48,7 @@ class _ResumableTraining:
     given: Shown  # what it is shown
 
 
+@each_in_float32
 def train(
     scenarios: Sequence[Scenario],
     output: Path,
@@ -118,6 +120,7 @@ def _epochs(
         yield list(course.done)
 
 
+@each_in_float32
 def drive_all(scenarios: Sequence[Scenario], weights: Path) -> Iterator[Tracks]:
     """Each of `scenarios` with its ego driven by AIM-BEV with `weights`, many at once (a quarter of the time).
 

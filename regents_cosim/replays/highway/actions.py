@@ -4,12 +4,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.scenario import Scenario
 
 _FOLLOWS_M = 1e-3  # tracks that the plain inverse misses by more were made by another model
 _MIN_TRAVEL_M = 1e-6
 
 
+@in_float32
 def actions(scenario: Scenario) -> Float[np.ndarray, "2 agent step"]:
     """Accelerations [m/s^2] and curvatures [1/m] of all agents, 0 while absent.
 

@@ -1,0 +1,57 @@
+"""What the package asks of JAX, whatever the environment or other code has set: float32, and a device."""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import cache, wraps
+from typing import ParamSpec, TypeVar
+
+import jax
+
+from regents_cosim.errors import MissingDependencyError
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def in_float32(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """`function` in single precision, which its results are defined by, also in a process that computes in double.
+
+    For functions that take cases and give cases or numbers, each where its thread begins. Raises
+    MissingDependencyError where JAX has no device.
+    """
+
+    @wraps(function)
+    def single(*given: _P.args, **named: _P.kwargs) -> _R:
+        require_device()
+        if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+            return function(*given, **named)
+        with jax.enable_x64(False):
+            return function(*given, **named)
+
+    return single
+
+
+def each_in_float32(function: Callable[_P, Iterator[_R]]) -> Callable[_P, Iterator[_R]]:
+    """The same for a generator: what it yields is made so, and its caller goes on as before."""
+
+    @wraps(function)
+    def single(*given: _P.args, **named: _P.kwargs) -> Iterator[_R]:
+        made, further = function(*given, **named), in_float32(next)
+        with suppress(StopIteration):
+            while True:
+                yield further(made)
+
+    return single
+
+
+@cache
+def require_device() -> None:
+    """Raise MissingDependencyError where JAX has no device, as with JAX_PLATFORMS=cuda on a machine without one."""
+    try:
+        jax.devices()
+    except Exception as error:  # each kind of device has its own
+        asked = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+        said = str(error).strip().partition("\n")[0] or type(error).__name__
+        raise MissingDependencyError(
+            f"JAX has no device with JAX_PLATFORMS={asked or ''}: {said} (JAX_PLATFORMS=cpu works everywhere)"
+        ) from error
