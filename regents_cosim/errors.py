@@ -19,8 +19,9 @@ class RegentsError(Exception):
 
     exit_code = WRONG_USAGE
 
-    def __init__(self, message: str = "") -> None:
-        super().__init__(printable(" ".join(message.split("\n"))))
+    def __init__(self, message: object = "") -> None:
+        # Gymnasium's vector environments raise it again with itself as the message.
+        super().__init__(printable(" ".join(str(message).split("\n"))))
 
 
 class MissingDependencyError(RegentsError):

@@ -15,6 +15,11 @@ def test_a_message_is_one_short_line_of_text_whatever_it_quotes():
     assert str(pickle.loads(pickle.dumps(error))) == said
 
 
+@pytest.mark.parametrize("kind", [RegentsError, DriveError])
+def test_raised_again_with_itself_as_the_message_it_says_the_same(kind):
+    assert str(kind(kind("what to do"))) == "what to do"
+
+
 def test_a_trace_keeps_its_lines():
     error = pickle.loads(pickle.dumps(DriveError("it failed", "one\ntwo")))
     assert str(error) == "it failed"

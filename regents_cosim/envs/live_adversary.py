@@ -19,6 +19,7 @@ from regents_cosim.live.predict import Mirror
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import LiveSettings, live_config
+from regents_cosim.mirror.forked import require_own_threads
 from regents_cosim.planners.under_test import AnyPlanner
 
 
@@ -64,7 +65,11 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         self._pilot: _Pilot | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset `env`; with a seed, which of the following episodes are attacked is drawn by it."""
+        """Reset `env`; with a seed, which of the following episodes are attacked is drawn by it.
+
+        Raises RegentsError in a process that was forked from one in which JAX was at work.
+        """
+        require_own_threads()
         observation, info = self.env.reset(seed=seed, options=options)
         self._tally, self._pilot = Tally(), None
         if self._episodes.begin(seed):
@@ -75,6 +80,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """One step of `env`."""
+        require_own_threads()
         observation, reward, terminated, truncated, info = self.env.step(action)
         return observation, reward, terminated, truncated, info | self._said()
 

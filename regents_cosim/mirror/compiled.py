@@ -16,6 +16,7 @@ from typing import Any
 import equinox as eqx
 import jax
 
+from regents_cosim.mirror.forked import require_own_threads
 from regents_cosim.mirror.program_room import make_room
 from regents_cosim.mirror.traces import traced
 
@@ -39,6 +40,7 @@ def compiled(function: Any = None, **how: Any) -> Any:
 
     @wraps(function)
     def run(*given: Any, **named: Any) -> Any:
+        require_own_threads()
         if _new:
             _new.clear()
             if make_room():
