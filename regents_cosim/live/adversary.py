@@ -18,46 +18,37 @@ It reads the traffic around the ego, and touches one vehicle at a time: the adve
 simulation never ends because of it: whatever goes wrong is said in one line, and the adversary is detached.
 """
 
+import copy
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from traci.step import StepListener
 
-from regents_cosim.attack_record import Outcome
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.cases.provenance import sha256_of
-from regents_cosim.errors import RegentsError
-from regents_cosim.live.attacker import Attack, Attacker, Tally
-from regents_cosim.live.case_keeper import TAIL_S, CaseKeeper
-from regents_cosim.live.ego_finder import EgoFinder, Picks
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.live.attacker import Tally
+from regents_cosim.live.case_keeper import CaseKeeper
+from regents_cosim.live.claims import Claims, Spare, Spared
+from regents_cosim.live.ego_finder import Picks
 from regents_cosim.live.fork import Fork
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.history import History
+from regents_cosim.live.hunt import Hunt, HuntSetup, HuntState
 from regents_cosim.live.known_route import GivenRoute
 from regents_cosim.live.moments import Moments
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.predict import Mirror, Predictor
-from regents_cosim.live.reading import Reader
-from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import HORIZON_S, Keep, LiveSettings, live_config
-from regents_cosim.live.sumo_host import SumoHost
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Scenario
-from regents_cosim.simulators.untaken_moves import forget_at_close
-from regents_cosim.sources.sumo_options import path_of
-from regents_cosim.sources.windows import RecordingOrigin
 
-State = Literal["waiting", "watching", "attacking", "returning", "paused", "detached"]
+State = HuntState | Literal["paused", "detached"]
 When = float | Callable[[Any], bool] | None
 
-_GAP = 1.5  # of a step: the simulation went on without us
-_PATIENCE_S = 60.0  # of simulated time, after which an ego that has not departed is told of
-_JUMP_M = 5.0  # more than speed explains: the ego was teleported
+_MOST_FIRST: tuple[HuntState, ...] = ("attacking", "returning", "watching", "waiting")
 
 
 class Adversary(StepListener):
@@ -66,7 +57,7 @@ class Adversary(StepListener):
     def __init__(
         self,
         connection: Any,
-        ego: Picks,
+        ego: Picks | Sequence[Picks],
         planner: AnyPlanner = "idm",
         method: str | AttackConfig = "focused",
         *,
@@ -84,35 +75,47 @@ class Adversary(StepListener):
         seed: int = 0,
         act_timeout_s: float = ACT_TIMEOUT_S,
         plan: Plan | None = None,
+        spare: Spare = (),
         tell: Callable[[str], None] | None = None,
     ) -> None:
         """`connection` is libsumo, traci, or one of traci's connections.
 
-        `ego` is the id of a vehicle, which is waited for, a vehicle type or a flow, or a function of the connection.
+        `ego` is the id of a vehicle, which is waited for, a vehicle type or a flow, or a function of the connection; or
+        several of these, each of which is attacked by one vehicle at a time. None of them attacks, nor does any that
+        another adversary of this simulation has for an ego, holds or is told to `spare`: ids, types and flows, or a
+        function of the id.
         `planner` is how it is expected to react: what `regents attack` takes, or `observed`. `attack_when` is
         None for always, a time [s] from which on, or a function of the connection. `route` is the line that the planner
         drives along, points x, y [m] of the network, or a function of the connection that gives it: a planner that
         changes lanes where SUMO does not know it is foreseen only by that; None: SUMO's route of the ego. A planner
         outside JAX that takes longer than `act_timeout_s` over one decision has failed. `plan` is what it begins with,
-        such as that of a case (`plan_of_case`); it is changed where it would miss. Raises RegentsError for values
-        that cannot be meant.
+        against the first ego, such as that of a case (`plan_of_case`); it is changed where it would miss. Raises
+        RegentsError for values that cannot be meant.
         """
-        forget_at_close(connection)
-        self._settings = LiveSettings(replan_s, horizon_s, radius_m, keep, judged, seed)
-        self._sumo, self._when, self._called = connection, attack_when, source
-        self._net, self._route = Path(net) if net is not None else None, route
-        self._tell = tell or _to_stderr
-        self._search = Search(planner, live_config(method), act_timeout_s)
-        self._moments = Moments(predictor or Mirror(), horizon_s)
-        folder = Path(output) if output is not None else None
-        self._first = plan
-        self._keeper = CaseKeeper(self._settings, self._search.planner_name, self._search.config, folder)
-        self._finder = EgoFinder(connection, ego)
-        self._ego_is = ego
-        self._said: set[str] = set()
+        picks = [ego] if isinstance(ego, str) or callable(ego) else list(ego)
+        require(bool(picks), "no ego, expected at least one", RegentsError)
+        require(
+            len(picks) == 1 or route is None,
+            "a route for several egos, expected one adversary for each ego that has a route of its own",
+            RegentsError,
+        )
+        settings = LiveSettings(replan_s, horizon_s, radius_m, keep, judged, seed)
+        self._sumo, self._when, self._picks = connection, attack_when, picks
+        self._tell, self._said = tell or _to_stderr, set[str]()
         self._off: Literal["paused", "detached"] | None = None
         self.tally = Tally()
-        self._forget_run()
+        search, moments = Search(planner, live_config(method), act_timeout_s), Moments(predictor or Mirror(), horizon_s)
+        self._predictor = moments.predictor
+        folder = Path(output) if output is not None else None
+        self._keeper = CaseKeeper(settings, search.planner_name, search.config, folder)
+        self._claims, self._spared = Claims.of(connection), Spared(connection, spare)
+        setup = HuntSetup(
+            connection, settings, self._claims, self._keeper, self.tally, self._say_once, self._wanted,
+            Path(net) if net is not None else None, route, source,
+        )  # fmt: skip
+        self._hunts = [Hunt(setup, picks[0], search, moments, plan)]
+        self._hunts += [Hunt(setup, one, copy.deepcopy(search), copy.deepcopy(moments)) for one in picks[1:]]
+        self._claims.join(self)
 
     # --- the switch ------------------------------------------------------------------------------
 
@@ -121,15 +124,28 @@ class Adversary(StepListener):
         """What it does now."""
         if self._off:
             return self._off
-        if self.ego is None:
-            return "waiting"
-        return "watching" if self._attacker is None else self._attacker.state
+        states = {hunt.state for hunt in self._hunts}
+        return next(state for state in _MOST_FIRST if state in states)
+
+    @property
+    def ego(self) -> str | None:
+        """The first of its egos that is on the road."""
+        return next(iter(self.egos), None)
+
+    @property
+    def egos(self) -> tuple[str, ...]:
+        """All of its egos that are on the road."""
+        return tuple(hunt.ego for hunt in self._hunts if hunt.ego is not None)
 
     @property
     def adversary(self) -> str | None:
-        """The vehicle that attacks now."""
-        attack = self._attacker.attack if self._attacker is not None else None
-        return attack.plan.adversary if attack is not None else None
+        """The vehicle that attacks now; the first, where several egos are attacked."""
+        return next(iter(self.adversaries), None)
+
+    @property
+    def adversaries(self) -> tuple[str, ...]:
+        """All vehicles that attack now."""
+        return tuple(hunt.adversary for hunt in self._hunts if hunt.adversary is not None)
 
     @property
     def cases(self) -> list[Scenario]:
@@ -145,158 +161,100 @@ class Adversary(StepListener):
     def resume(self) -> None:
         """Go on after `pause`."""
         if self._off == "paused":
-            self._off, self._attacker = None, None
+            self._off = None
+            for hunt in self._hunts:
+                hunt.start_over()
 
     def detach(self) -> None:
         """Give back what is held, for good."""
         if self._off != "detached":
-            self._off = "detached"
             self._guarded(self._end)
 
     def cleanUp(self) -> None:  # noqa: N802
         """Called by traci when the listener is removed, or the connection closed."""
-        if self._off is None and self._reader is None:
-            self._say_once(f"the ego ({self._ego_is}) never departed: nothing was attacked")
+        self._say_if_never_begun()
         self.detach()
 
     # --- every step ------------------------------------------------------------------------------
 
-    def step(self, t: float = 0) -> Literal[True]:
-        """Called by traci and libsumo after every step. Always True: the listener stays."""
+    def step(self, t: float = 0) -> bool:  # pyright: ignore[reportIncompatibleMethodOverride]  # says always True
+        """Called by traci and libsumo after every step. Whether the listener stays: not, once it is detached."""
         if self._off is None:
             self._guarded(self._step)
-        return True
+        return self._off != "detached"
 
     def _guarded(self, work: Callable[[], None]) -> None:
         """The user's simulation goes on whatever we do."""
         try:
             work()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             known = isinstance(error, RegentsError)
             said = str(error) if known else f"{type(error).__name__}: {error}"
             self._say_once(f"detached: {said}")
-            self._off = "detached"
             for ending in (self._let_go, self._end):
                 try:
                     ending()
-                except Exception:  # the simulation is gone
+                except (Exception, SystemExit):  # the simulation is gone
                     continue
 
     def _step(self) -> None:
-        now = float(self._sumo.simulation.getTime())
-        if now == self._now:
-            return  # added twice: once a step is enough
-        if now < self._now:
-            self._forget_run()  # another simulation on the same connection
-        elif self._reader is not None and now - self._now > _GAP * self._reader.step_s:
-            self._let_go()  # many steps at once, or another simulation that begins later
-            self._forget_run()
-        self._now = now
-        self._begun_s = min(self._begun_s, now)
-        if self.ego is None and not self._find_ego():
-            if self._reader is None and now - self._begun_s >= _PATIENCE_S:
-                self._say_once(
-                    f"the ego ({self._ego_is}) has not departed for {_PATIENCE_S:g} s, waiting for it (expected the id "
-                    "of a vehicle, a vehicle type, a flow, or a function of the connection that returns an id)"
-                )
-            return
-        assert self.ego is not None
-        assert self._reader is not None
-        frame = self._reader.frame(self.ego, now)
-        if frame is None or self._jumped(frame):
-            self._lose_ego(frame)
-            return
-        if self._attacker is None:
-            self._attacker = self._new_attacker(self._reader)
-        self._history.add(frame)
-        self._attacker.step(frame, self._wanted)
+        self._claims.saw(float(self._sumo.simulation.getTime()))
+        for hunt in self._hunts:
+            hunt.step()
 
-    def _find_ego(self) -> bool:
-        """Whether it is there by now."""
-        self.ego = self._finder.find()
-        if self.ego is not None and self._reader is None:
-            self._reader = Reader(self._sumo, self._settings.radius_m, self._net, self._route)
-            net = self._net or path_of(self._reader.option("net-file"))
-            source = self._called or Path(self._reader.option("configuration-file") or net).name
-            self._source = RecordingOrigin("sumo", source, sha256_of(net))
-        return self.ego is not None
-
-    def _new_attacker(self, reader: Reader) -> Attacker:
-        """One that knows nothing of what was before."""
-        host = SumoHost(self._sumo, reader)
-        self._history = History(self._settings.horizon_s, reader.step_s)
-        self._replanner = Replanner(host, self._search, self._moments, self._history)
-        first, self._first = self._first, None
-        return Attacker(host, self._replanner, self._settings.replan_s, self.tally, self._keep, first)
-
-    def _wanted(self) -> bool:
+    def _wanted(self, now_s: float) -> bool:
         if self._when is None:
             return True
-        return bool(self._when(self._sumo)) if callable(self._when) else self._now >= self._when
+        return bool(self._when(self._sumo)) if callable(self._when) else now_s >= self._when
 
-    def _jumped(self, frame: Frame) -> bool:
-        """Whether it is not where its speed could have taken it."""
-        if self._attacker is None or not self._history.frames:
-            return False
-        last = self._history.frames[-1]
-        way = float(np.hypot(frame.x[0] - last.x[0], frame.y[0] - last.y[0]))
-        return way > _JUMP_M + max(last.speed[0], frame.speed[0]) * (frame.time_s - last.time_s)
+    # --- among others ----------------------------------------------------------------------------
 
-    def _lose_ego(self, frame: Frame | None) -> None:
-        """It arrived, was removed or teleported."""
-        if self.adversary is not None and frame is None:
-            self._say_once(
-                "the ego left the simulation during an attack; where SUMO takes vehicles away that touch, start it "
-                "with --collision.action warn to see the crash"
-            )
-        self._let_go()
-        self._attacker = None
-        if frame is None:
-            self.ego = None
-            self._finder.start()
+    def claims(self, name: str) -> bool:
+        """Whether a vehicle is one of its egos, is in its hands, or is to be spared: no adversary takes it."""
+        mine = any(name in (hunt.ego, hunt.held) for hunt in self._hunts)
+        return mine or name in self._picks or name in self._spared
 
-    def _keep(self, frame: Frame, attack: Attack, outcome: Outcome) -> None:
-        """Keep the case of an attack that has ended, if that is worth it."""
-        if not self._keeper.wants(attack, outcome):
-            return
-        assert self._reader is not None
-        after = self._replanner.forecast(frame, attack.plan, TAIL_S)
-        frames, reader = list(self._history.frames), self._reader
-        case = self._keeper.keep(frames, reader.step_s, reader.road, self._source, attack, outcome, after)
-        self.tally.cases.append(case)
+    def give_up(self, name: str) -> None:
+        """Give back a vehicle, if it holds it: it has become the ego of another."""
+        for hunt in self._hunts:
+            hunt.give_up(name)
+
+    def closed(self) -> None:
+        """The simulation is gone, or another has taken its place: nothing can be given back."""
+        if self._off != "detached":
+            self._say_if_never_begun()
+            self._guarded(lambda: self._end(is_gone=True))
 
     # --- the rest --------------------------------------------------------------------------------
 
     def _let_go(self) -> None:
         """Give back what is held."""
-        if self._attacker is not None:
-            self._attacker.let_go()
+        for hunt in self._hunts:
+            hunt.let_go()
 
-    def _end(self) -> None:
-        """Give back all that is held: a vehicle, a subscription, the processes of a planner and of a predictor."""
-        try:
-            self._let_go()
-            if self._reader is not None:
-                self._reader.forget()
-        finally:
-            self._search.close()
-            if isinstance(self._moments.predictor, Fork):
-                self._moments.predictor.close()
+    def _end(self, is_gone: bool = False) -> None:
+        """Give back all that is held, and hold nothing more: a detached listener may be kept for long."""
+        hunts, self._hunts, self._off = self._hunts, [], "detached"
+        self._claims.leave(self)
+        with ExitStack() as endings:
+            if isinstance(self._predictor, Fork):
+                endings.callback(self._predictor.close)
+            for hunt in hunts:
+                endings.callback(hunt.end, is_gone)
+        self._predictor = None
 
-    def _forget_run(self) -> None:
-        """Nothing is known of the simulation yet."""
-        self.ego: str | None = None
-        self._reader: Reader | None = None
-        self._attacker: Attacker | None = None
-        self._finder.start()
-        self._search.forget()
-        self._moments.forget()
-        self._now, self._begun_s = -np.inf, np.inf
+    def _say_if_never_begun(self) -> None:
+        for hunt in self._hunts if self._off is None else ():
+            if hunt.is_missed:
+                self._say_once(f"the ego ({hunt.picks}) never departed: nothing was attacked")
 
     def _say_once(self, line: str) -> None:
         if line not in self._said:
             self._said.add(line)
-            self._tell(line)
+            try:
+                self._tell(line)
+            except Exception:  # what is told must not end the user's simulation either
+                _to_stderr(line)
 
 
 def _to_stderr(line: str) -> None:

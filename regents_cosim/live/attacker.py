@@ -86,6 +86,12 @@ class Attacker:
             return "attacking"
         return "watching" if self._home is None else "returning"
 
+    @property
+    def held(self) -> str | None:
+        """The vehicle in our hands."""
+        held = self.attack or self._home
+        return held.plan.adversary if held is not None else None
+
     @in_float32
     def step(self, frame: Frame, wanted: Callable[[], bool]) -> None:
         """After a step of the simulation; `wanted`: whether an attack may begin."""
@@ -148,7 +154,9 @@ class Attacker:
         self._take(frame, plan, self._replanner.forecast(frame))
 
     def _take(self, frame: Frame, plan: Plan, before: Forecast) -> None:
-        """Take the vehicle of a plan; `before` is what was predicted without it."""
+        """Take the vehicle of a plan, unless others have it by now; `before` is what was predicted without it."""
+        if self._host.is_spared(plan.adversary):
+            return
         control = self._host.take(plan.adversary, frame.types[frame.number[plan.adversary]].length)
         control.follow_route_of(plan)
         self.attack = Attack(

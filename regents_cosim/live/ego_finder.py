@@ -14,8 +14,9 @@ _NOT_ON_ROADS = ("rail", "tram", "subway", "ship", "cable_car")  # how these veh
 class EgoFinder:
     """Waits for the ego: an id, a vehicle type or a flow, of which the first that turns up, or a function."""
 
-    def __init__(self, connection: Any, picks: Picks) -> None:
-        self._sumo, self._picks = connection, picks
+    def __init__(self, connection: Any, picks: Picks, is_free: Callable[[str], bool]) -> None:
+        """`is_free` tells whether a vehicle may be chosen by its type or flow: others' are left to them."""
+        self._sumo, self._picks, self._is_free = connection, picks, is_free
         self.start()
 
     def start(self) -> None:
@@ -40,4 +41,5 @@ class EgoFinder:
             return name
         new = self._sumo.simulation.getDepartedIDList() if self._looked else there
         self._looked = True
-        return next((one for one in new if is_called(name, one, vehicle.getTypeID(one))), None)
+        called = (one for one in new if is_called(name, one, vehicle.getTypeID(one)))
+        return next((one for one in called if self._is_free(one)), None)

@@ -22,6 +22,7 @@ from regents_cosim.live.sumo_routes import REACH_S, SumoRoutes
 from regents_cosim.live.traffic import Following, RoadUser, TrafficState
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
+from regents_cosim.simulators.closing import is_libsumo
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_options import path_of
 from regents_cosim.sources.sumo_types import VehicleType, is_articulated, kind_of
@@ -48,7 +49,7 @@ class Reader:
         for what is no line.
         """
         self._sumo, self._radius_m = connection, radius_m
-        self._in_process = bool(getattr(connection, "isLibsumo", bool)())
+        self._in_process = is_libsumo(connection)
         if self.option("mesosim") == "true":
             raise SumoError("a mesoscopic simulation (mesosim): its vehicles have no place of their own on the road")
         found = net or path_of(self.option("net-file"))

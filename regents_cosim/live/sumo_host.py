@@ -1,5 +1,6 @@
 """SUMO as the simulation that an attack is in."""
 
+from collections.abc import Callable
 from typing import Any
 
 from regents_cosim.live.frame import Frame
@@ -13,8 +14,9 @@ _STOPPED = 1  # bit of a vehicle's stop state
 class SumoHost:
     """One simulation that is read through TraCI or libsumo, and whose vehicles can be taken over."""
 
-    def __init__(self, connection: Any, reader: Reader) -> None:
-        self._sumo, self._reader = connection, reader
+    def __init__(self, connection: Any, reader: Reader, is_free: Callable[[str], bool]) -> None:
+        """`is_free` tells whether a vehicle is anybody's to take."""
+        self._sumo, self._reader, self._is_free = connection, reader, is_free
         self.road, self.step_s, self.speed_only = reader.road, reader.step_s, reader.sideways
 
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
@@ -26,8 +28,8 @@ class SumoHost:
         return bool(self._sumo.vehicle.getStopState(name) & _STOPPED)
 
     def is_spared(self, name: str) -> bool:
-        """None is."""
-        return False
+        """Whether it is an ego, in another's hands, or to be spared."""
+        return not self._is_free(name)
 
     def take(self, name: str, length_m: float) -> SumoVehicleControl:
         """Take a vehicle into our hands."""

@@ -29,7 +29,7 @@ def off_ahead(config, place_m, speed_m_s, tells):
             sumo.vehicle.add(name, f"of_{name}", "passenger", departPos=str(place), departSpeed=str(speed))
         sumo.simulationStep()
         reader = Reader(sumo, 300.0)
-        host = SumoHost(sumo, reader)
+        host = SumoHost(sumo, reader, lambda _: True)
         now = sumo.simulation.getTime()
         traffic = reader.traffic(reader.frame("ego", now), 8, AHEAD_S)
         rows = {user.agent.id: row for row, user in enumerate(traffic.users)}

@@ -111,7 +111,9 @@ class _Looks:
         return trial
 
     def _replanner(self, history: History) -> Replanner:
-        return Replanner(SumoHost(self._sumo, self._reader), self._search, Moments(Mirror(), HORIZON_S), history)
+        return Replanner(
+            SumoHost(self._sumo, self._reader, lambda _: True), self._search, Moments(Mirror(), HORIZON_S), history
+        )
 
     def _next(self) -> str | None:
         """A vehicle that moves and has enough others around it; not the ego of before, nor near the last place."""

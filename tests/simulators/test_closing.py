@@ -14,7 +14,7 @@ os.environ["LIBSUMO_AS_TRACI"] = "quiet"
 import libsumo
 from traci.step import StepListener
 from regents_cosim.live import Adversary
-from regents_cosim.simulators.untaken_moves import forget_at_close
+from regents_cosim.simulators.closing import tell_at_close
 
 heard = []
 
@@ -27,9 +27,9 @@ for run in range(2):
     libsumo.start(["sumo", "-n", sys.argv[1], "-r", sys.argv[2], "--no-step-log", "true", "--step-length", "0.1"])
     if run == 0:
         libsumo.addStepListener(Listener())
-        Adversary(libsumo, ego="ego") if sys.argv[3] == "adversary" else forget_at_close(libsumo)
         close = libsumo.close
-        forget_at_close(libsumo)
+        Adversary(libsumo, ego="ego") if sys.argv[3] == "adversary" else tell_at_close(libsumo)
+        tell_at_close(libsumo)
         assert libsumo.close is close
     for step in range(60):
         libsumo.simulationStep()

@@ -1,0 +1,114 @@
+"""Who is whose in one simulation: several adversaries, and several egos, know each other by this.
+
+There is one for each simulation that runs: the members join when they are made, and leave when they are detached.
+"""
+
+import sys
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from types import ModuleType
+from typing import Any, Protocol
+from weakref import WeakKeyDictionary
+
+from regents_cosim.simulators.closing import is_libsumo, tell_at_close
+from regents_cosim.sources.recording import is_called
+
+Spare = str | Collection[str] | Callable[[str], bool]
+
+
+class Member(Protocol):
+    """One adversary."""
+
+    def claims(self, name: str) -> bool:
+        """Whether a vehicle is one of its egos, is in its hands, or is to be spared."""
+        ...
+
+    def give_up(self, name: str) -> None:
+        """Give back a vehicle, if it holds it: another's ego."""
+        ...
+
+    def closed(self) -> None:
+        """The simulation is gone, or another has taken its place."""
+        ...
+
+
+class Claims:
+    """Those of one simulation."""
+
+    def __init__(self, connection: Any) -> None:
+        self._sumo = connection
+        self._members: dict[Member, int] = {}  # and in which run it was made
+        self._run, self._now_s = 0, -float("inf")
+
+    @staticmethod
+    def of(connection: Any) -> "Claims":
+        """Those of the simulation that `connection` (libsumo, traci, or a connection of traci's) speaks to now."""
+        simulation = _simulation(connection)
+        if simulation not in _KNOWN:
+            _KNOWN[simulation] = Claims(connection)
+        tell_at_close(connection, _KNOWN[simulation].close)
+        return _KNOWN[simulation]
+
+    def join(self, member: Member) -> None:
+        """A member more; it takes the place of those that were made before the simulation began once more."""
+        with suppress(Exception):  # not started yet: TraCI's errors have no common class
+            self.saw(float(self._sumo.simulation.getTime()))
+        for old in [one for one, run in self._members.items() if run < self._run]:
+            old.closed()
+        self._members[member] = self._run
+
+    def leave(self, member: Member) -> None:
+        """A member less."""
+        self._members.pop(member, None)
+
+    def saw(self, now_s: float) -> None:
+        """The simulation's time, which goes back where another run has begun."""
+        self._run += now_s < self._now_s
+        self._now_s = now_s
+
+    def is_free(self, name: str) -> bool:
+        """Whether a vehicle is anybody's to take."""
+        return not any(member.claims(name) for member in self._members)
+
+    def make_ego(self, name: str) -> None:
+        """Let all give up a vehicle that has become an ego."""
+        for member in list(self._members):
+            member.give_up(name)
+
+    def close(self) -> None:
+        """The simulation was closed."""
+        for member in list(self._members):
+            member.closed()
+        self._members.clear()
+        self._now_s = -float("inf")
+
+
+class Spared:
+    """Vehicles that may not be taken: by id, type or flow, or a function of the id."""
+
+    def __init__(self, connection: Any, spare: Spare) -> None:
+        self._sumo, self._spare = connection, (spare,) if isinstance(spare, str) else spare
+        self._known: dict[str, bool] = {}
+
+    def __contains__(self, name: str) -> bool:
+        if callable(self._spare):
+            return bool(self._spare(name))
+        if self._spare and name not in self._known:
+            kind = self._sumo.vehicle.getTypeID(name)
+            self._known[name] = any(is_called(one, name, kind) for one in self._spare)
+        return self._known.get(name, False)
+
+
+_KNOWN: WeakKeyDictionary[Any, Claims] = WeakKeyDictionary()
+
+
+def _simulation(connection: Any) -> Any:
+    """What stands for the simulation: several names may lead to it."""
+    if is_libsumo(connection):
+        return sys.modules["libsumo"]
+    if not isinstance(connection, ModuleType):
+        return connection
+    try:
+        return connection.getConnection(connection.getLabel())
+    except Exception:  # none yet, or one without a label: TraCI's errors have no common class
+        return connection

@@ -1,0 +1,207 @@
+"""One ego of a running simulation: waited for, watched, and attacked by one vehicle at a time."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from regents_cosim.attack_record import Outcome
+from regents_cosim.cases.provenance import sha256_of
+from regents_cosim.live.attacker import Attack, Attacker, Tally
+from regents_cosim.live.case_keeper import TAIL_S, CaseKeeper
+from regents_cosim.live.claims import Claims
+from regents_cosim.live.ego_finder import EgoFinder, Picks
+from regents_cosim.live.frame import Frame
+from regents_cosim.live.history import History
+from regents_cosim.live.known_route import GivenRoute
+from regents_cosim.live.moments import Moments
+from regents_cosim.live.plan import Plan
+from regents_cosim.live.reading import Reader
+from regents_cosim.live.replanner import Replanner
+from regents_cosim.live.search import Search
+from regents_cosim.live.settings import LiveSettings
+from regents_cosim.live.sumo_host import SumoHost
+from regents_cosim.sources.sumo_options import path_of
+from regents_cosim.sources.windows import RecordingOrigin
+
+HuntState = Literal["waiting", "watching", "attacking", "returning"]
+
+_GAP = 1.5  # of a step: the simulation went on without us
+_PATIENCE_S = 60.0  # of simulated time, after which an ego that has not departed is told of
+_JUMP_M = 5.0  # more than speed explains: the ego was teleported
+
+
+@dataclass(frozen=True)
+class HuntSetup:
+    """What all egos of one adversary share."""
+
+    connection: Any
+    settings: LiveSettings
+    claims: Claims
+    keeper: CaseKeeper
+    tally: Tally
+    say: Callable[[str], None]  # each line once
+    wanted: Callable[[float], bool]  # whether an attack may begin at a time [s]
+    net: Path | None = None
+    route: GivenRoute | None = None
+    source: str | None = None
+
+
+class Hunt:
+    """Call `step` after every step of the simulation."""
+
+    def __init__(
+        self, setup: HuntSetup, picks: Picks, search: Search, moments: Moments, first: Plan | None = None
+    ) -> None:
+        self._with, self.picks, self._search, self._moments, self._first = setup, picks, search, moments, first
+        self._said = False  # that it has not departed
+        self._finder = EgoFinder(setup.connection, picks, setup.claims.is_free)
+        self._forget_run()
+
+    @property
+    def state(self) -> HuntState:
+        """What it does now."""
+        if self.ego is None:
+            return "waiting"
+        return "watching" if self._attacker is None else self._attacker.state
+
+    @property
+    def adversary(self) -> str | None:
+        """The vehicle that attacks now."""
+        attack = self._attacker.attack if self._attacker is not None else None
+        return attack.plan.adversary if attack is not None else None
+
+    @property
+    def held(self) -> str | None:
+        """The vehicle in its hands: that attacks, or is on its way back."""
+        return self._attacker.held if self._attacker is not None else None
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether no ego was ever there in this run, and that is still to be said."""
+        return self._reader is None and not self._said
+
+    def step(self) -> None:
+        """After a step of the simulation."""
+        now = float(self._with.connection.simulation.getTime())
+        if now == self._now:
+            return  # added twice: once a step is enough
+        if now < self._now:
+            self._forget_run()  # another simulation on the same connection
+        elif self._reader is not None and now - self._now > _GAP * self._reader.step_s:
+            self.let_go()  # many steps at once, or another simulation that begins later
+            self._forget_run()
+        self._now = now
+        self._begun_s = min(self._begun_s, now)
+        if self.ego is None and not self._find_ego():
+            if self._reader is None and now - self._begun_s >= _PATIENCE_S:
+                self._said = True
+                self._with.say(
+                    f"the ego ({self.picks}) has not departed for {_PATIENCE_S:g} s, waiting for it (expected the id "
+                    "of a vehicle, a vehicle type, a flow, or a function of the connection that returns an id)"
+                )
+            return
+        assert self.ego is not None
+        assert self._reader is not None
+        frame = self._reader.frame(self.ego, now)
+        if frame is None or self._jumped(frame):
+            self._lose_ego(frame)
+            return
+        if self._attacker is None:
+            self._attacker = self._new_attacker(self._reader)
+        self._history.add(frame)
+        self._attacker.step(frame, lambda: self._with.wanted(now))
+
+    def let_go(self) -> None:
+        """Give back what is held."""
+        if self._attacker is not None:
+            self._attacker.let_go()
+
+    def give_up(self, name: str) -> None:
+        """Give back that vehicle, if it is held, and leave it alone for a while."""
+        if self._attacker is not None and self.held == name:
+            self._attacker.abandon()
+
+    def start_over(self) -> None:
+        """Forget what was seen, after a pause."""
+        self._attacker = None
+
+    def end(self, is_gone: bool = False) -> None:
+        """Give back all that is held: a vehicle, a subscription, the planner's process; the first two unless `is_gone`.
+
+        So is a simulation that was closed.
+        """
+        try:
+            if not is_gone:
+                self.let_go()
+                if self._reader is not None:
+                    self._reader.forget()
+        finally:
+            self._search.close()
+
+    def _find_ego(self) -> bool:
+        """Whether it is there by now."""
+        self.ego = self._finder.find()
+        if self.ego is None:
+            return False
+        self._with.claims.make_ego(self.ego)
+        if self._reader is None:
+            setup = self._with
+            self._reader = Reader(setup.connection, setup.settings.radius_m, setup.net, setup.route)
+            net = setup.net or path_of(self._reader.option("net-file"))
+            source = setup.source or Path(self._reader.option("configuration-file") or net).name
+            self._source = RecordingOrigin("sumo", source, sha256_of(net))
+        return True
+
+    def _new_attacker(self, reader: Reader) -> Attacker:
+        """One that knows nothing of what was before."""
+        setup = self._with
+        host = SumoHost(setup.connection, reader, setup.claims.is_free)
+        self._history = History(setup.settings.horizon_s, reader.step_s)
+        self._replanner = Replanner(host, self._search, self._moments, self._history)
+        first, self._first = self._first, None
+        return Attacker(host, self._replanner, setup.settings.replan_s, setup.tally, self._keep, first)
+
+    def _jumped(self, frame: Frame) -> bool:
+        """Whether it is not where its speed could have taken it."""
+        if self._attacker is None or not self._history.frames:
+            return False
+        last = self._history.frames[-1]
+        way = float(np.hypot(frame.x[0] - last.x[0], frame.y[0] - last.y[0]))
+        return way > _JUMP_M + max(last.speed[0], frame.speed[0]) * (frame.time_s - last.time_s)
+
+    def _lose_ego(self, frame: Frame | None) -> None:
+        """It arrived, was removed or teleported."""
+        if self.adversary is not None and frame is None:
+            self._with.say(
+                "the ego left the simulation during an attack; where SUMO takes vehicles away that touch, start it "
+                "with --collision.action warn to see the crash"
+            )
+        self.let_go()
+        self._attacker = None
+        if frame is None:
+            self.ego = None
+            self._finder.start()
+
+    def _keep(self, frame: Frame, attack: Attack, outcome: Outcome) -> None:
+        """Keep the case of an attack that has ended, if that is worth it."""
+        keeper = self._with.keeper
+        if not keeper.wants(attack, outcome):
+            return
+        assert self._reader is not None
+        after = self._replanner.forecast(frame, attack.plan, TAIL_S)
+        frames, reader = list(self._history.frames), self._reader
+        case = keeper.keep(frames, reader.step_s, reader.road, self._source, attack, outcome, after)
+        self._with.tally.cases.append(case)
+
+    def _forget_run(self) -> None:
+        """Nothing is known of the simulation yet."""
+        self.ego: str | None = None
+        self._reader: Reader | None = None
+        self._attacker: Attacker | None = None
+        self._finder.start()
+        self._search.forget()
+        self._moments.forget()
+        self._now, self._begun_s = -np.inf, np.inf

@@ -1,0 +1,74 @@
+"""What has to be done when a libsumo simulation is closed, which tells no step listener of it.
+
+libsumo (1.24 and 1.28) keeps what `moveToXY` was told beyond the end of the simulation. If the next one in the process
+has a vehicle of that name at its first step, libsumo reaches for the vehicle that is gone, and the process dies. A step
+of a simulation without vehicles lets it forget them.
+
+`libsumo.close` is left as it is, under each name that it has: of `traci`, where that stands for libsumo, too. It ends
+by closing libsumo's own manager of step listeners, and that tells us.
+"""
+
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+_EMPTY = """<net version="1.20">
+    <location netOffset="0,0" convBoundary="0,0,10,0" origBoundary="0,0,10,0" projParameter="!"/>
+    <edge id="e" from="a" to="b" priority="1"><lane id="e_0" index="0" speed="1" length="10" shape="0,0 10,0"/></edge>
+    <junction id="a" type="dead_end" x="0" y="0" incLanes="" intLanes="" shape="0,0"/>
+    <junction id="b" type="dead_end" x="10" y="0" incLanes="e_0" intLanes="" shape="10,0"/>
+</net>
+"""
+_QUIET = ("--no-step-log", "true", "--no-warnings", "true")
+
+
+class _Closing:
+    """The end of `libsumo.close`, and who is told of it."""
+
+    def __init__(self, libsumo: Any) -> None:
+        self._libsumo, self._close = libsumo, libsumo._stepManager.close
+        self.told: list[Callable[[], None]] = []
+        self.shown = False  # by sumo-gui, which ends with its process
+
+    def __call__(self, *given: Any, **named: Any) -> None:
+        """What libsumo does, and then what is ours: that never raises out of a call of the user's."""
+        self._close(*given, **named)
+        for tell in (*self.told, *(() if self.shown else (self._forget,))):
+            try:
+                tell()
+            except Exception as error:
+                print(f"regents_cosim: after libsumo.close: {type(error).__name__}: {error}", file=sys.stderr)
+
+    def _forget(self) -> None:
+        libsumo = self._libsumo
+        with tempfile.TemporaryDirectory() as folder:
+            net = Path(folder) / "empty.net.xml"
+            net.write_text(_EMPTY)
+            libsumo.simulation.start(["sumo", "-n", str(net), *_QUIET])
+            libsumo._libsumo_step(0.0)  # not `simulationStep`: the listeners of the run before hear of that
+            libsumo.simulation.close()
+
+
+def tell_at_close(connection: Any, *tell: Callable[[], None]) -> None:
+    """Call these from now on whenever libsumo's simulation was closed, and let it forget moves (0.01 s).
+
+    Nothing is done for connections of traci, which tell their listeners, and whose simulations are processes of their
+    own; nor for a libsumo that has no manager of step listeners.
+    """
+    if not is_libsumo(connection):
+        return
+    libsumo = sys.modules["libsumo"]  # which `traci` may stand for
+    manager = getattr(libsumo, "_stepManager", None)
+    if manager is None:
+        return
+    if not isinstance(manager.close, _Closing):
+        manager.close = _Closing(libsumo)
+    manager.close.shown = bool(libsumo.simulation.isLoaded() and libsumo.simulation.hasGUI())
+    manager.close.told += [one for one in tell if one not in manager.close.told]
+
+
+def is_libsumo(connection: Any) -> bool:
+    """Whether a connection is libsumo, by whatever name: one simulation in this process."""
+    return bool(getattr(connection, "isLibsumo", bool)())

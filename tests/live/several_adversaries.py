@@ -1,0 +1,103 @@
+"""A script with several adversaries in one run of SUMO, whose first plans are given: who holds what, as JSON."""
+
+import json
+import os
+import sys
+
+os.environ["LIBSUMO_AS_TRACI"] = "quiet"
+import libsumo as sumo
+import numpy as np
+
+from regents_cosim.geometry.frames import SumoPose, from_sumo
+from regents_cosim.live import Adversary
+from regents_cosim.live.plan import Plan
+
+
+def straight_on(name):
+    """A plan to go straight on at half its speed."""
+    vehicle = sumo.vehicle
+    length, speed = vehicle.getLength(name), 0.5 * vehicle.getSpeed(name)
+    x, y, yaw = (float(one) for one in from_sumo(SumoPose(*vehicle.getPosition(name), vehicle.getAngle(name)), length))
+    way, now = speed * np.arange(81) * 0.1, sumo.simulation.getTime()
+    columns = x + way * np.cos(yaw), y + way * np.sin(yaw), np.full(81, yaw), np.full(81, speed)
+    return Plan(name, now, *columns, meets_s=now + 6.0)
+
+
+def adversary(ego, taken=None, **given):
+    """One that looks for no plan of its own."""
+    plan = None if taken is None else straight_on(taken)
+    made = Adversary(
+        sumo, ego, "observed", plan=plan, replan_s=60.0, radius_m=1000.0, tell=told.append,
+        attack_when=None if plan else lambda _: False, **given,
+    )  # fmt: skip
+    sumo.addStepListener(made)
+    return made
+
+
+def steps(count, *watched):
+    """So many steps; the vehicles that each of the adversaries held in any of them."""
+    held = [set() for _ in watched]
+    for _ in range(count):
+        sumo.simulationStep()
+        for one, names in zip(watched, held, strict=True):
+            names.update(one.adversaries)
+    return [sorted(names) for names in held]
+
+
+def run(what):
+    """One of the ways to have several."""
+    while len(moving()) < 3:
+        sumo.simulationStep()
+    names = moving()[:3]
+    return act(what, *names) | {"names": names}
+
+
+def moving():
+    """Those that are well under way, the latest first: they stay for long."""
+    vehicle = sumo.vehicle
+    return [v for v in reversed(vehicle.getIDList()) if vehicle.getSpeed(v) > 5.0 and vehicle.getDistance(v) < 100.0]
+
+
+def act(what, ego, other, taken):
+    """One of the ways to have several."""
+    kind = sumo.vehicle.getTypeID(taken)
+    if what == "one vehicle":
+        both = adversary(ego, taken), adversary(other, taken)
+        return {"held": steps(20, *both)}
+    if what == "ego of another":
+        second = adversary(other)
+        return {"held": steps(20, adversary(ego, other), second)}
+    if what == "ego that comes later":
+        first = adversary(ego, taken)
+        before = steps(5, first)
+        second = adversary(taken)
+        steps(10)
+        return {"held": before, "then": first.adversaries, "egos": second.egos}
+    if what == "two egos":
+        one = adversary([ego, other], other)
+        return {"held": steps(20, one), "egos": one.egos}
+    if what == "two of a type":
+        one = adversary([kind, kind])
+        steps(20)
+        return {"egos": one.egos}
+    spare = {"id": [taken], "type": kind, "flow": [taken.rpartition(".")[0]], "function": lambda name: name == taken}
+    if what == "spared by another":
+        second = adversary(other, spare=taken)
+        return {"held": steps(20, adversary(ego, taken), second)}
+    return {"held": steps(20, adversary(ego, taken, spare=spare[what]))}
+
+
+if __name__ == "__main__":
+    told = []
+    sumo.start(["sumo", "-c", sys.argv[1], "--no-step-log", "--step-length", "0.1", "--collision.action", "warn"])
+    found = run(sys.argv[2])
+    listeners = list(sumo._stepManager._stepListeners.values())
+    for one in listeners:
+        one.detach()
+    sumo.simulationStep()
+    found["modes"] = [
+        (sumo.vehicle.getSpeedMode(v), sumo.vehicle.getLaneChangeMode(v)) for v in sumo.vehicle.getIDList()
+    ]
+    found["left"] = len(sumo._stepManager._stepListeners)
+    sumo.close()
+    print(json.dumps(found | {"told": told}))

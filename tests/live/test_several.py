@@ -1,0 +1,60 @@
+"""Several adversaries, and several egos, in one run of SUMO: they know each other."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from regents_cosim.cases.shipped import network
+
+SCRIPT = Path(__file__).with_name("several_adversaries.py")
+
+
+def run(what):
+    command = [sys.executable, str(SCRIPT), str(network("crossing")), what]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr[-2000:]
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert not found["told"]
+    assert {tuple(modes) for modes in found["modes"]} == {(31, 1621)}  # as SUMO has them: all were given back
+    assert found["left"] == 0  # a detached listener leaves
+    return found
+
+
+def test_a_vehicle_is_taken_by_one_alone():
+    found = run("one vehicle")
+    assert found["held"] == [[found["names"][2]], []]
+
+
+def test_the_ego_of_another_is_left_alone():
+    assert run("ego of another")["held"] == [[], []]
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_becomes_an_ego_is_given_up():
+    found = run("ego that comes later")
+    taken = found["names"][2]
+    assert found["held"] == [[taken]]
+    assert (found["then"], found["egos"]) == ([], [taken])
+
+
+def test_one_adversary_has_several_egos_and_takes_none_of_them():
+    found = run("two egos")
+    assert found["egos"] == found["names"][:2]
+    assert found["held"] == [[]]
+
+
+@pytest.mark.slow
+def test_egos_of_one_type_are_different_vehicles():
+    egos = run("two of a type")["egos"]
+    assert len(egos) == len(set(egos)) == 2
+
+
+SPARED = ["id", *(pytest.param(by, marks=pytest.mark.slow) for by in ("type", "flow", "function", "spared by another"))]
+
+
+@pytest.mark.parametrize("by", SPARED)
+def test_what_is_spared_is_left_alone(by):
+    assert all(held == [] for held in run(by)["held"])
