@@ -1,6 +1,6 @@
 """Scenarios in, attacked Scenarios out: one scenario per thread or many in one program, results as values."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Sized
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -22,6 +22,7 @@ from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.logged import logged
+from regents_cosim.system.progress import ShowProgress, shown
 
 _BATCH = Range(1, 100_000, "scenarios on the device at once", whole=True)
 
@@ -37,14 +38,29 @@ def attack(
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
     against: Sequence[AnyPlanner] = (),
+    *,
+    progress: ShowProgress = True,
 ) -> Iterator[Scenario]:
     """Find how another road user could make `planner` crash; yields cases as soon as they are found.
 
     What the arguments mean says `attack_each`, whose results come here one after the other. `judge` says of each what
-    its crash is worth, `replay` verifies it in SUMO.
+    its crash is worth, `replay` verifies it in SUMO. On a terminal and in notebooks a bar shows how far it is, unless
+    `progress` is False.
     """
-    for results in attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s, against):
+    total = len(scenarios) if isinstance(scenarios, Sized) else None
+    windows = attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s, against)
+    for results in shown(progress).each(windows, "attacking", total, window_row):
         yield from results
+
+
+def window_row(results: Sequence[Scenario]) -> str:
+    """What came of a window, in a line."""
+    records = [case.attack for case in results if case.attack]
+    crashes = [case for case in results if case.attack and case.attack.outcome == "collision"]
+    judged = [case.judgement for case in crashes if case.judgement]
+    said = f"{len(crashes)} crash{'es' * (len(crashes) > 1)}" if crashes else ""
+    said += f", {sum(bool(one.telling) for one in judged)} telling" if judged else ""
+    return f"{records[0].case}: {said or records[0].outcome.replace('_', ' ')}" if records else "nothing kept"
 
 
 def _ended(results: list[Scenario]) -> str:

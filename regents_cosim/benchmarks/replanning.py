@@ -45,10 +45,10 @@ def replan_rows(
     given, rows, first = PlannerUnderTest.of(planner), list[ReplanRow](), list[Scenario]()
     for one in every:
         config = preset(method, replan_every=one)
-        for _ in attack(one_of_each_shape(windows), config, given, act_timeout_s=act_timeout_s):
+        for _ in attack(one_of_each_shape(windows), config, given, act_timeout_s=act_timeout_s, progress=False):
             pass  # compiles
         begin = perf_counter()
-        results = attack(windows, config, given, act_timeout_s=act_timeout_s)
+        results = attack(windows, config, given, act_timeout_s=act_timeout_s, progress=False)
         attacked = list(progress.each(results, f"every {one}", len(windows)))
         first = first or attacked
         rows.append(replan_row(one, attacked, first, perf_counter() - begin))

@@ -31,7 +31,7 @@ def network_traffic(
     """Windows of SUMO networks, by network: of the six shipped ones of vehicles where none is named."""
     configs = {net: network(net) for net in nets or NETWORKS}
     return {
-        net: record(config, count=count, seed=seed, prefer=prefer)
+        net: record(config, count=count, seed=seed, prefer=prefer, progress=False)
         for net, config in progress.each(configs.items(), "recording traffic", len(configs))
     }
 
@@ -41,7 +41,7 @@ def logged_traffic(
 ) -> dict[Path, list[Scenario]]:
     """Windows of logs, by log."""
     return {
-        log: record(LogInput(log), count=count, seed=seed, prefer=prefer, tell=progress.say)
+        log: record(LogInput(log), count=count, seed=seed, prefer=prefer, tell=progress.say, progress=False)
         for log in progress.each(logs, "reading logs", len(logs))
     }
 

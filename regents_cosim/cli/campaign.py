@@ -181,13 +181,20 @@ def attack_into(
                 retry=options.retry,
                 cluster=cluster,
                 sumo=sumo,
-                watch=lambda done, of: terminal.each(done, "attacking", of),
+                watch=lambda done, of: terminal.each(done, "attacking", of, _row_of),
             )
         if run.wanted is not None:
             ledger.end()
             terminal.say(run.wanted.said(run.wanted.found_in(ledger.record, output), ledger.record, ended=True))
         ledger.finish()
         return ledger.record
+
+
+def _row_of(window: Any) -> str:
+    """What came of an attacked window."""
+    from regents_cosim.attacks.attack import window_row
+
+    return window_row(window.cases)
 
 
 def _rounds(

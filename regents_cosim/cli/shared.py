@@ -40,21 +40,21 @@ def record_traffic(
     from regents_cosim.sources.record import record as run_record
 
     source = traffic_source(traffic, sumo)
-    with terminal.waiting("reading the log" if traffic.log else "recording traffic"):
-        found = run_record(
-            source,
-            fcd=traffic.fcd,
-            policy=traffic.policy,
-            count=traffic.count,
-            seed=traffic.seed,
-            horizon_s=traffic.horizon,
-            radius_m=traffic.radius,
-            prefer=traffic.prefer,
-            max_agents=traffic.max_agents,
-            ego_kind=traffic.ego_kind,
-            executor=pool,
-            tell=terminal.say,
-        )
+    found = run_record(
+        source,
+        fcd=traffic.fcd,
+        policy=traffic.policy,
+        count=traffic.count,
+        seed=traffic.seed,
+        horizon_s=traffic.horizon,
+        radius_m=traffic.radius,
+        prefer=traffic.prefer,
+        max_agents=traffic.max_agents,
+        ego_kind=traffic.ego_kind,
+        executor=pool,
+        tell=terminal.say,
+        progress=terminal,
+    )
     _log.info("recorded %d windows", len(found))
     if len(found) < traffic.count and traffic.log is None:
         terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")

@@ -3,7 +3,7 @@
 import json
 import logging
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
@@ -11,15 +11,14 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.measure import Measurement
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from regents_cosim.cli.table_fit import GAP, Column, fit
 from regents_cosim.plain_text import printable
+from regents_cosim.system.progress_bar import Bar
 
 _Item = TypeVar("_Item")
-_LABEL_LIMIT = 120
 _log = logging.getLogger(__name__)
 
 
@@ -45,17 +44,15 @@ class Terminal:
     @contextmanager
     def waiting(self, what: str) -> Iterator[None]:
         """A bar without an end while the block runs."""
-        with self._progress() as bar, _timed(what):
-            bar.add_task(printable(what, _LABEL_LIMIT), total=None)
+        with self._bar.waiting(what), _timed(what):
             yield
 
-    def each(self, items: Iterable[_Item], what: str, total: int) -> Iterator[_Item]:
-        """Pass `items` on while a bar counts them."""
-        with self._progress() as bar, _timed(f"{what} ({total})"):
-            task = bar.add_task(printable(what, _LABEL_LIMIT), total=total)
-            for item in items:
-                bar.advance(task)
-                yield item
+    def each(
+        self, items: Iterable[_Item], what: str, total: int | None, row: Callable[[_Item], str] | None = None
+    ) -> Iterator[_Item]:
+        """Pass `items` on while a bar counts them; `row` says in a line what came of each."""
+        with _timed(f"{what} ({total})"):
+            yield from self._bar.each(items, what, total, row)
 
     def publish(self, text: str, value: object, grids: Sequence[tuple[str, Sequence[dict[str, Any]]]] = ()) -> None:
         """A result that is a text of its own, or as JSON the `value` that it tells of; a terminal gets its `grids`."""
@@ -110,16 +107,9 @@ class Terminal:
             line = f"no room for: {', '.join(headings)} (--wide shows them)"
             _stderr().print(plain(line), style="dim")
 
-    def _progress(self) -> Progress:
-        columns = (
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-        )
-        console = _stderr()
-        hidden = self.quiet or self.verbose or not console.is_terminal
-        return Progress(*columns, console=console, transient=True, disable=hidden)
+    @property
+    def _bar(self) -> Bar:
+        return Bar(hidden=self.quiet or self.verbose or not _stderr().is_terminal)
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from typing import Any
 import equinox as eqx
 import jax
 
+from regents_cosim.mirror.compiling import tell_of_compiling
 from regents_cosim.mirror.forked import require_own_threads
 from regents_cosim.mirror.program_room import make_room
 from regents_cosim.mirror.traces import traced
@@ -65,3 +66,6 @@ def _precise(function: Callable[..., Any]) -> Callable[..., Any]:
             return traced(function, given, named)
 
     return precise
+
+
+tell_of_compiling()

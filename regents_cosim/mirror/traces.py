@@ -21,8 +21,10 @@ import jax
 import jax.numpy as jnp
 from jax import export
 
+from regents_cosim.mirror.compiling import COMPILING
 from regents_cosim.mirror.outline import NoOutlineError, outline, rebuild
 from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.progress import DOING
 
 _PACKAGE = Path(__file__).parents[1]
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
@@ -44,7 +46,8 @@ def traced(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str
     """
     kept = _kept(function, given, named) if _kept_in and _is_ours(function) else None
     if kept is None:
-        return function(*given, **named)
+        with DOING.during(COMPILING):
+            return function(*given, **named)
     program, arrays, returned = kept
     return rebuild(returned, iter(program.call(*arrays)))
 
@@ -90,7 +93,8 @@ def _trace(function: Callable[..., Any], plain: Any, arrays: list[Any], file: Pa
         return made
 
     shapes = [jax.ShapeDtypeStruct(array.shape, array.dtype, weak_type=array.weak_type) for array in arrays]
-    exported = export.export(jax.jit(flat))(*shapes)
+    with DOING.during(COMPILING):
+        exported = export.export(jax.jit(flat))(*shapes)
     head, program = json.dumps(returned[-1]).encode(), bytes(exported.serialize())
     _make_room(file.parent)
     write_atomic(file, hashlib.sha256(head + program).hexdigest().encode() + b"\n" + head + b"\n" + program)

@@ -21,7 +21,7 @@ from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import require_display
 from regents_cosim.system.logged import logged
-from regents_cosim.system.progress import SILENT, Progress
+from regents_cosim.system.progress import SILENT, Progress, ShowProgress, shown
 from regents_cosim.system.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]
@@ -37,6 +37,8 @@ def replay(
     gui: bool = False,
     mode: Mode = "track",
     background: Background = "log",
+    *,
+    progress: ShowProgress = True,
 ) -> Replay:
     """Replay one case, or the one in a folder; the ego follows its track, or `planner` in closed loop.
 
@@ -46,15 +48,21 @@ def replay(
 
     A simulator that refuses or dies gives a Replay that is not verified and says why. Raises
     PlannerError for a planner that cannot be found, RegentsError for a window of the mirror, or of
-    highway-env without a display.
+    highway-env without a display. On a terminal and in notebooks a bar shows that it runs, unless `progress` is False.
     """
     case = scenario if isinstance(scenario, Scenario) else load_case(scenario)
-    return next(replay_each([case], where, planner, gui, mode=mode, background=background))
+    with shown(progress).waiting(f"replaying in {where}"):
+        return next(replay_each([case], where, planner, gui, mode=mode, background=background))
+
+
+def replay_row(found: Replay) -> str:
+    """How a replay ended, in a line."""
+    return f"{found.case}: {'as expected' if found.verified else found.reason}"
 
 
 def _ended(found: Replay) -> str:
     """For the log: how a replay ended."""
-    return f"replayed {found.case}: {'as expected' if found.verified else found.reason}"
+    return f"replayed {replay_row(found)}"
 
 
 @logged(_ended)

@@ -17,6 +17,7 @@ from regents_cosim.sources.recording import ANY_EGO
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import EgoKind, Prefer, no_cars
+from regents_cosim.system.progress import ShowProgress, shown
 
 _HIGHWAY = "highway:"
 _SUMO = ".sumocfg"
@@ -59,6 +60,7 @@ def record(
     ego_kind: EgoKind = "auto",
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
+    progress: ShowProgress = True,
 ) -> list[Scenario]:
     """Up to `count` windows of ordinary traffic; the same seed gives the same.
 
@@ -75,34 +77,36 @@ def record(
     no other. Of more than `max_agents` road users within `radius_m` of the ego those that come nearest are kept. What a
     window leaves out is in its `provenance.left_out`. `tell` is told what is left out or assumed. Raises RegentsError
     for bad input, NoWindowError where there is no window.
+    A bar shows that it runs, on a terminal and in notebooks, unless `progress` is False.
     """
     asked: _RecordRequest = {
         "count": count, "seed": seed, "horizon_s": horizon_s, "radius_m": radius_m, "max_agents": max_agents,
         "ego_kind": ego_kind,
     }  # fmt: skip
     given = source if isinstance(source, str) and source.startswith(_HIGHWAY) else _given(source)
-    if isinstance(given, str):
-        from regents_cosim.sources.highway import record_highway  # imports pygame
+    with shown(progress).waiting("reading the log" if isinstance(given, LogInput) else "recording traffic"):
+        if isinstance(given, str):
+            from regents_cosim.sources.highway import record_highway  # imports pygame
 
-        found = record_highway(given.removeprefix(_HIGHWAY), policy, **asked, executor=executor)
-    elif isinstance(given, LogInput):
-        found = record_log(
-            given.path,
-            format=given.format,
-            ego=given.ego,
-            stride_s=given.stride_s,
-            beside=CompanionFiles(given.map, given.columns),
-            **asked,
-            prefer=prefer,
-            tell=tell,
-        )
-    elif fcd is None:
-        found = record_sumo(given, **asked, prefer=prefer, executor=executor, tell=tell)
-    elif given.net is None:
-        raise RegentsError("an fcd-output needs the network it was made on: give it with -n NAME.net.xml")
-    else:
-        types = (*given.routes, *given.additional)
-        found = record_fcd(fcd, given.net, routes_or_types=types, **asked, prefer=prefer, ego=given.ego, tell=tell)
+            found = record_highway(given.removeprefix(_HIGHWAY), policy, **asked, executor=executor)
+        elif isinstance(given, LogInput):
+            found = record_log(
+                given.path,
+                format=given.format,
+                ego=given.ego,
+                stride_s=given.stride_s,
+                beside=CompanionFiles(given.map, given.columns),
+                **asked,
+                prefer=prefer,
+                tell=tell,
+            )
+        elif fcd is None:
+            found = record_sumo(given, **asked, prefer=prefer, executor=executor, tell=tell)
+        elif given.net is None:
+            raise RegentsError("an fcd-output needs the network it was made on: give it with -n NAME.net.xml")
+        else:
+            types = (*given.routes, *given.additional)
+            found = record_fcd(fcd, given.net, routes_or_types=types, **asked, prefer=prefer, ego=given.ego, tell=tell)
     drawn = isinstance(given, str) or given.ego == ANY_EGO
     if drawn and ego_kind == "auto" and (said := no_cars(found)):
         tell(said)

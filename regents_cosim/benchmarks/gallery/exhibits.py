@@ -82,7 +82,11 @@ class ExhibitRun:
 def run(exhibit: Exhibit) -> ExhibitRun:
     """Attack the scene of an exhibit with each of its presets; of several adversaries the first is shown."""
     return ExhibitRun(
-        exhibit, {preset.method: next(attack([exhibit.scenario], preset, PLANNER)) for preset in exhibit.presets}
+        exhibit,
+        {
+            preset.method: next(attack([exhibit.scenario], preset, PLANNER, progress=False))
+            for preset in exhibit.presets
+        },
     )
 
 

@@ -49,6 +49,7 @@ def replay(
     from regents_cosim.cases.suite import load_suite
     from regents_cosim.planners.find import attacked_planner
     from regents_cosim.replays.replay import replay_each
+    from regents_cosim.replays.replay import replay_row as ended_row
     from regents_cosim.reports.tables import REPLAYED, replay_row, replay_summary, traffic_row
     from regents_cosim.system.workers import executor_for
 
@@ -66,7 +67,7 @@ def replay(
         scenarios, driven_by = evaded_cases(scenarios, terminal), None
     with executor_for(executor) as pool:
         replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode, background)
-        found = list(terminal.each(replays, f"replaying in {where}", len(scenarios)))
+        found = list(terminal.each(replays, f"replaying in {where}", len(scenarios), ended_row))
     if record and found[0].replayed:
         draw(found[0].replayed, record, beside_original, terminal)
     rows = [

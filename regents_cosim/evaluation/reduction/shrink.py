@@ -31,6 +31,7 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.system.progress import ShowProgress, shown
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.deviation import deviation
 from regents_cosim.verdicts.judge import judge
@@ -105,13 +106,16 @@ def shrink(
     *,
     lead_s: float = LEAD_S,
     act_timeout_s: float = ACT_TIMEOUT_S,
+    progress: ShowProgress = True,
 ) -> Shrunk:
     """The least of `attacked` in which `planner` still crashes: by default the one that was attacked, if it is ours.
 
     The window begins `lead_s` before the crash at the latest. Raises RegentsError for a case without a collision, or in
-    which this planner does not crash, PlannerError for one that cannot be found, DriveError where it fails.
+    which this planner does not crash, PlannerError for one that cannot be found, DriveError where it fails. On a
+    terminal and in notebooks a bar shows that it runs, unless `progress` is False.
     """
-    with MirrorDriver(planner_of(attacked) if planner is None else planner, act_timeout_s) as driver:
+    at_the_wheel = planner_of(attacked) if planner is None else planner
+    with shown(progress).waiting("shrinking"), MirrorDriver(at_the_wheel, act_timeout_s) as driver:
         return shrink_at(driver, attacked, lead_s)
 
 

@@ -30,7 +30,7 @@ def shrink_each(
     names = [planner_of(case, planner) for case in crashes]
     planners = {name: PlannerUnderTest.of(name) for name in names}
     return (
-        shrink(case, planners[name], lead_s=lead_s, act_timeout_s=act_timeout_s)
+        shrink(case, planners[name], lead_s=lead_s, act_timeout_s=act_timeout_s, progress=False)
         for case, name in zip(crashes, names, strict=True)
     )
 

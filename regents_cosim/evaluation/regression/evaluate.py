@@ -30,7 +30,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Background, Simulator, check
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.progress import SILENT, Progress
+from regents_cosim.system.progress import ShowProgress, shown
 from regents_cosim.system.threads import in_turn
 
 
@@ -86,7 +86,7 @@ def evaluate(
     margin: bool = False,
     act_timeout_s: float = ACT_TIMEOUT_S,
     executor: Executor | None = None,
-    progress: Progress = SILENT,
+    progress: ShowProgress = True,
     keep: Path | None = None,
     retry: bool = False,
     shard: Shard = WHOLE,
@@ -101,6 +101,7 @@ def evaluate(
 
     With `keep` every drive is kept in that folder as it is made, and the same call goes on from there; drives that
     failed are made again with `retry`. Of a `shard` only its share of the cases is driven.
+    A bar shows how far it is, on a terminal and in notebooks, unless `progress` is False.
 
     A planner that takes longer than `act_timeout_s` over a decision has failed in that case. SUMO runs in processes of
     its own, or those of `executor`. Raises PlannerError for a planner that cannot be found, RegentsError, before
@@ -124,7 +125,7 @@ def evaluate(
     settings |= {} if background == "log" else {"background": background}
     settings |= {} if shard == WHOLE else {"shard": str(shard)}
     drives = drive(scenarios) if keep is None else drive_once(keep, scenarios, given, settings, drive, retry)
-    found = tuple(progress.each(drives, f"driving {given.name}", len(scenarios)))
+    found = tuple(shown(progress).each(drives, f"driving {given.name}", len(scenarios), drive_row))
     evaluation = Evaluation(given.name, where, found)
     return evaluation if asked is None else asked.held(evaluation, scenarios, given, act_timeout_s)
 
@@ -137,6 +138,12 @@ def _require_networks(scenarios: Sequence[Scenario]) -> None:
             f"{len(without)} of {len(scenarios)} cases have no SUMO network for SUMO to drive in (the first is "
             f"{without[0]}); expected cases that were recorded in SUMO, or --background log"
         )
+
+
+def drive_row(drive: Drive) -> str:
+    """What came of a drive, in a line."""
+    ends = "the planner failed" if drive.error else f"collision with {drive.hits}" if drive.hits else "no collision"
+    return f"{drive.case}: {ends}"
 
 
 def suite_of(cases: Path) -> Path:

@@ -38,6 +38,7 @@ from regents_cosim.scenario import RoadUser, Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import Prefer
+from regents_cosim.system.progress import ShowProgress, shown
 from regents_cosim.verdicts.judge import judge_each
 
 _SEEN_AHEAD_M = 40.0  # centre to centre
@@ -89,19 +90,20 @@ class Recipe:
 
 
 def build_suite(
-    output: Path | str, recipe: Recipe, *, tell: Callable[[str], None] = lambda line: None
+    output: Path | str, recipe: Recipe, *, tell: Callable[[str], None] | None = None, progress: ShowProgress = True
 ) -> list[Scenario]:
     """Make the suite of `recipe` in the folder `output`; its cases.
 
     On the same machine the same recipe gives the same suite, bit for bit.
     What the folder held before is replaced when the new suite is complete; its baseline stays. Until then recorded
     windows and attacks are kept in it, and the same recipe goes on from them after a stop. Raises RegentsError where
-    traffic cannot be recorded, no case is left, or `output` holds something else.
+    traffic cannot be recorded, no case is left, or `output` holds something else. How far it is `tell` is told, or a
+    person on a terminal or at a notebook, unless `progress` is False.
     """
     folder = Path(output)
     require_place(folder)
     steps = Steps(folder)
-    cases = build(recipe, tell, steps)
+    cases = build(recipe, tell or shown(progress).say, steps)
     write_suite(folder, cases, recipe.seed)
     steps.clear()
     return cases
@@ -181,7 +183,7 @@ def _sources(recipe: Recipe) -> list[Path | str]:
 def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None], steps: Steps | None) -> list[Scenario]:
     name = source if isinstance(source, str) else source.stem
     tell(f"recording {name}")
-    windows = partial(record, source, count=recipe.windows, seed=recipe.seed, prefer=recipe.prefer)
+    windows = partial(record, source, count=recipe.windows, seed=recipe.seed, prefer=recipe.prefer, progress=False)
     if steps is None:
         return windows()
     settings = {"windows": recipe.windows, "seed": recipe.seed, "prefer": recipe.prefer}

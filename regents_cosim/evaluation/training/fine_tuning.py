@@ -30,7 +30,7 @@ from regents_cosim.planners.aim_bev.shown import shown_to
 from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, Epoch, TrainConfig, require_as_begun
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.progress import SILENT, Progress
+from regents_cosim.system.progress import Progress, ShowProgress, shown
 
 AnyCases = Path | str | Sequence[Scenario]  # a case or a folder of cases, or cases in memory
 
@@ -59,7 +59,7 @@ def train(
     config: TrainConfig | None = None,
     *,
     resume: Path | None = None,
-    progress: Progress = SILENT,
+    progress: ShowProgress = True,
     each_epoch: EachEpoch = lambda done: None,
 ) -> list[Epoch]:
     """Teach AIM-BEV the traffic of recorded cases; the weights are written to `output` (.safetensors) after each epoch.
@@ -68,7 +68,7 @@ def train(
     torch. Raises RegentsError, MissingDependencyError.
     """
     path = weights_file(output)
-    return trained(cases_of(cases), path, config or TrainConfig(), resume, [], progress, each_epoch)
+    return trained(cases_of(cases), path, config or TrainConfig(), resume, [], shown(progress), each_epoch)
 
 
 def finetune(
@@ -80,7 +80,7 @@ def finetune(
     weights: Path = SHIPPED,
     held_out: AnyCases | None = None,
     ordinary: AnyCases | None = None,
-    progress: Progress = SILENT,
+    progress: ShowProgress = True,
     each_epoch: EachEpoch = lambda done: None,
 ) -> FineTuned:
     """Teach AIM-BEV to avoid its crashes in `suite`, and ordinary traffic (`cases`) as before.
@@ -91,7 +91,7 @@ def finetune(
     Raises RegentsError where there is nothing to learn from, MissingDependencyError.
     """
     require_as_begun(config, "--finetune")
-    path = weights_file(output)
+    path, progress = weights_file(output), shown(progress)
     course = _course(cases_of(cases), cases_of(suite), held_out, ordinary)
     crashes = _crashes(weights, course.taught.adversarial, progress)
     learnt = learn(crashes, course.taught.ordinary, course.chosen_by, weights, path, config, progress, each_epoch)

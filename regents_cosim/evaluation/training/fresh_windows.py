@@ -74,10 +74,13 @@ class FreshWindows:
     def _recorded(self, round_number: int, count: int) -> Iterator[tuple[Path, list[Scenario]]]:
         for path in self._configs:
             settings = {"seed": self.seed(round_number), "windows": count, "horizon": self.horizon_s}
-            recorded = partial(record, path, count=count, seed=settings["seed"], horizon_s=self.horizon_s)
+            recorded = partial(
+                record, path, count=count, seed=settings["seed"], horizon_s=self.horizon_s,
+                tell=self.progress.say, progress=self.progress,
+            )  # fmt: skip
             digest = traffic_digest(SumoInput(config=path))
             place = f"windows of round {round_number} on {path.stem}"
-            yield path, self.steps.recorded(place, settings, digest, partial(recorded, tell=self.progress.say))
+            yield path, self.steps.recorded(place, settings, digest, recorded)
 
     @property
     def _configs(self) -> list[Path]:

@@ -24,7 +24,7 @@ from regents_cosim.evaluation.training.rounds_course import OrdinaryCases, Round
 from regents_cosim.evaluation.training.rounds_settings import Rounds
 from regents_cosim.planners.aim_bev.lessons import common_horizon
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
-from regents_cosim.system.progress import SILENT, Progress
+from regents_cosim.system.progress import ShowProgress, shown
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def train_adversarially(
     ordinary: AnyCases | None = None,
     into: Path | None = None,
     still: Still | None = None,
-    progress: Progress = SILENT,
+    progress: ShowProgress = True,
     each_epoch: EachEpoch = lambda done: None,
 ) -> AdversariallyTrained:
     """Let AIM-BEV learn, round by round, from attacks on what it has become; `output` (.safetensors) is the last of it.
@@ -57,7 +57,7 @@ def train_adversarially(
     What is done lies in `OUTPUT.rounds/`: the same call goes on after a stop, to the same bytes. Needs torch. Raises
     RegentsError, MissingDependencyError.
     """
-    path, rounds = weights_file(output), rounds or Rounds()
+    path, rounds, progress = weights_file(output), rounds or Rounds(), shown(progress)
     held = None if ordinary is None else cases_of(ordinary)
     split = OrdinaryCases(*parts(cases_of(cases), held, "--ordinary"))
     given = [*split.taught, *split.chosen_by, *split.judged_by]

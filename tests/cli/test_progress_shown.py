@@ -1,0 +1,32 @@
+"""What a terminal shows while a command runs."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+from on_a_terminal import on_a_terminal
+from quick_xla import QUICK_XLA
+from shipped_cases import shipped_window
+
+from regents_cosim.cases.files import save_case
+
+BIN = Path(sys.executable).with_name("regents")
+
+
+@pytest.mark.slow
+def test_an_attack_tells_of_each_window_and_of_compiling_once(tmp_path):
+    """The second run loads what the first has kept."""
+    environment = os.environ | {"REGENTS_CACHE": str(tmp_path / "kept"), "XLA_FLAGS": QUICK_XLA}
+    save_case(shipped_window("crossing"), tmp_path / "window")
+    words = [str(BIN), "attack", str(tmp_path / "window"), "--method", "regents", "--iterations", "1"]
+    words += ["--no-judge", "--no-verify", "--no-pictures", "--json"]
+    data, cold = on_a_terminal([*words, "-o", str(tmp_path / "cold")], env=environment)
+    assert data.startswith("[")
+    assert "compiling once, about 30 s" in cold
+    assert "1/1 crossing" in cold
+    _, warm = on_a_terminal([*words, "-o", str(tmp_path / "warm")], env=environment)
+    assert "1/1 crossing" in warm
+    assert "compiling" not in warm
+    _, quiet = on_a_terminal([*words, "-o", str(tmp_path / "quiet"), "--quiet"], env=environment)
+    assert quiet == ""
