@@ -18,8 +18,8 @@ BIN = Path(sys.executable).with_name("regents")
 def test_an_attack_tells_of_each_window_and_of_compiling_once(tmp_path):
     """The second run loads what the first has kept."""
     environment = os.environ | {"REGENTS_CACHE": str(tmp_path / "kept"), "XLA_FLAGS": QUICK_XLA}
-    save_case(shipped_window("crossing"), tmp_path / "window")
-    words = [str(BIN), "attack", str(tmp_path / "window"), "--method", "regents", "--iterations", "1"]
+    folder = save_case(shipped_window("crossing"), tmp_path)
+    words = [str(BIN), "attack", str(folder), "--method", "regents", "--iterations", "1"]
     words += ["--no-judge", "--no-verify", "--no-pictures", "--json"]
     data, cold = on_a_terminal([*words, "-o", str(tmp_path / "cold")], env=environment)
     assert data.startswith("[")
