@@ -32,7 +32,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_net import read_road_map
-from regents_cosim.sources.sumo_types import CAR, PEDESTRIAN, VehicleType, read_types
+from regents_cosim.sources.sumo_types import CAR, PEDESTRIAN, VehicleType, read_types, type_named
 from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
 from regents_cosim.sources.xml_input import children, unpacked_limit
 
@@ -178,7 +178,7 @@ def _add(
 
 def _unknown(log: Path, found: "Iterable[LoggedState]", known: dict[str, VehicleType]) -> Iterator[str]:
     """What is said of types that are not known."""
-    missing = {(row.walks, row.kind) for row in found if row.kind not in known}
+    missing = {(row.walks, row.kind) for row in found if type_named(row.kind, known) is None}
     for walks, taken, usual in ((False, "cars", CAR), (True, "persons", PEDESTRIAN)):
         names = sorted(kind for on_foot, kind in missing if on_foot == walks)
         if names:
@@ -190,8 +190,8 @@ def _unknown(log: Path, found: "Iterable[LoggedState]", known: dict[str, Vehicle
 
 def _type_of(row: "LoggedState", known: dict[str, VehicleType]) -> VehicleType:
     if not row.walks:
-        return known.get(row.kind, CAR)
-    return replace(known.get(row.kind, PEDESTRIAN), kind="pedestrian", articulated=False)
+        return type_named(row.kind, known) or CAR
+    return replace(type_named(row.kind, known) or PEDESTRIAN, kind="pedestrian", articulated=False)
 
 
 class _RoadHeights:

@@ -36,6 +36,14 @@ _SIZES: dict[str, tuple[float, float]] = {
     "truck": (7.1, 2.4), "trailer": (16.5, 2.55), "bus": (12.0, 2.5), "coach": (14.0, 2.6),
     "delivery": (6.5, 2.16), "emergency": (6.5, 2.16), "motorcycle": (2.2, 0.9), "moped": (2.1, 0.78),
     "bicycle": (1.6, 0.65), "scooter": (1.2, 0.5), "pedestrian": (0.215, 0.478), "wheelchair": (1.2, 0.72),
+    "tram": (22.0, 2.4), "rail_urban": (109.5, 3.0), "subway": (109.5, 3.0), "rail": (135.0, 2.84),
+    "rail_electric": (200.0, 2.95), "rail_fast": (200.0, 2.95), "ship": (17.0, 4.0), "container": (6.096, 2.438),
+    "aircraft": (72.7, 79.8), "drone": (0.5, 0.5),
+}  # fmt: skip
+# Names of classes that SUMO still takes, and what it calls them today.
+_TODAY = {
+    "transport": "truck", "lightrail": "tram", "cityrail": "rail_urban", "rail_slow": "rail", "public_transport": "bus",
+    "public_army": "army", "public_emergency": "emergency", "public_authority": "authority",
 }  # fmt: skip
 TRUCK_M = 7.0  # from this length on no motor vehicle is a passenger car, also where all are called cars
 CAR = VehicleType("car", 5.0, 1.8)
@@ -52,7 +60,7 @@ DEFAULT_TYPES: dict[str, VehicleType] = {
 
 def kind_of(vehicle_class: str) -> Kind:
     """The kind of a vClass; a car for every class that drives like one (delivery, taxi, ignoring ...)."""
-    return _KINDS.get(vehicle_class, "car")
+    return _KINDS.get(_TODAY.get(vehicle_class, vehicle_class), "car")
 
 
 def is_passenger_car(one: VehicleType | Agent) -> bool:
@@ -66,12 +74,26 @@ def is_articulated(vehicle_class: str, shape: str) -> bool:
 
 
 def read_types(paths: tuple[Path, ...]) -> dict[str, VehicleType]:
-    """Every vType of route and additional files, and SUMO's own; sizes they leave out are those of their class."""
+    """Every vType of route and additional files and of what they include, and SUMO's own.
+
+    Sizes that they leave out are those of their class.
+    """
     found = dict(DEFAULT_TYPES)
-    for path in paths:
+    waiting, seen = list(paths), set[Path]()
+    while waiting:
+        path = waiting.pop(0)
+        if path.resolve() in seen:
+            continue
+        seen.add(path.resolve())
         for _, child in children(path, "vehicle types", SumoError):
             found.update((entry.get("id", ""), _vehicle_type(entry, path)) for entry in child.iter("vType"))
+            waiting += [path.parent / entry.get("href", "") for entry in child.iter("include")]
     return found
+
+
+def type_named(name: str, known: dict[str, VehicleType]) -> VehicleType | None:
+    """The type of that name; `car@x` is what SUMO calls the copy of `car` that TraCI changed for the vehicle x."""
+    return known.get(name) or known.get(name.rpartition("@")[0])
 
 
 def require_size(whose: str, length: float, width: float) -> None:
@@ -95,7 +117,7 @@ def vehicle_type_of(vehicle: Any, name: str) -> VehicleType:
 
 def _vehicle_type(entry: ET.Element, path: Path) -> VehicleType:
     vehicle_class = entry.get("vClass", "passenger")
-    length, width = _SIZES.get(vehicle_class, (CAR.length, CAR.width))
+    length, width = _SIZES.get(_TODAY.get(vehicle_class, vehicle_class), (CAR.length, CAR.width))
     try:
         length, width = float(entry.get("length", length)), float(entry.get("width", width))
     except ValueError as error:
