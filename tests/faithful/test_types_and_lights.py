@@ -43,7 +43,7 @@ def test_every_class_of_sumo_has_the_size_that_sumo_gives_it(tmp_path):
     routes.write_text(f"<routes>{types}</routes>")
     known = read_types((routes,))
     own = _sizes_in_sumo(routes, names)
-    assert {name: (known[name].length, known[name].width) for name in names} == pytest.approx(own)
+    assert {name: (known[name].length, known[name].width) for name in names} == own
 
 
 def _sizes_in_sumo(routes, names):
