@@ -17,7 +17,7 @@ from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.suite import SuiteWriter
-from regents_cosim.checks.names import file_name, word
+from regents_cosim.checks.names import file_name, inside, word
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
 from regents_cosim.scenario import Scenario
 
@@ -53,7 +53,7 @@ def run_once(
         return make()
     mine = identity("bench", {"method": method, "planner": planner, **settings}, {planner: planner_digest(planner)})
     unit = WorkUnit("run", mine.key(*map(content_hash, windows)))
-    folder = output / RUNS / file_name(word(method, _NAME), word(planner, _NAME), unit.key)
+    folder = inside(output, RUNS, file_name(word(method, _NAME), word(planner, _NAME), unit.key))
     return _once(folder, mine, unit, make)
 
 

@@ -33,6 +33,7 @@ from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
 from regents_cosim.cases.packed import pack_case
 from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.checks.names import inside
 from regents_cosim.errors import RegentsError
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.replays.verify import Replay
@@ -141,7 +142,7 @@ class _Output:
 
     def _draw(self, case: Scenario, found: AttackedWindow) -> None:
         if self.run.pictures:
-            write_atomic(self.ledger.folder / case.id / STILL, found.stills.get(case.id) or self.still(case))
+            write_atomic(inside(self.ledger.folder, case.id) / STILL, found.stills.get(case.id) or self.still(case))
 
 
 def _attack(

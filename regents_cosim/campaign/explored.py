@@ -8,6 +8,7 @@ import msgspec
 
 from regents_cosim.cases.json_files import JSON_BYTES, SCHEMA
 from regents_cosim.checks.bounded import read_bounded
+from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, write_atomic
@@ -67,7 +68,7 @@ class ExploredFile:
 
 def open_explored(suite: Path, key: str, planner: str, method: str) -> ExploredFile:
     """The file of a suite, for the run of that key; of a planner as it was before nothing is kept. Raises CaseError."""
-    path = suite / EXPLORED
+    path = require_inside(suite / EXPLORED, suite)
     try:
         content = msgspec.json.decode(read_bounded(path, JSON_BYTES), type=_File) if path.exists() else _File()
     except msgspec.MsgspecError as error:

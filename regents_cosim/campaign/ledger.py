@@ -7,6 +7,7 @@ was stopped: of a finished run the lines lie in the order of the units.
 """
 
 import os
+import stat
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -20,14 +21,16 @@ from msgspec.structs import replace as replace_struct
 from regents_cosim.archive.crash import Crash
 from regents_cosim.campaign.identity import Identity, changed_makers, require_same
 from regents_cosim.campaign.shards import WHOLE, Shard
+from regents_cosim.cases.files import CASE_FILES
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import MANIFEST, load_manifest
+from regents_cosim.cases.map_files import is_map_file
 from regents_cosim.checks.bounded import MIB, read_bounded
-from regents_cosim.checks.names import require_file_name
-from regents_cosim.errors import CaseError
-from regents_cosim.system.atomic import clear_leftovers, explain_write, remove, write_atomic
+from regents_cosim.checks.names import inside, require_file_name, require_inside
+from regents_cosim.errors import CaseError, InputError
+from regents_cosim.system.atomic import clear_leftovers, explain_write, is_temporary, remove_written, write_atomic
 from regents_cosim.system.interruption import made_whole
-from regents_cosim.system.locks import writing
+from regents_cosim.system.locks import open_plain, writing
 
 FOLDER = ".run"
 STEPS = "steps"  # in it: folders of what is done on the way to something larger
@@ -123,15 +126,15 @@ class LedgerRecord:
 
 def read_record(folder: Path) -> LedgerRecord | None:
     """The ledger of `folder`; None where no run that keeps one has begun there. Raises CaseError for a damaged one."""
-    return _read(folder / FOLDER / _FILE)[0]
+    return _read(require_inside(folder / FOLDER / _FILE, folder))[0]
 
 
 def read_clock(folder: Path) -> tuple[Clock, float] | None:
     """When the latest session began, and when it last did a unit [s since 1970]; None of a run that is over."""
     try:
-        text, last = (folder / FOLDER / _CLOCK).read_bytes(), (folder / FOLDER / _FILE).stat().st_mtime
+        text, last = read_bounded(folder / FOLDER / _CLOCK, MIB), (folder / FOLDER / _FILE).stat().st_mtime
         return msgspec.json.decode(text, type=Clock), last
-    except (OSError, msgspec.MsgspecError):
+    except (OSError, InputError, msgspec.MsgspecError):
         return None
 
 
@@ -162,7 +165,7 @@ class Ledger:
         with explain_write(self.folder), made_whole():
             if self._file is None:
                 write_atomic(self.place / _CLOCK, msgspec.json.encode(Clock(self._begin_s, len(self.record.done))))
-                self._file = os.open(self.place / _FILE, os.O_WRONLY | os.O_APPEND | getattr(os, "O_CLOEXEC", 0))
+                self._file = open_plain(self.place / _FILE, os.O_WRONLY | os.O_APPEND)
             os.write(self._file, _line(done))
         self.record.done[done.unit.name] = done
 
@@ -187,9 +190,10 @@ class Ledger:
     def finish(self) -> None:
         """All units are done: keep nothing that depends on how the run went."""
         self._rewrite(self.record.lines())
+        (self.place / _CLOCK).unlink(missing_ok=True)
         for path in self.place.iterdir():
-            if path.name not in (_FILE, ".lock"):
-                remove(path)
+            if path.is_dir():
+                remove_written(path, is_written)
 
     def close(self) -> None:
         """Let go of the file."""
@@ -210,11 +214,11 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
     Raises CaseError where the folder was begun with other settings or as another shard, RegentsError where another
     run is at work there.
     """
-    place = folder / FOLDER
+    place, maps = inside(folder, FOLDER), inside(folder, "maps")
     with explain_write(folder):
         place.mkdir(parents=True, exist_ok=True)
         with writing(place, wait_s=0.0):
-            for where in (folder, folder / "maps", place):
+            for where in (folder, maps, place):
                 clear_leftovers(where)
             record, whole = _read(place / _FILE)
             begun = Begun(SCHEMA, identity, (shard.number, shard.count), together)
@@ -222,7 +226,7 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
                 require_same(folder, record.begun.identity, identity, record.shard, shard)
             new = replace(record, begun=begun) if record else LedgerRecord(begun)
             ledger = Ledger(folder, new, changed_makers(record.begun.identity, identity) if record else ())
-            if record is None or record.begun != begun or not whole:
+            if record is None or record.begun != begun or not whole or not _is_its_own(place / _FILE):
                 write_atomic(place / _FILE, _all_lines(new))
             ended = False
             try:
@@ -231,7 +235,7 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
             finally:
                 ledger.close()
                 if ledger.record.plan is None or not (ended or ledger.holds_work()):  # it failed before it did anything
-                    remove(place)
+                    remove_written(place, is_written)
                     with suppress(OSError):
                         folder.rmdir()
 
@@ -257,6 +261,17 @@ def write_record(folder: Path, record: LedgerRecord) -> None:
     """Write a finished ledger into a folder that is about to take its place."""
     (folder / FOLDER).mkdir(exist_ok=True)
     write_atomic(folder / FOLDER / _FILE, record.lines())
+
+
+def is_written(name: str) -> bool:
+    """Whether files in `FOLDER` are called so that we write, in the cases and runs below it as well."""
+    return name in (_FILE, _CLOCK, MANIFEST, *CASE_FILES) or is_map_file(name) or is_temporary(name)
+
+
+def _is_its_own(path: Path) -> bool:
+    """Whether what is added to a file is added to no other, of which it is a second name."""
+    found = os.lstat(path)
+    return stat.S_ISREG(found.st_mode) and found.st_nlink == 1
 
 
 def _line(value: msgspec.Struct) -> bytes:

@@ -1,6 +1,5 @@
 """Shards of one run put together: byte for byte what the run gives when it is not divided."""
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +9,12 @@ from regents_cosim.campaign.identity import changed_makers
 from regents_cosim.campaign.ledger import Begun, LedgerRecord, read_record, write_record
 from regents_cosim.cases.files import STILL, load_case
 from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, load_manifest
+from regents_cosim.checks.bounded import MIB, read_bounded
+from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError
-from regents_cosim.system.atomic import explain_write, new_folder, require_writable
+from regents_cosim.system.atomic import explain_write, new_folder, require_writable, write_atomic
+
+_STILL_BYTES = 64 * MIB
 
 
 def shards_in(folders: Sequence[Path]) -> list[LedgerRecord] | None:
@@ -44,8 +47,8 @@ def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[LedgerR
     with explain_write(folder), new_folder(folder.resolve()) as fresh:
         for case, shard in sorted(home.items()):
             add_case(load_case(shard / case), fresh, notes)
-            if (shard / case / STILL).is_file():
-                shutil.copyfile(shard / case / STILL, fresh / case / STILL)
+            if (still := require_inside(shard / case / STILL, shard)).exists():
+                write_atomic(fresh / case / STILL, read_bounded(still, _STILL_BYTES))
         write_record(fresh, whole)
     return len(home)
 

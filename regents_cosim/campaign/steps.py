@@ -7,15 +7,15 @@ from typing import Any
 
 from regents_cosim.campaign.attack_run import Watch, attack_left, attacked_headers
 from regents_cosim.campaign.identity import identity
-from regents_cosim.campaign.ledger import FOLDER, STEPS, forget_lost, open_ledger
+from regents_cosim.campaign.ledger import FOLDER, STEPS, forget_lost, is_written, open_ledger
 from regents_cosim.campaign.recording import record_once
 from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.campaign.windows import planned, windows_of
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.suite import SuiteWriter
-from regents_cosim.checks.names import distinct_word
+from regents_cosim.checks.names import distinct_word, inside
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import remove
+from regents_cosim.system.atomic import remove_written
 
 _NAME = 60  # letters
 
@@ -52,7 +52,7 @@ class Steps:
 
     def clear(self) -> None:
         """It is complete: what led there is not needed any more."""
-        remove(self.folder / FOLDER)
+        remove_written(self.folder / FOLDER, is_written)
 
     def _place(self, name: str) -> Path:
-        return self.folder / FOLDER / STEPS / distinct_word(name, _NAME)
+        return inside(self.folder, FOLDER, STEPS, distinct_word(name, _NAME))

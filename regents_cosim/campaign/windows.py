@@ -4,13 +4,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from regents_cosim.campaign.ledger import Ledger, WorkUnit
+from regents_cosim.campaign.ledger import Ledger, WorkUnit, is_written
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header, save_case
 from regents_cosim.cases.manifest import drop_cases, find_cases
+from regents_cosim.checks.names import inside
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import remove
+from regents_cosim.system.atomic import remove_written
 
 _KEPT = "windows"  # in the ledger's folder, while the run is not finished: traffic is recorded once
 
@@ -64,12 +65,12 @@ def recorded(
 
     They are kept beside the ledger until the run is finished. With `more` they come after those that it has.
     """
-    kept, plan = ledger.place / _KEPT, ledger.record.plan
+    kept, plan = inside(ledger.place, _KEPT), ledger.record.plan
     if plan is not None and plan.key == key and all((kept / unit.name).is_dir() for unit in ledger.left(retry)):
         return RunWindows({}, lambda name: load_case(kept / name))
     before = plan.units if plan and more else ()
     if not before:
-        remove(kept)
+        remove_written(kept, is_written)
     known = {unit.name for unit in before}
     needed = {unit.name for unit in ledger.left(retry)}
     new: dict[str, str] = {}

@@ -18,7 +18,7 @@ from regents_cosim.cases.json_files import FLAT_SCHEMA, JSON_BYTES, decode, expl
 from regents_cosim.cases.map_files import is_map_file
 from regents_cosim.cases.shipped import ALL_NETWORKS, SUITES, located, names
 from regents_cosim.checks.bounded import read_bounded
-from regents_cosim.checks.names import require_file_name, require_inside
+from regents_cosim.checks.names import inside, require_file_name, require_inside
 from regents_cosim.checks.suggestions import nearest
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
@@ -81,7 +81,7 @@ def drop_cases(names: Collection[str], suite: Path) -> None:
         left = tuple(entry for entry in manifest.cases if entry.case not in names)
         if left != manifest.cases:
             save_suite(suite, replace(manifest, cases=left))
-        for folder in (suite / name for name in sorted(names)):
+        for folder in (inside(suite, name) for name in sorted(names)):
             for path in (folder / name for name in sorted(CASE_FILES)):
                 path.unlink(missing_ok=True)
             with suppress(OSError):  # the user's own files are in it, or it is gone
@@ -90,14 +90,15 @@ def drop_cases(names: Collection[str], suite: Path) -> None:
 
 def drop_unused_maps(suite: Path) -> None:
     """Remove the maps in a suite that none of its cases names."""
-    if not (suite / "maps").is_dir():
+    maps = inside(suite, "maps")
+    if not maps.is_dir():
         return
     with explain_write(suite), writing(suite):
         named = [
             load_header(path.parent).map for path in suite.glob(f"*/{HEADER}") if not is_temporary(path.parent.name)
         ]
         used = {name for files in named for name in (files.road, files.sumo_net)}
-        for path in (suite / "maps").iterdir():
+        for path in maps.iterdir():
             if is_map_file(path.name) and path.name not in used:
                 path.unlink(missing_ok=True)
 

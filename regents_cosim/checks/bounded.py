@@ -20,6 +20,13 @@ MIB = 1 << 20
 _GZIP = b"\x1f\x8b"
 _PIECE_BYTES = 1 << 16
 _DATA = "gzip data"
+_KINDS = {
+    stat.S_IFDIR: "folder",
+    stat.S_IFLNK: "link",
+    stat.S_IFIFO: "named pipe",
+    stat.S_IFCHR: "device",
+    stat.S_IFBLK: "device",
+}
 
 
 def read_bounded(path: Path, limit_bytes: int) -> bytes:
@@ -77,7 +84,7 @@ def _open_regular(path: Path, limit_bytes: int) -> io.BufferedReader:
     try:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):
-            raise InputError(f"{path} is a {_kind(found.st_mode)}, expected a file")
+            raise InputError(f"{path} is a {kind_in_words(found.st_mode)}, expected a file")
         _require_within(found.st_size, limit_bytes, str(path))
         return os.fdopen(descriptor, "rb")
     except BaseException:
@@ -85,9 +92,9 @@ def _open_regular(path: Path, limit_bytes: int) -> io.BufferedReader:
         raise
 
 
-def _kind(mode: int) -> str:
-    kinds = {stat.S_IFDIR: "folder", stat.S_IFIFO: "named pipe", stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
-    return kinds.get(stat.S_IFMT(mode), "special file")
+def kind_in_words(mode: int) -> str:
+    """What a file that is none is, by its mode."""
+    return _KINDS.get(stat.S_IFMT(mode), "special file")
 
 
 def _pieces(file: BinaryIO | gzip.GzipFile, name: str, limit_bytes: int) -> Iterator[bytes]:

@@ -58,6 +58,13 @@ def require_no_link(path: Path) -> Path:
     return path
 
 
+def inside(folder: Path, *names: str) -> Path:
+    """The path of these names below `folder`, which may be a link itself, where none of them is. Raises CaseError."""
+    for name in names:
+        folder = require_no_link(folder / name)
+    return folder
+
+
 def word(text: str, most: int = _WORD) -> str:
     """`text` in characters that every file system takes, `_` for those that it does not."""
     return re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip(".")[:most]

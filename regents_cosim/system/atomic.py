@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -132,7 +133,7 @@ def _make_file(path: Path) -> int | None:
 def _remove_dead(path: Path) -> None:
     """Remove a temporary unless its writer holds its lock."""
     try:
-        lock = take(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+        lock = take(path, os.O_RDONLY)
     except OSError:
         return  # gone, or not ours to touch
     if lock is None:
@@ -148,6 +149,18 @@ def remove(path: Path) -> None:
         return
     with suppress(OSError):
         path.unlink(missing_ok=True)
+
+
+def remove_written(folder: Path, ours: Callable[[str], bool]) -> None:
+    """Remove files in `folder` and below whose names are ours, and the folders that are empty then; follow no link."""
+    if folder.is_symlink():
+        return
+    for place, _, files in os.walk(folder, topdown=False):
+        for name in filter(ours, files):
+            with suppress(OSError):
+                os.unlink(os.path.join(place, name))
+        with suppress(OSError):
+            os.rmdir(place)
 
 
 def _keep_rest(old: Path, new: Path, ours: Callable[[Path, Path], bool]) -> None:
@@ -169,4 +182,7 @@ def _link(source: Path, target: Path) -> None:
     try:
         os.link(source, target, follow_symlinks=False)
     except OSError:  # a file system without hard links
+        mode = os.lstat(source).st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISLNK(mode)):
+            raise
         shutil.copy2(source, target, follow_symlinks=False)

@@ -6,9 +6,10 @@ it, and `filelock` would go on to hold the lock of the folder that is gone.
 
 import errno
 import os
+import stat
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 try:
@@ -16,12 +17,14 @@ try:
 except ImportError:  # Windows: one writer at a time is up to the user there
     fcntl = None
 
+from regents_cosim.checks.bounded import kind_in_words
 from regents_cosim.errors import RegentsError
 
 LOCK = ".lock"  # its name in a folder; removed when the lock is given back, and without meaning when no one holds it
 WAIT_S = 60.0
 _POLL_S = 0.01
 _MOVED_S = 1.0  # how long a folder may be on its way to its place
+_PLAIN = sum(getattr(os, name, 0) for name in ("O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK", "O_NOCTTY"))
 _NO_LOCKS = frozenset({errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL})
 
 
@@ -48,12 +51,29 @@ def writing(folder: Path, wait_s: float = WAIT_S) -> Iterator[None]:
 
 
 def take(path: Path, flags: int) -> int | None:
-    """A descriptor of the file or folder at `path` that holds its lock; None where another has it, or it is gone."""
-    file = os.open(path, flags | getattr(os, "O_CLOEXEC", 0), 0o666)
+    """A descriptor of the file or folder at `path` that holds its lock; None where another has it, or it is gone.
+
+    Raises OSError for a link, a pipe or a device, which is not opened.
+    """
+    file = open_plain(path, flags)
     if _lock(file) and is_at(file, path):
         return file
     os.close(file)
     return None
+
+
+def open_plain(path: Path, flags: int) -> int:
+    """A descriptor of the file or folder at `path` itself. Raises OSError for a link, a pipe or a device."""
+    with suppress(FileNotFoundError):
+        mode = os.lstat(path).st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise OSError(errno.ENXIO, f"{path.name} is a {kind_in_words(mode)}, expected a file or folder of ours")
+    return os.open(path, flags | _PLAIN, 0o666)
+
+
+def is_alone(file: int) -> bool:
+    """Whether a file has no other name, in a place that is not ours perhaps."""
+    return os.fstat(file).st_nlink == 1
 
 
 def is_at(file: int, path: Path) -> bool:
@@ -69,7 +89,7 @@ def _wait_for(path: Path, until: float) -> int | None:
     moved_until = time.monotonic() + _MOVED_S
     while True:
         try:
-            file = take(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0))
+            file = take(path, os.O_RDWR | os.O_CREAT)
         except FileNotFoundError:
             if time.monotonic() > moved_until:
                 raise
@@ -81,8 +101,9 @@ def _wait_for(path: Path, until: float) -> int | None:
                 f"{path.parent}: its file system has no locks ({error.strerror}); name a folder elsewhere with -o"
             ) from error
         if file is not None:
-            os.ftruncate(file, 0)
-            os.write(file, str(os.getpid()).encode())
+            if is_alone(file):
+                os.ftruncate(file, 0)
+                os.write(file, str(os.getpid()).encode())
             return file
         if time.monotonic() > until:
             return None
@@ -102,7 +123,8 @@ def _lock(file: int) -> bool:
 def _holder(path: Path) -> str:
     """Who wrote itself into a lock file, in words."""
     try:
-        number = path.read_bytes()[:20].decode("ascii")
+        with path.open("rb") as file:
+            number = file.read(20).decode("ascii")
     except (OSError, UnicodeDecodeError):
         return ""
     return f" (process {number})" if number.isdigit() else ""

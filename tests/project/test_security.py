@@ -6,6 +6,7 @@ import json
 import os
 import pickle
 import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -23,6 +24,9 @@ from trapped_folder import trapped_folder
 from writing_scenario import listing, make_scenario
 
 from regents_cosim.attack_record import AttackRecord
+from regents_cosim.campaign.identity import identity
+from regents_cosim.campaign.ledger import DoneUnit, WorkUnit, open_ledger
+from regents_cosim.campaign.recording import record_once
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_case
 from regents_cosim.cases.manifest import find_cases
@@ -236,15 +240,60 @@ def test_a_link_out_of_a_suite_is_not_read(suite, tmp_path):
         load_suite(suite)
 
 
-@pytest.mark.parametrize("name", ["platoon0", "maps", ".lock"])
+def recorded_into(suite):
+    """A run in the folder of a suite, which notes a unit of work."""
+    record_once(suite, identity("record", {"of": "this test"}, {}), "traffic", 0, lambda: [platoon()])
+
+
+@pytest.mark.parametrize("name", [".run", "maps", "platoon0"])
+def test_links_are_looked_for_when_something_is_written(suite, tmp_path, name):
+    recorded_into(suite)
+    shutil.move(suite / name, tmp_path / "precious")
+    (suite / name).symlink_to(tmp_path / "precious")
+    write = recorded_into if name == ".run" else lambda suite: SuiteWriter(suite, 0).add(platoon())
+    with pytest.raises(RegentsError, match="is a link, never followed for writing"):
+        write(suite)
+
+
+def test_a_second_name_is_not_written_to(suite, tmp_path):
+    mine = identity("record", {"of": "this test"}, {})
+    for name in (".lock", ".run/.lock", ".run/ledger.jsonl"):
+        recorded_into(suite)
+        (tmp_path / "precious").write_bytes((suite / ".run" / "ledger.jsonl").read_bytes())
+        (suite / name).unlink(missing_ok=True)
+        os.link(tmp_path / "precious", suite / name)
+        before = (tmp_path / "precious").read_bytes()
+        SuiteWriter(suite, 0).add(platoon(3, 1))
+        with open_ledger(suite, mine) as ledger:
+            ledger.plan("", [WorkUnit("more", "key")])
+            ledger.note(DoneUnit(WorkUnit("more", "key")))
+        assert (tmp_path / "precious").read_bytes() == before
+        (tmp_path / "precious").unlink()
+
+
+def test_only_files_of_our_names_are_removed(suite):
+    recorded_into(suite)
+    (suite / ".run" / "windows" / "mine").mkdir(parents=True)
+    (suite / ".run" / "windows" / "mine" / "thesis.txt").write_text("years of work")
+    recorded_into(suite)
+    assert (suite / ".run" / "windows" / "mine" / "thesis.txt").exists()
+
+
+@pytest.mark.parametrize("name", ["platoon0", "maps", ".lock", ".run", ".run/windows"])
 def test_nothing_is_written_through_a_link(suite, tmp_path, name):
-    (tmp_path / "precious").mkdir()
+    (tmp_path / "precious" / "folder").mkdir(parents=True)
+    for home in (tmp_path / "precious", tmp_path / "precious" / "folder"):
+        for file in ("clock.json", "scenario.json", ".x.01234567.tmp"):
+            (home / file).write_text("precious")
+    before = sorted(path.name for path in (tmp_path / "precious").rglob("*"))
+    (suite / name).parent.mkdir(exist_ok=True)
     if (suite / name).exists():
         (suite / name).rename(suite / "moved")
     (suite / name).symlink_to(tmp_path / "precious" / ("new" if name == ".lock" else ""))
-    with pytest.raises(RegentsError):
-        SuiteWriter(suite, 0).add(platoon())
-    assert not list((tmp_path / "precious").iterdir())
+    for write in (lambda: SuiteWriter(suite, 0).add(platoon()), lambda: recorded_into(suite)):
+        with suppress(RegentsError):
+            write()
+    assert sorted(path.name for path in (tmp_path / "precious").rglob("*")) == before
 
 
 def test_only_suites_are_replaced(suite, tmp_path):
@@ -261,6 +310,9 @@ def test_only_regular_files_are_read(suite):
         os.mkfifo(suite / "platoon0" / name)
         with pytest.raises(RegentsError):
             load_suite(suite)
+    os.mkfifo(suite / ".lock")
+    with pytest.raises(RegentsError, match="is a named pipe"):
+        SuiteWriter(suite, 0).add(platoon())
 
 
 def test_what_unpacks_to_too_much_is_refused(suite):

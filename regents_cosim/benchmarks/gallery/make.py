@@ -11,6 +11,7 @@ from regents_cosim.benchmarks.gallery.gradient_field import YAWS_DEG, gradient_f
 from regents_cosim.benchmarks.gallery.index import FIELD_PICTURE, index_page, picture_name
 from regents_cosim.benchmarks.gallery.panels import draw_exhibit
 from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.checks.names import inside
 from regents_cosim.reports.canvas import Canvas, png_bytes
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.products import require_ours, write_product
@@ -23,7 +24,7 @@ def make_gallery(folder: Path) -> list[Scenario]:
     """
     page = folder / "README.md"
     require_ours(page)
-    cases = SuiteWriter(folder / "cases", seed=0)
+    cases = SuiteWriter(inside(folder, "cases"), seed=0)
     with jax.default_device(jax.local_devices(backend="cpu")[0]):  # everywhere the same numbers
         fields = [gradient_field(np.deg2rad(degrees)) for degrees in YAWS_DEG]
         runs = [run(exhibit) for exhibit in exhibits()]

@@ -15,6 +15,7 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.manifest import MANIFEST, Suite, save_suite
 from regents_cosim.cases.provenance import made_by, sha256_of, versions
 from regents_cosim.cases.suite import SuiteWriter, cases_of
+from regents_cosim.checks.names import inside, require_no_link
 from regents_cosim.errors import require_file
 from regents_cosim.evaluation.training.before_after import BeforeAfterRow
 from regents_cosim.evaluation.training.fine_tuning import AnyCases
@@ -63,10 +64,10 @@ def train_adversarially(
     given = [*split.taught, *split.chosen_by, *split.judged_by]
     steps, dt = common_horizon(given)
     require_file(weights, "weights")
-    folder = rounds_folder(path)
+    folder = require_no_link(rounds_folder(path))
     traffic = FreshWindows(rounds.nets, rounds.first_seed, round((steps - 1) * dt, 6), Steps(folder), progress)
     traffic.require_unseen(given, rounds.rounds + 1)
-    suite = _suite(into or folder / "suite", rounds.first_seed)
+    suite = _suite(into or inside(folder, "suite"), rounds.first_seed)
     with open_ledger(folder, identity("train", rounds.settings() | {"into": suite}, {})) as ledger:
         course = RoundsCourse(rounds, weights, split, traffic, folder, suite, still, ledger, progress, each_epoch)
         course.plan(sha256_of(weights), *map(content_hash, given), *traffic.digests())
