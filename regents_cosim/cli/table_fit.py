@@ -1,27 +1,78 @@
-"""Which columns of a table fit a terminal, and how wide they are: rows that the terminal wraps cannot be read."""
+"""Which columns of a table fit a terminal, and how wide they are: rows that the terminal wraps cannot be read.
+
+Cells go on to another line between words. A word that is too long, such as the name of a case, is shown by its two
+ends; those of a column stay apart from each other, where that takes no more than half of a terminal.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from rich.cells import cell_len
 
 GAP = 2  # blanks between two columns
-_NARROWEST = 16  # cells are broken into lines no shorter than that
+_NARROWEST = 16  # words up to this are whole
+_WIDEST = 40  # that words are given so that they stay apart
+_LEFT_OUT = "…"
 _MOST_LINES = 8  # that a cell is broken into
 
 
 @dataclass(frozen=True)
 class Column:
-    """A heading, which breaks between words, and the cells under it, which break only where there is no room."""
+    """A heading, and the cells under it."""
 
     heading: str
     cells: Sequence[str]
 
     def width(self, lines: int) -> int:
-        """Its width where a cell may take so many lines."""
+        """Its width where a cell may take so many lines, or a few more: between words."""
         heading = max(map(cell_len, self.heading.split()), default=0)
         whole = max(map(cell_len, self.cells), default=0)
-        return max(heading, min(whole, max(_NARROWEST, -(-whole // lines))), 1)
+        word = max((cell_len(word) for cell in self.cells for word in cell.split()), default=0)
+        broken = max(min(word, max(_NARROWEST, -(-whole // lines))), -(-whole // lines), _NARROWEST)
+        return max(heading, min(whole, max(broken, self._apart)), 1)
+
+    @cached_property
+    def _apart(self) -> int:
+        """The least width at which long words are not taken for each other."""
+        words = {word for cell in self.cells for word in cell.split() if cell_len(word) > _NARROWEST}
+        longest = max(map(cell_len, words), default=0)
+        widths = range(_NARROWEST, min(longest, _WIDEST) + 1)
+        return next((width for width in widths if len({ends(one, width) for one in words}) == len(words)), _NARROWEST)
+
+    def within(self, width: int | None) -> "Column":
+        """The same in lines of at most that width; None: in one."""
+        if width is None:
+            return self
+        return Column(laid_out(self.heading, width), [laid_out(cell, width) for cell in self.cells])
+
+    def is_shortened(self, width: int | None) -> bool:
+        """Whether a word of it is shown by its ends alone."""
+        return width is not None and any(cell_len(word) > width for cell in self.cells for word in cell.split())
+
+
+def laid_out(cell: str, width: int) -> str:
+    """A cell in lines of at most `width`: broken between words, words that are too long by their two ends."""
+    lines = [""]
+    for word in (ends(word, width) for word in cell.split(" ")):
+        longer = f"{lines[-1]} {word}" if lines[-1] else word
+        if cell_len(longer) <= width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return "\n".join(lines)
+
+
+def ends(word: str, width: int) -> str:
+    """A word, or as much of its beginning and of its end as there is room for."""
+    if cell_len(word) <= width:
+        return word
+    kept = max(width - cell_len(_LEFT_OUT), 0)
+    while True:
+        shown = f"{word[: kept - kept // 2]}{_LEFT_OUT}{word[len(word) - kept // 2 :]}"
+        if cell_len(shown) <= width or not kept:  # some characters are two columns wide
+            return shown
+        kept -= 1
 
 
 def fit(columns: Mapping[str, Column], essential: Sequence[str], room: int) -> dict[str, int]:

@@ -2,8 +2,9 @@
 
 import json
 import logging
+import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
@@ -69,6 +70,11 @@ class Terminal:
         """A text of its own on stdout, line by line as it is."""
         sys.stdout.writelines(f"{printable(line, limit=None)}\n" for line in text.rstrip("\n").split("\n"))
 
+    def suggest(self, command: Sequence[object]) -> None:
+        """What a person does next, as a line under the table; programs are told nothing."""
+        if sys.stdout.isatty() and not (self.quiet or self.json):
+            _stderr().print(plain(f"next: {shlex.join(map(str, command))}"), soft_wrap=True)
+
     def show(self, title: str, rows: Sequence[dict[str, Any]], note: str = "", essential: Sequence[str] = ()) -> None:
         """A table of `rows`, whose keys are the headings, and a `note` under it.
 
@@ -95,17 +101,19 @@ class Terminal:
         keys = rows[0] if rows else ()
         columns = {key: Column(_heading(key), [_cell(row.get(key)) for row in rows]) for key in keys}
         widths = fit(columns, essential, console.width) if fitted else dict.fromkeys(columns)
-        table = _table({key: columns[key] for key in widths}, widths)
+        table = _table([columns[key].within(width) for key, width in widths.items()])
         if not fitted:
             console.width = Measurement.get(console, console.options.update(max_width=10_000), table).maximum
         console.print(table)
-        if left_out := [column.heading for key, column in columns.items() if key not in widths]:
-            self._say_left_out(left_out)
+        left_out = [column.heading for key, column in columns.items() if key not in widths]
+        shortened = [columns[key].heading for key, width in widths.items() if columns[key].is_shortened(width)]
+        self._say_left_out(left_out, shortened)
 
-    def _say_left_out(self, headings: Sequence[str]) -> None:
-        if not self.quiet:
-            line = f"no room for: {', '.join(headings)} (--wide shows them)"
-            _stderr().print(plain(line), style="dim")
+    def _say_left_out(self, left_out: Sequence[str], shortened: Sequence[str]) -> None:
+        said = [f"no room for: {', '.join(left_out)}"] if left_out else []
+        said += [f"shortened: {', '.join(shortened)}"] if shortened else []
+        if said and not self.quiet:
+            _stderr().print(plain(f"{'; '.join(said)} (--wide shows them)"), style="dim")
 
     @property
     def _bar(self) -> Bar:
@@ -141,12 +149,11 @@ def _stdout() -> Console:
     return Console(file=sys.stdout, highlight=False)
 
 
-def _table(columns: Mapping[str, Column], widths: Mapping[str, int | None]) -> Table:
-    """Without widths every column is as wide as it needs: a narrow terminal then breaks lines."""
+def _table(columns: Sequence[Column]) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="bold")
-    for key, column in columns.items():
-        table.add_column(plain(column.heading), width=widths[key], no_wrap=widths[key] is None, overflow="fold")
-    for cells in zip(*(column.cells for column in columns.values()), strict=True):
+    for column in columns:
+        table.add_column(Text(column.heading), no_wrap=True)
+    for cells in zip(*(column.cells for column in columns), strict=True):
         table.add_row(*map(Text, cells))
     return table
 

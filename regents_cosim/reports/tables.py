@@ -20,7 +20,7 @@ from regents_cosim.sources.logs.inspection import Inspection
 RECORDED = ("case", "ego_kind", "ego_length_m", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
 HELD_AGAINST = ("case", "states", "missing", "unexplained", "farthest_m")
-ATTACKED = ("case", "outcome", "telling", "clean", "avoidable", "SUMO_verified")
+ATTACKED = ("case", "when_s", "adversary", "kind", "preventable_by", "telling")
 REPLAYED = ("case", "verified", "found")
 LIVED = ("seed", "ego", "ended", "after_s", "telling", "SUMO_verified")
 DRIVEN = (
@@ -112,6 +112,7 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None) -> dict[str, 
         "case": scenario.id,
         "outcome": record.outcome if record else None,
         "iterations": record.iterations if record else None,
+        "when_s": hit.time_s if hit else None,
         "adversary": hit.agent if hit else None,
         "collision_step": hit.step if hit else None,
         "kind": hit.kind if hit else None,

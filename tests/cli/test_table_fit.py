@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from regents_cosim.cli.table_fit import GAP, Column, fit
+from regents_cosim.cli.table_fit import GAP, Column, ends, fit, laid_out
 
 WORDS = st.text(st.characters(categories=["L", "N"]), min_size=1, max_size=12)
 COLUMNS = st.dictionaries(
@@ -48,3 +48,28 @@ def test_columns_that_are_all_essential_break_before_one_is_left_out():
     methods = {name: Column(name, [90 * name[0]]) for name in ("king", "regents", "focused")}
     columns = {"": Column("", ["windows without an actionable crash"]), **methods}
     assert list(fit(columns, list(columns), 80)) == list(columns)
+
+
+@given(st.text(st.characters(categories=["L", "N", "P"]), min_size=1, max_size=120), st.integers(3, 60))
+def test_a_name_is_whole_or_shown_by_its_ends(name, width):
+    shown = ends(name, width)
+    assert cell_len(shown) <= width
+    begin, _, end = shown.partition("…") if shown != name else (name, "", "")
+    assert name.startswith(begin)
+    assert name.endswith(end)
+
+
+@given(st.lists(WORDS, max_size=12), st.integers(16, 60))
+def test_no_word_is_broken(words, width):
+    lines = laid_out(" ".join(words), width).split("\n")
+    assert [word for line in lines for word in line.split()] == words  # of at most 12 letters: all are whole
+    assert all(cell_len(line) <= width for line in lines)
+
+
+def test_names_of_one_column_stay_apart():
+    others = ("north_in.south_out.1", "west_in.south_out.1", "west_in.south_out.12")
+    names = [f"crossing-00{at}.0s-east_in.west_out.7-focused-idm-{one}" for at in (100, 200) for one in others]
+    column = Column("case", names)
+    width = fit({"case": column, "kind": Column("kind", 6 * [40 * "x"])}, ("case", "kind"), 80)["case"]
+    assert width < len(names[0])
+    assert len(set(column.within(width).cells)) == len(names)

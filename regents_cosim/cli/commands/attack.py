@@ -108,6 +108,7 @@ def attack(
     rows = [attack_row(one, replays.get(one.id)) for one in attacked]
     title = f"{run.label} against {' and '.join((planner, *against))}: {len(rows)} cases in {output}"
     terminal.show(title, rows, summary(attacked, replays), ATTACKED)
+    terminal.suggest(("regents", "report", output, "-o", "report.html"))
     for line in reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None):
         terminal.say(line)
     if axes:

@@ -29,4 +29,5 @@ def record(
     names = record_into(output, Given(None, traffic, sumo, executor), terminal)
     rows = [case_row(load_case(output / name)) for name in names]
     terminal.show(f"{len(rows)} cases in {output}", rows, essential=RECORDED)
+    terminal.suggest(("regents", "attack", output, "--planner", "idm", "-o", "attacked"))
     return 0

@@ -141,6 +141,7 @@ def build(
     terminal.show(
         f"{len(scenarios)} cases in {output}", _rows(card_of(output / s.id) for s in scenarios), essential=LISTED
     )
+    terminal.suggest(("regents", "evaluate", output, "--planner", planner[0]))
     return 0 if _covers(output, recipe.axes, min_cells, terminal, before) else NEGATIVE_VERDICT
 
 
