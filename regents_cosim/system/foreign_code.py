@@ -18,6 +18,10 @@ _leave = os._exit
 _guarded = threading.local()
 
 
+class OwnSignal(BaseException):
+    """What our own code raises to leave a drive: it passes through the guards of code from outside."""
+
+
 @contextmanager
 def foreign_code(failed: Callable[[BaseException], BaseException]) -> Iterator[None]:
     """A block that calls such code: what it raises is raised as what `failed` makes of it, but for our own errors."""
@@ -27,7 +31,7 @@ def foreign_code(failed: Callable[[BaseException], BaseException]) -> Iterator[N
         except BaseException as error:
             if interrupts:
                 raise interrupts[0] from None
-            if isinstance(error, RegentsError):
+            if isinstance(error, RegentsError | OwnSignal):
                 raise
             raise failed(error) from error
 

@@ -116,11 +116,11 @@ def test_other_observations(observation):
 
 
 def test_wrong_words_are_explained():
-    with pytest.raises(RegentsError, match=r"unknown configuration key 'modus', did you mean 'mode'\?"):
+    with pytest.raises(RegentsError, match=r"unknown configuration key 'modus', did you mean mode\?"):
         make(modus="track")
     with pytest.raises(RegentsError, match="mode 'tracks', expected one of track, actions"):
         make(mode="tracks")
-    with pytest.raises(RegentsError, match=r"unknown option 'cases', did you mean 'case'\?"):
+    with pytest.raises(RegentsError, match=r"unknown option 'cases', did you mean case\?"):
         make().reset(options={"cases": QUICKSTART})
     with pytest.raises(RegentsError, match="policy_frequency 3 Hz, expected a divisor of 10 Hz"):
         make(policy_frequency=3)

@@ -223,7 +223,7 @@ def test_weights_by_name():
     assert isinstance(PlannerUnderTest.of(f"aim-bev:{SHIPPED}").loop, AimBev)
     with pytest.raises(RegentsError, match="weights"):
         PlannerUnderTest.of("aim-bev:nowhere.safetensors")
-    with pytest.raises(PlannerError, match="aim-bev:WEIGHTS"):
+    with pytest.raises(PlannerError, match="did you mean aim-bev"):
         PlannerUnderTest.of("aim-bef")
 
 

@@ -15,6 +15,7 @@ from regents_cosim.replays.ego_driver import EgoState
 from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.foreign_code import OwnSignal
 from regents_cosim.system.processes import begin_child, end_with_this_process, has_ended, starting
 
 _START_S = 120.0  # the imports of a process, and the network of a city
@@ -97,7 +98,7 @@ class SumoSession:
 # --- inside the process -----------------------------------------------------------------------
 
 
-class _NextCaseSignal(BaseException):
+class _NextCaseSignal(OwnSignal):
     """The case is broken off for another one; no error, so no Exception."""
 
     def __init__(self, play: CaseToPlay) -> None:
