@@ -21,3 +21,6 @@ class OneRoad:
 
     def give_back(self):
         return True
+
+    def is_spared(self, name):
+        return False
