@@ -3,9 +3,11 @@
 The one place, besides the source, the replay and the environments, that knows highway-env.
 """
 
+import inspect
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
+import gymnasium
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.envs.common.finite_mdp import compute_ttc_grid
@@ -153,11 +155,22 @@ class PolicyAgent:
 
     def __init__(self, policy: Any, name: str) -> None:
         self.config: dict[str, Any] = dict(getattr(policy, "config", {}))
+        self._policy, self._name = policy, name
         self._decide = _decision(policy, name)
         self._forget = getattr(policy, "reset", None)
 
     def start(self, env: AbstractEnv, seed: int) -> None:
-        """A policy that remembers is asked to forget; else it sees observations alone."""
+        """A policy that remembers is asked to forget; else it sees observations alone.
+
+        Raises PlannerError where the environment is not one that the policy was trained for, as far as it says so.
+        """
+        for name in ("observation_space", "action_space"):
+            trained, there = getattr(self._policy, name, None), getattr(env, name)
+            if isinstance(trained, gymnasium.Space) and _form(trained) != _form(there):
+                raise PlannerError(
+                    f"highway-env agent {self._name!r} was trained with {name} {trained}, here it is {there}: expected "
+                    "a policy with a `config` that names the types of observation and action of its training"
+                )
         if callable(self._forget):
             self._forget()
 
@@ -191,7 +204,8 @@ def find_agent(name: str) -> HighwayAgent:
 
 def _decision(policy: Any, name: str) -> Callable[[Any], Any]:
     if callable(getattr(policy, "predict", None)):
-        return lambda observation: policy.predict(observation, deterministic=True)[0]
+        how = {"deterministic": True} if _takes(policy.predict, "deterministic") else {}
+        return lambda observation: _action(policy.predict(observation, **how))
     if callable(getattr(policy, "act", None)):
         return policy.act
     if callable(policy):
@@ -200,6 +214,25 @@ def _decision(policy: Any, name: str) -> Callable[[Any], Any]:
         f"highway-env agent {name!r} is a {type(policy).__name__}, "
         "expected something with `predict(observation)` or `act(observation)`, or a function"
     )
+
+
+def _action(predicted: Any) -> Any:
+    """The action: alone, or before the state of a policy, as stable-baselines3 gives it."""
+    return predicted[0] if isinstance(predicted, tuple) and len(predicted) == 2 else predicted
+
+
+def _takes(function: Callable[..., Any], name: str) -> bool:
+    """Whether a function has a parameter of that name, or takes any."""
+    try:
+        parameters = inspect.signature(function).parameters
+    except (TypeError, ValueError):  # of C
+        return False
+    return name in parameters or any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+
+
+def _form(space: Any) -> tuple[Any, ...]:
+    """What a policy depends on."""
+    return type(space).__name__, space.shape, getattr(space, "n", None)
 
 
 # highway-env's annotations do not know the kinds of vehicles and actions that configurations make.

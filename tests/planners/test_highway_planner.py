@@ -87,6 +87,52 @@ def test_a_policy_decides_as_often_as_it_wants(tmp_path):
     assert np.ptp(native.y[0]) > 2.0  # it changes lanes
 
 
+POLICIES = """
+class Plain:
+    def predict(self, observation):
+        return [0.0, 0.0]
+
+
+class WithState:
+    def predict(self, observation, state=None, deterministic=False):
+        assert deterministic
+        return [0.0, 0.0], None
+
+
+class WithAnything:
+    def predict(self, observation, **how):
+        assert how == {"deterministic": True}
+        return [0.0, 0.0], None
+
+
+class Tall:
+    from gymnasium.spaces import Box
+    observation_space = Box(0, 1, (7,))
+
+    def predict(self, observation):
+        return [0.0, 0.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def policies(tmp_path_factory):
+    file = tmp_path_factory.mktemp("policies") / "policies.py"
+    file.write_text(POLICIES)
+    return file
+
+
+@pytest.mark.parametrize("name", ["Plain", "WithState", "WithAnything"])
+def test_a_policy_predicts_as_it_is_documented(policies, name):
+    tracks = drive_in_highway(platoon(), f"{policies}:{name}").tracks
+    assert np.ptp(tracks.speed[0]) < 1e-6
+    assert np.ptp(tracks.x[0]) > 20.0
+
+
+def test_one_that_was_trained_for_other_observations_is_told_of_config(policies):
+    with pytest.raises(PlannerError, match=r"trained with observation_space Box\(0.0, 1.0, \(7,\).*`config`"):
+        drive_in_highway(platoon(), f"{policies}:Tall")
+
+
 def test_an_agent_that_cannot_be_found():
     with pytest.raises(PlannerError, match="'idmm' not found, did you mean idm"):
         PlannerUnderTest.of("highway:idmm")

@@ -1,17 +1,29 @@
 """The example of a policy trained with stable-baselines3, from training to replay."""
 
+import re
 import shutil
 from pathlib import Path
 
+import gymnasium
+import highway_env  # noqa: F401  registers the environments
 import pytest
-from places import SUPPORT
+from places import ROOT, SUPPORT
+from scenes import platoon
 
+from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.replays.replay import replay
 from regents_cosim.sources.highway import HighwayRecordingJob, record_episodes
 from regents_cosim.sources.windows import Windows
 
+PAGE = ROOT / "docs/how-to/highway-env.md"
 EXAMPLE = SUPPORT / "highway_dqn.py"
+CASE = platoon()
+PLAIN = """
+from pathlib import Path
+from stable_baselines3 import DQN
+model = DQN.load(Path(__file__).with_name("my_policy.zip"), device="cpu")
+"""
 
 
 @pytest.mark.slow
@@ -29,3 +41,38 @@ def test_a_trained_policy_drives_and_is_put_to_the_test(tmp_path):
     result = replay(case, "highway", planner=f"highway:{policy}")
     assert result.position_error_m[1:].max() == 0.0
     assert result.replayed.tracks.steps == 31
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """The page's policy, its model, and a model without the configuration of its training."""
+    sb3 = pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
+    folder = tmp_path_factory.mktemp("trained")
+    config = {"observation": {"type": "Kinematics"}, "action": {"type": "DiscreteMetaAction"}}
+    env = gymnasium.make("highway-fast-v0", config=config)
+    sb3.DQN("MlpPolicy", env, seed=0, device="cpu").save(folder / "my_policy.zip")
+    (snippet,) = re.findall(r"```python\n(# my_policy.py\n.*?)```", PAGE.read_text(), re.DOTALL)
+    (folder / "my_policy.py").write_text(snippet)
+    (folder / "plain.py").write_text(PLAIN)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("where", ["highway", "mirror"])
+def test_the_page_s_policy_drives(trained, where):
+    (drive,) = drive_each([CASE], f"highway:{trained}/my_policy.py:Policy", where=where)
+    assert not drive.error
+
+
+LACKING = r"was trained with action_space Discrete\(5\), here it is Box.*`config`"
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_model_alone_is_told_what_it_lacks(trained):
+    """In the mirror it costs its case, as any failure of a planner; in highway-env nothing can be driven."""
+    (drive,) = drive_each([CASE], f"highway:{trained}/plain.py:model", where="mirror")
+    assert re.search(LACKING, drive.error)
+    with pytest.raises(PlannerError, match=LACKING):
+        replay(CASE, "highway", planner=f"highway:{trained}/plain.py:model")
