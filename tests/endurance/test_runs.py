@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.endurance import dask_windows, live
+from tests.endurance import dask_windows, live, takeovers
 from tests.endurance.attacks import run
 from tests.endurance.gauge import Gauge, Sample
 from tests.endurance.replays import play
@@ -52,6 +52,20 @@ def test_attacks_leave_nothing():
 def test_live_episodes_leave_nothing():
     found = live.run(6, every=2, check_memory=False)
     assert (found["count"], found["failures"], found["grown"]) == (6, 0, [])
+
+
+@pytest.mark.slow
+def test_listeners_that_only_close_ends_leave_nothing():
+    found = live.run(6, every=2, check_memory=False, longest_s=2.0, listeners=True)
+    assert (found["ends"], found["failures"], found["grown"]) == ({"detached": 6}, 0, [])
+
+
+@pytest.mark.slow
+def test_vehicles_that_attacked_have_lost_nothing_and_brake_as_drivers_do():
+    found = takeovers.run("crossing", attacks=2, after_s=30.0)
+    assert (found["attacks"], found["given back"]) == (2, 2)
+    assert (found["lost"], found["brake hard"], found["told"]) == ({}, {}, [])
+    assert found["arrive with us"] == found["arrive without us"]
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from live_runs import run as attached
 
 from regents_cosim.cases.shipped import network
 
@@ -58,3 +59,14 @@ SPARED = ["id", *(pytest.param(by, marks=pytest.mark.slow) for by in ("type", "f
 @pytest.mark.parametrize("by", SPARED)
 def test_what_is_spared_is_left_alone(by):
     assert all(held == [] for held in run(by)["held"])
+
+
+@pytest.mark.slow
+def test_two_egos_are_attacked_in_one_run_and_all_is_given_back():
+    given = {"ego": ["passenger", "passenger"], "planner": "observed"}
+    found = attached("libsumo", 60.0, given, options=["--collision.action", "warn"])
+    assert found["attacks"]
+    assert found["raised"] is None
+    assert not found["told"]
+    held = [modes for modes in found["modes"].values() if tuple(modes) != (31, 1621)]
+    assert len(held) <= found["attacks"] - found["given_back"] <= 2  # what is in hand when the run ends
