@@ -3,6 +3,7 @@
 import base64
 import gzip
 import json
+import os
 import shlex
 from dataclasses import replace
 
@@ -115,6 +116,24 @@ def test_a_foreign_planner_is_no_problem_of_a_suite(hostile, capsys):
     assert [(row.problem, row.planner) for row in check_suite(hostile)] == [("", "exec:touch PWNED")]
     assert run(["suite", "check", str(hostile)]) == 0
     assert "exec:touch PWNED" in capsys.readouterr().err
+
+
+def test_files_that_do_not_belong_to_a_suite_are_named(hostile, capsys):
+    for name in ("json.py", "notes.txt", "maps/more.txt"):
+        (hostile / name).write_text("")
+    (hostile / next(hostile.glob("*/scenario.json")).parent.name / "numpy").mkdir()
+    (hostile / next(hostile.glob("*/scenario.json")).parent.name / "numpy" / "__init__.py").write_text("")
+    assert run(["suite", "check", str(hostile)]) == 0
+    said = capsys.readouterr().err
+    assert all(name in said for name in ("evil.py", "json.py", "notes.txt", "maps/more.txt", "numpy/__init__.py"))
+    assert "scenario.json" not in said
+    (hostile / "aside").symlink_to("/")
+    os.mkfifo(hostile / "pipe")
+    assert {row.case: row.problem.partition(",")[0] for row in check_suite(hostile) if row.problem} == {
+        "aside": "is a link",
+        "pipe": "is a named pipe",
+    }
+    assert run(["suite", "check", str(hostile)]) == 1
 
 
 # --- the report -------------------------------------------------------------------------------

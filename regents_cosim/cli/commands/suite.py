@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.evaluation.suites.cards import CaseCard
 
+_NAMED = 10  # files that do not belong to a suite
+
 suites = App(name="suite", help="Make, look at, check and merge suites: folders of cases that planners are tested on.")
 
 
@@ -243,6 +245,8 @@ def check(
 ) -> int:
     """Whether every case of a suite loads as it was saved, with its maps, and fits its manifest and its baseline.
 
+    Files that do not belong to the suite are named.
+
     Parameters
     ----------
     suite
@@ -254,7 +258,7 @@ def check(
     """
     from regents_cosim.archive.axes import parse_axes
     from regents_cosim.archive.coverage import require_cells
-    from regents_cosim.evaluation.suites.folders import check_suite
+    from regents_cosim.evaluation.suites.folders import check_suite, strangers_in
     from regents_cosim.planners.names import is_built_in
     from regents_cosim.reports.tables import CHECKED
 
@@ -270,6 +274,9 @@ def check(
             f"attacked with planners that do not come with regents_cosim: {', '.join(foreign)} "
             "(a planner that a case names is not run, only one that you name with --planner)"
         )
+    if strange := [str(path) for path in strangers_in(suite)]:
+        more = f" and {len(strange) - _NAMED} more" if len(strange) > _NAMED else ""
+        terminal.say(f"in the suite, but not of it: {', '.join(strange[:_NAMED])}{more} (nothing of it is run or read)")
     terminal.show(
         f"{len(rows)} cases checked in {suite}, {len(bad)} with a problem",
         [dataclasses.asdict(row) for row in (rows if talk.json else bad)],

@@ -1,11 +1,15 @@
 """Suites as a whole: written at once, checked, merged."""
 
+import os
+import stat
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from regents_cosim.campaign.explored import EXPLORED
 from regents_cosim.campaign.ledger import FOLDER as RUN
+from regents_cosim.campaign.ledger import is_written
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import HEADER
@@ -13,6 +17,7 @@ from regents_cosim.cases.manifest import Suite, add_case, has_manifest, is_ours,
 from regents_cosim.cases.provenance import made_by, revision, versions
 from regents_cosim.cases.suite import CasesOnDisk
 from regents_cosim.cases.suite_code import code_for_pytest
+from regents_cosim.checks.bounded import kind_in_words
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, load_baseline, save_baseline
 from regents_cosim.scenario import Scenario
@@ -213,10 +218,31 @@ def _replayed(folders: Sequence[Path]) -> dict[str, tuple[str | None, str]]:
     return found
 
 
+def strangers_in(suite: Path) -> Iterator[Path]:
+    """What lies in a suite and is none of its files, as paths in it: the user's own, or what a stranger has added."""
+    for place, folders, files in os.walk(suite):
+        folders.sort()
+        inside = Path(place).relative_to(suite)
+        linked = [name for name in folders if (suite / inside / name).is_symlink()]
+        for path in (inside / name for name in sorted((*files, *linked))):
+            if (suite / path).is_symlink() or not (suite / path).is_file() or not _belongs(suite, path):
+                yield path
+
+
+def _belongs(suite: Path, path: Path) -> bool:
+    if path.parts[0] == RUN:
+        return is_written(path.name)
+    return is_temporary(path.name) or str(path) in (FILE, EXPLORED) or is_ours(suite, path)
+
+
 def _left_over(suite: Path, listed: set[str], baseline: Baseline) -> Iterator[CheckRow]:
-    """Code, case folders that the manifest does not list, and baseline entries without a case."""
+    """Code, links and pipes, case folders that the manifest does not list, and baseline entries without a case."""
     for name in code_for_pytest(suite):
         yield CheckRow(name, "pytest would run or obey it: remove it, or work in the suite's own folder", 0)
+    for path in strangers_in(suite):
+        mode = os.lstat(suite / path).st_mode
+        if not stat.S_ISREG(mode):
+            yield CheckRow(str(path), f"is a {kind_in_words(mode)}, expected files and folders alone: remove it", 0)
     folders = {path.parent.name for path in suite.glob(f"*/{HEADER}") if not is_temporary(path.parent.name)}
     for name in sorted(folders - listed):
         yield CheckRow(name, "lies in the suite, but suite.json does not list it", 0)
