@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import os
 import sys
 from pathlib import Path
 from time import perf_counter
@@ -76,7 +77,11 @@ def _tell(handler: logging.Handler, form: str, times: str) -> None:
 def _opened(path: Path) -> logging.Handler:
     if path.is_file():  # else a device, or new
         require_ours(path.resolve())
+    if path.is_symlink() and not path.exists():
+        raise RegentsError(f"--log-file {path}: is a link to a file that is not there (choose another file)")
     try:
+        if path.is_fifo():  # which would wait for ever where nobody reads it
+            os.close(os.open(path, os.O_WRONLY | os.O_NONBLOCK))
         return _File(path)
     except OSError as error:
         raise RegentsError(f"--log-file {path}: {error.strerror} (choose another file)") from error

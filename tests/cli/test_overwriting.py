@@ -4,6 +4,7 @@ import shutil
 
 import log_files
 import pytest
+from hostile_places import KINDS, in_time
 from table_runs import KINGS
 
 from regents_cosim.benchmarks.table1 import table1
@@ -109,3 +110,25 @@ def test_a_suite_takes_the_place_of_a_suite_alone(place, tmp_path, capsys):
         assert run([*(str(place.get(word, word)) for word in words), "-o", str(tmp_path)]) == 2
         assert "is no suite" in capsys.readouterr().err
     assert (tmp_path / "suite.json").read_bytes() == b'{"tests": [], "schema": 1}'
+
+
+@pytest.mark.parametrize("kind", ["link to a file", "link to a folder", "link to nothing", "pipe"])
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "moving"])
+def test_what_is_no_file_stays_and_is_not_waited_for(command, kind, place, tmp_path, capsys):
+    precious = tmp_path / "precious"
+    (precious / "folder").mkdir(parents=True)
+    (precious / "file").write_bytes(THEIRS)
+    for name in written(command, place):
+        out = tmp_path / name
+        out.mkdir()
+        KINDS[kind](out / name, precious)
+        with in_time():
+            code = run(words(command, place, out))
+        said = capsys.readouterr().err
+        if command == "baseline" and kind == "link to nothing":  # there is no baseline yet; the link gives way to it
+            assert code == 0
+            assert not (out / name).is_symlink()
+        else:
+            assert (code, said.count("\n")) == (2, 1)
+    assert sorted(path.name for path in precious.rglob("*")) == ["file", "folder"]
+    assert (precious / "file").read_bytes() == THEIRS
