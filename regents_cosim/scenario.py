@@ -181,12 +181,12 @@ class Overlap:
 
 
 # Why a road user of the source is not, or not as it was, in a scenario.
-Reason = Literal["radius", "limit", "rider", "level", "cut", "unsupported", "guessed"]
+Reason = Literal["radius", "limit", "rider"]
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Road users of the source that a scenario leaves out, in whole or in part, or holds by a guess, for one reason."""
+    """Road users of the source that a scenario leaves out, in whole or in part, for one reason."""
 
     reason: Reason
     count: int

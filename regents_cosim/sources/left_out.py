@@ -8,10 +8,6 @@ _WORDS: dict[Reason, str] = {
     "radius": "out of the radius",
     "limit": "beyond --max-agents",
     "rider": "in a vehicle, on stairs or in a lift",
-    "level": "on a road above or below the ego's",
-    "cut": "where their track leaps",
-    "unsupported": "of a kind that is not supported",
-    "guessed": "here with a heading that is guessed",
 }
 
 
@@ -22,15 +18,11 @@ def sentence_of(left_out: LeftOut) -> str:
 
 
 def told_left_out(scenarios: Sequence[Scenario]) -> list[str]:
-    """A line for each reason for which windows lack a road user that comes near the ego."""
-    lines = []
-    for reason, words in _WORDS.items():
-        if reason in ("radius", "rider"):  # riders are told of while they are read
-            continue
-        found = [one for scenario in scenarios for one in scenario.provenance.left_out if one.reason == reason]
-        counts = sorted(one.count for one in found)
-        if counts:
-            number = str(counts[0]) if counts[0] == counts[-1] else f"{counts[0]} to {counts[-1]}"
-            detail = f" ({found[0].detail})" if len(found) == 1 and found[0].detail else ""
-            lines.append(f"road users {words}{detail}: {number} in {len(found)} of {len(scenarios)} windows")
-    return lines
+    """What is said of windows that lack road users who come near the ego; riders are told of while they are read."""
+    found = [one for scenario in scenarios for one in scenario.provenance.left_out if one.reason == "limit"]
+    if not found:
+        return []
+    least, most = min(one.count for one in found), max(one.count for one in found)
+    number = str(least) if least == most else f"{least} to {most}"
+    detail = f" ({found[0].detail})" if len(found) == 1 else ""
+    return [f"road users {_WORDS['limit']}{detail}: {number} in {len(found)} of {len(scenarios)} windows"]

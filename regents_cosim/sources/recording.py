@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.errors import LogError, require
 from regents_cosim.geometry.frames import SumoPose, from_sumo
-from regents_cosim.scenario import LeftOut, Signal
+from regents_cosim.scenario import Signal
 from regents_cosim.sources.sumo_types import VehicleType
 
 STEP_S = 0.1  # of every recording
@@ -36,7 +36,6 @@ class Recording:
     egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
     riders: frozenset[str] = frozenset()  # persons who are left out while they have no place of their own on the road
     z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
-    left_out: tuple[LeftOut, ...] = ()  # of the source, besides riders
 
 
 class DistinctIds:
