@@ -8,6 +8,7 @@ import struct
 import subprocess
 import termios
 import threading
+from collections.abc import Mapping
 
 
 def on_a_terminal(
@@ -19,6 +20,7 @@ def on_a_terminal(
     """
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 50, columns, 0, 0))
+    how = {"env": _without_a_width(os.environ)} | how
     running = subprocess.Popen(words, stdin=theirs, stdout=theirs if both else subprocess.PIPE, stderr=theirs, **how)  # type: ignore[call-overload]
     os.close(theirs)
     said = bytearray()
@@ -30,6 +32,11 @@ def on_a_terminal(
     text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", said.decode(errors="replace")).replace("\r", "\n")
     assert running.returncode == code, text
     return data.decode(), text
+
+
+def _without_a_width(environment: Mapping[str, str]) -> dict[str, str]:
+    """Let the terminal alone say how wide it is: readline, which pytest imports, sets COLUMNS behind Python's back."""
+    return {name: value for name, value in environment.items() if name not in ("COLUMNS", "LINES")}
 
 
 def _read(end: int, said: bytearray) -> None:
