@@ -160,6 +160,7 @@ class Judgement:
     unavoidable: bool | None = None  # proven: no drive from `perceived_step` on avoids it; False: one does
     usual: float | None = None  # [percent] of continuations of the moment, that take at least the adversary's effort
     death_risk: float | None = None  # share of pedestrians who die of such an impact; None: the front hit none
+    guessed: tuple[str, ...] = ()  # who of the two that meet has a guessed heading: then nothing else is judged
 
     @property
     def clean(self) -> bool:
@@ -171,7 +172,7 @@ class Judgement:
         """Whether the ego could have avoided it; None where that is not judged."""
         found = self.avoidability
         if found is None:
-            return None
+            return "unknown" if self.guessed else None
         if found.avoidable:
             return "not in time" if found.in_time is False else "in time" if found.in_time else "avoidable"
         return "never" if self.unavoidable else "unknown"
@@ -192,6 +193,8 @@ class Judgement:
     @property
     def telling(self) -> bool | None:
         """Clean, by a lawful adversary, and a careful driver avoids it; None where that is not known."""
+        if self.guessed:
+            return None
         if not self.clean:
             return False
         if self.law is None or not any(drive.driver == "careful" for drive in self.drivers):

@@ -181,7 +181,7 @@ class Overlap:
 
 
 # Why a road user of the source is not, or not as it was, in a scenario.
-Reason = Literal["radius", "limit", "rider"]
+Reason = Literal["radius", "limit", "rider", "guessed"]
 
 
 @dataclass(frozen=True)
@@ -206,6 +206,11 @@ class Provenance:
     versions: dict[str, str] = field(default_factory=dict)
     command: str = ""
     left_out: tuple[LeftOut, ...] = ()
+
+    @property
+    def guessed(self) -> frozenset[str]:
+        """The ids of those whose heading is a guess."""
+        return frozenset(name for one in self.left_out if one.reason == "guessed" for name in one.ids)
 
 
 @dataclass(frozen=True, eq=False)

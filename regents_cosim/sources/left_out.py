@@ -8,7 +8,9 @@ _WORDS: dict[Reason, str] = {
     "radius": "out of the radius",
     "limit": "beyond --max-agents",
     "rider": "in a vehicle, on stairs or in a lift",
+    "guessed": "with a guessed heading",
 }
+_UNTOLD: frozenset[Reason] = frozenset({"radius", "rider"})  # of every window, and told of while it is read
 
 
 def sentence_of(left_out: LeftOut) -> str:
@@ -18,11 +20,15 @@ def sentence_of(left_out: LeftOut) -> str:
 
 
 def told_left_out(scenarios: Sequence[Scenario]) -> list[str]:
-    """What is said of windows that lack road users who come near the ego; riders are told of while they are read."""
-    found = [one for scenario in scenarios for one in scenario.provenance.left_out if one.reason == "limit"]
+    """What is said of windows that are not as their source; riders are told of while they are read."""
+    return [line for reason in _WORDS if reason not in _UNTOLD for line in _told(scenarios, reason)]
+
+
+def _told(scenarios: Sequence[Scenario], reason: Reason) -> list[str]:
+    found = [one for scenario in scenarios for one in scenario.provenance.left_out if one.reason == reason]
     if not found:
         return []
     least, most = min(one.count for one in found), max(one.count for one in found)
     number = str(least) if least == most else f"{least} to {most}"
-    detail = f" ({found[0].detail})" if len(found) == 1 else ""
-    return [f"road users {_WORDS['limit']}{detail}: {number} in {len(found)} of {len(scenarios)} windows"]
+    detail = f" ({found[0].detail})" if len({one.detail for one in found}) == 1 and found[0].detail else ""
+    return [f"road users {_WORDS[reason]}{detail}: {number} in {len(found)} of {len(scenarios)} windows"]

@@ -36,6 +36,7 @@ class Recording:
     egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
     riders: frozenset[str] = frozenset()  # persons who are left out while they have no place of their own on the road
     z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
+    guessed: frozenset[str] = frozenset()  # whose headings nothing tells
 
 
 class DistinctIds:

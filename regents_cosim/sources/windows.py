@@ -394,6 +394,8 @@ def _company(scene: RecordedScene, ego: int, windows: Windows) -> tuple[list[int
     if recording.riders:
         riders = tuple(sorted(recording.riders))
         left_out.append(LeftOut("rider", len(riders), riders, "while they have no place of their own on the road"))
+    if guessed := sorted(recording.guessed & {recording.ids[i] for i in (ego, *kept)}):
+        left_out.append(LeftOut("guessed", len(guessed), tuple(guessed), "they never move, and on no lane"))
     return sorted(kept), tuple(left_out)
 
 

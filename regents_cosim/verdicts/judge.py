@@ -21,11 +21,14 @@ from regents_cosim.verdicts.way_out import way_out
 def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
     """The scenario with the judgement of its crash, and the track that avoids it; unchanged where there is none.
 
+    Where the heading of one of the two that meet is a guess, nothing but what spoils it is said.
     That track is the one of `way_out`; where a `bank` is given, of its manoeuvres alone.
     """
     found = flaws(attacked)
     if found is None:
         return attacked
+    if guessed := _guessed(attacked):
+        return replace(attacked, judgement=Judgement(found, guessed=guessed), evasion=None)
     hit = attacked.attack.collision if attacked.attack else None
     avoidable, evasion = way_out(attacked) if bank is None else avoidability(attacked, bank)
     judgement = Judgement(
@@ -44,14 +47,22 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
 def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
     """Whether the crash of an attacked scenario tells something about the planner; None where the law is not known.
 
-    What `judge` says of it, without asking what is not needed for that; where the adversary need not be `lawful`,
-    whether it is clean and a careful driver avoids it.
+    None too where the heading of one of the two is a guess. What `judge` says of it, without asking what is not needed
+    for that; where the adversary need not be `lawful`, whether it is clean and a careful driver avoids it.
     """
+    if _guessed(attacked):
+        return None
     careful = careful_drive(attacked) if flaws(attacked) == () else None
     if careful is None or not careful.avoids:
         return False
     law = law_of(attacked) if lawful else None
     return law.lawful if law is not None else True
+
+
+def _guessed(attacked: Scenario) -> tuple[str, ...]:
+    """Who of the two that meet has a guessed heading."""
+    hit = attacked.attack.collision if attacked.attack else None
+    return tuple(sorted(attacked.provenance.guessed & {attacked.ego.id, hit.agent})) if hit else ()
 
 
 def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:

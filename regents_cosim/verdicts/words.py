@@ -15,6 +15,8 @@ def telling_words(judgement: Judgement) -> str:
     """Whether a crash tells something about the planner, and if not why."""
     if judgement.telling:
         return "yes: clean, by a lawful adversary, and a careful driver avoids it"
+    if judgement.guessed:
+        return f"not known: the heading of {', '.join(judgement.guessed)} is a guess"
     if not judgement.clean:
         return "no: something spoils it as a test"
     if judgement.law is not None and judgement.law.lawful is False:

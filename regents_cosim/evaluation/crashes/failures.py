@@ -76,6 +76,8 @@ def failing_offences(results: Sequence[Scenario]) -> set[str]:
 
 def _shortcoming(judgement: Judgement) -> Reason:
     """What keeps a crash from telling."""
+    if judgement.guessed:
+        return "not_known"
     if not judgement.clean:
         return "spoilt_only"
     if judgement.law is not None and judgement.law.lawful is False:

@@ -8,6 +8,7 @@ intervals are taken at their middle; obstacles known by sets alone are left out,
 import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from jaxtyping import Float, Int
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.facing import Unfaced, faced
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.road import lanelet
@@ -39,6 +41,7 @@ _KINDS: dict[str, Kind] = {
 _LETTERS = {"red": "r", "redYellow": "u", "yellow": "y", "green": "g", "inactive": "O"}
 _OFF_ROAD_TYPES = {"sidewalk", "crosswalk", "bicycleLane", "border"}
 _LEAST_WIDTH_M = 2.0
+_CRAWL_MPS = 0.5  # below which a velocity says nothing about the heading
 _BRIDGED = 100  # steps without any moving obstacle, over which one that stands is there all the same
 
 
@@ -50,7 +53,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         raise LogError(f"{path}: CommonRoad version {version[:20]!r}, expected 2018b or 2020a")
     dt = _real(root.get("timeStepSize"))
     lanes, areas = _lanelets(root)
-    tracks, notes = _obstacles(root, Work.of(path))
+    tracks, notes = _obstacles(root, LoggedMap(lanes), Work.of(path))
     last = max((int(track.step[-1]) for track in tracks), default=0)
     ego, target = _ego(root, lanes, dt, last)
     notes += [] if ego else _without_goal(root)
@@ -199,8 +202,8 @@ def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
 # --- traffic ----------------------------------------------------------------------------------
 
 
-def _obstacles(root: ET.Element, work: Work) -> tuple[list[Track], list[str]]:
-    moving, standing, without = [], [], 0
+def _obstacles(root: ET.Element, road: LoggedMap, work: Work) -> tuple[list[Track], list[str]]:
+    found, stand, without = list[Unfaced](), list[bool](), 0
     for element in root:
         if element.tag in ("dynamicObstacle", "obstacle", "staticObstacle"):
             track = _track(element)
@@ -208,7 +211,10 @@ def _obstacles(root: ET.Element, work: Work) -> tuple[list[Track], list[str]]:
             if track is None or (len(track.step) == 1 and element.find("occupancySet") is not None):
                 without += 1
             else:
-                (standing if stands else moving).append(track)
+                found.append(track)
+                stand.append(stands)
+    tracks = faced(found, road)
+    moving, standing = ([t for t, one in zip(tracks, stand, strict=True) if one == still] for still in (False, True))
     there = _instants(moving)
     work.spend("obstacles that stand x instants", len(standing), len(there))
     tracks = [*moving, *(_standing(track, there) for track in standing)]
@@ -226,24 +232,33 @@ def _instants(moving: list[Track]) -> Int[np.ndarray, " instant"]:
 def _standing(track: Track, there: Int[np.ndarray, " instant"]) -> Track:
     """A static obstacle is there all the time."""
     x, y, yaw = (np.full(len(there), float(values[0])) for values in (track.x, track.y, track.yaw))
-    return Track(track.agent, there, x, y, yaw)
+    return replace(track, step=there, x=x, y=y, yaw=yaw)
 
 
-def _track(element: ET.Element) -> Track | None:
+def _track(element: ET.Element) -> Unfaced | None:
     states = [_state(state) for state in [*element.findall("initialState"), *element.findall("trajectory/state")]]
     rows = {round(state[0]): state[1:] for state in states if state is not None}
     if not rows:
         return None
     step = np.array(sorted(rows))
     x, y, yaw = np.array([rows[one] for one in step.tolist()], float).T
-    return Track(_agent(element), step, x, y, yaw)
+    return Unfaced(_agent(element), step, x, y, yaw)
 
 
 def _state(state: ET.Element) -> tuple[float, float, float, float] | None:
     time, place = _value(state.find("time")), _place(state.find("position"))
     if time is None or place is None:
         return None
-    return time, *place, _value(state.find("orientation")) or 0.0
+    return time, *place, _yaw(state)
+
+
+def _yaw(state: ET.Element) -> float:
+    """The orientation, that of the velocity of a point mass where it has none; NaN where neither tells [rad]."""
+    yaw, sideways = _value(state.find("orientation")), _value(state.find("velocityY"))
+    if yaw is None and sideways is not None:
+        velocity = complex(_value(state.find("velocity")) or 0.0, sideways)
+        yaw = float(np.angle(velocity)) if abs(velocity) > _CRAWL_MPS else None
+    return np.nan if yaw is None else yaw
 
 
 def _place(position: ET.Element | None) -> tuple[float, float] | None:
@@ -286,8 +301,10 @@ def _ego(
     state = None if begin is None else _state(begin)
     if begin is None or goal is None or state is None:
         raise ValueError("a planning problem without start or goal")
-    start = EgoStart(state[1], state[2], state[3], _value(begin.find("velocity")) or 0.0)
     first = round(state[0])
+    here = Unfaced(Agent("ego", "car", *DEFAULT_SIZES["car"]), np.array([first]), *np.array(state[1:]).reshape(3, 1))
+    (yaw,) = faced([here], LoggedMap(lanes))[0].yaw.tolist()
+    start = EgoStart(state[1], state[2], yaw, _value(begin.find("velocity")) or 0.0)
     place = _goal_place(goal, lanes)
     when = [dt * (time - first) for time in _interval(goal.find("time")) or (last, last)]
     aim = EgoGoal(place, _value(goal.find("orientation")), *(max(time, dt) for time in when))

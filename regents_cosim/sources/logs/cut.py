@@ -185,7 +185,7 @@ class _SceneWindows:
         r = slot.recording
         here = np.flatnonzero(kept)
         ids, types = tuple(r.ids[i] for i in here), tuple(r.types[i] for i in here)
-        rest = Recording(r.begin_s, r.dt, ids, types, r.x[kept], r.y[kept], r.yaw[kept], r.valid[kept], r.signals)
+        rest = replace(r, ids=ids, types=types, x=r.x[kept], y=r.y[kept], yaw=r.yaw[kept], valid=r.valid[kept])
         return RecordedScene.of(rest)
 
 
@@ -210,7 +210,8 @@ def without_jumps(track: Track, dt: float) -> Track:
     if not kept.any():
         return track
     z = None if track.z is None else track.z[kept]
-    return Track(track.agent, track.step[kept], track.x[kept], track.y[kept], track.yaw[kept], z)
+    x, y, yaw = track.x[kept], track.y[kept], track.yaw[kept]
+    return replace(track, step=track.step[kept], x=x, y=y, yaw=yaw, z=z)
 
 
 def _on_another_level(ego: Track, other: Track) -> bool:
@@ -241,4 +242,5 @@ def _recording(begin_s: float, kept: Iterable[tuple[Track, Samples]], signals: t
         stacked("yaw"),
         np.stack([found.valid for found in samples]),
         signals,
+        guessed=frozenset(track.agent.id for track in tracks if track.guessed),
     )

@@ -66,7 +66,7 @@ def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[Logg
     begin_s = 1e-3 * float(times.min())
     for case in cases:
         mine = [(table, of[case]) for table, of in zip(tables, rows, strict=True) if case in of]
-        tracks = [track for table, here in mine for track in _tracks(table, here, 1e3 * begin_s)]
+        tracks = [track for table, here in mine for track in _tracks(table, here, 1e3 * begin_s, road)]
         name = f"{path.parent.name}-{path.stem}" + (f"-case{case:.0f}" if len(cases) > 1 else "")
         notes = ["pedestrians and cyclists have neither size nor heading in the log"] * (len(tables) > 1)
         late = np.concatenate([_late(_place(table, here, 1e3 * begin_s)) for table, here in mine])
@@ -85,7 +85,7 @@ def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " r
     return dict(zip(case[order][starts].tolist(), np.split(order, starts[1:]), strict=True))
 
 
-def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Iterator[Track]:
+def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float, road: LoggedMap) -> list[Track]:
     empty = np.full(len(mine), np.nan)
     x, y, yaw, length, width = (
         table.numbers[key][mine] if key in table.numbers else empty for key in ("x", "y", "psi_rad", "length", "width")
@@ -99,7 +99,7 @@ def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> I
         what = _kind(kinds[kind[of[0]]])
         return sized(names[who].removesuffix(".0"), what, float(np.median(length[of])), float(np.median(width[of])))
 
-    yield from tracks_of(rows, agent)
+    return tracks_of(rows, agent, road)
 
 
 def _place(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Float[np.ndarray, " row"]:

@@ -46,7 +46,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     yield LoggedScene(
         name=path.stem.removesuffix("_tracks"),
         dt=1.0 / rate,
-        tracks=tuple(tracks_of(rows, agent)),
+        tracks=tuple(tracks_of(rows, agent, road)),
         road=road,
         begin_s=float(step.min()) / rate,
         notes=() if road.areas else (NO_MAP,),

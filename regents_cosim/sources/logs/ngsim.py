@@ -1,10 +1,13 @@
 """NGSIM trajectories as CSV: feet, positions of front bumpers along and across the road, no headings, no map.
 
+All lanes of its motorways run along Local_Y; its streets, whose rows have a Direction, run all ways.
+
 The merged file uses the same vehicle numbers at every location and in every period: a vehicle is
 the same only at one location and without a gap of more than 5 s. Every location is a scene.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +25,14 @@ from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, size
 _KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
 _NUMBERS = ("vehicle_id", "global_time", "local_x", "local_y", "v_length", "v_width", "v_class")
 _GONE_S = 5.0
+_ALONG_RAD = 0.5 * np.pi  # of Local_Y
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """One scene per location."""
     names = {name.lower(): name for name in header_of(head_of(path))}
-    table = read_columns(path, [names.get(name, name) for name in _NUMBERS], [names.get("location", "location")],
-                         ["location"])  # fmt: skip
+    wanted = [names.get(name, name) for name in (*_NUMBERS, "direction")]
+    table = read_columns(path, wanted, [names.get("location", "location")], ["location", wanted[-1]])
     numbers = {key.lower(): values for key, values in table.numbers.items()}
     place = next(iter(table.codes.values()), np.zeros(len(table), int))
     road = LoggedMap() if beside.road is None else read_lanelet2(beside.road)
@@ -44,7 +48,7 @@ def _location(table: Columns, number: int) -> str:
 
 
 def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> LoggedScene:
-    if not all(np.isfinite(values).all() for values in numbers.values()):
+    if not all(np.isfinite(numbers[key]).all() for key in _NUMBERS):
         raise LogError(f"{name}: a field is empty or no number")
     step, late, dt, begin_s = steps_of(1e-3 * numbers["global_time"])
     vehicle = numbers["vehicle_id"]
@@ -56,7 +60,9 @@ def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> Logged
         kind = _KINDS.get(int(kinds[of[0]]), "car")
         return sized(names[number], kind, float(np.median(length[of])), float(np.median(width[of])))
 
-    tracks = tuple(_centred(t) for t in tracks_of(Rows(who, step, x, y, np.full(len(x), np.nan), late), agent))
+    is_street = np.nan_to_num(numbers.get("direction", np.zeros(1))).any()
+    rows = Rows(who, step, x, y, np.full(len(x), np.nan), late)
+    tracks = tuple(_centred(t) for t in tracks_of(rows, agent, road, None if is_street else _ALONG_RAD))
     notes = ("headings follow from the motion", *late_notes(late, dt), *([] if road.areas else [NO_MAP]))
     return LoggedScene(name=name, dt=dt, tracks=tracks, road=road, begin_s=begin_s, notes=notes)
 
@@ -79,7 +85,7 @@ def _persons(vehicle: np.ndarray, step: np.ndarray, dt: float) -> tuple[np.ndarr
 
 def _centred(track: Track) -> Track:
     pose = from_front(track.x, track.y, track.yaw, track.agent.length)
-    return Track(track.agent, track.step, np.asarray(pose.x), np.asarray(pose.y), track.yaw)
+    return replace(track, x=np.asarray(pose.x), y=np.asarray(pose.y))
 
 
 def _recognises(path: Path, head: bytes) -> bool:

@@ -9,9 +9,9 @@ from jaxtyping import Float, Int
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Agent
-from regents_cosim.sources.logs.scene import LATEST_STEP, Track
+from regents_cosim.sources.logs.facing import Unfaced, faced, with_own_motion
+from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track
 
-_TURNS_M = 0.5  # of way by which a direction is told
 _MOST_AGENTS = 100_000
 _ON_TIME = 0.01  # of a step
 _UNSTEADY = 0.1  # of a step
@@ -29,11 +29,21 @@ class Rows(NamedTuple):
     late: Float[np.ndarray, " row"] | None = None  # how long after its step a sample was taken, in steps
 
 
-def tracks_of(rows: Rows, agent: Callable[[int, Int[np.ndarray, " row"]], Agent]) -> Iterator[Track]:
+def tracks_of(
+    rows: Rows,
+    agent: Callable[[int, Int[np.ndarray, " row"]], Agent],
+    road: LoggedMap | None = None,
+    along: float | None = None,
+) -> list[Track]:
     """One Track per road user; `agent` describes one by its number and its rows.
 
-    Of two rows of the same instant the first counts. Missing headings follow from the motion.
+    Of two rows of the same instant the first counts. Missing headings are found by `facing`, from the motion, the
+    `road` and `along`, the direction of all lanes [rad].
     """
+    return faced(_unfaced(rows, agent), road, along)
+
+
+def _unfaced(rows: Rows, agent: Callable[[int, Int[np.ndarray, " row"]], Agent]) -> Iterator[Unfaced]:
     order = np.lexsort((rows.step, rows.who))
     who = rows.who[order]
     starts = np.flatnonzero(np.diff(who, prepend=who[0] - 1)) if len(who) else np.zeros(0, int)
@@ -42,13 +52,12 @@ def tracks_of(rows: Rows, agent: Callable[[int, Int[np.ndarray, " row"]], Agent]
     for start, end in zip(starts, [*starts[1:], len(who)], strict=True):
         mine = order[start:end]
         mine = mine[np.diff(rows.step[mine], prepend=rows.step[mine[0]] - 1) > 0]
-        step, x, y, yaw = rows.step[mine], rows.x[mine], rows.y[mine], rows.yaw[mine]
-        if np.isnan(yaw).any():
-            yaw = heading_from_motion(x, y)
+        one = Unfaced(agent(int(who[start]), mine), rows.step[mine], rows.x[mine], rows.y[mine], rows.yaw[mine])
         if rows.late is not None and np.abs(rows.late[mine]).max() > _ON_TIME:
-            step, x, y, yaw = _on_time(step, step + rows.late[mine], x, y, yaw)
-        if len(step):
-            yield Track(agent(int(who[start]), mine), step, x, y, yaw)
+            place = one.step + rows.late[mine]
+            one = Unfaced(one.agent, *_on_time(one.step, place, one.x, one.y, with_own_motion(one)))
+        if len(one.step):
+            yield one
 
 
 def _on_time(
@@ -110,20 +119,3 @@ def require_steady(times: Float[np.ndarray, " instant"], dt: float) -> None:
             f"a time stamp is {1e3 * off:.0f} ms off steps of {1e3 * dt:g} ms, expected at most "
             f"{1e3 * _UNSTEADY * dt:g} ms (speeds would be wrong)"
         )
-
-
-def heading_from_motion(
-    x: Float[np.ndarray, " sample"], y: Float[np.ndarray, " sample"]
-) -> Float[np.ndarray, " sample"]:
-    """The direction of the way around each sample, over at least 0.5 m; where one stands, the last one known [rad]."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    last = len(x) - 1
-    before = np.clip(np.searchsorted(way, way - 0.5 * _TURNS_M, side="right") - 1, 0, last)
-    after = np.clip(np.searchsorted(way, way + 0.5 * _TURNS_M), 0, last)
-    dx, dy = x[after] - x[before], y[after] - y[before]
-    told = np.flatnonzero(np.hypot(dx, dy) > 0.5 * _TURNS_M)
-    if not len(told):
-        far = int(np.argmax(np.hypot(x - x[0], y - y[0])))
-        return np.full(len(x), np.arctan2(y[far] - y[0], x[far] - x[0]))
-    nearest = told[np.clip(np.searchsorted(told, np.arange(len(x)), side="right") - 1, 0, None)]
-    return np.asarray(wrap(np.arctan2(dy, dx)[nearest]))

@@ -39,6 +39,7 @@ class Track:
     y: Float[np.ndarray, " sample"]  # [m]
     yaw: Float[np.ndarray, " sample"]  # [rad]
     z: Float[np.ndarray, " sample"] | None = None  # [m] of the ground or the box, where the log has it
+    guessed: bool = False  # its headings: neither the log nor anything around it tells them
 
     def __post_init__(self) -> None:
         name = f"track {self.agent.id[:40]!r}"

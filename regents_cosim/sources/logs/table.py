@@ -27,7 +27,7 @@ accepted and left alone: speeds follow from positions.
 
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -95,8 +95,8 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         unit, heading_note = _heading_unit(mapping, heading, Rows(who, step, x, y, yaw))
         yaw = to_radians(heading, unit)
     rows = Rows(who, step, x, y, yaw, late)
-    tracks = tuple(_placed(t, mapping) for t in tracks_of(rows, _Agents(table, factor)))
     road = _road(path, mapping, beside)
+    tracks = tuple(_placed(t, mapping) for t in tracks_of(rows, _Agents(table, factor), road))
     notes = [NO_MAP] * (not road.areas) + [heading_note] * bool(heading_note) + late_notes(late, dt)
     notes += ["sizes usual for the kind are assumed"] * (table.numbers("length") is None)
     yield LoggedScene(
@@ -180,7 +180,7 @@ def _placed(track: Track, mapping: _Mapping) -> Track:
     if mapping.anchor == "centre":
         return track
     pose = from_front(track.x, track.y, track.yaw, track.agent.length)
-    return Track(track.agent, track.step, np.asarray(pose.x), np.asarray(pose.y), track.yaw)
+    return replace(track, x=np.asarray(pose.x), y=np.asarray(pose.y))
 
 
 def _road(path: Path, mapping: _Mapping, beside: CompanionFiles) -> LoggedMap:

@@ -1,0 +1,195 @@
+"""Which way road users point whose log does not say: one rule for all formats.
+
+The direction of their own motion, the last or the next one where they stand. Those who never move: the direction of
+the lane that they are on, or of the traffic that drives over their place, or of what little they moved. For the rest
+it is a guess, and `Track.guessed` says so.
+"""
+
+from collections.abc import Iterable
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from jaxtyping import Float, Int
+
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.scenario import Agent
+from regents_cosim.sources.logs.scene import LoggedMap, Track
+
+_STIR_M = 0.5  # nearer places are one: detections of who stands scatter by less
+_MOVED_M = 1.0  # who stays within that never moves
+_BACKS_RAD = np.deg2rad(110.0)  # a vehicle that turns by more from one place to the next drives backwards
+_OVER_M = 1.5  # traffic that comes so near to a place drives over it
+_AGREES = 0.9  # mean of unit vectors: traffic that drives over a place one way
+_ALIKE_RAD = np.deg2rad(45.0)  # lanes on one place that differ by more say nothing
+_BESIDE_M = 0.5  # a lane is on a place as another is if its centre line is farther by less
+_LOOK_M = 30.0  # within which lanes and traffic are good for a guess
+_CELL_M, _SECTORS = 1.0, 12  # traffic is thinned to one piece for each cell and direction
+_SEEN_M = 10.0  # longer pieces are gaps of the log
+
+
+class Unfaced(NamedTuple):
+    """A road user as a log has it."""
+
+    agent: Agent
+    step: Int[np.ndarray, " sample"]
+    x: Float[np.ndarray, " sample"]  # [m]
+    y: Float[np.ndarray, " sample"]  # [m]
+    yaw: Float[np.ndarray, " sample"]  # [rad], NaN where the log has none
+
+
+def faced(found: Iterable[Unfaced], road: LoggedMap | None = None, along: float | None = None) -> list[Track]:
+    """Tracks with headings, in the same order; `along` is the direction [rad] of all lanes, where a format has one."""
+    found = [one._replace(yaw=with_own_motion(one)) for one in found]
+    moved = [one for one in found if not np.isnan(one.yaw).any()]
+    places = _Places(road or LoggedMap(), moved, along)
+    return [_track(one, places) for one in found]
+
+
+def with_own_motion(one: Unfaced) -> Float[np.ndarray, " sample"]:
+    """Its headings, where they are missing those of its motion; all NaN where neither says anything."""
+    missing = np.isnan(one.yaw)
+    if not missing.any():
+        return one.yaw
+    motion = heading_from_motion(one.x, one.y, backs=one.agent.kind != "pedestrian")
+    if motion is not None:
+        return np.where(missing, motion, one.yaw)
+    if missing.all():
+        return one.yaw
+    known = np.flatnonzero(~missing)
+    after = np.clip(np.searchsorted(known, np.arange(len(missing))), 0, len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    here = np.arange(len(missing))
+    nearer = np.abs(known[before] - here) < np.abs(known[after] - here)
+    return one.yaw[np.where(nearer, known[before], known[after])]
+
+
+def heading_from_motion(
+    x: Float[np.ndarray, " sample"], y: Float[np.ndarray, " sample"], backs: bool = False
+) -> Float[np.ndarray, " sample"] | None:
+    """The direction of the way at each sample [rad], the last or next one where it stands; None: it never moves.
+
+    Told by places 0.5 m or more apart, so that noise of detections is no motion. With `backs` a turn on the spot is
+    one that drives backwards; it drives forwards for the greater part of its way.
+    """
+    if not len(x) or np.hypot(np.ptp(x), np.ptp(y)) < _MOVED_M:
+        return None
+    at = _anchors(x, y)
+    if len(at) < 2:
+        return None
+    step = np.diff(x[at] + 1j * y[at])
+    if backs:
+        turned = np.abs(np.angle(step[1:] / step[:-1])) > _BACKS_RAD
+        sign = np.where(np.concatenate([[0], np.cumsum(turned)]) % 2, -1.0, 1.0)
+        step = step * (sign if (sign * np.abs(step)).sum() >= 0 else -sign)
+    chord = np.concatenate([[0.0], step]) + np.concatenate([step, [0.0]])  # to the one behind and the one ahead
+    chord = np.where(np.abs(chord) < 0.5 * _STIR_M, np.concatenate([step[:1], step]), chord)
+    yaw = np.unwrap(np.angle(chord))
+    piece = np.clip(np.searchsorted(at, np.arange(len(x)), side="right") - 1, 0, len(at) - 2)
+    way = np.diff(x[at] + 1j * y[at])[piece]
+    gone = (x - x[at][piece]) + 1j * (y - y[at][piece])
+    part = np.clip((gone * way.conj()).real / np.abs(way) ** 2, 0.0, 1.0)
+    return np.asarray(wrap(yaw[piece] + part * (yaw[piece + 1] - yaw[piece])))
+
+
+def _anchors(x: np.ndarray, y: np.ndarray) -> Int[np.ndarray, " place"]:
+    """Samples at least 0.5 m from the one before, the first among them."""
+    if len(x) > 1 and np.hypot(np.diff(x), np.diff(y)).min() >= _STIR_M:
+        return np.arange(len(x))
+    found, here = [0], complex(x[0], y[0])
+    for i, place in enumerate((x + 1j * y).tolist()):
+        if abs(place - here) >= _STIR_M:
+            found.append(i)
+            here = place
+    return np.array(found)
+
+
+def _track(one: Unfaced, places: "_Places") -> Track:
+    agent, step, x, y, yaw = one
+    if not np.isnan(yaw).any():
+        return Track(agent, step, x, y, yaw)
+    here = complex(np.median(x), np.median(y))
+    on_foot = agent.kind == "pedestrian"
+    direction = None if on_foot else places.direction(here)
+    if direction is None:
+        at = _anchors(x, y)
+        direction = float(np.angle(np.diff((x + 1j * y)[at])[-1])) if len(at) > 1 else None
+    guessed = direction is None and not on_foot
+    if direction is None:
+        direction = 0.0 if on_foot else places.guess(here)
+    return Track(agent, step, x, y, np.full(len(x), direction), guessed=guessed)
+
+
+class _Places:
+    """What lanes and traffic say of the direction at a place."""
+
+    def __init__(self, road: LoggedMap, moved: list[Unfaced], along: float | None) -> None:
+        self._lanes, self._moved, self._along = road.lanes, moved, along
+
+    def direction(self, here: complex) -> float | None:
+        """That of the lane [rad], or of the traffic over the place; None where neither tells."""
+        lane = self._of_lane(here)
+        if lane is not None:
+            return lane
+        return self._along if self._along is not None else self._of_traffic(here)
+
+    def guess(self, here: complex) -> float:
+        """The direction of the nearest lane, else of the nearest traffic [rad]; 0 where there is none near."""
+        point = shapely.Point(here.real, here.imag)
+        found = self._lines.query_nearest(point, max_distance=_LOOK_M, all_matches=False)
+        if len(found):
+            return self._at(int(found[0]), point)
+        places, yaw = self._traffic
+        found = places.query_nearest(point, max_distance=_LOOK_M, all_matches=False)
+        return float(yaw[found[0]]) if len(found) else 0.0
+
+    def _of_lane(self, here: complex) -> float | None:
+        point = shapely.Point(here.real, here.imag)
+        widest = max((lane.width for lane in self._lanes), default=0.0)
+        near = self._lines.query(point, predicate="dwithin", distance=0.5 * widest).tolist() if self._lanes else []
+        away = {i: float(shapely.distance(self._lines.geometries[i], point)) for i in near}
+        away = {i: m for i, m in away.items() if m <= 0.5 * self._lanes[i].width}
+        if not away:
+            return None
+        nearest = min(away, key=lambda i: away[i])
+        direction = self._at(nearest, point)
+        rivals = [self._at(i, point) for i, m in away.items() if m <= away[nearest] + _BESIDE_M]
+        return direction if all(abs(wrap(other - direction)) <= _ALIKE_RAD for other in rivals) else None
+
+    def _of_traffic(self, here: complex) -> float | None:
+        places, yaw = self._traffic
+        near = places.query(shapely.Point(here.real, here.imag), predicate="dwithin", distance=_OVER_M)
+        mean = np.exp(1j * yaw[near]).mean() if len(near) else 0.0
+        return float(np.angle(mean)) if abs(mean) > _AGREES else None
+
+    def _at(self, lane: int, point: shapely.Point) -> float:
+        """The direction of a lane beside a place [rad]."""
+        line = shapely.LineString(self._lanes[lane].centre)
+        at = line.project(point)
+        before, after = (line.interpolate(float(np.clip(at + d, 0.0, line.length))) for d in (-_STIR_M, _STIR_M))
+        return float(np.arctan2(after.y - before.y, after.x - before.x))
+
+    @cached_property
+    def _lines(self) -> shapely.STRtree:
+        return shapely.STRtree([shapely.LineString(lane.centre) for lane in self._lanes])
+
+    @cached_property
+    def _traffic(self) -> tuple[shapely.STRtree, Float[np.ndarray, " piece"]]:
+        """Where others drove, piece by piece, and which way they pointed there."""
+        drive = [one for one in self._moved if one.agent.kind != "pedestrian"]
+        pieces = [np.zeros((5, 0)), *(_pieces(one) for one in drive)]
+        x, y, dx, dy, yaw = np.concatenate(pieces, axis=1)
+        sector = (yaw % (2.0 * np.pi)) // (2.0 * np.pi / _SECTORS)
+        kept = np.unique(np.stack([x // _CELL_M, y // _CELL_M, sector]), axis=1, return_index=True)[1]
+        x, y, dx, dy, yaw = (values[kept] for values in (x, y, dx, dy, yaw))
+        ends = np.stack([np.stack([x, y], axis=-1), np.stack([x + dx, y + dy], axis=-1)], axis=1)
+        return shapely.STRtree(np.asarray(shapely.linestrings(ends))), yaw
+
+
+def _pieces(one: Unfaced) -> Float[np.ndarray, "5 piece"]:
+    """Start, way [m] and heading [rad] of every piece that one drove, x before y."""
+    at = _anchors(one.x, one.y)
+    x, y, yaw = one.x[at], one.y[at], one.yaw[at]
+    found = np.stack([x[:-1], y[:-1], np.diff(x), np.diff(y), yaw[:-1]])
+    return found[:, np.hypot(found[2], found[3]) < _SEEN_M]
