@@ -328,6 +328,24 @@ def write_interaction(folder):
     return write_rows(folder / "vehicle_tracks_000.csv", header, rows)
 
 
+def write_sind(folder):
+    folder = folder / "9_1"
+    folder.mkdir()
+    (folder / "map.osm").write_text(osm())
+    walkers, rows = [], []
+    for number, kind, x, y in motion(0.1001):
+        for i, (a, b) in enumerate(zip(x, y, strict=True)):
+            start = (number, i, 100.1 * i)
+            if kind == "car":
+                rows.append((*start, "car", a, b, SPEED, 0.0, 0.0, 0.1, LENGTH, WIDTH, 0, 0, SPEED, 0, 0, 0))
+            else:
+                walkers.append((f"P{number}", *start[1:], "pedestrian", a, b, 0.0, 0.0, 0, 0))
+    start = "track_id,frame_id,timestamp_ms,agent_type,x,y,vx,vy"
+    write_rows(folder / "Ped_smoothed_tracks.csv", f"{start},ax,ay", walkers)
+    header = f"{start},yaw_rad,heading_rad,length,width,ax,ay,v_lon,v_lat,a_lon,a_lat"
+    return write_rows(folder / "Veh_smoothed_tracks.csv", header, rows)
+
+
 def write_levelx(folder):
     rows, about = [], []
     for number, kind, x, y in motion(0.04):
@@ -344,16 +362,22 @@ def write_levelx(folder):
     return path
 
 
-def write_highd(folder):
+def write_ad4che(folder):
+    """Centres in an image whose y runs down."""
+    return write_highd(folder, centres=True)
+
+
+def write_highd(folder, centres=False):
     """Upper left corners in an image whose y runs down; the cars drive to the right, on the lower carriageway."""
     rows, about = [], []
     for number, kind, x, y in motion(0.04):
         if kind == "car":
             about.append((number, LENGTH, WIDTH, 1, len(x), len(x), "Car", 2))
             for i, (a, b) in enumerate(zip(x, y, strict=True)):
-                corner = (a - LENGTH / 2, (20.0 - b) - WIDTH / 2)
-                rows.append((i + 1, number, *corner, LENGTH, WIDTH, SPEED, 0.0))
-    path = write_rows(folder / "01_tracks.csv", "frame,id,x,y,width,height,xVelocity,yVelocity", rows)
+                corner = (a, 20.0 - b) if centres else (a - LENGTH / 2, (20.0 - b) - WIDTH / 2)
+                rows.append((i + 1, number, *corner, LENGTH, WIDTH, SPEED, 0.0, *((0.0, 0.0, 0.0) if centres else ())))
+    more = ",orientation,yaw_rate,ego_offset" if centres else ""
+    path = write_rows(folder / "01_tracks.csv", f"frame,id,x,y,width,height,xVelocity,yVelocity{more}", rows)
     header = "id,width,height,initialFrame,finalFrame,numFrames,class,drivingDirection"
     write_rows(folder / "01_tracksMeta.csv", header, about)
     header = "id,frameRate,locationId,speedLimit,upperLaneMarkings,lowerLaneMarkings"
@@ -472,6 +496,7 @@ def write_argoverse2_sensor(folder):
 WRITERS = {
     "waymo": write_waymo, "gpudrive": write_gpudrive, "scenarionet": write_scenarionet,
     "commonroad": write_commonroad, "interaction": write_interaction, "levelx": write_levelx, "highd": write_highd,
+    "sind": write_sind, "ad4che": write_ad4che,
     "ngsim": write_ngsim, "table": write_table, "argoverse2_motion": write_argoverse2_motion,
     "argoverse2_sensor": write_argoverse2_sensor,
 }  # fmt: skip

@@ -4,7 +4,7 @@ import csv
 import io
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +19,9 @@ from regents_cosim.sources.xml_input import unpacked_limit
 _ROWS = 50_000  # at a time
 _LONGEST_HEADER = 1 << 16  # characters
 _GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")  # in thousands
+_HEADING = re.compile(r"yaw|psi|orient|heading|theta|azimuth|course|bearing|(^|_)(angle|rotation)", re.IGNORECASE)
+_CHANGE = re.compile(r"rate|dot|vel|speed|acc|change|source|type", re.IGNORECASE)
+_POINT = re.compile(r"cent(er|re)|corner|front|rear|bumper|offset", re.IGNORECASE)
 
 
 class Columns(NamedTuple):
@@ -27,6 +30,7 @@ class Columns(NamedTuple):
     numbers: dict[str, Float[np.ndarray, " row"]]
     codes: dict[str, Int[np.ndarray, " row"]]
     texts: dict[str, list[str]]
+    header: tuple[str, ...] = ()  # all that the file has
 
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))
@@ -73,7 +77,24 @@ def read_columns(
         {name: joined[name] for name in numbers if name in joined},
         {name: joined[name] for name in texts if name in joined},
         {name: list(codes[name]) for name in texts if name in joined},
+        tuple(names),
     )
+
+
+def heading_like(names: Iterable[str]) -> list[str]:
+    """The columns that by their names say where something points."""
+    return [name for name in names if _HEADING.search(name) and not _CHANGE.search(name)]
+
+
+def refuse_other_poses(path: Path, table: Columns, known: Collection[str], what: str) -> None:
+    """Raise LogError where columns that a format does not have say where something is or points: it is another one."""
+    unknown = [name for name in table.header if name not in known]
+    others = [*heading_like(unknown), *(name for name in unknown if _POINT.search(name))]
+    if others:
+        raise LogError(
+            f"{path}: {', '.join(dict.fromkeys(others))[:100]} is no column of {what}, so places and headings may mean "
+            "something else (describe the file with a mapping, and give it with --format table --columns FILE.toml)"
+        )
 
 
 def _short(piece: list[list[str]], path: Path) -> list[str]:

@@ -27,7 +27,7 @@ from regents_cosim.system.foreign_code import foreign_code, said_by
 _HEAD_BYTES = 1 << 16
 _READERS = (
     "waymo", "gpudrive", "scenarionet", "commonroad", "argoverse2_sensor", "argoverse2_motion",
-    "interaction", "levelx", "highd", "ngsim", "table",
+    "sind", "interaction", "levelx", "ad4che", "highd", "ngsim", "table",
 )  # fmt: skip
 
 

@@ -1,19 +1,20 @@
 """highD: motorways from above (25 Hz), three CSV files per recording.
 
 x and y are the upper left corner of a box in the image, whose y runs down; `width` is the length
-and `height` the width. Headings follow from the velocities. The lane markings of the recording are
-its map: one carriageway to the left (direction 1), one to the right (direction 2). There is no ego.
+and `height` the width. Headings follow from the velocities, and of who stands from the driving
+direction. The lane markings of the recording are its map: one carriageway to the left (direction 1),
+one to the right (direction 2). There is no ego.
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
 import shapely
 
 from regents_cosim.errors import LogError
-from regents_cosim.geometry.frames import from_image_corner
+from regents_cosim.geometry.frames import from_image_corner, wrap
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
@@ -21,7 +22,7 @@ from regents_cosim.sources.logs.levelx import companion, whole
 from regents_cosim.sources.logs.rows import Rows, tracks_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, sized
 
-_KINDS: dict[str, Kind] = {"car": "car", "truck": "truck"}
+_KINDS: dict[str, Kind] = {"car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle"}
 _NUMBERS = ("id", "frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
 _MORE = (
     "xAcceleration", "yAcceleration", "frontSightDistance", "backSightDistance", "dhw", "thw", "ttc",
@@ -34,8 +35,16 @@ _CRAWL_MPS = 0.5  # below which velocities say nothing about headings
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The recording of one `NN_tracks.csv`."""
-    _require_columns_of_highd(path)
-    numbers = read_columns(path, _NUMBERS).numbers
+    yield read_recording(path, "highD")
+
+
+def read_recording(path: Path, name: str, more: Collection[str] = (), orientation: str | None = None) -> LoggedScene:
+    """A recording in highD's layout, of the data set `name`, which has `more` columns.
+
+    x and y are corners of upright boxes, or where it has a column of the `orientation` of boxes their centres.
+    """
+    _require_known_columns(path, name, more)
+    numbers = read_columns(path, [*_NUMBERS, *([orientation] if orientation else [])]).numbers
     about = read_columns(
         companion(path, "recordingMeta"), ("frameRate", "speedLimit"), ("upperLaneMarkings", "lowerLaneMarkings"),
         ("speedLimit",),
@@ -45,33 +54,45 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         raise LogError(f"{path}: a frame rate of {rate:g} Hz, expected 1 to 1000")
     who, step = whole(numbers["id"], path), whole(numbers["frame"], path)
     length, width = numbers["width"], numbers["height"]
-    x, y = from_image_corner(numbers["x"], numbers["y"], length, width)
     kinds, to_the_left = _about_tracks(companion(path, "tracksMeta"))
     along = np.where(np.isin(who, list(to_the_left)), np.pi, 0.0)
+    along = np.where(np.isin(who, list(kinds)), along, np.nan)
     speed = np.hypot(numbers["xVelocity"], numbers["yVelocity"])
     yaw = np.where(speed > _CRAWL_MPS, np.arctan2(-numbers["yVelocity"], numbers["xVelocity"]), along)
+    if orientation is None:
+        x, y = from_image_corner(numbers["x"], numbers["y"], length, width)
+    else:
+        x, y = numbers["x"], -numbers["y"]
+        yaw = _end_ahead(-numbers[orientation], np.where(np.isnan(along), yaw, along))
 
     def agent(name: int, of: np.ndarray) -> Agent:
         return sized(str(name), kinds.get(name, "car"), float(np.median(length[of])), float(np.median(width[of])))
 
     limit = float(about.numbers["speedLimit"][0]) if "speedLimit" in about.numbers else -1.0
     marks = [_marks(about.texts[f"{side}LaneMarkings"][0]) for side in ("upper", "lower")]
-    yield LoggedScene(
+    road = _road(marks, float(np.min(x)), float(np.max(x)), limit if limit > 0 else _MOTORWAY_MPS)
+    return LoggedScene(
         name=path.stem.removesuffix("_tracks"),
         dt=1.0 / rate,
-        tracks=tuple(tracks_of(Rows(who, step - step.min(), np.asarray(x), np.asarray(y), yaw), agent)),
-        road=_road(marks, float(np.min(x)), float(np.max(x)), limit if limit > 0 else _MOTORWAY_MPS),
+        tracks=tuple(tracks_of(Rows(who, step - step.min(), np.asarray(x), np.asarray(y), yaw), agent, road)),
+        road=road,
         begin_s=float(step.min()) / rate,
     )
 
 
-def _require_columns_of_highd(path: Path) -> None:
-    """Raise LogError where the layout is another one's: AD4CHE has the same columns and more, and means centres."""
-    others = sorted(set(header_of(head_of(path))) - {*_NUMBERS, *_MORE})
+def _end_ahead(axis: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """The direction along the `axis` of a box that is nearer to `ahead` [rad]."""
+    off = wrap(axis - ahead)
+    return np.asarray(wrap(np.where(np.abs(off) > 0.5 * np.pi, axis + np.pi, axis)))
+
+
+def _require_known_columns(path: Path, name: str, more: Collection[str]) -> None:
+    """Raise LogError where the layout is another one's: by its columns alone x and y are corners, or centres."""
+    others = sorted(set(header_of(head_of(path))) - {*_NUMBERS, *_MORE, *more})
     if others:
         raise LogError(
-            f"{path}: {', '.join(others)[:100]} is no column of highD, so x and y may be no corners of boxes (describe "
-            "the file with a mapping, and give it with --format table --columns FILE.toml)"
+            f"{path}: {', '.join(others)[:100]} is no column of {name}, so x and y may be another point of the box "
+            "(describe the file with a mapping, and give it with --format table --columns FILE.toml)"
         )
 
 
@@ -80,7 +101,7 @@ def _about_tracks(path: Path) -> tuple[dict[int, Kind], set[int]]:
     table = read_columns(path, ("id", "drivingDirection"), ("class",))
     ids = whole(table.numbers["id"], path).tolist()
     names = table.texts["class"]
-    kinds: list[Kind] = [_KINDS.get(names[code].strip().lower(), "car") for code in table.codes["class"]]
+    kinds: list[Kind] = [_KINDS.get(names[code].strip().lower(), "other") for code in table.codes["class"]]
     left = {name for name, way in zip(ids, table.numbers["drivingDirection"], strict=True) if way == 1}
     return dict(zip(ids, kinds, strict=True)), left
 
@@ -111,8 +132,9 @@ def _road(marks: list[list[float]], west: float, east: float, limit: float) -> L
     return LoggedMap(tuple(lanes), (), tuple(areas))
 
 
-def _recognises(path: Path, head: bytes) -> bool:
+def is_of_highd(path: Path, head: bytes) -> bool:
+    """Whether a file has highD's layout."""
     return not path.is_dir() and {"frame", "id", "x", "y", "width", "height", "xVelocity"} <= set(header_of(head))
 
 
-FORMAT = LogFormat("highd", "highD CSV", _recognises, read)
+FORMAT = LogFormat("highd", "highD CSV", is_of_highd, read)

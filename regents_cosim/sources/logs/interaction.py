@@ -6,7 +6,6 @@ them, or the one that is named. There is no ego; pedestrians have neither size n
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_colu
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized, with_distinct_ids
 
 _KINDS: dict[str, Kind] = {
     "car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle", "bicycle": "bicycle",
@@ -71,7 +70,9 @@ def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[Logg
         notes = ["pedestrians and cyclists have neither size nor heading in the log"] * (len(tables) > 1)
         late = np.concatenate([_late(_place(table, here, 1e3 * begin_s)) for table, here in mine])
         notes += late_notes(late, _DT)
-        yield LoggedScene(name=name, dt=_DT, tracks=_unique(tracks), road=road, begin_s=begin_s, notes=tuple(notes))
+        yield LoggedScene(
+            name=name, dt=_DT, tracks=with_distinct_ids(tracks), road=road, begin_s=begin_s, notes=tuple(notes)
+        )
 
 
 def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " row"]]:
@@ -109,18 +110,6 @@ def _place(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Fl
 
 def _late(place: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
     return place - np.round(place)
-
-
-def _unique(tracks: list[Track]) -> tuple[Track, ...]:
-    """Walkers whose numbers are those of vehicles get a P in front."""
-    seen: set[str] = set()
-    found = []
-    for track in tracks:
-        if track.agent.id in seen:
-            track = replace(track, agent=replace(track.agent, id=f"P{track.agent.id}"))
-        seen.add(track.agent.id)
-        found.append(track)
-    return tuple(found)
 
 
 def _map(path: Path, beside: CompanionFiles) -> LoggedMap:

@@ -12,7 +12,7 @@ import numpy as np
 
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
-from regents_cosim.sources.logs.csv_columns import header_of, read_columns
+from regents_cosim.sources.logs.csv_columns import header_of, read_columns, refuse_other_poses
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.road import NO_MAP
@@ -24,11 +24,13 @@ _KINDS: dict[str, Kind] = {
     "motorcycle": "motorcycle", "bicycle": "bicycle", "pedestrian": "pedestrian",
 }  # fmt: skip
 _NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length")
+_LIKE_OTHERS = {"latLaneCenterOffset", "rearId", "leftRearId", "rightRearId"}  # of exiD: no place, and no heading
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """The recording of one `NN_tracks.csv`."""
     table = read_columns(path, _NUMBERS)
+    refuse_other_poses(path, table, {*_NUMBERS, *_LIKE_OTHERS}, "inD, rounD, exiD or uniD")
     numbers = table.numbers
     about = read_columns(companion(path, "recordingMeta"), _ABOUT, (), _ABOUT[1:])
     kinds = _kinds(companion(path, "tracksMeta"))

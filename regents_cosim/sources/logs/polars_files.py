@@ -73,7 +73,8 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
     except BaseException as error:  # polars panics with exceptions that are no Exception
         said = (str(error).splitlines() or [""])[0][:200]
         raise LogError(f"{path}: damaged Parquet or Feather file ({said})") from None
-    return Columns(found, {k: v[0] for k, v in coded.items()}, {k: v[1] for k, v in coded.items()})
+    codes, words = {k: v[0] for k, v in coded.items()}, {k: v[1] for k, v in coded.items()}
+    return Columns(found, codes, words, tuple(columns))
 
 
 def _limit(size: int) -> None:

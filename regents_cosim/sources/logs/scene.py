@@ -5,7 +5,7 @@ counter-clockwise from +x. Tracks hold only the samples that the log calls valid
 of hours takes the memory of its rows.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -198,6 +198,18 @@ def sized(name: str, kind: Kind, length: float, width: float) -> Agent:
     usual_length, usual_width = DEFAULT_SIZES[kind]
     known = np.isfinite([length, width]).all() and length > 0 and width > 0
     return Agent(name, kind, *((float(length), float(width)) if known else (usual_length, usual_width)))
+
+
+def with_distinct_ids(tracks: Iterable[Track]) -> tuple[Track, ...]:
+    """Walkers whose numbers are those of vehicles get a P in front."""
+    seen: set[str] = set()
+    found = []
+    for track in tracks:
+        if track.agent.id in seen:
+            track = replace(track, agent=replace(track.agent, id=f"P{track.agent.id}"))
+        seen.add(track.agent.id)
+        found.append(track)
+    return tuple(found)
 
 
 def dense_track(

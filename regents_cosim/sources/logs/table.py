@@ -25,6 +25,7 @@ The file lies beside the table under the same name (`tracks.csv`, `tracks.toml`)
 accepted and left alone: speeds follow from positions.
 """
 
+import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -38,7 +39,7 @@ from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.frames import FOOT_M, from_front
 from regents_cosim.scenario import Agent, Kind
-from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_columns
+from regents_cosim.sources.logs.csv_columns import Columns, header_of, heading_like, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
@@ -51,6 +52,7 @@ from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, size
 _NEEDED = ("id", "time", "x", "y")
 _MORE = ("heading", "speed", "length", "width", "kind")
 _LARGEST_MAPPING = 1 << 14  # bytes: a key of 50 000 parts takes tomllib 2 GiB
+_KIND = re.compile(r"((agent|object|obj|vehicle|veh)[ _]?)?(type|class|category|label)", re.IGNORECASE)
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -89,6 +91,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     factor = FOOT_M if mapping.position == "ft" else 1.0
     x, y = (factor * _known(table.numbers(name)) for name in ("x", "y"))
     heading = table.numbers("heading")
+    unread = _unread(path, table)
     who = table.columns.codes[table.names["id"]]
     yaw, heading_note = np.full(len(x), np.nan), "headings follow from the motion"
     if heading is not None:
@@ -98,6 +101,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     road = _road(path, mapping, beside)
     tracks = tuple(_placed(t, mapping) for t in tracks_of(rows, _Agents(table, factor), road))
     notes = [NO_MAP] * (not road.areas) + [heading_note] * bool(heading_note) + late_notes(late, dt)
+    notes += unread
     notes += ["sizes usual for the kind are assumed"] * (table.numbers("length") is None)
     yield LoggedScene(
         name=path.name.partition(".")[0], dt=dt, tracks=tracks, road=road, ego=mapping.ego, begin_s=begin_s,
@@ -126,6 +130,28 @@ def _table(path: Path, mapping: _Mapping) -> _Table:
         is_binary = file.read(4) in (b"PAR1", b"ARRO")
     reader = read_polars if is_binary else read_columns
     return _Table(reader(path, numbers, [names["id"], names["kind"]], optional), mapping, names)
+
+
+def _unread(path: Path, table: _Table) -> list[str]:
+    """What is said of columns that are not read, though by their names they would be.
+
+    Raises LogError where one may be the headings, and neither the names nor a mapping say so.
+    """
+    read = {*table.names.values()}
+    headings = [name for name in heading_like(table.columns.header) if name not in read]
+    notes = []
+    if headings and table.numbers("heading") is None:
+        said = f"{headings[0]} may be the headings"
+        if not table.mapping.columns:
+            raise LogError(
+                f"{path}: {said}, and there is no column heading (name it in a mapping of columns: heading = "
+                f'"{headings[0]}" below [columns]; see regents_cosim.sources.logs.table)'
+            )
+        notes.append(f"{said}, and is not read: the mapping does not name it")
+    kinds = [name for name in table.columns.header if _KIND.fullmatch(name) and name not in read]
+    if kinds and table.names["kind"] not in table.columns.texts:
+        notes.append(f"all are taken as cars: {kinds[0]} may be their kinds, and no mapping says so")
+    return notes
 
 
 def _instants(table: _Table, path: Path) -> tuple[np.ndarray, np.ndarray | None, float, float]:

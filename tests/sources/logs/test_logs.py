@@ -25,6 +25,7 @@ from regents_cosim.sources.logs.road import build_road
 
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 SAYS_THE_EGO = {"waymo", "gpudrive", "scenarionet", "commonroad", "argoverse2_motion", "argoverse2_sensor", "table"}
+FROM_ABOVE = {"highd", "ad4che"}  # their images begin above the road
 
 
 @pytest.fixture(scope="module")
@@ -52,14 +53,14 @@ def test_the_content_tells_the_format(logs, name, tmp_path):
 def test_everybody_is_where_they_were(scenes, name):
     scene = scenes[name]
     tracks = {track.agent.id.removeprefix("P"): track for track in scene.tracks}
-    down = -20.0 if name == "highd" else 0.0  # its image begins above the road
+    down = -20.0 if name in FROM_ABOVE else 0.0
     for number, kind, x, y in log_files.motion(scene.dt):
         if number not in tracks:
-            assert (kind == "pedestrian" and name in ("highd", "ngsim")) or number == "11"
+            assert (kind == "pedestrian" and name in (*FROM_ABOVE, "ngsim")) or number == "11"
             continue
         track = tracks[number]
         assert track.agent.kind == kind
-        np.testing.assert_allclose(track.x, x[track.step], atol=1e-4 if name == "interaction" else 2e-5)
+        np.testing.assert_allclose(track.x, x[track.step], atol=1e-4 if name in ("interaction", "sind") else 2e-5)
         np.testing.assert_allclose(track.y, y[track.step] + down, atol=1e-4)
         if kind == "car":
             np.testing.assert_allclose(np.cos(track.yaw), 1.0, atol=1e-6)
@@ -70,7 +71,7 @@ def test_everybody_is_where_they_were(scenes, name):
 @pytest.mark.parametrize("name", WRITERS)
 def test_the_road_holds_the_traffic(scenes, name):
     road = build_road(scenes[name])
-    down = -20.0 if name == "highd" else 0.0
+    down = -20.0 if name in FROM_ABOVE else 0.0
     places = np.array([[x, y + down] for x in (0.0, 50.0, 100.0) for y in (-2.0, 0.0, 1.5)])
     if name in ("levelx", "ngsim", "table"):  # no map: where vehicles drove
         assert not road.lanes
@@ -79,7 +80,7 @@ def test_the_road_holds_the_traffic(scenes, name):
         assert road.contains(places).all()
         assert len(road.lanes) in (2, 3, 4)
         assert not road.contains(np.array([[50.0, 4.5 + down], [50.0, -4.5 + down]])).any()
-        if name in ("waymo", "gpudrive", "commonroad", "interaction", "argoverse2_motion"):
+        if name in ("waymo", "gpudrive", "commonroad", "interaction", "sind", "argoverse2_motion"):
             ahead = road.contains(np.array([[200.0, -2.0], [200.0, 2.0], [-40.0, -2.0], [-40.0, 2.0]]))
             assert ahead.all(), "the end of the map is no kerb"
 

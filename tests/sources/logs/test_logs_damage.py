@@ -30,7 +30,8 @@ from regents_cosim.sources.windows import RecordingOrigin
 
 # What ten minutes of mutated logs per reader have found, reduced to what it takes.
 CORPUS = sorted((Path(__file__).parent / "damaged_logs").iterdir())
-FILES = ("waymo", "gpudrive", "scenarionet", "commonroad", "interaction", "levelx", "highd", "ngsim", "table")
+TABLES = ("interaction", "sind", "levelx", "highd", "ad4che", "ngsim", "table")
+FILES = ("waymo", "gpudrive", "scenarionet", "commonroad", *TABLES)
 WITH_POLARS = ("argoverse2_motion", "argoverse2_sensor")
 
 
@@ -86,7 +87,7 @@ def test_truncated_logs_are_refused_or_shorter(logs, name, share):
     try:
         path.write_bytes(kept[: int(share * len(kept))])
         error = use(path, name)
-        assert isinstance(error, LogError) or name in ("interaction", "levelx", "highd", "ngsim", "table")
+        assert isinstance(error, LogError) or name in TABLES
     finally:
         path.write_bytes(kept)
 
@@ -108,6 +109,7 @@ def test_nothing_known_says_what_is(tmp_path):
 
 
 MISLABELLED = [("waymo", "gpudrive"), ("gpudrive", "commonroad"), ("scenarionet", "waymo"), ("highd", "levelx"),
+               ("ad4che", "levelx"), ("sind", "interaction"),
                ("interaction", "ngsim"), ("commonroad", "scenarionet")]  # fmt: skip
 
 

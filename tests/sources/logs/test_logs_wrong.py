@@ -205,14 +205,38 @@ def test_a_table_with_decimal_commas_is_the_one_with_points(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("format", "column", "other"),
-    [("interaction", "psi_rad", "yaw_rad"), ("highd", "yVelocity", "yVelocity,orientation")],
+    ("format", "column", "others"),
+    [
+        ("interaction", "psi_rad", "heading"),
+        ("sind", "yaw_rad", "psi_of_somebody"),
+        ("highd", "yVelocity", "yVelocity,ego_offset"),
+        ("highd", "yVelocity", "yVelocity,heading"),
+        ("ad4che", "ego_offset", "corner"),
+        ("levelx", "yVelocity", "yVelocity,centerX"),
+        ("levelx", "yVelocity", "yVelocity,yaw"),
+        ("table", "course", "yaw_rad"),
+    ],
 )
-def test_a_format_is_not_taken_for_its_neighbour(tmp_path, format, column, other):
-    """SinD has INTERACTION's first columns and other headings; AD4CHE has highD's columns, and centres for corners."""
+def test_a_format_is_not_taken_for_its_neighbour(tmp_path, format, column, others):
+    """A column that is not the format's own, and says where something is or points, is refused by its name."""
     path = log_files.write(format, tmp_path)
     head, *rows = path.read_text().splitlines()
-    rows = [row + ",0.0" * ("," in other) for row in rows]
-    path.write_text("\n".join([head.replace(column, other), *rows]))
-    with pytest.raises(LogError, match=other.rpartition(",")[2]):
+    rows = [row + ",0.0" * ("," in others) for row in rows]
+    path.write_text("\n".join([head.replace(column, others), *rows]))
+    with pytest.raises(LogError, match=others.rpartition(",")[2]):
         list(scenes_of(path))
+
+
+def test_a_plain_table_says_which_columns_it_does_not_read(tmp_path):
+    path = tmp_path / "plain.csv"
+    rows = [f"{who},{k / 10},{20 * who + k},0.0,truck,0.0" for who in (1, 2) for k in range(60)]
+    path.write_text("\n".join(["id,time,x,y,class,yaw_rate", *rows]))
+    said = []
+    record_log(path, horizon_s=4.0, count=1, tell=said.append)
+    assert any("class may be their kinds" in line for line in said)
+    path.write_text(path.read_text().replace("yaw_rate", "yaw_rad"))
+    with pytest.raises(LogError, match=r'yaw_rad may be the headings.*heading = "yaw_rad"'):
+        record_log(path, horizon_s=4.0, count=1, tell=said.append)
+    path.with_suffix(".toml").write_text('[columns]\nheading = "yaw_rad"\nkind = "class"\n')
+    (case,) = record_log(path, horizon_s=4.0, count=1, tell=said.append)
+    assert {agent.kind for agent in case.agents} == {"truck"}
