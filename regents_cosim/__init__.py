@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.reduction.shrink import Shrunk as Shrunk
     from regents_cosim.evaluation.reduction.shrink import shrink as shrink
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict as RegressionVerdict
-    from regents_cosim.evaluation.regression.evaluate import AgainstBaseline as AgainstBaseline
+    from regents_cosim.evaluation.regression.evaluate import BaselineComparison as BaselineComparison
     from regents_cosim.evaluation.regression.evaluate import Evaluation as Evaluation
     from regents_cosim.evaluation.regression.evaluate import evaluate as evaluate
     from regents_cosim.evaluation.suites.building import Recipe as Recipe
@@ -87,7 +87,7 @@ _NAMES = {
     "evaluation.drives.driving": "Drive DrivingRow",
     "evaluation.reduction.shrink": "Shrunk shrink",
     "evaluation.regression.comparison": "RegressionVerdict",
-    "evaluation.regression.evaluate": "AgainstBaseline Evaluation evaluate",
+    "evaluation.regression.evaluate": "BaselineComparison Evaluation evaluate",
     "evaluation.suites.building": "Recipe build_suite",
     "evaluation.training.before_after": "BeforeAfterRow",
     "evaluation.training.fine_tuning": "FineTuned finetune train",

@@ -37,7 +37,7 @@ def attack(
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
-    against: Sequence[AnyPlanner] = (),
+    also_crash: Sequence[AnyPlanner] = (),
     *,
     progress: ShowProgress = True,
 ) -> Iterator[Scenario]:
@@ -48,7 +48,7 @@ def attack(
     `progress` is False.
     """
     total = len(scenarios) if isinstance(scenarios, Sized) else None
-    windows = attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s, against)
+    windows = attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s, also_crash)
     for results in shown(progress).each(windows, "attacking", total, window_row):
         yield from results
 
@@ -83,7 +83,7 @@ def attack_each(
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
-    against: Sequence[AnyPlanner] = (),
+    also_crash: Sequence[AnyPlanner] = (),
     wanted: WantedKinds | None = None,
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
@@ -105,7 +105,7 @@ def attack_each(
     `extra_cost` of (World, Motion [agent, time] with the ego in row 0, Controls [agent, step]) is
     added to the cost, to ask for more than a collision; it must be differentiable by JAX.
 
-    `against` names more planners, in JAX too: then one adversary is to make all of them crash
+    `also_crash` names more planners, in JAX too: then one adversary is to make all of them crash
     (`universal`), and `attack.settings["crashed"]` names those that do. The ego of the resulting
     case is driven by `planner`.
 
@@ -114,8 +114,8 @@ def attack_each(
     """
     under_test = PlannerUnderTest.of(planner)
     name, loop = under_test.name, under_test.loop
-    if against:
-        loop = _several([under_test, *map(PlannerUnderTest.of, against)], config)
+    if also_crash:
+        loop = _several([under_test, *map(PlannerUnderTest.of, also_crash)], config)
     if config.optimiser != "adam" and loop is None:
         raise RegentsError(f"method {config.method} needs a planner in JAX, {name!r} is not: take king or regents")
     _BATCH.check("batch", batch)

@@ -88,7 +88,7 @@ def attacked_for_each(
     wanted |= {f"all, {how}": (first, preset(method, universal=how), others) for how in universal}
     found = dict[str, list[Scenario]]()
     for name, (planner, config, against) in wanted.items():
-        results = attack_each(windows, config, planner, act_timeout_s=act_timeout_s, against=against)
+        results = attack_each(windows, config, planner, act_timeout_s=act_timeout_s, also_crash=against)
         found[name] = [case for some in progress.each(results, f"attacking {name}", len(windows)) for case in some]
     return found
 

@@ -1,4 +1,4 @@
-"""Kinds of crash that are asked for, with a number each: `--type cut_in=10`. The tags are the judge."""
+"""Manoeuvres of the adversary that are asked for, with a number each: `--manoeuvre cut_in=10`. Tags decide."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,13 +10,13 @@ from regents_cosim.campaign.ledger import LedgerRecord
 from regents_cosim.cases.files import load_header
 from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
-from regents_cosim.tags.table import TYPES, require_tags, tags_of
+from regents_cosim.tags.table import MANOEUVRES, require_tags, tags_of
 
 _FIRST = 4  # windows that are recorded for every case wanted, at first
 _MORE = 4  # times as many in every round after
 _LEAST, _MOST = 8, 1_000_000
 _UNLAWFUL = ("run_red_light", "wrong_way")
-# What the ego's braking, and changes of the drive, make other kinds of: docs/how-to/cluster.md has what was measured.
+# What the ego's braking, and changes of the drive, make other kinds of.
 _BEFORE = {"lane_drift": ("cut_in",), "hard_brake": ("cut_in", "lane_drift")}
 
 
@@ -35,7 +35,7 @@ class Wanted:
         """Raise RegentsError for kinds that a search by these rules cannot find."""
         if config.law == "strict" and not self.lawful:
             kinds = " and ".join(sorted(self.counts.keys() & set(_UNLAWFUL)))
-            raise RegentsError(f"--type {kinds}: a search that keeps to the law finds none, expected --law any as well")
+            raise RegentsError(f"--manoeuvre {kinds}: a lawful search finds none, expected --law any as well")
 
     def of_crash(self, case: Scenario) -> frozenset[str]:
         """Those of the kinds that a crash is of."""
@@ -100,15 +100,15 @@ def _why(kind: str, promising: int, windows: int, ended: bool) -> str:
     return f"{said}: this traffic cannot serve it" if ended else said
 
 
-def parse_types(words: Sequence[str], count: int) -> Wanted | None:
+def parse_manoeuvres(words: Sequence[str], count: int) -> Wanted | None:
     """`cut_in=10`, or `cut_in` for `count` of them; None where nothing is asked for. Raises RegentsError."""
     counts: dict[str, int] = {}
     for word in words:
         kind, equals, number = word.partition("=")
-        require_tags([kind], TYPES)
+        require_tags([kind], MANOEUVRES)
         if equals and not (number.isdecimal() and 0 < int(number) <= _MOST):
-            raise RegentsError(f"--type {word}: expected a number from 1 after the =, as in {kind}=10")
+            raise RegentsError(f"--manoeuvre {word}: expected a number from 1 after the =, as in {kind}=10")
         if kind in counts:
-            raise RegentsError(f"--type {kind} is given twice: expected each kind once")
+            raise RegentsError(f"--manoeuvre {kind} is given twice: expected each once")
         counts[kind] = int(number) if equals else count
     return Wanted(counts) if counts else None

@@ -31,7 +31,7 @@ class AttackRun:
 
     config: AttackConfig
     planner: str
-    against: tuple[str, ...] = ()
+    also_crash: tuple[str, ...] = ()
     batch: int = 32
     engine: Engine = "auto"
     act_timeout_s: float = ACT_TIMEOUT_S
@@ -56,8 +56,8 @@ class AttackRun:
 
     def identity(self, traffic: dict[str, Any], together: int) -> Identity:
         """What decides the results; `traffic` by the names of its options."""
-        names = (self.planner, *self.against)
-        mine = {"planner": self.planner, "against": list(self.against), "act_timeout": self.act_timeout_s}
+        names = (self.planner, *self.also_crash)
+        mine = {"planner": self.planner, "against": list(self.also_crash), "act_timeout": self.act_timeout_s}
         mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
         mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
         mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
@@ -78,14 +78,14 @@ class AttackRun:
             self.batch,
             engine=self.engine,
             act_timeout_s=self.act_timeout_s,
-            against=self.against,
+            also_crash=self.also_crash,
             wanted=self.wanted,
         )
 
     def _illuminate(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
         assert self.archive is not None
         planner = PlannerUnderTest.of(self.planner)
-        require_possible(self.config, planner, self.against)
+        require_possible(self.config, planner, self.also_crash)
         windows = ((scenario, self.rollouts) for scenario in scenarios)
         return illuminate_each(windows, self.config, planner, self.archive, batch=self.batch)
 

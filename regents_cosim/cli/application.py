@@ -24,6 +24,7 @@ from regents_cosim.cli.commands.shrink import shrink
 from regents_cosim.cli.commands.status import status
 from regents_cosim.cli.commands.suite import suites
 from regents_cosim.cli.commands.train import training
+from regents_cosim.cli.renamed import with_new_names
 from regents_cosim.cli.run_log import end_run_log
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import one_line
@@ -114,7 +115,8 @@ def run(arguments: Sequence[str]) -> int:
             "what follows -- goes to the SUMO that `record`, `attack` and `live` start: leave it out", WRONG_USAGE
         )
     if mine[:1] and mine[0] in _WITH_SUMO and (note := untested_sumo()):
-        print(one_line(f"regents: note: {note}"), file=sys.stderr)
+        _note(note)
+    mine = with_new_names(mine, _note)
     words = [*mine, *(f"--sumo-option={word}" for word in for_sumo)]
     try:
         code = app(words, exit_on_error=False, print_error=False, result_action="return_value")
@@ -138,6 +140,10 @@ def _where_to_look(error: CycloptsError, mine: Sequence[str]) -> str:
     place = f"see `{' '.join(['regents', *(word for word in mine[:1] if word in app)])} --help`"
     mistaken = isinstance(error, UnknownOptionError) and mine[:1] in _FOR_SUMO
     return f"{place}; SUMO's own options go behind --, at the end" if mistaken else place
+
+
+def _note(message: str) -> None:
+    print(one_line(f"regents: note: {message}"), file=sys.stderr)
 
 
 def _complain(message: str, code: int) -> int:

@@ -39,9 +39,9 @@ class CampaignOptions:
     """NUMBER/COUNT: this share of the windows alone, as 3/64; in a SLURM job array the task's own"""
     retry: Annotated[bool, Advanced] = False
     """try again what failed before; without it the same command does what is missing only"""
-    types: Annotated[tuple[str, ...], Parameter(["--type"])] = ()
-    """KIND or KIND=NUMBER: look for crashes of this kind alone (docs/tags.md, e.g. cut_in=10), so many (--count where
-    no number is given), and record more windows until they are found or the traffic holds no more; may be repeated"""
+    manoeuvres: Annotated[tuple[str, ...], Parameter(["--manoeuvre"])] = ()
+    """NAME or NAME=NUMBER: look only for crashes with this manoeuvre of the adversary (docs/tags.md, e.g. cut_in=10),
+    and record more windows until there are so many (default: --count) or the traffic holds no more; may be repeated"""
     archive: bool = False
     """keep the best crash of each cell of the map of behaviours alone: telling before avoidable before clean, then the
     most usual adversary, then the least deviation (`regents suite coverage` shows the map)"""
@@ -61,8 +61,8 @@ class CampaignOptions:
 
         if self.axes and not self.archive and self.into is None:
             raise RegentsError("--axes are of a map: expected --archive or --into as well")
-        if self.archive and self.types:
-            raise RegentsError("--archive keeps one crash of each kind, --type so many of one: expected one of them")
+        if self.archive and self.manoeuvres:
+            raise RegentsError("--archive and --manoeuvre choose crashes differently: expected one of them")
         return parse_axes(self.axes) if self.archive or self.into is not None else None
 
     def going_on(self, run: "AttackRun", terminal: "Terminal") -> "AttackRun":
@@ -76,8 +76,8 @@ class CampaignOptions:
             return run
         planner = PlannerUnderTest.of(run.planner)
         if self.rollouts:
-            require_possible(run.config, planner, run.against)
-        if self.rollouts is None and (why := obstacle(run.config, planner, run.against)):
+            require_possible(run.config, planner, run.also_crash)
+        if self.rollouts is None and (why := obstacle(run.config, planner, run.also_crash)):
             terminal.say(f"every search ends at its first crash ({why})")
             return run
         return replace(run, rollouts=ROLLOUTS if self.rollouts is None else self.rollouts)
@@ -90,7 +90,7 @@ class CampaignOptions:
             if self.minutes is not None:
                 raise RegentsError("--minutes is the time for a suite that grows: expected --into SUITE as well")
             return None
-        also = {"--archive": self.archive, "--type": self.types, "--shard": self.shard, "--retry": self.retry}
+        also = {"--archive": self.archive, "--manoeuvre": self.manoeuvres, "--shard": self.shard, "--retry": self.retry}
         also["--executor"] = executor != "local"
         if named := [name for name, given in also.items() if given]:
             raise RegentsError(f"--into has a way of its own to choose and to go on: leave out {', '.join(named)}")
@@ -157,7 +157,7 @@ def attack_into(
         run = replace(run, engine="threads", batch=1)
     shard, together = share(options.shard, terminal), run.together()
     if run.wanted and shard.count > 1:
-        raise RegentsError("--type is asked of a whole run: leave out --shard (--shard 1/1 in a SLURM array)")
+        raise RegentsError("--manoeuvre is asked of a whole run: leave out --shard (--shard 1/1 in a SLURM array)")
     mine = run.identity(given.settings(), together)
     require_free(output, mine, shard)
     suite = SuiteWriter(output, given.traffic.seed)

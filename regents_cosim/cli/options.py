@@ -177,7 +177,7 @@ class SearchOptions:
     iterations: int | None = None
     """updates at most"""
     universal: Annotated[Literal["mean", "worst"] | None, Advanced] = None
-    """with --against: lower the mean of the planners' costs, or the cost of the one furthest from a crash"""
+    """with --also-crash: lower the mean of the planners' costs, or the cost of the one furthest from a crash"""
     max_deviation: Annotated[float | None, Advanced] = None
     """of an action from the logged one, as a share of its limit; 0: no bound"""
     driving: Literal["any", "ordinary"] | None = None
@@ -202,10 +202,10 @@ class SearchOptions:
 
 @Parameter(name="*", group=BASELINE)
 @dataclass(frozen=True)
-class Against:
+class BaselineOptions:
     """Whether the planner got worse than a baseline allows."""
 
-    against: Path | None = None
+    baseline: Path | None = None
     """baseline.json of accepted outcomes: exit code 1 where the planner collides and did not before, or fails"""
     update: bool = False
     """accept what the planner does now, and say what changed (default file: baseline.json in the suite)"""

@@ -77,7 +77,7 @@ TAGS: dict[str, Tag] = {
     )
 }
 
-TYPES = tuple(name for name, tag in TAGS.items() if tag.about == "adversary")
+MANOEUVRES = tuple(name for name, tag in TAGS.items() if tag.about == "adversary")
 
 
 def tags_of(scenario: Scenario, among: Collection[str] = TAGS) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from regents_cosim.cases.files import load_case, load_header, save_case
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.tags.table import TYPES
+from regents_cosim.tags.table import MANOEUVRES
 
 
 def crash(number=0, *, tags=("cut_in",), kind="t_bone", closing=7.0, departs=2.5, standing=3, usual=50.0, off=1.0):
@@ -27,7 +27,7 @@ def crash(number=0, *, tags=("cut_in",), kind="t_bone", closing=7.0, departs=2.5
 # Plain values, of which the test makes crashes.
 values = st.lists(
     st.fixed_dictionaries({
-        "tags": st.lists(st.sampled_from(TYPES), max_size=2).map(tuple),
+        "tags": st.lists(st.sampled_from(MANOEUVRES), max_size=2).map(tuple),
         "closing": st.floats(0.0, 60.0),
         "departs": st.none() | st.floats(0.0, 30.0),
         "standing": st.integers(0, 3),
@@ -143,7 +143,7 @@ def test_coverage_is_printed_drawn_and_asked_for(suite, tmp_path, capsys):
     words = ["suite", "check", str(suite), "--quiet", *axes, "--min-cells"]
     assert [run([*words, str(cells)]) for cells in (2, 3, 36)] == [0, 1, 2]
     capsys.readouterr()
-    assert run(["suite", "coverage", str(suite), "--against", str(suite), *axes]) == 0
+    assert run(["suite", "coverage", str(suite), "--older", str(suite), *axes]) == 0
     printed = capsys.readouterr().out
     assert "x.x.." not in printed
     assert "0 cells are new" in printed
@@ -160,7 +160,7 @@ def test_coverage_is_printed_drawn_and_asked_for(suite, tmp_path, capsys):
             marks=pytest.mark.slow,
         ),
         pytest.param(
-            ["attack", "shipped:quickstart", "-o", "out", "--archive", "--type", "cut_in"],
+            ["attack", "shipped:quickstart", "-o", "out", "--archive", "--manoeuvre", "cut_in"],
             "expected one of them",
             marks=pytest.mark.slow,
         ),

@@ -193,7 +193,7 @@ def test_without_the_law_adversaries_break_it():
 @pytest.mark.parametrize("search", ["per-candidate", slow("joint")])
 def test_several_planners_under_the_law(search):
     config = replace(FEW, search=search, law="strict" if search == "per-candidate" else "any")
-    found = list(attack([shipped_window("crossing")], config, "idm", against=["constant_velocity"]))
+    found = list(attack([shipped_window("crossing")], config, "idm", also_crash=["constant_velocity"]))
     assert all(case.attack.outcome != "planner_error" for case in found)
     check_telling(found) if search == "per-candidate" else None
     assert all("crashed" in case.attack.settings for case in found if case.attack.collision)

@@ -33,7 +33,7 @@ class OnItsTrack(FixedEgo, JaxPlanner):
 @pytest.fixture(scope="module", params=["mean", pytest.param("worst", marks=pytest.mark.slow)])
 def attacked(request):
     config = replace(REGENTS, universal=request.param)
-    return next(attack([platoon(seed=1)], config, PLANNERS[0], against=PLANNERS[1:]))
+    return next(attack([platoon(seed=1)], config, PLANNERS[0], also_crash=PLANNERS[1:]))
 
 
 @pytest.mark.slow
@@ -53,7 +53,7 @@ def test_a_second_planner_that_is_the_first_changes_nothing():
     """The mean of two equal costs is the cost: the search goes the same way."""
     twin = "regents_cosim.planners.log_replay:LogReplay"
     one = next(attack([platoon(seed=1)], REGENTS, "log_replay"))
-    both = next(attack([platoon(seed=1)], REGENTS, "log_replay", against=[twin]))
+    both = next(attack([platoon(seed=1)], REGENTS, "log_replay", also_crash=[twin]))
     assert both.attack.collision.agent == one.attack.collision.agent
     assert both.attack.iterations == pytest.approx(one.attack.iterations, abs=1)
     assert np.abs(both.tracks.x - one.tracks.x).max() < 0.05
@@ -103,7 +103,7 @@ def test_who_collides_in_the_log_is_said_before_any_search():
     speeds = np.array(made.tracks.speed)
     speeds[0] = speed
     braking = replace(made, tracks=replace(made.tracks, x=x, speed=speeds))
-    found = next(attack([braking], replace(REGENTS, iterations=3), "log_replay", against=["constant_velocity"]))
+    found = next(attack([braking], replace(REGENTS, iterations=3), "log_replay", also_crash=["constant_velocity"]))
     assert found.attack.outcome == "already_colliding"
     assert found.attack.settings["crashed"] == "constant_velocity"
 
@@ -111,7 +111,7 @@ def test_who_collides_in_the_log_is_said_before_any_search():
 def test_planners_that_cannot_be_attacked_together():
     def refused(message, planner="idm", against=("log_replay",), config=REGENTS):
         with pytest.raises(RegentsError, match=message):
-            next(attack([platoon()], config, planner, against=against))
+            next(attack([platoon()], config, planner, also_crash=against))
 
     refused("'sumo' is not in JAX", against=("sumo",))
     refused("expected each of them once", against=("idm",))

@@ -12,7 +12,7 @@ from test_attack_run import begun, regents, tree
 from regents_cosim.attacks.presets import METHODS
 from regents_cosim.campaign.identity import identity
 from regents_cosim.campaign.ledger import SCHEMA, Begun, DoneUnit, LedgerRecord, RunPlan, WorkUnit
-from regents_cosim.campaign.requests import parse_types
+from regents_cosim.campaign.requests import parse_manoeuvres
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
@@ -20,9 +20,9 @@ from regents_cosim.errors import RegentsError
 
 
 def test_what_is_typed():
-    assert parse_types([], 8) is None
-    assert dict(parse_types(["cut_in=10", "hard_brake"], 8).counts) == {"cut_in": 10, "hard_brake": 8}
-    rounds = list(parse_types(["cut_in=10"], 8).windows())
+    assert parse_manoeuvres([], 8) is None
+    assert dict(parse_manoeuvres(["cut_in=10", "hard_brake"], 8).counts) == {"cut_in": 10, "hard_brake": 8}
+    rounds = list(parse_manoeuvres(["cut_in=10"], 8).windows())
     assert rounds[:3] == [40, 160, 640]
     assert rounds[-1] <= 1_000_000
 
@@ -39,15 +39,15 @@ def test_what_is_typed():
 )
 def test_what_is_refused(words, said):
     with pytest.raises(RegentsError, match=said):
-        parse_types(words, 8)
+        parse_manoeuvres(words, 8)
 
 
 def test_who_keeps_to_the_law_breaks_none():
-    wanted = parse_types(["wrong_way", "cut_in"], 1)
-    with pytest.raises(RegentsError, match="--type wrong_way: .* expected --law any"):
+    wanted = parse_manoeuvres(["wrong_way", "cut_in"], 1)
+    with pytest.raises(RegentsError, match="--manoeuvre wrong_way: .* expected --law any"):
         wanted.require_possible(METHODS["focused"])
     wanted.require_possible(replace(METHODS["focused"], law="any"))
-    parse_types(["cut_in"], 1).require_possible(METHODS["focused"])
+    parse_manoeuvres(["cut_in"], 1).require_possible(METHODS["focused"])
     assert not wanted.lawful
 
 
@@ -61,7 +61,7 @@ def hard_brake(name="brake"):
 
 
 def test_only_what_is_asked_for_is_taken_and_no_more_than_that():
-    wanted, found = parse_types(["hard_brake=2", "cut_in"], 1), Counter()
+    wanted, found = parse_manoeuvres(["hard_brake=2", "cut_in"], 1), Counter()
     assert [wanted.takes(hard_brake(), found) for _ in range(3)] == [True, True, False]
     assert not wanted.takes(scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0)), found)
     assert not wanted.is_met(found)
@@ -84,7 +84,7 @@ def done(*said):
 
 
 def test_why_there_are_too_few_is_told_by_the_drives_that_were_looked_at():
-    wanted = parse_types(["merge_squeeze=3", "cut_in=2", "hard_brake"], 1)
+    wanted = parse_manoeuvres(["merge_squeeze=3", "cut_in=2", "hard_brake"], 1)
     found, record = Counter(cut_in=1, hard_brake=1), done({"promised": ["cut_in"]}, {"promised": []}, {})
     assert wanted.said(found, record, ended=False).endswith(
         "in 3 windows so far; no lawful drive to the ego leads to merge_squeeze in any of 2 windows; "
@@ -96,9 +96,9 @@ def test_why_there_are_too_few_is_told_by_the_drives_that_were_looked_at():
 def test_what_a_drive_leads_to_may_be_another_kind_than_it_is():
     cases = find_cases(shipped("scenarios") / "standard")
     cut_in = next(load_case(one) for one in cases if load_header(one).tags[:1] == ("cut_in",))
-    wanted = parse_types(["lane_drift"], 1)
+    wanted = parse_manoeuvres(["lane_drift"], 1)
     assert (wanted.of_drive(cut_in), wanted.of_crash(cut_in)) == ({"lane_drift"}, frozenset())
-    wanted = parse_types(["cut_in", "crossing_path"], 1)
+    wanted = parse_manoeuvres(["cut_in", "crossing_path"], 1)
     assert wanted.of_drive(cut_in) == wanted.of_crash(cut_in) == {"cut_in"}
     assert wanted.of_drive(hard_brake()) == wanted.of_crash(hard_brake()) == set()
 
@@ -106,7 +106,7 @@ def test_what_a_drive_leads_to_may_be_another_kind_than_it_is():
 @pytest.mark.slow
 def test_the_command_records_until_it_has_enough(tmp_path):
     short = (f"--{name}={value}" for name, value in SHORT.items())
-    words = ("attack", "-c", "shipped:crossing", "--type", "crossing_path=2", *short, "--no-verify", "-o")
+    words = ("attack", "-c", "shipped:crossing", "--manoeuvre", "crossing_path=2", *short, "--no-verify", "-o")
     assert regents(*words, "suite", cwd=tmp_path)
     (tmp_path / "suite").rename(tmp_path / "first")
     ledger = tmp_path / "suite" / ".run" / "ledger.jsonl"

@@ -108,4 +108,4 @@ def test_1_for_a_planner_that_fails_against_a_baseline(case, failing, tmp_path):
     shutil.copytree(QUICKSTART, tmp_path / "suite")
     words = ("evaluate", tmp_path / "suite" / case.name, "--planner", failing)
     assert regents(*words, "--update").returncode == 4  # such an outcome is not accepted
-    assert regents(*words, "--against", tmp_path / "suite" / "baseline.json").returncode == 1
+    assert regents(*words, "--baseline", tmp_path / "suite" / "baseline.json").returncode == 1

@@ -54,7 +54,7 @@ def commands(suite, planner, out):
     return {
         "evaluate": ("evaluate", suite, "--planner", planner),
         "evaluate in sumo": ("evaluate", suite, "--planner", planner, "--in", "sumo"),
-        "against": ("evaluate", suite, "--planner", planner, "--against", suite / "baseline.json"),
+        "against": ("evaluate", suite, "--planner", planner, "--baseline", suite / "baseline.json"),
         "replay": ("replay", suite, "--ego", "planner", "--planner", planner, "--in", "highway"),
         "replay in sumo": ("replay", suite, "--ego", "planner", "--planner", planner),
         "attack": ("attack", *crossing, "--count", 1, "--horizon", 3, "--planner", planner, "-o", out),

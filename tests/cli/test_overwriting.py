@@ -26,9 +26,9 @@ COMMANDS = {
     "log": (("replay", "CASE", "--in", "mirror", "--log-file", "OUT/log"), ("log",)),
     "coverage": (("suite", "coverage", "SUITE", "-o", "OUT/map.png"), ("map.png",)),
     "inspect": (("inspect", "LOG", "-o", "OUT"), ("PICTURE",)),
-    "baseline": (("evaluate", "CASE", "--planner", "log_replay", "--against", "OUT/b.json", "--update"), ("b.json",)),
+    "baseline": (("evaluate", "CASE", "--planner", "log_replay", "--baseline", "OUT/b.json", "--update"), ("b.json",)),
     "markdown": (
-        ("evaluate", "CASE", "--planner", "log_replay", "--against", "KEPT", "--update", "--markdown", "OUT/s.md"),
+        ("evaluate", "CASE", "--planner", "log_replay", "--baseline", "KEPT", "--update", "--markdown", "OUT/s.md"),
         ("s.md",),
     ),
 }

@@ -1,4 +1,4 @@
-"""What a regression is: thresholds, verdicts, margins, baselines on disk; and `regents evaluate --against`."""
+"""What a regression is: thresholds, verdicts, margins, baselines on disk; and `regents evaluate --baseline`."""
 
 import json
 import math
@@ -256,7 +256,7 @@ def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
     buggy = f"{SUPPORT / 'buggy_idm.py'}:BuggyIDM"
     accept_good_then(monkeypatch, buggy)
     capsys.readouterr()
-    words = ("suite", "--planner", buggy, "--against", "suite/baseline.json")
+    words = ("suite", "--planner", buggy, "--baseline", "suite/baseline.json")
     assert evaluate(*words, "--markdown", "summary.md", "--json") == 1
     shown = capsys.readouterr()
     rows = {row["case"]: row for row in json.loads(shown.out)}
@@ -269,7 +269,7 @@ def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
     assert "squeezes_in: collides where the baseline did not" in " ".join(shown.err.split())
     assert "| squeezes_in | regression: collides" in Path("summary.md").read_text()
 
-    assert evaluate("suite/follows", "--planner", buggy, "--against", "suite/baseline.json", "--markdown", "-") == 0
+    assert evaluate("suite/follows", "--planner", buggy, "--baseline", "suite/baseline.json", "--markdown", "-") == 0
     assert capsys.readouterr().out.startswith(f"### regents: {buggy} in mirror: passed")
     assert evaluate("suite/squeezes_in", "--planner", buggy, "--update") == 0
     assert "accepted 1 changes" in capsys.readouterr().err
@@ -284,12 +284,12 @@ def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--against", "nothing.json"), "baseline not found: nothing.json (make it with --update)"),
-        (("--fail", "score:-5%"), "add --against"),
+        (("--baseline", "nothing.json"), "baseline not found: nothing.json (make it with --update)"),
+        (("--fail", "score:-5%"), "add --baseline"),
         (("--update", "--fail", "score:+5%"), "say how far it may fall: score:-5%"),
         (("--update", "--margin", "--in", "sumo"), "the margin is measured in the mirror, not in sumo"),
         (("--background", "reactive"), "SUMO's own traffic; expected --in sumo, found --in mirror"),
-        (("--update", "--in", "sumo", "--background", "reactive"), "leave out --background or --against"),
+        (("--update", "--in", "sumo", "--background", "reactive"), "leave out --background or --baseline"),
         (("--update", "--planner", "nosuch"), "planner 'nosuch' not found"),
     ],
 )

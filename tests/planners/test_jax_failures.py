@@ -81,7 +81,7 @@ def test_attacked_in_batches_and_several_at_once():
         good, bad, fine = attack(CALLED, QUICK, RAISES, **how)
         assert "KeyError: 'lost'" in bad.attack.planner_error
         assert good.attack.outcome == fine.attack.outcome != "planner_error"
-    several = attack(CASES, QUICK, "constant_velocity", against=[FAILS])
+    several = attack(CASES, QUICK, "constant_velocity", also_crash=[FAILS])
     assert [case.attack.outcome == "planner_error" for case in several] == [case.id in SAID for case in CASES]
 
 

@@ -91,27 +91,27 @@ def test_a_planner_is_evaluated_and_held_against_its_baseline(tmp_path):
     cases = suite(tmp_path / "suite")
     accepted = evaluate(cases, Rolls, update=True)
     assert [drive.hits for drive in accepted.drives] == ["car01", None]
-    assert len(accepted.against.accepted) == 2
-    again = evaluate(str(cases), Rolls, against=cases / "baseline.json", fail="min_ttc_s:-5%")
-    assert [one.status for one in again.against.verdicts] == ["known_failure", "same"]
-    assert (again.against.fails(), again.against.accepted) == (False, None)
+    assert len(accepted.comparison.accepted) == 2
+    again = evaluate(str(cases), Rolls, baseline=cases / "baseline.json", fail="min_ttc_s:-5%")
+    assert [one.status for one in again.comparison.verdicts] == ["known_failure", "same"]
+    assert (again.comparison.fails(), again.comparison.accepted) == (False, None)
     assert again.rows[-1].collisions == 1
 
 
 def test_what_got_worse_is_a_regression(tmp_path):
     cases, file = load_suite(suite(tmp_path / "suite")), tmp_path / "baseline.json"
     mine = regents_cosim.PlannerUnderTest.of(Stops(), name="mine", own_process=False)
-    assert len(evaluate(cases, mine, against=file, update=True).against.accepted) == 2
+    assert len(evaluate(cases, mine, baseline=file, update=True).comparison.accepted) == 2
     worse = regents_cosim.PlannerUnderTest.of(Rolls(), name="mine", own_process=False)
-    found = evaluate(cases, worse, against=file)
-    assert found.against.fails()
-    assert {one.case: one.status for one in found.against.verdicts}["blocked"] == "regression"
+    found = evaluate(cases, worse, baseline=file)
+    assert found.comparison.fails()
+    assert {one.case: one.status for one in found.comparison.verdicts}["blocked"] == "regression"
 
 
 @pytest.mark.parametrize(
     ("how", "said"),
     [
-        ({"fail": "score:-5%"}, "add --against"),
+        ({"fail": "score:-5%"}, "add --baseline"),
         ({"update": True}, "cases in memory have no baseline of their own"),
         ({"against": "nowhere.json"}, "baseline not found: nowhere.json"),
         (

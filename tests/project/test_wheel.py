@@ -73,6 +73,6 @@ assert run(["shrink", "shipped:quickstart"]) == 2
     conflicts, missing, update, shrink = errors.splitlines()
     assert conflicts.startswith("windows in which another road user can lawfully cross or join the ego's path: ")
     assert "shipped:merge" in missing
-    assert "--against" in update
+    assert "--baseline" in update
     assert "--output" in shrink
     assert sorted(installed.rglob("*.json")) == before

@@ -17,7 +17,7 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.tags.table import TAGS, TYPES, require_tags, tags_of
+from regents_cosim.tags.table import MANOEUVRES, TAGS, require_tags, tags_of
 
 LANE_M = 3.2
 TIME_S = DT * np.arange(81)
@@ -48,7 +48,7 @@ def steady(x, y, speed):
 
 def of_adversary(case):
     assert first_contact(case.agents, case.tracks), "the two never touch"
-    return {tag for tag in tags_of(case) if tag in TYPES}
+    return {tag for tag in tags_of(case) if tag in MANOEUVRES}
 
 
 def cut_in(ego_m_s, slower_m_s, begin_s, side):

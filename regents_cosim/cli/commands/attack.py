@@ -41,7 +41,7 @@ def attack(
     *,
     traffic: TrafficOptions = TrafficOptions(),
     planner: PlannerName = "idm",
-    against: Annotated[tuple[str, ...], OfPlanner] = (),
+    also_crash: Annotated[tuple[str, ...], OfPlanner] = (),
     output: OutputIfAny = None,
     search: SearchOptions = SearchOptions(),
     rules: SearchRules = SearchRules(),
@@ -65,8 +65,8 @@ def attack(
     ----------
     cases
         a case or a folder of cases, as `regents record` makes them; or name traffic with -c
-    against
-        another planner (in JAX) that the same adversary is to make crash; as many as you like
+    also_crash
+        another planner (in JAX) that the same adversary has to make crash too; may be repeated
     output
         folder for the attacked cases; only --into does without
     batch
@@ -79,7 +79,7 @@ def attack(
     """
     from regents_cosim.archive.coverage import Coverage, archive_of
     from regents_cosim.campaign.attack_run import attacked_headers
-    from regents_cosim.campaign.requests import parse_types
+    from regents_cosim.campaign.requests import parse_manoeuvres
     from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.cases.files import load_case
     from regents_cosim.evaluation.crashes.failures import reasons_without_crash
@@ -90,13 +90,13 @@ def attack(
     _require_one_input(cases, traffic, sumo, [place for place in (output, campaign.into) if place])
     programs.keep()
     config = search.config(rules)
-    wanted = parse_types(campaign.types, traffic.count)
+    wanted = parse_manoeuvres(campaign.manoeuvres, traffic.count)
     if wanted is not None:
         wanted.require_possible(config)
     axes = campaign.map_axes()
     if axes and not judge:
         raise RegentsError("--archive and --into choose by the judgement: leave out --no-judge")
-    run = AttackRun(config, planner, against, batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
+    run = AttackRun(config, planner, also_crash, batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
     run = campaign.going_on(run, terminal)
     if campaign.into is not None and axes and budget:
         given = Given(cases, traffic, sumo)
@@ -106,7 +106,7 @@ def attack(
     record = attack_into(output, run, Given(cases, traffic, sumo, executor), campaign, terminal)
     attacked, replays = attacked_headers(record, output)
     rows = [attack_row(one, replays.get(one.id)) for one in attacked]
-    title = f"{run.label} against {' and '.join((planner, *against))}: {len(rows)} cases in {output}"
+    title = f"{run.label} against {' and '.join((planner, *also_crash))}: {len(rows)} cases in {output}"
     terminal.show(title, rows, summary(attacked, replays), ATTACKED)
     terminal.suggest(("regents", "report", output, "-o", "report.html"))
     for line in reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None):

@@ -10,7 +10,7 @@ from regents_cosim.cli.campaign import share
 from regents_cosim.cli.groups import Advanced
 from regents_cosim.cli.options import (
     ActTimeout,
-    Against,
+    BaselineOptions,
     Cases,
     Executor,
     OutputIfAny,
@@ -25,7 +25,7 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict
-    from regents_cosim.evaluation.regression.evaluate import AgainstBaseline, Evaluation
+    from regents_cosim.evaluation.regression.evaluate import BaselineComparison, Evaluation
 
 _STDOUT = Path("-")
 
@@ -36,7 +36,7 @@ def evaluate(
     planner: PlannerName,
     where: Annotated[Literal["mirror", "sumo", "highway"], Parameter("--in")] = "mirror",
     background: Literal["log", "reactive"] = "log",
-    baseline: Against = Against(),
+    baseline: BaselineOptions = BaselineOptions(),
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
     executor: Executor = "local",
     output: OutputIfAny = None,
@@ -70,8 +70,8 @@ def evaluate(
 
     terminal = open_terminal(talk)
     programs.keep()
-    if (baseline.strict or baseline.markdown) and baseline.against is None and not baseline.update:
-        raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --against")
+    if (baseline.strict or baseline.markdown) and baseline.baseline is None and not baseline.update:
+        raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --baseline")
     if baseline.markdown is not None and baseline.markdown != _STDOUT:
         require_ours(baseline.markdown)
     with executor_for(executor) as pool:
@@ -80,7 +80,7 @@ def evaluate(
             planner,
             where=where,
             background=background,
-            against=baseline.against,
+            baseline=baseline.baseline,
             update=baseline.update,
             fail=baseline.fail,
             margin=baseline.margin,
@@ -91,8 +91,8 @@ def evaluate(
             retry=retry,
             shard=share(shard, terminal),
         )
-    if found.against is not None:
-        return _show_verdicts(found, found.against, cases, baseline, terminal)
+    if found.comparison is not None:
+        return _show_verdicts(found, found.comparison, cases, baseline, terminal)
     rows = [dataclasses.asdict(row) for row in found.rows]
     among = " among traffic that reacts" if background == "reactive" else ""
     terminal.show(f"{planner} on {len(found.drives)} cases in {where}{among}", rows, str(found.counts), DRIVEN)
@@ -102,7 +102,7 @@ def evaluate(
 
 
 def _show_verdicts(
-    found: "Evaluation", held: "AgainstBaseline", cases: Path, options: Against, terminal: "Terminal"
+    found: "Evaluation", held: "BaselineComparison", cases: Path, options: BaselineOptions, terminal: "Terminal"
 ) -> int:
     """The table, what fails, what was accepted; the exit code."""
     from regents_cosim.evaluation.regression.comparison import reproduce, tally
@@ -127,7 +127,9 @@ def _show_verdicts(
     return PLANNER_FAILED if any(v.now.outcome == "planner_error" for v in held.verdicts) else 0
 
 
-def _show(found: "Evaluation", held: "AgainstBaseline", cases: Path, options: Against, terminal: "Terminal") -> None:
+def _show(
+    found: "Evaluation", held: "BaselineComparison", cases: Path, options: BaselineOptions, terminal: "Terminal"
+) -> None:
     from regents_cosim.evaluation.regression.comparison import markdown
     from regents_cosim.evaluation.regression.evaluate import suite_of
     from regents_cosim.reports.tables import COMPARED

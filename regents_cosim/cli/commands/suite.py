@@ -194,7 +194,7 @@ def _rows(cards: "Iterable[CaseCard]", short: bool = True) -> list[dict[str, Any
 def coverage(
     suite: Cases,
     *,
-    against: Cases | None = None,
+    older: Cases | None = None,
     axes: MapAxes = "",
     output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
@@ -205,8 +205,8 @@ def coverage(
     ----------
     suite
         a folder of cases
-    against
-        an older suite: which cells the new one fills that it does not
+    older
+        an older suite: say which cells the new one fills and the older one does not
     output
         file for a picture of the map (.png)
     """
@@ -222,7 +222,7 @@ def coverage(
     terminal = open_terminal(talk)
     with terminal.waiting("reading"):
         folders = [suite / case for case in suite_cases(suite)]
-        found = coverage_of(folders, asked, against and [against / case for case in suite_cases(against)])
+        found = coverage_of(folders, asked, older and [older / case for case in suite_cases(older)])
     title = f"the crashes of {suite} by {', '.join(asked.names)}"
     if output is not None:
         draw_coverage(found, title, output)

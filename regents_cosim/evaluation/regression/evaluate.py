@@ -35,7 +35,7 @@ from regents_cosim.system.threads import in_turn
 
 
 @dataclass(frozen=True)
-class AgainstBaseline:
+class BaselineComparison:
     """A planner's drives held against what was accepted of it."""
 
     file: Path
@@ -56,7 +56,7 @@ class Evaluation:
     planner: str  # its name
     where: Simulator
     drives: tuple[Drive, ...]  # in the order of the cases
-    against: AgainstBaseline | None = None  # where it was held against a baseline
+    comparison: BaselineComparison | None = None  # where it was held against a baseline
 
     @property
     def rows(self) -> list[DrivingRow]:
@@ -80,7 +80,7 @@ def evaluate(
     *,
     where: Simulator = "mirror",
     background: Background = "log",
-    against: Path | str | None = None,
+    baseline: Path | str | None = None,
     update: bool = False,
     fail: str = "",
     margin: bool = False,
@@ -95,7 +95,7 @@ def evaluate(
 
     The others follow their tracks, or in SUMO, by `background` reactive, SUMO drives all but the adversary.
 
-    `against` is a file of accepted outcomes (baseline.json): each drive is held against it, by `fail` also where
+    `baseline` is a file of accepted outcomes (baseline.json): each drive is held against it, by `fail` also where
     metrics get worse ("min_ttc_s:-5% collision:+0"). With `update` what the planner does now is accepted, by default in
     the suite's own file. `margin` measures how little of each attack makes it collide, by up to six more drives.
 
@@ -108,9 +108,9 @@ def evaluate(
     anything is driven, for what cannot be read or measured.
     """
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
-    asked = _asked(folder, against, update, fail, margin, where)
+    asked = _asked(folder, baseline, update, fail, margin, where)
     if asked is not None and background != "log":
-        raise RegentsError("a baseline is of drives among others on their tracks: leave out --background or --against")
+        raise RegentsError("a baseline is of drives among others on their tracks: leave out --background or --baseline")
     given = PlannerUnderTest.of(planner)
     scenarios = cases_in_turn(cases, shard.every)
     if not scenarios:
@@ -176,14 +176,14 @@ class _RegressionTest:
         }
         verdicts = tuple(judge_drive(case, one, before.get(case), self.thresholds) for case, one in now.items())
         listed = suite_cases(self.suite) if self.suite is not None else (*before, *now)
-        said = AgainstBaseline(
+        said = BaselineComparison(
             self.file,
             verdicts,
             unused=tuple(unused(before, listed)),
             stranger=self.baseline.stranger(found.planner, found.where),
             accepted=self._accepted(verdicts, found, listed) if self.update else None,
         )
-        return replace(found, drives=tuple(drives), against=said)
+        return replace(found, drives=tuple(drives), comparison=said)
 
     def _accepted(
         self, verdicts: Iterable[RegressionVerdict], found: Evaluation, listed: Sequence[str]
@@ -196,21 +196,21 @@ class _RegressionTest:
 
 
 def _asked(
-    folder: Path | None, against: Path | str | None, update: bool, fail: str, margin: bool, where: Simulator
+    folder: Path | None, baseline: Path | str | None, update: bool, fail: str, margin: bool, where: Simulator
 ) -> _RegressionTest | None:
     """None where no baseline is asked for. Raises RegentsError."""
-    if against is None and not update:
+    if baseline is None and not update:
         if fail or margin:
-            raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --against")
+            raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --baseline")
         return None
     suite = suite_of(folder) if folder is not None else None
-    if against is None and suite is None:
-        raise RegentsError("cases in memory have no baseline of their own: name a file with `against`")
-    file = Path(against) if against is not None else suite / FILE  # type: ignore[operator]
+    if baseline is None and suite is None:
+        raise RegentsError("cases in memory have no baseline of their own: name a file with `baseline`")
+    file = Path(baseline) if baseline is not None else suite / FILE  # type: ignore[operator]
     if not file.exists() and not update:
         raise RegentsError(f"baseline not found: {file} (make it with --update)")
     if update:
-        require_own(file, "--against")
+        require_own(file, "--baseline")
     if margin and where != "mirror":
         raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
     thresholds = parse_thresholds(fail)
