@@ -113,9 +113,9 @@ def test_what_got_worse_is_a_regression(tmp_path):
     [
         ({"fail": "score:-5%"}, "add --baseline"),
         ({"update": True}, "cases in memory have no baseline of their own"),
-        ({"against": "nowhere.json"}, "baseline not found: nowhere.json"),
+        ({"baseline": "nowhere.json"}, "baseline not found: nowhere.json"),
         (
-            {"against": "new.json", "update": True, "margin": True, "where": "sumo"},
+            {"baseline": "new.json", "update": True, "margin": True, "where": "sumo"},
             "the margin is measured in the mirror",
         ),
     ],
