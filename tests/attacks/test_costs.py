@@ -201,6 +201,7 @@ def test_the_gradient_of_the_whole_cost_is_that_of_finite_differences(x64, seed)
     check_grads(cost, (jnp.asarray(0.3),), order=1, modes=["rev"], eps=1e-5, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_masked_agents_send_no_gradient():
     made = platoon()
     valid = np.array(made.tracks.valid)

@@ -95,6 +95,7 @@ def braking():
     return made, bounded(made)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(0.05, 1.0))
 def test_controls_keep_to_the_bounds_unless_the_log_does_more(seed, scale):
     made, world = braking()
@@ -120,6 +121,7 @@ def _driven(world, controls):
     return roll_out_background(world, controls)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(0.05, 1.0))
 def test_what_is_allowed_is_left_as_it_is(seed, scale):
     _, world = braking()

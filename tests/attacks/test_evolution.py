@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 LOOKS = """
 import sys
 import numpy as np
@@ -19,5 +21,6 @@ assert np.array_equal(cma_es(np.zeros(3), 0.5, 6, seed=1).ask(), cma_es(np.zeros
 """
 
 
+@pytest.mark.slow
 def test_it_finds_a_minimum_and_leaves_scipy_as_it_was():
     subprocess.run([sys.executable, "-c", LOOKS], check=True)

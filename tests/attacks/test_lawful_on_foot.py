@@ -50,6 +50,7 @@ def as_crash(made, start):
     return crash(made, replace(made.tracks, **values))
 
 
+@pytest.mark.slow
 def test_starts_keep_the_law():
     rng = np.random.default_rng(0)
     tried = 0
@@ -64,6 +65,7 @@ def test_starts_keep_the_law():
     assert tried >= 8
 
 
+@pytest.mark.slow
 def test_walks_begin_with_the_heading_that_they_are_seen_with_and_can_be_walked():
     rng, tried = np.random.default_rng(2), 0
     for heading in rng.uniform(-np.pi, np.pi, 6):

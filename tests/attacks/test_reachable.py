@@ -15,6 +15,7 @@ STRAIGHT = np.column_stack([np.linspace(0.0, 400.0, 801), np.zeros(801)])
 BENT = np.column_stack([np.linspace(0.0, 400.0, 801), 10.0 * np.sin(np.linspace(0.0, 40.0, 801))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [STRAIGHT, BENT], ids=["straight", "bent"])
 @pytest.mark.parametrize("limits", [CAR, HEAVY, CYCLIST], ids=["car", "heavy", "cyclist"])
 @given(speed=st.floats(0.0, 30.0), accel=st.floats(-6.0, 6.0), limit=st.sampled_from([3.0, 8.33, 13.89, 36.1, np.inf]))

@@ -133,6 +133,7 @@ def test_after_a_kill_a_suite_is_whole_and_the_next_writer_cleans_up(suite, what
     assert_cleaned_up(suite)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["rewrite", slow("build")])
 @pytest.mark.parametrize("exchange", ["yes", slow("no")])
 @pytest.mark.parametrize("stride", [11, pytest.param(1, marks=pytest.mark.slow)])

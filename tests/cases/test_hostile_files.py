@@ -321,6 +321,7 @@ def test_whatever_happened_to_a_file_it_is_read_or_refused(whole, name, examples
         path.write_bytes(before)
 
 
+@pytest.mark.slow
 @few_and_many
 def test_whatever_a_file_of_arrays_holds(tmp_path, examples):
     path = tmp_path / "tracks.npz"

@@ -74,6 +74,7 @@ def test_the_command_line_refuses_with_one_line(option, value, tmp_path, capsys)
     assert value.lstrip("-").removesuffix(".0") in said[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong", [{"epochs": 0}, {"lessons": 16}, {"drives": -1}, {"learning_rate": NAN}, {"frozen": 14}, {"evading": 1.0}]
 )

@@ -52,6 +52,7 @@ def same_tracks(one, other):
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("x", "y", "yaw", "speed"))
 
 
+@pytest.mark.slow
 def test_attacks_and_drives_are_the_same_in_a_process_of_double_precision():
     plain = [judge(case) for case in attack([BUSY], QUICK)]
     with jax.enable_x64(True):

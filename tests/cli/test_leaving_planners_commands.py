@@ -67,6 +67,7 @@ def commands(suite, planner, out):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", [slow("makes"), "Acts", "Traced"])
 @pytest.mark.parametrize("command", ["evaluate", *map(slow, list(commands(Path(), "", Path()))[1:])])
 def test_it_costs_the_case_and_says_so(suite, file, command, planner, tmp_path):

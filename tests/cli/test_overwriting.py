@@ -68,6 +68,7 @@ def test_a_file_of_somebody_else_stays(command, place, tmp_path, capsys):
         assert [(path.name, path.read_bytes()) for path in out.iterdir()] == [(name, THEIRS)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [name for name in COMMANDS if name != "moving"])
 def test_its_own_file_is_replaced(command, place, tmp_path):
     for _ in range(2):

@@ -41,6 +41,7 @@ def outcomes():
     return of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [slow(name) if name in _COSTLY else name for name in READERS])
 def test_a_product_of_counts_fills_no_memory_and_takes_no_hours(outcomes, name):
     found = outcomes(name)

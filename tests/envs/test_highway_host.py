@@ -58,6 +58,7 @@ def held_at_random(env, host: HighwayHost, draw: np.random.Generator, steps: int
             return
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_vehicles_are_taken_and_given_back_at_any_time(name):
     for env, draw in roads(name, 2):

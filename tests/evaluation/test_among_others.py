@@ -17,6 +17,7 @@ def rammed():
     return scenario(braking("ego", -80.0, 12.0, 8.0), straight("follower", -92.0, LANE_Y, 0.0, 12.0))
 
 
+@pytest.mark.slow
 def test_a_follower_that_sumo_drives_brakes_for_the_ego():
     logged, reacting = (
         evaluate([rammed()], "log_replay", where="sumo", background=background).drives[0]
@@ -26,12 +27,14 @@ def test_a_follower_that_sumo_drives_brakes_for_the_ego():
     assert reacting.score == 1.0 > logged.score
 
 
+@pytest.mark.slow
 def test_drives_among_others_that_react_are_kept_apart(tmp_path):
     evaluate([rammed()], "log_replay", where="sumo", keep=tmp_path)
     with pytest.raises(CaseError, match="background"):
         evaluate([rammed()], "log_replay", where="sumo", background="reactive", keep=tmp_path)
 
 
+@pytest.mark.slow
 def test_the_command_says_among_whom(tmp_path, capsys):
     case = str(save_case(rammed(), tmp_path))
     words = f"evaluate {case} --planner log_replay --in sumo --background reactive --quiet".split()

@@ -23,6 +23,7 @@ def neighbour():
         return harmless_neighbour(pushes(), careful)
 
 
+@pytest.mark.slow
 def test_a_careful_driver_passes_with_room_and_gets_on(neighbour):
     drive = score(neighbour, neighbour.tracks)
     assert drive.hits is None
@@ -33,6 +34,7 @@ def test_a_careful_driver_passes_with_room_and_gets_on(neighbour):
     assert neighbour.id == "pushes-harmless"
 
 
+@pytest.mark.slow
 def test_it_is_the_nearest_to_the_crash_that_is_harmless(neighbour):
     """With a quarter more of the attack left the careful driver has less than a metre, brakes hard, or crashes."""
     share = neighbour.attack.settings["harmless_share"]
@@ -71,6 +73,7 @@ def _row_held(values, to=None):
     return held
 
 
+@pytest.mark.slow
 def test_a_rank_compares_each_planner_with_the_one_before():
     """A cut-in that IDM brakes for and one that nobody gets away from."""
     cases = [cuts_in("late", behind_leader=10.5, begin_s=4.0), pushes(), follows()]

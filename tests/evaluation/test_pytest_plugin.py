@@ -123,6 +123,7 @@ def test_an_update_says_what_changed_and_forgets_what_left(project):
     assert entries["squeezes_in"].outcome == "no_collision"
 
 
+@pytest.mark.slow
 def test_a_case_that_changed_has_no_baseline_any_more(project):
     session(project, "--regents-update")
     folder = project.path / "suite"
@@ -233,6 +234,7 @@ def test_workers_of_xdist_hand_over_what_they_saw(project):
     assert sorted(baseline_of(project).of("planner.py:Mine", "mirror")) == CASES
 
 
+@pytest.mark.slow
 def test_tests_written_by_hand(project):
     project.makepyfile(
         """
@@ -345,6 +347,7 @@ def test_wrong_usage_is_said_once(project, spoil, planner, words, what):
     assert "Traceback" not in said(done)
 
 
+@pytest.mark.slow
 def test_a_damaged_case_fails_alone(project):
     session(project, "--regents-update")
     (project.path / "suite" / "pushes" / "tracks.npz").write_bytes(b"PK")

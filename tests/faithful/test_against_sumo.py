@@ -151,6 +151,7 @@ def regents(*words):
     return subprocess.run([REGENTS, *map(str, words)], capture_output=True, text=True, timeout=120)
 
 
+@pytest.mark.slow
 def test_inspect_finds_a_missing_vehicle_unless_the_case_says_so(tmp_path):
     config = INPUTS / "11-more-than-64-around" / "jam.sumocfg"
     options = ("-c", config, "--count", "1", "--seed", SEED, "--prefer", "none", "--end", "100", "--begin", "70")
@@ -170,6 +171,7 @@ def test_inspect_finds_a_missing_vehicle_unless_the_case_says_so(tmp_path):
     assert "which the case does not say" in found.stderr
 
 
+@pytest.mark.slow
 def test_inspect_refuses_a_log_of_another_time(tmp_path):
     config = INPUTS / "11-more-than-64-around" / "jam.sumocfg"
     (case,) = record_sumo(SumoInput(config, begin_s=70.0, end_s=100.0), count=1, seed=SEED, tell=lambda _: None)

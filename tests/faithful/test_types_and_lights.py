@@ -34,6 +34,7 @@ def test_trams_and_trains_are_as_large_as_sumo_makes_them():
     assert (found["t0"], found["u0"]) == ((22.0, 2.4), (109.5, 3.0))
 
 
+@pytest.mark.slow
 def test_every_class_of_sumo_has_the_size_that_sumo_gives_it(tmp_path):
     import sumolib
 
@@ -61,6 +62,7 @@ def ask_sizes(job):
         return {name: (sumo.vehicletype.getLength(name), sumo.vehicletype.getWidth(name)) for name in names}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [slow("r"), "rG"])
 def test_lights_may_have_more_letters_than_links(more, tmp_path):
     """Common in networks edited by hand; SUMO takes them, so what is recorded there replays there."""

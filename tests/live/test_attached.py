@@ -14,6 +14,7 @@ def fcd(tmp_path, name, by="libsumo", until_s=30.0, **how):
     return text[text.index("<fcd-export") :]  # before it, SUMO writes the time and its options
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", ["libsumo", pytest.param("labelled", marks=pytest.mark.slow)])
 def test_a_run_whose_adversary_never_attacks_is_that_without_it(tmp_path, by):
     assert fcd(tmp_path, "idle", by, adversary={"never": True}) == fcd(tmp_path, "bare", by)

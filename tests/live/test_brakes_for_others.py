@@ -63,6 +63,7 @@ def test_it_drives_on_where_a_crossing_vehicle_is_foreseen_to_turn_away():
     assert not would_touch_others(frame, dataclasses.replace(plan, foreseen=turns), 0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_s", [0.05, 0.1, 0.2, 0.5])
 @settings(max_examples=40)
 @given(st.floats(0.5, 25.0), st.floats(0.5, 30.0), st.floats(0.0, 12.0), st.booleans())

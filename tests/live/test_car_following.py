@@ -42,6 +42,7 @@ def test_only_the_improved_model_gets_as_fast_as_is_wanted_behind_a_leader():
     assert improved > 0.1
 
 
+@pytest.mark.slow
 @MODELS
 @given(speed=st.floats(2.0, 20.0), further_m=st.floats(1.0, 60.0))
 def test_one_that_has_room_to_stop_stops_before_the_place_and_near_it(model, speed, further_m):

@@ -78,6 +78,7 @@ WAYS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("by", "how"), WAYS)
 def test_one_adversary_is_active_and_the_others_are_gone(by, how):
     found, _ = run(by, how)

@@ -2,6 +2,8 @@
 
 import os
 
+import pytest
+
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live import episodes
 from regents_cosim.live.episodes import EpisodeResult, Episodes, run_episodes
@@ -14,6 +16,7 @@ def _dies_once(made, seed):
     return EpisodeResult(seed, "arrived")
 
 
+@pytest.mark.slow
 def test_an_episode_whose_process_dies_costs_no_other(monkeypatch):
     monkeypatch.setattr(episodes, "run_episode", _dies_once)
     made = Episodes(read_input(SumoInput(config=network_config("crossing"))), "auto", "idm")

@@ -35,6 +35,7 @@ def check(found, count):
     assert all(one["stays"] for one in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aside_m", [0.0, 1.0, 3.5])
 def test_a_vehicle_given_back_brakes_no_harder_than_its_driver_likes(aside_m):
     check(taken(network("crossing"), aside_m), 10)
@@ -110,6 +111,7 @@ sumo.close()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("by", "way"), [("libsumo", "its way"), ("libsumo", "another turn"), ("traci", "another turn")]
 )

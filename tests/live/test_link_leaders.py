@@ -76,6 +76,7 @@ def test_nothing_is_foreseen_of_a_drive_that_is_not_known(pool):
     assert off.max() > 6.0
 
 
+@pytest.mark.slow
 def test_it_is_foreseen_to_go_on_where_it_is_there_first(pool):
     off, driven = found(pool, 44.0, 11.0)
     assert driven.min() > 9.0

@@ -61,6 +61,7 @@ def test_it_slows_down_where_it_cannot_see_yet_and_then_goes(pool):
     assert np.abs(place - there).max() < 6.0  # SUMO's drivers take a second to speed up again
 
 
+@pytest.mark.slow
 def test_it_waits_for_one_with_priority(pool):
     crossing = "first", "west_stop", "east_out", "0", "9"
     (place, speed), (there, _) = driven(pool, crossing)

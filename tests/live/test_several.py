@@ -24,11 +24,13 @@ def run(what):
     return found
 
 
+@pytest.mark.slow
 def test_a_vehicle_is_taken_by_one_alone():
     found = run("one vehicle")
     assert found["held"] == [[found["names"][2]], []]
 
 
+@pytest.mark.slow
 def test_the_ego_of_another_is_left_alone():
     assert run("ego of another")["held"] == [[], []]
 
@@ -41,6 +43,7 @@ def test_a_vehicle_that_becomes_an_ego_is_given_up():
     assert (found["then"], found["egos"]) == ([], [taken])
 
 
+@pytest.mark.slow
 def test_one_adversary_has_several_egos_and_takes_none_of_them():
     found = run("two egos")
     assert found["egos"] == found["names"][:2]
@@ -56,6 +59,7 @@ def test_egos_of_one_type_are_different_vehicles():
 SPARED = ["id", *(pytest.param(by, marks=pytest.mark.slow) for by in ("type", "flow", "function", "spared by another"))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", SPARED)
 def test_what_is_spared_is_left_alone(by):
     assert all(held == [] for held in run(by)["held"])

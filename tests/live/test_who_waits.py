@@ -1,5 +1,7 @@
 """A vehicle that has just been put before a junction, standing, is foreseen to wait for those that it lets through."""
 
+import pytest
+
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live.reading import Reader
 from regents_cosim.simulators.sumo_process import running_sumo
@@ -27,6 +29,7 @@ def stops_of(config):
     return found
 
 
+@pytest.mark.slow
 def test_it_is_foreseen_to_wait_before_sumo_knows_that_it_does():
     with local_processes(1) as pool:
         (first, may_go), *later = result_of(submit(pool, stops_of, network_config("crossing")))

@@ -84,6 +84,7 @@ def test_steps_that_are_not_valid_do_not_pull():
     assert (miss(fit(absurd, start, valid)[1], log)[np.asarray(valid)]).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_standing_agent_stands():
     start = Motion(*(jnp.zeros(2) for _ in range(4)))
     log = jax.tree.map(lambda v: jnp.broadcast_to(v[:, None], (2, STEPS + 1)), start)

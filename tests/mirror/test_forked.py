@@ -52,6 +52,7 @@ def said_by(code, *words):
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
 
 
+@pytest.mark.slow
 def test_a_program_in_a_forked_process():
     said = said_by(FORK, "at work")
     assert "forked from one that has used JAX" in said

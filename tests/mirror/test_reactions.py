@@ -70,6 +70,7 @@ def test_other_lanes_are_not_held_up():
     assert motion.x[1, -1] - motion.x[1, 0] == pytest.approx(80, abs=0.1)
 
 
+@pytest.mark.slow
 def test_it_goes_on_when_the_way_is_free_again():
     log = jax.tree.map(lambda v: v, to_world(scene((0, 0, 10), (-12, 0, 10))).log)
     progress, speeds = begin(log), []

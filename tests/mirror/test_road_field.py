@@ -105,6 +105,7 @@ def millimetres(low, high):
     return st.integers(1000 * low, 1000 * high).map(lambda length: length / 1000)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(millimetres(-12, 12), millimetres(-9, 9), millimetres(1, 7)), min_size=1, max_size=6))
 def test_the_raster_is_that_of_its_cell_centres(discs):
     x, y, size = np.array(discs).T
@@ -121,6 +122,7 @@ def test_an_area_that_is_empty_or_elsewhere_fills_nothing():
         assert not inside(area, np.zeros(2), (5, 70), 0.2).any()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 1000))
 def test_it_is_a_gaussian_filter_of_the_map(seed):
     x, y, width, height = np.random.default_rng(seed).uniform(

@@ -45,6 +45,7 @@ def assert_close(a, b, tolerance):
         assert getattr(a, name) == pytest.approx(np.asarray(getattr(b, name)), abs=tolerance), name
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.integers(0, 10_000))
 def test_the_closed_form_is_the_loop_and_its_inverse_recovers_the_controls(x64, seed):

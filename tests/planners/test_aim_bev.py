@@ -138,6 +138,7 @@ def taught(made, step=20, **off):
     return np.asarray(found)
 
 
+@pytest.mark.slow
 def test_the_teacher_is_idm_at_the_pace_of_sumo_in_the_place_of_the_ego():
     made = scene((0, 0, 10.0), (14, 0, 7.0))
     with MirrorDriver("idm:max_accel=3,exponent=12,lateral_accel=5") as driver:

@@ -92,6 +92,7 @@ def test_a_log_that_waits_has_a_target_beyond_the_line():
     assert ahead == pytest.approx([AHEAD_M, 0.0], abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("letter", LIGHT)
 def test_the_light_of_the_own_way_is_in_view_and_no_other(letter):
     for south in LIGHT:
@@ -207,6 +208,7 @@ def test_lessons_with_a_light_in_view_are_kinds_of_their_own():
         assert len(steps) > 20
 
 
+@pytest.mark.slow
 def test_a_window_that_is_held_back_is_so_with_all_its_lights():
     made = [moving(waiting("r"), 0, x=-60.0 - i + np.arange(81.0), speed=np.full(81, 10.0)) for i in range(10)]
     twins = [(index, twin) for index, one in enumerate(made) for twin in relit(one)]
@@ -234,6 +236,7 @@ def test_a_teacher_is_as_fast_as_traffic_that_keeps_to_the_limit():
     assert (way[-1] - way[-2]) / 0.1 > speed + 0.9
 
 
+@pytest.mark.slow
 def test_a_careful_teacher_brakes_for_who_will_be_in_its_way():
     """IDM sees nothing in its way; the other comes from the side, and would meet it in 1.4 s."""
     crosses = moving(crossroads("G", "G"), 1, y=-14.0 + TIME * 10.0, speed=np.full(81, 10.0))
@@ -289,6 +292,7 @@ def test_where_the_log_shows_what_to_do_no_danger_is_braked_for():
     assert brakes == [True, False]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("teacher", "taught_by_log"), [("careful", [True, False, False, False]), ("idm", [False] * 4)])
 def test_logs_teach_where_neither_an_attack_nor_other_lights_changed_a_window(
     monkeypatch, tmp_path, teacher, taught_by_log

@@ -55,6 +55,7 @@ def crossing(changes=((0, "r"),), speed=12.0, steps=121):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_on_a_free_road_it_reaches_the_limit_and_stays_in_its_lane():
     motion, _, _ = driven(scene((0, 3.2, 5.0), steps=161))
     assert motion.speed[-1] == pytest.approx(15.0, abs=0.5)
@@ -91,6 +92,7 @@ def test_a_box_across_its_lane_is_in_the_way():
     assert motion.speed[-1] < 2.0
 
 
+@pytest.mark.slow
 def test_it_stops_at_a_red_light_and_goes_on_green():
     red, _, _world = driven(crossing())
     origin = 0.5 * (-60.0 + 20.0)

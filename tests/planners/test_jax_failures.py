@@ -55,6 +55,7 @@ def test_one_that_raises_in_a_callback(where):
         assert "at step 0" in bad.error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "how"),
     [

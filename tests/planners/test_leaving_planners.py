@@ -50,6 +50,7 @@ def test_when_it_is_made(how, place):
         PlannerUnderTest.of(PLANNERS[f"{how}_in_{place}"], own_process=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["mirror", "highway"])
 @pytest.mark.parametrize("place", [*ON_HOST, *(slow(one) for one in TRACED[:3])])
 @pytest.mark.parametrize("how", ["exit", *(slow(how) for how in HOWS if how != "exit")])
@@ -64,6 +65,7 @@ def test_asked_in_this_process(how):
     check_errors([drive.error for drive in drive_each(CASES, given)], how)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [TRACED[0], *(slow(one) for one in TRACED[1:])])
 def test_attacked_while_it_is_traced(place):
     for how in ("os_exit",) if place == TRACED[0] else HOWS:

@@ -157,6 +157,7 @@ def test_in_this_process_it_can_be_looked_at_afterwards():
     assert mine.asked == BUSY.tracks.steps - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", [Locked(), slow(Keeps())], ids=["this process", "own process"])
 def test_it_drives_in_sumo(planner):
     found = replay(BUSY, "sumo", planner)

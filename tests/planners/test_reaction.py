@@ -26,6 +26,7 @@ def on_device(risk, dt):
     return careful_perceives(jnp, risk, dt), jax.lax.scan(advance, Reaction.none(1), risk.astype(jnp.float32))[1]
 
 
+@pytest.mark.slow
 @given(
     runs=st.lists(st.tuples(st.integers(0, 8), st.integers(1, 12)), min_size=1, max_size=6),
     dt=st.sampled_from([0.05, 0.1, 0.2, 0.25]),

@@ -85,6 +85,7 @@ def test_it_stops_at_a_red_light(sumo, letter, stops):
     assert (speed[-1] < 1.0) == (x[-1] < -16.0) == stops
 
 
+@pytest.mark.slow
 def test_a_map_that_is_not_sumo_s(sumo):
     with pytest.raises(DriveError, match="needs a case recorded in SUMO"):
         bridged_drive(sumo, platoon())

@@ -73,6 +73,7 @@ def test_importing_the_package_loads_nothing_heavy():
     )
 
 
+@pytest.mark.slow
 def test_attacking_and_evaluating_load_what_they_use():
     unused = "{'scipy', 'cmaes', 'torch', 'highway_env', 'gymnasium', 'PIL', 'polars'}"
     modules = "regents_cosim.attacks.attack, regents_cosim.evaluation.drives.driving, regents_cosim.verdicts.judge"

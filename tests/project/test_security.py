@@ -120,6 +120,7 @@ def test_a_cache_that_others_can_write_to_is_refused(tmp_path):
         private_folder(tmp_path / "cache")
 
 
+@pytest.mark.slow
 def test_no_process_of_ours_looks_for_modules_in_the_working_directory(tmp_path):
     (tmp_path / "script.py").write_text(
         "from regents_cosim.system.workers import run_isolated\nassert run_isolated(abs, -1) == 1\n"

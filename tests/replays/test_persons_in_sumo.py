@@ -125,6 +125,7 @@ def test_where_sumo_drives_others_they_are_vehicles_and_it_is_said(in_sumo):
     assert replay(made).as_vehicles == ()
 
 
+@pytest.mark.slow
 def test_networks_that_no_person_may_use_have_them_too(in_sumo):
     made = scenario(EGO, straight("walker", 0.0, 9.0, 1.0, 1.4, length=0.4, width=0.6, kind="pedestrian"))
     net = made.road.sumo_net

@@ -419,6 +419,7 @@ def test_sumo_drives_nobody_on_bare_lanes(in_sumo):
 # --- what cannot be replayed ------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("net", [b"no gzip", b"", b"\x1f\x8b\x08\x00broken"])
 def test_a_damaged_network_is_said(in_sumo, net):
     made = t_bone()

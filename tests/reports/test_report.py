@@ -337,6 +337,7 @@ def test_the_words_of_the_page_are_explained_where_the_documentation_explains_th
     assert [word for word in TERMS if word not in ours and word not in told] == []
 
 
+@pytest.mark.slow
 def test_scores_count_what_the_cases_hold():
     cases = []
     for k, case in enumerate(CRASHES):

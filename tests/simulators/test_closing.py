@@ -45,6 +45,7 @@ WAYS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("who", ["adversary", "no adversary"])
 def test_the_next_simulation_of_a_process_survives_a_move_that_was_not_made(tmp_path, who):
     """What closes is the user's own code, and its listeners hear of no other simulation."""

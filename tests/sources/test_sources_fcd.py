@@ -100,6 +100,7 @@ def test_a_coarser_log_is_resampled(logs):
     assert compared > 40
 
 
+@pytest.mark.slow
 def test_unknown_types_are_cars_and_a_warning_says_so(logs):
     with pytest.warns(UserWarning, match=r"no vType for .*truck.* taken as cars of 5.0 m x 1.8 m"):
         scenarios = record_fcd(logs["a.xml"], NET, count=3)
@@ -136,6 +137,7 @@ def test_damaged_logs_give_one_clear_line(logs, tmp_path):
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_other_ways_to_find_nothing(logs, tmp_path):
     with pytest.raises(NoWindowError, match=r"500 s does not fit into a\.xml"):
         record(logs["a.xml"], horizon_s=500.0)

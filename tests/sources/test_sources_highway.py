@@ -114,6 +114,7 @@ def test_who_cannot_drive_is_named(tmp_path):
         record_episodes(HighwayRecordingJob("parking-parked-v0", "idm", WINDOWS))
 
 
+@pytest.mark.slow
 def test_wrong_names_are_explained():
     with pytest.raises(RegentsError, match="did you mean merge-v1"):
         record("highway:merge-v2")

@@ -134,6 +134,7 @@ def of_one_type(tmp_path, words):
     return SumoInput(net=MERGE_NET, routes=(path,), end_s=40.0)
 
 
+@pytest.mark.slow
 def test_an_ego_that_is_no_passenger_car_is_said(tmp_path):
     said: list[str] = []
     trailers = of_one_type(tmp_path, 'vClass="trailer"')
@@ -170,6 +171,7 @@ def test_where_few_egos_have_a_conflict_more_of_the_time_is_read():
     assert any(halves)  # none of the windows of the first look begins so
 
 
+@pytest.mark.slow
 def test_signals_change_over_time():
     scenarios = record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), count=4)
     for scenario in scenarios:

@@ -95,6 +95,7 @@ def test_names_on_the_command_line_are_not_decoded(folder, monkeypatch):
     assert run(folder / "x.sumocfg", "--routes", "${NET}.rou.xml,a%20space.rou.xml") >= {"percent"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["route", slow("additional")])
 def test_names_of_what_is_included_are_taken_as_they_are(folder, option):
     names = ["a space", "a%20space", "${NET}", "sub/é"]
@@ -164,6 +165,7 @@ def test_lateral_resolution_of_none_gives_the_windows_of_no_such_option():
     assert [one.tracks.x.tolist() for one in plain] == [one.tracks.x.tolist() for one in none]
 
 
+@pytest.mark.slow
 def test_a_mesoscopic_simulation_is_refused_however_it_is_said(folder):
     for text, extra in (("<mesosim>on</mesosim>", ()), ("", ("--mesosim",)), ("", ("--mesosim", "X"))):
         (folder / "x.sumocfg").write_text(f'<c-configuration><n v="base.net.xml"/>{text}</c-configuration>')
@@ -188,6 +190,7 @@ def test_what_sumo_cannot_read_is_one_line(folder, text, extra, words):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_what_is_typed_after_two_dashes_may_write(folder, monkeypatch):
     (folder / "x.sumocfg").write_text(
         '<configuration><net-file value="base.net.xml"/><route-files value="plain.rou.xml"/>'

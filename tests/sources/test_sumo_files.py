@@ -89,6 +89,7 @@ def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path):
     refused("is not a file", config=tmp_path / "b.sumocfg")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packed", [slow(False), True])
 def test_a_tag_of_megabytes_is_read_in_time(tmp_path, packed):
     content = b"<additional " + b" ".join(b'a%d=""' % k for k in range(300_000)) + b"/>"

@@ -156,6 +156,7 @@ def test_passengers_of_a_log_are_left_out_also_where_it_does_not_say_so(town, tm
     assert ["1 person left out" in line for line in said] == [True]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     version("libsumo").startswith("1.24."), reason="SUMO 1.24 writes persons with more columns than its header"
 )

@@ -171,6 +171,7 @@ def test_so_is_that_of_sumos_own_examples(tmp_path, name):
     assert_same_traffic(GAMES / f"{name}.sumocfg", tmp_path)
 
 
+@pytest.mark.slow
 def test_so_is_that_of_a_scenario_that_would_write(scenario, tmp_path):
     assert_same_traffic(scenario, tmp_path / "both")
 

@@ -136,6 +136,7 @@ def test_any_vehicle_or_a_kind_alone_may_be_asked_for():
         choose(*slots, ego_kind="bus")
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.lists(st.sampled_from([CAR, TRUCK, MOTORCYCLE]), min_size=3, max_size=5), min_size=2, max_size=6),
     st.integers(0, 9),

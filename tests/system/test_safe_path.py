@@ -80,6 +80,7 @@ def started(command, folder, **more):
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [slow(name) if "Dask" in name else name for name in SPAWNS])
 def test_a_process_that_is_started_imports_nothing_of_the_working_directory(trap, tmp_path, how):
     (tmp_path / "mine.py").write_text("class P:\n    reset = act = lambda self, given: None\n")

@@ -252,6 +252,7 @@ def test_no_crash_no_law_and_every_measure_has_a_name():
     assert MEASURES.keys() | MEASURES_ON_FOOT.keys() > UNLAWFUL
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.floats(-3.1, 3.1), st.floats(-1e3, 1e3), st.sampled_from([1, -1]), st.integers(0, 2))
 def test_left_hand_traffic_has_the_same_offences(turn, dx, side, which):

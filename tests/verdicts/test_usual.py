@@ -27,6 +27,7 @@ def rank_of(made: Scenario, car: int = 3, log: Scenario | None = None) -> float:
     return found
 
 
+@pytest.mark.slow
 def test_traffic_itself_is_ordinary():
     found = np.sort([rank_of(traffic(seed=seed), car) for seed in range(4) for car in range(12)])
     away = np.abs(found / 100.0 - (np.arange(len(found)) + 0.5) / len(found)).max()  # Kolmogorov and Smirnov

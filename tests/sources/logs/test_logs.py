@@ -304,6 +304,7 @@ SAMPLES = {
 QUICK = ("womd/json", "commonroad")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", [name if name in QUICK else slow(name) for name in SAMPLES])
 def test_recordings(folder):
     if not (DATA / folder).is_dir():
@@ -322,6 +323,7 @@ def test_recordings(folder):
     assert all(len(window.agents) > 3 for window in windows)
 
 
+@pytest.mark.slow
 def test_overlaps_are_counted_among_a_bounded_number_of_pairs(tmp_path):
     """Of 1,500 at one place there are a million pairs."""
     for many, overlaps in ((150, 150 * 149 // 2), (1500, 23_000)):

@@ -45,6 +45,7 @@ def test_somebody_who_overlaps_the_ego_from_the_start_is_no_success(tmp_path):
     assert (alone.attack.outcome, alone.attack.collision) == ("no_candidate", None)
 
 
+@pytest.mark.slow
 def test_an_attack_succeeds_by_somebody_who_did_not_overlap_before(tmp_path):
     scenario = logged(tmp_path, ahead_m=-3.0, speed=log_files.SPEED)
     assert first_contact(scenario.agents, scenario.tracks) is None

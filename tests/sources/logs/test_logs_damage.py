@@ -263,6 +263,7 @@ def test_a_file_that_names_one_array_many_times_is_refused(tmp_path):
     assert "numbers of one more array" in str(use(tmp_path / "a.pkl"))
 
 
+@pytest.mark.slow
 def test_a_gzip_bomb_is_not_unpacked(tmp_path):
     bomb = tmp_path / "bomb.json.gz"
     bomb.write_bytes(gzip.compress(b'{"objects": [' + b" " * (200 << 20)))
