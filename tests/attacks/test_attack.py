@@ -98,6 +98,7 @@ def test_one_candidate_is_enough():
     assert attack_one(scene((0, 0, 10), (15, 3.2, 9))).attack.outcome == "collision"
 
 
+@pytest.mark.slow
 def test_numbers_that_blow_up_cost_this_scenario_only(monkeypatch):
     monkeypatch.setattr(type(REGENTS), "__post_init__", lambda config: None)  # which refuses such a number by name
     absurd = replace(REGENTS, learning_rate=float("nan"))

@@ -46,6 +46,7 @@ def chosen(config):
     return np.flatnonzero(candidates(to_world(street()), config)).tolist()
 
 
+@pytest.mark.slow
 def test_who_may_attack():
     assert chosen(REGENTS_FOCUSED) == [1, 2, 3]
     assert chosen(KING) == chosen(REGENTS) == [1]

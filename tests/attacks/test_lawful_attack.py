@@ -51,6 +51,7 @@ def turning_world():
 # --- the map and the top speed of one candidate --------------------------------------------------
 
 
+@pytest.mark.slow
 def test_its_map_ends_at_the_centre_line_and_at_a_solid_line_and_leaves_the_road_as_it_was():
     world, origin = turning_world(), scene_origin(scenario(EGO, TURN))
     y = jnp.array([[1.7, 4.9, -1.7]], jnp.float32) - jnp.float32(origin[1])

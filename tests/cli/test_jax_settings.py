@@ -63,6 +63,7 @@ def test_attacks_and_drives_are_the_same_in_a_process_of_double_precision():
     assert all(same_tracks(one.tracks, other.tracks) for one, other in zip(double, plain, strict=True))
 
 
+@pytest.mark.slow
 def test_so_are_those_of_a_planner_that_was_made_in_double_precision():
     plain = replay_in_mirror(BUSY, Holds(jnp.asarray(0.5)))
     with jax.enable_x64(True):
@@ -119,6 +120,7 @@ def test_a_planner_may_set_double_precision(where, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("platform", ["nonsense", slow("cuda"), slow("tpu")])
 @pytest.mark.parametrize("command", ["evaluate", *map(slow, ["in sumo", "attack", "live"])])
 def test_a_device_that_is_not_there(command, platform, tmp_path):

@@ -260,6 +260,7 @@ def fine_tune(folders, suite, out, *more):
     return ["train", "aim-bev", *named, *small, *(str(word) for word in more)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("suite", "more", "complaint"),
     [

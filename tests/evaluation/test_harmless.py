@@ -43,6 +43,7 @@ def test_it_is_the_nearest_to_the_crash_that_is_harmless(neighbour):
         assert harmless_neighbour(pushes(), careful).attack == neighbour.attack
 
 
+@pytest.mark.slow
 def test_it_says_so_on_its_card_and_on_disk(neighbour, tmp_path):
     again = load_case(save_case(neighbour, tmp_path))
     assert content_hash(again) == content_hash(neighbour)

@@ -59,6 +59,7 @@ values_of_cards = st.lists(
 # --- what is chosen ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(values_of_cards, st.integers(0, 20), st.integers(0, 5), st.randoms())
 def test_the_choice_does_not_depend_on_the_order_and_keeps_the_rules(values, count, unavoidable, random):
     found = [card(i, **of) for i, of in enumerate(values)]

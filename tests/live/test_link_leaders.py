@@ -71,6 +71,7 @@ def test_it_is_foreseen_to_brake_for_one_that_is_in_the_junction_before_it(pool)
     assert off.max() < 3.0
 
 
+@pytest.mark.slow
 def test_nothing_is_foreseen_of_a_drive_that_is_not_known(pool):
     off, _ = found(pool, 10.0, 11.0, tells=False)
     assert off.max() > 6.0

@@ -53,6 +53,7 @@ def driven(pool, *others):
     return foreseen, found
 
 
+@pytest.mark.slow
 def test_it_slows_down_where_it_cannot_see_yet_and_then_goes(pool):
     (place, speed), (there, _) = driven(pool)
     assert speed.min() < 7.5

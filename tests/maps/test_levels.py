@@ -84,6 +84,7 @@ def test_a_slope_that_was_not_recorded_is_followed():
     np.testing.assert_allclose(found, np.interp(y, [100.0, 300.0], [BRIDGE_M, 0.0]), atol=0.1)
 
 
+@pytest.mark.slow
 def test_the_device_knows_the_same_heights():
     case = meeting()
     world = to_world(case)

@@ -148,6 +148,7 @@ def test_the_teacher_is_idm_at_the_pace_of_sumo_in_the_place_of_the_ego():
     assert np.abs(found[:, 1]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_the_teacher_brakes_for_what_is_in_view_only():
     alone, near, far = (taught(scene((0, 0, 10.0), *others)) for others in ([], [(31, 0, 2.0)], [(44, 0, 2.0)]))
     assert near[-1, 0] < alone[-1, 0] - 0.5, "15 m ahead at that step"

@@ -175,6 +175,7 @@ def test_weights_with_an_impossible_view_are_refused(tmp_path, capsys, pixel_m):
     assert "expected one number for a view of 10 to 100 m to each side" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_who_is_further_away_is_in_a_wider_view():
     made = moving(crossroads("r", "G"), 1, x=np.full(81, -18.0), y=np.full(81, 30.0), speed=np.zeros(81))
     shown = [bool((seen(made, given=given)[0] == COLOURS[7]).all(axis=-1).any()) for given in (ROUTE, WIDE)]
@@ -228,6 +229,7 @@ def test_a_share_of_all_or_none_of_the_lessons_is_refused(share):
             TrainConfig(**{share: value})
 
 
+@pytest.mark.slow
 def test_a_teacher_is_as_fast_as_traffic_that_keeps_to_the_limit():
     """The planner idm slackens before the limit, and is slower."""
     made = moving(crossroads("G", "G"), 0, x=-60.0 + np.arange(81.0), speed=np.full(81, 10.0))
@@ -254,6 +256,7 @@ def test_a_careful_teacher_brakes_for_who_will_be_in_its_way():
     assert labels["crosses", True][-1, 0] < labels["crosses", False][-1, 0] - 1.0
 
 
+@pytest.mark.slow
 def test_a_careful_teacher_does_not_brake_for_one_that_stops_in_time():
     """At first both look the same: at 10 m/s the other would meet the ego. In the recording one of them gives way."""
     crosses = moving(crossroads("G", "G"), 1, y=-19.0 + TIME * 10.0, speed=np.full(81, 10.0))
@@ -267,6 +270,7 @@ def test_a_careful_teacher_does_not_brake_for_one_that_stops_in_time():
     assert brakes == [True, False]
 
 
+@pytest.mark.slow
 def test_near_its_log_an_ego_is_taught_what_the_log_did_and_far_from_it_what_the_teacher_does():
     """The log waits before the crossroads though the light is green: IDM sees nothing to wait for."""
     made = waiting("G", "G")

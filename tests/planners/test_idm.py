@@ -62,6 +62,7 @@ def test_on_a_free_road_it_reaches_the_limit_and_stays_in_its_lane():
     assert np.abs(motion.y - motion.y[0]).max() < 0.05
 
 
+@pytest.mark.slow
 def test_it_keeps_its_distance_to_a_slower_car():
     made = scene((0, 0, 12), (40, 0, 5), steps=161)
     motion, _, world = driven(made)
@@ -103,6 +104,7 @@ def test_it_stops_at_a_red_light_and_goes_on_green():
     assert green.speed[-1] > 2.0
 
 
+@pytest.mark.slow
 def test_it_takes_the_bend_and_slows_down_for_it():
     motion, controls, world = driven(crossing(((0, "G"),)))
     assert motion.yaw[-1] == pytest.approx(np.pi / 2, abs=0.1)

@@ -144,6 +144,7 @@ def test_a_planner_that_fails_says_how(mine, attribute, said):
     assert said in attacked.attack.planner_error
 
 
+@pytest.mark.slow
 def test_a_planner_that_answers_nonsense_costs_its_case(mine):
     (attacked,) = attack([scene((0, 0, 10), (20, 0, 8), (30, 3.2, 9))], REGENTS, f"{mine}:Absurd")
     assert attacked.attack.outcome == "planner_error"

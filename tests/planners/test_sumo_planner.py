@@ -75,6 +75,7 @@ def test_a_lane_change_takes_its_time(sumo):
     assert heading == pytest.approx(yaw[1:], abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("letter", "stops"), [("r", True), ("G", False)])
 def test_it_stops_at_a_red_light(sumo, letter, stops):
     eastward = (case for case in shipped_windows("signals") if case.agents[0].id.startswith("west_in.east_out"))

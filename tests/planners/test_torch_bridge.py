@@ -136,6 +136,7 @@ def test_one_that_does_not_fit():
     assert "the module answered [1, 1], expected a tensor [1, 2] (batch, control)" in case.attack.planner_error
 
 
+@pytest.mark.slow
 def test_one_that_is_no_module_is_refused_before_anything_is_driven():
     with pytest.raises(PlannerError, match="is a int, expected a torch.nn.Module"):
         list(attack([BUSY], QUICK, f"torch:{FILE}:NO_MODULE"))
@@ -153,6 +154,7 @@ def test_one_that_there_is_not(name, said):
         next(attack([BUSY], QUICK, name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("made", [False, True], ids=["class", "instance"])
 def test_a_module_is_a_planner_as_it_is(made):
     from torch_planners import Careful

@@ -105,6 +105,7 @@ def test_they_are_persons_of_their_size(in_sumo):
     in_sumo(stepping_out(), Looks())
 
 
+@pytest.mark.slow
 def test_a_person_is_hit_at_the_same_step_and_sumo_does_not_notice(in_sumo):
     made = stepping_out(-5.0)
     agent, step = first_contact(made.agents, made.tracks)

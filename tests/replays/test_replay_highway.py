@@ -161,6 +161,7 @@ def test_by_its_actions_highway_env_reproduces_the_twin():
     assert result.yaw_error_deg.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_tracks_of_another_model_are_followed_closely_by_actions():
     result = replay(load_case(crash_on("multilane")), "highway", mode="actions")
     assert result.found == result.expected
@@ -187,6 +188,7 @@ def test_a_planner_of_the_mirror_drives_among_them():
     assert result.position_error_m[1:].max() == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("agent", ["idm", "random"])
 def test_agents_of_highway_env_drive_the_ego(agent):
     case = scene((0.0, 0.0, 12.0), (40.0, 0.0, 4.0), (60.0, 3.2, 12.0))

@@ -407,6 +407,7 @@ def test_a_crash_of_a_map_without_lanes_happens_in_sumo_all_the_same(in_sumo):
     assert first_contact(made.agents, seen.tracks) == first_contact(made.agents, made.tracks)
 
 
+@pytest.mark.slow
 def test_sumo_drives_nobody_on_bare_lanes(in_sumo):
     made = t_bone()
     bare = dataclasses.replace(made, road=dataclasses.replace(made.road, sumo_net=None))

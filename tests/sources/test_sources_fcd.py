@@ -128,6 +128,7 @@ def spoilt(logs) -> dict[str, tuple[bytes, str]]:
     }
 
 
+@pytest.mark.slow
 def test_damaged_logs_give_one_clear_line(logs, tmp_path):
     for name, (content, message) in spoilt(logs).items():
         path = tmp_path / name

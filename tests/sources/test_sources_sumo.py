@@ -205,6 +205,7 @@ def test_net_and_routes_without_a_configuration():
     assert found[0].provenance.file == "merge.rou.xml"
 
 
+@pytest.mark.slow
 def test_another_step_is_said(tmp_path):
     files = '<net-file value="merge.net.xml"/><route-files value="merge.rou.xml"/><step-length value="1"/>'
     path, said = config(tmp_path, files), list[str]()

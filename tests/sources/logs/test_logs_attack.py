@@ -55,6 +55,7 @@ def test_an_attack_succeeds_by_somebody_who_did_not_overlap_before(tmp_path):
     assert found.iterations > 0
 
 
+@pytest.mark.slow
 def test_a_log_that_runs_somebody_through_the_ego_is_no_success(tmp_path):
     found = attacked(logged(tmp_path, ahead_m=20.0, speed=5.0)).attack
     assert (found.outcome, found.iterations) == ("already_colliding", 0)
