@@ -32,7 +32,7 @@ from regents_cosim.limits import ACCEL_WINDOW_S
 from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS, fit_controls
 from regents_cosim.mirror.bicycle import Controls, Motion, clip
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.on_device import on_device
+from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.offences import is_unlawful
@@ -67,7 +67,8 @@ def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: i
     begun = float(np.asarray(job.world.start.yaw)[int(job.searched.first)])
     x, y, yaw, speed = (np.stack([getattr(s, name) for s in padded]) for name in ("x", "y", "yaw", "speed"))
     yaw = yaw + 2.0 * np.pi * np.round((begun - yaw[:, :1]) / (2.0 * np.pi))
-    wanted = Motion(*(on_device(v, np.float32) for v in (x - origin[0], y - origin[1], yaw, speed)))
+    here = seen_from(np.stack([x, y], axis=-1), origin)
+    wanted = Motion(*(on_device(v, np.float32) for v in (here[..., 0], here[..., 1], yaw, speed)))
     world = replace(job.world.without_road(), bounds=job.world.bounds)
     actions = jax.tree.map(np.asarray, to_actions(_allowed(world, job.searched, _fitted(job, wanted))))
     return [jax.tree.map(lambda values, k=k: on_device(values[k], np.float32), actions) for k in range(len(found))]

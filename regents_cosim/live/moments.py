@@ -137,8 +137,7 @@ class Moments:
         """The middle of the last tile [m] and its field; another tile where the ego is further from that middle."""
         known = self._tile
         if known is None or known[0] is not road or np.abs(ego - known[1]).max() > leaves_m:
-            middle = np.round(ego)
-            known = self._tile = road, middle, blur(road, middle - _TILE_M, middle + _TILE_M, middle)
+            known = self._tile = road, ego, blur(road, ego - _TILE_M, ego + _TILE_M, ego)
         return known[1], known[2]
 
 

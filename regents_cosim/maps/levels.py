@@ -73,7 +73,9 @@ def has_levels(road: RoadMap) -> bool:
 def _crossings(road: RoadMap) -> BaseGeometry:
     """The places where lanes lie above each other, and what is around them."""
     points = surface_points(road.lanes) if road.raised else np.zeros((0, 3))
-    places = np.unique(np.round(points[stacked(points), :2] / _CELL_M), axis=0) * _CELL_M
+    points = points[stacked(points), :2]
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(2)  # the same wherever it is
+    places = np.unique(np.round((points - middle) / _CELL_M), axis=0) * _CELL_M + middle
     return shapely.union_all(shapely.buffer(shapely.points(places), _AROUND_M, quad_segs=2))
 
 

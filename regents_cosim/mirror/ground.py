@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.geometry.rasters import MOST_CELLS, grid_shape, inside
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.mirror.camera import PAPERS, Camera
-from regents_cosim.mirror.on_device import empty_for_device, handed_over, on_device
+from regents_cosim.mirror.on_device import empty_for_device, handed_over, on_device, seen_from
 from regents_cosim.mirror.separation import Box
 from regents_cosim.scenario import Signal
 
@@ -73,7 +73,7 @@ def to_ground(
         handed_over(padded),
         on_device(0, np.int32),
         on_device(cells.shape, np.int32),
-        on_device(low - origin, np.float32),
+        on_device(seen_from(low, origin), np.float32),
     )
 
 
@@ -92,7 +92,8 @@ def stop_bars(
     box = np.zeros((size, 6), np.float32)
     light = np.zeros((steps, size), np.uint8)
     if parts:
-        box[: len(parts)] = np.array(parts) - [*origin, 0.0, 0.0, 0.0, 0.0]
+        box[: len(parts)] = np.array(parts)
+        box[: len(parts), :2] = seen_from(np.array(parts)[:, :2], origin)
         light[:, : len(parts)] = np.array(lights, np.uint8).T
     return Box(*(on_device(values, np.float32) for values in box.T)), on_device(light, np.uint8)
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.mirror.on_device import on_device
+from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.scenario import Scenario
 
 _SPACING_M = 1.0
@@ -55,7 +55,7 @@ def lane_centres(
         placed, margin_m = np.stack([tracks.x[0], tracks.y[0]], axis=-1), around_ego_m
     low, high = placed.min(axis=0) - margin_m, placed.max(axis=0) + margin_m
     near = ((points >= low) & (points <= high)).all(axis=1)
-    points, direction = points[near] - origin, direction[near]
+    points, direction = seen_from(points[near], origin), direction[near]
     size = next((size for size in _SIZES if size >= max(len(points), room)), len(points))
     extra = size - len(points)
     x, y = (np.pad(values, (0, extra), constant_values=_FAR_M) for values in points.T)

@@ -16,6 +16,7 @@ from regents_cosim.geometry.boxes import CLEARANCE_M
 from regents_cosim.geometry.rasters import grid_shape
 from regents_cosim.maps.levels import BAND_M, Heights
 from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.on_device import seen_from
 
 CELL_M = 4.0  # a slope of 10 % rises by 0.2 m from the middle of a cell to its edge
 _MARGIN_M = 60.0  # beyond the recorded ways
@@ -91,10 +92,11 @@ def to_height_map(
     places = corner + CELL_M * np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
     cells = np.stack([heights.surface(places, level * BAND_M) for level in heights.levels]).ravel()
     size = next((size for size in _SIZES if size >= cells.size), cells.size)
+    here = seen_from(np.stack([x, y], axis=-1), origin)
     return HeightMap(
-        *(jnp.asarray(values, jnp.float32) for values in (x - origin[0], y - origin[1], z)),
+        *(jnp.asarray(values, jnp.float32) for values in (here[..., 0], here[..., 1], z)),
         cells=jnp.asarray(np.pad(cells, (0, size - cells.size)), jnp.float32),
         shape=jnp.array([rows, columns], jnp.int32),
-        corner=jnp.asarray(corner - origin, jnp.float32),
+        corner=jnp.asarray(seen_from(corner, origin), jnp.float32),
         bands=to_bands(heights.levels),
     )

@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import shapely
 from jaxtyping import Array, Float, Int
 from shapely.geometry.base import BaseGeometry
 
@@ -21,10 +22,12 @@ from regents_cosim.maps.levels import BAND_M, drivable_at
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.levels import LevelBands, to_bands
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.mirror.on_device import empty_for_device, handed_over, on_device
+from regents_cosim.mirror.on_device import empty_for_device, handed_over, on_device, seen_from
 
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
 SIGMA_M = 0.5
+_OFFSET_M = 7e-4  # of the centres from the odd tenths
+_ROUNDING = 1e-6  # of a cell: whole numbers of cells are whole wherever they lie
 MARGIN_M = 12.0  # how far beyond the tracks the field reaches; outside it is constant
 _SIZES = tuple(2**power for power in (18, 20, 22, 24))  # cells; few shapes, few compilations
 _ROWS_AT_ONCE = 32  # that are blurred: so many stay in the cache
@@ -56,7 +59,7 @@ class RoadField(eqx.Module):
 
     def seen_from(self, origin: Float[np.ndarray, " 2"]) -> "RoadField":
         """The same in coordinates that begin at `origin` [m] of those that it has."""
-        return replace(self, corner=on_device(np.asarray(self.corner, float) - origin, np.float32))
+        return replace(self, corner=on_device(seen_from(np.asarray(self.corner, float), origin), np.float32))
 
 
 def all_road() -> RoadField:
@@ -163,8 +166,10 @@ def blur_areas(
 
     There is `room` for so many cells at least. `open_ended`: beyond the bounds all is road, as nothing is known there.
     """
-    # Centres at odd tenths of a metre: edges of lanes lie at even ones (a width of 3.2 m), and would tie.
-    low = (np.floor(low / CELL_M) + 0.5) * CELL_M
+    # From the areas' own corner, so that they have the same field wherever they lie. Centres near odd tenths of a
+    # metre from there: edges of lanes lie at even ones (a width of 3.2 m) and would tie, as would others at odd ones.
+    corner = shapely.total_bounds(np.asarray(areas))[:2]
+    low = corner + (np.floor((low - corner) / CELL_M + _ROUNDING) + 0.5) * CELL_M + _OFFSET_M
     rows, columns = grid_shape(low, high, CELL_M)
     off_road = (~inside(area, low, (rows, columns), CELL_M) for area in areas)
     field = np.stack([_blurred(_blurred(off.astype(np.float32)).T).T for off in off_road])
@@ -173,7 +178,7 @@ def blur_areas(
     return RoadField(
         handed_over(_with_neighbours(field, _room_for(max(field.size, room)))),
         on_device([rows, columns], np.int32),
-        on_device(low - origin, np.float32),
+        on_device(seen_from(low, origin), np.float32),
         bands,
     )
 

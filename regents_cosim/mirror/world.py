@@ -21,7 +21,7 @@ from regents_cosim.mirror.bicycle import Controls, Motion
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.levels import HeightMap, to_height_map
-from regents_cosim.mirror.on_device import on_device
+from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.road_field import RoadField, all_road, blur
 from regents_cosim.mirror.separation import Box
 from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Kind, Scenario, Tracks
@@ -99,7 +99,7 @@ class World(eqx.Module):
 def scene_origin(scenario: Scenario) -> Float[np.ndarray, " 2"]:
     """Origin [m, map frame] of the device's coordinates."""
     track = np.stack([scenario.tracks.x[0], scenario.tracks.y[0]])
-    return np.round(0.5 * (track.min(axis=1) + track.max(axis=1)))
+    return 0.5 * (track.min(axis=1) + track.max(axis=1))
 
 
 def padded_agents(agents: int) -> int:
@@ -133,8 +133,11 @@ def to_world(
     extra = padded - real
     valid = np.pad(tracks.valid, ((0, extra), (0, 0)))
     filled = fill_gaps(tracks)
-    log = [np.pad(values, ((0, extra), (0, 0))) for values in (filled.x - origin[0], filled.y - origin[1])]
-    log += [np.pad(values, ((0, extra), (0, 0))) for values in (np.unwrap(filled.yaw, axis=1), filled.speed)]
+    here = seen_from(np.stack([filled.x, filled.y], axis=-1), origin)
+    log = [
+        np.pad(values, ((0, extra), (0, 0)))
+        for values in (here[..., 0], here[..., 1], np.unwrap(filled.yaw, axis=1), filled.speed)
+    ]
     motion = Motion(*(on_device(values, np.float32) for values in log))
     first = np.argmax(valid, axis=1)
     moving = np.arange(tracks.steps - 1) >= first[:, None]

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.mirror.on_device import on_device
+from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.routes.ego_route import SPACING_M, Route, plan_route
@@ -90,20 +90,19 @@ class IDM(JaxPlanner):
     ) -> IdmMemory:
         """What it knows of the route of a scenario's ego, or of another `way`, in coordinates less `origin` [m]."""
         route = plan_route(scenario, way)
-        points = _pad_line(route.points)
+        points = seen_from(_pad_line(route.points), origin)
         direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
         angle = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
-        x, y = (points - origin).T.astype(np.float32)
         nearest, corner = _nearest_points(points)
         line, closed = _stop_lines(route, scenario.tracks.steps)
         return IdmMemory(
-            x=on_device(x, np.float32),
-            y=on_device(y, np.float32),
+            x=on_device(points[:, 0], np.float32),
+            y=on_device(points[:, 1], np.float32),
             cos=on_device(np.cos(angle), np.float32),
             sin=on_device(np.sin(angle), np.float32),
             speed=on_device(self._desired_speed(route, angle), np.float32),
             nearest=on_device(nearest, np.int32),
-            corner=on_device(corner - origin, np.float32),
+            corner=on_device(corner, np.float32),
             line=line,
             closed=closed,
             now=on_device(0, np.int32),

@@ -32,7 +32,7 @@ from jaxtyping import Array, Float
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.on_device import on_device
+from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import RaisedInLoopError, Traffic, decide, others
 from regents_cosim.mirror.traces import traced
 from regents_cosim.mirror.world import World, scene_origin
@@ -59,7 +59,7 @@ class LoopScene:
 
     def on_device(self, points: Float[np.ndarray, "point 2"]) -> Float[Array, "point 2"]:
         """Points of the map frame in the device's coordinates [m]."""
-        return on_device(points - self.origin, np.float32)
+        return on_device(seen_from(points, self.origin), np.float32)
 
 
 class JaxPlanner(eqx.Module):

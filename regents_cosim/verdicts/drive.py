@@ -19,6 +19,7 @@ from regents_cosim.verdicts.lane_pieces import LanesUnder, lane_pieces
 from regents_cosim.verdicts.oncoming import oncoming_share
 from regents_cosim.verdicts.ways import lawful_lanes
 
+_ROUNDING = 1e-6  # of a spacing
 _MATCH_SPACING_M = 0.5  # of the points by which lanes are found: a standing vehicle adds none
 
 
@@ -91,7 +92,7 @@ class AgentDrive:
     def front_lanes(self) -> list[Lane | None]:
         """The lane under its front at every step, those of standing steps as before them."""
         way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.front, axis=0).T))])
-        chosen = np.flatnonzero(np.diff(np.floor(way / _MATCH_SPACING_M), prepend=-1.0) > 0)
+        chosen = np.flatnonzero(np.diff(np.floor(way / _MATCH_SPACING_M + _ROUNDING), prepend=-1.0) > 0)
         if len(chosen) < 2:
             return [None] * len(way)
         z = np.asarray(self.box.z)[chosen]

@@ -34,6 +34,7 @@ OFF_WAY_M = 1.6  # the centre may be so far from the middle of its way through a
 MOST_WAYS = 12
 
 _BEHIND_M = 20.0  # of where it begins; a lorry is 16 m long
+_ROUNDING = 1e-6  # of a spacing
 _LOG_SPACING_M = 2.0  # of the points by which the log is matched
 _LONGEST_M = 500.0
 _MOST_LANES = 200  # that a way may lead over
@@ -111,7 +112,7 @@ def _logged_lanes(scenario: Scenario, agent: int) -> tuple[tuple[Lane, ...], flo
     there = tracks.valid[agent]
     x, y, z, yaw = (values[agent, there] for values in (tracks.x, tracks.y, tracks.z, tracks.yaw))
     driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    chosen = np.flatnonzero(np.diff(np.floor(driven / _LOG_SPACING_M), prepend=-1.0) > 0)
+    chosen = np.flatnonzero(np.diff(np.floor(driven / _LOG_SPACING_M + _ROUNDING), prepend=-1.0) > 0)
     if len(chosen) < 2:  # it stands: its heading alone tells which way its lane runs
         xy = np.array([[x[0], y[0]], [x[0] + 0.5 * np.cos(yaw[0]), y[0] + 0.5 * np.sin(yaw[0])]])
         matched = match_lanes(scenario.road, xy, np.full(2, z[0]))

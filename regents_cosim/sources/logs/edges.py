@@ -76,7 +76,9 @@ def _along(edges: Sequence[RoadEdge]) -> _Kerbs:
 
 def _once(kerbs: _Kerbs) -> _Kerbs:
     """Every place once, with the sum of its directions: triangles of doubled points leave cracks."""
-    _, first, number = np.unique(np.round(kerbs.points, 2), axis=0, return_index=True, return_inverse=True)
+    _, first, number = np.unique(
+        np.round(kerbs.points - kerbs.points.min(axis=0), 2), axis=0, return_index=True, return_inverse=True
+    )
     left = np.zeros((len(first), 2))
     np.add.at(left, number.ravel(), kerbs.left)
     # Straight kerbs are full of points on one circle, over which Qhull takes quadratic time: 4.6 s for
