@@ -181,7 +181,7 @@ class Overlap:
 
 
 # Why a road user of the source is not, or not as it was, in a scenario.
-Reason = Literal["radius", "limit", "rider", "guessed"]
+Reason = Literal["radius", "limit", "rider", "guessed", "unsupported"]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,11 @@ _WORDS: dict[Reason, str] = {
     "limit": "beyond --max-agents",
     "rider": "in a vehicle, on stairs or in a lift",
     "guessed": "with a guessed heading",
+    "unsupported": "left out of the file",
 }
-_UNTOLD: frozenset[Reason] = frozenset({"radius", "rider"})  # of every window, and told of while it is read
+_UNTOLD: frozenset[Reason] = frozenset(
+    {"radius", "rider", "unsupported"}
+)  # of every window, and told of while it is read
 
 
 def sentence_of(left_out: LeftOut) -> str:

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.errors import LogError, require
 from regents_cosim.geometry.frames import SumoPose, from_sumo
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario import LeftOut, Signal
 from regents_cosim.sources.sumo_types import VehicleType
 
 STEP_S = 0.1  # of every recording
@@ -37,6 +37,7 @@ class Recording:
     riders: frozenset[str] = frozenset()  # persons who are left out while they have no place of their own on the road
     z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
     guessed: frozenset[str] = frozenset()  # whose headings nothing tells
+    left_out: tuple[LeftOut, ...] = ()  # road users of the source that are not in it
 
 
 class DistinctIds:

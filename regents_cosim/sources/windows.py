@@ -385,7 +385,7 @@ def _company(scene: RecordedScene, ego: int, windows: Windows) -> tuple[list[int
     by_distance = [int(i) for i in np.argsort(least, kind="stable") if i != ego]
     near = [i for i in by_distance if least[i] <= windows.radius_m]
     kept, beyond = near[: windows.max_agents - 1], near[windows.max_agents - 1 :]
-    left_out: list[LeftOut] = []
+    left_out: list[LeftOut] = list(recording.left_out)
     if away := len(by_distance) - len(near):
         left_out.append(LeftOut("radius", away, detail=f"never within {windows.radius_m:g} m of the ego"))
     if beyond:

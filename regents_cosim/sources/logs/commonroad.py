@@ -2,7 +2,8 @@
 
 The ego is that of the first planning problem. It has no track of its own, so it gets one that
 leads along the lanelets to its goal (`planned_ego`). Positions and times given as shapes or
-intervals are taken at their middle; obstacles known by sets alone are left out, and said so.
+intervals are taken at their middle. What has no way of its own is left out, and said so: obstacles known by sets alone,
+or at one instant, phantom and environment obstacles.
 """
 
 import itertools
@@ -12,13 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import shapely
 from jaxtyping import Float, Int
 
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import Agent, Kind, LeftOut
+from regents_cosim.sources.logs.commonroad_shapes import parts_of
+from regents_cosim.sources.logs.commonroad_signs import country_of, limit_of
 from regents_cosim.sources.logs.facing import Unfaced, faced
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
+from regents_cosim.sources.logs.line_markings import may_cross
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.road import lanelet
 from regents_cosim.sources.logs.scene import (
@@ -29,16 +34,18 @@ from regents_cosim.sources.logs.scene import (
     LoggedScene,
     LoggedSignal,
     Track,
-    sized,
     with_openings,
 )
-from regents_cosim.sources.logs.xml_files import read_xml
+from regents_cosim.sources.logs.xml_files import point_of, read_xml, real
 
 _KINDS: dict[str, Kind] = {
     "car": "car", "parkedVehicle": "car", "taxi": "car", "priorityVehicle": "car", "truck": "truck", "bus": "bus",
     "bicycle": "bicycle", "motorcycle": "motorcycle", "pedestrian": "pedestrian",
 }  # fmt: skip
 _LETTERS = {"red": "r", "redYellow": "u", "yellow": "y", "green": "g", "inactive": "O"}
+_UNSEEN = {"phantomObstacle": "a phantom", "environmentObstacle": "of the environment"}  # why they are left out
+_OBSTACLES = ("dynamicObstacle", "obstacle", "staticObstacle", *_UNSEEN)
+_NAMED = 5  # of many
 _OFF_ROAD_TYPES = {"sidewalk", "crosswalk", "bicycleLane", "border"}
 _LEAST_WIDTH_M = 2.0
 _CRAWL_MPS = 0.5  # below which a velocity says nothing about the heading
@@ -51,12 +58,12 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     version = root.get("commonRoadVersion", "")
     if not version.startswith("20"):
         raise LogError(f"{path}: CommonRoad version {version[:20]!r}, expected 2018b or 2020a")
-    dt = _real(root.get("timeStepSize"))
+    dt = real(root.get("timeStepSize"))
     lanes, areas = _lanelets(root)
-    tracks, notes = _obstacles(root, LoggedMap(lanes), Work.of(path))
+    tracks, notes, left_out = _obstacles(root, LoggedMap(lanes), Work.of(path))
     last = max((int(track.step[-1]) for track in tracks), default=0)
     ego, target = _ego(root, lanes, dt, last)
-    notes += [] if ego else _without_goal(root)
+    notes += _problems(root, ego is not None)
     if ego is not None:
         tracks.append(ego)
         notes.append("the ego's track follows lanelets from its start to its goal; it was not driven")
@@ -69,14 +76,8 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         target=target,
         signals=_signals(root),
         notes=tuple(notes),
+        left_out=left_out,
     )
-
-
-def _real(text: str | None) -> float:
-    value = float(text or "nan")
-    if not np.isfinite(value):
-        raise ValueError(f"{text!r} is no number")
-    return value
 
 
 def _value(element: ET.Element | None) -> float | None:
@@ -85,10 +86,10 @@ def _value(element: ET.Element | None) -> float | None:
         return None
     exact = element.find("exact")
     if exact is not None:
-        return _real(exact.text)
+        return real(exact.text)
     if element.find("intervalStart") is None:
         return None
-    return 0.5 * (_real(element.findtext("intervalStart")) + _real(element.findtext("intervalEnd")))
+    return 0.5 * (real(element.findtext("intervalStart")) + real(element.findtext("intervalEnd")))
 
 
 def _interval(element: ET.Element | None) -> tuple[float, float] | None:
@@ -97,18 +98,16 @@ def _interval(element: ET.Element | None) -> tuple[float, float] | None:
         return None
     if element.find("exact") is not None:
         return middle, middle
-    return _real(element.findtext("intervalStart")), _real(element.findtext("intervalEnd"))
-
-
-def _point(element: ET.Element) -> tuple[float, float]:
-    return _real(element.findtext("x")), _real(element.findtext("y"))
+    return real(element.findtext("intervalStart")), real(element.findtext("intervalEnd"))
 
 
 # --- map --------------------------------------------------------------------------------------
 
 
 def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
-    limits = {sign.get("id", ""): _limit(sign) for sign in root.iter("trafficSign")}
+    country = country_of(root.get("benchmarkID", ""))
+    limits = {sign.get("id", ""): limit_of(sign, country) for sign in root.iter("trafficSign")}
+    crossed = _crossed(root)
     lanes, areas = [], []
     for element in root.findall("lanelet"):
         left, right = (_bound(element, side) for side in ("leftBound", "rightBound"))
@@ -117,12 +116,12 @@ def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
         area = lanelet(left, right)
         if area is not None:
             areas.append(area)
-            lanes.append(_lane(element, left, right, limits))
+            lanes.append(_lane(element, left, right, limits, crossed))
     return with_openings(tuple(lanes)), tuple(areas)
 
 
 def _bound(element: ET.Element, side: str) -> Float[np.ndarray, "point 2"]:
-    return np.array([_point(point) for point in element.findall(f"{side}/point")], float).reshape(-1, 2)
+    return np.array([point_of(one) for one in element.findall(f"{side}/point")], float).reshape(-1, 2)
 
 
 def centre_line(
@@ -141,7 +140,28 @@ def along(line: Float[np.ndarray, "point 2"], part: Float[np.ndarray, " place"])
     return np.stack([np.interp(part * way[-1], way, line[:, axis]) for axis in (0, 1)], axis=-1)
 
 
-def _lane(element: ET.Element, left: np.ndarray, right: np.ndarray, limits: dict[str, float | None]) -> LoggedLane:
+def _crossed(root: ET.Element) -> set[tuple[str, str]]:
+    """Lanelets, and those beside them that one may change to: a line between two is told by either."""
+    marks = {
+        (lane.get("id", ""), side): lane.findtext(f"{side}Bound/lineMarking", "")
+        for lane in root.findall("lanelet")
+        for side in ("left", "right")
+    }
+    found = set()
+    for lane in root.findall("lanelet"):
+        for side, back in (("left", "right"), ("right", "left")):
+            for ref in lane.findall(f"adjacent{side.title()}"):
+                pair = lane.get("id", ""), ref.get("ref", "")
+                lines = (marks[pair[0], side], marks.get((pair[1], back), ""))
+                if ref.get("drivingDir") == "same" and all(may_cross(line, side == "left") for line in lines):
+                    found.add(pair)
+    return found
+
+
+def _lane(
+    element: ET.Element, left: np.ndarray, right: np.ndarray, limits: dict[str, float | None],
+    crossed: set[tuple[str, str]],
+) -> LoggedLane:  # fmt: skip
     centre, width = centre_line(left, right)
     signs = [limits.get(ref.get("ref", "")) for ref in element.iter("trafficSignRef")]
     known = [limit for limit in signs if limit]
@@ -150,27 +170,18 @@ def _lane(element: ET.Element, left: np.ndarray, right: np.ndarray, limits: dict
         side: ref.get("ref")
         for side in ("adjacentLeft", "adjacentRight")
         for ref in element.findall(side)
-        if ref.get("drivingDir") == "same"
+        if (element.get("id", ""), ref.get("ref")) in crossed
     }
     return LoggedLane(
         id=element.get("id", ""),
         centre=centre,
         width=max(width, _LEAST_WIDTH_M),
-        speed_limit=known[0] if known else (_real(old) if old else 13.9),
+        speed_limit=min(known) if known else (real(old) if old else 13.9),
         exits=tuple(ref.get("ref", "") for ref in element.findall("successor")),
         left=beside.get("adjacentLeft"),
         right=beside.get("adjacentRight"),
         junction=element.findtext("laneletType") == "intersection",
     )
-
-
-def _limit(sign: ET.Element) -> float | None:
-    """The speed that a sign 274 (Germany) or R2-1 (USA) allows [m/s]; CommonRoad has it in m/s."""
-    for part in sign.iter("trafficSignElement"):
-        if part.findtext("trafficSignID") in ("274", "R2-1") and part.findtext("additionalValue"):
-            value = _real(part.findtext("additionalValue"))
-            return value if 0 < value < 100 else None
-    return None
 
 
 def _signals(root: ET.Element) -> tuple[LoggedSignal, ...]:
@@ -189,11 +200,11 @@ def _signals(root: ET.Element) -> tuple[LoggedSignal, ...]:
 
 def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
     """The letters of a light that repeats itself, the steps at which they end, and at which it begins."""
-    parts = [(int(_real(e.findtext("duration"))), e.findtext("color", "")) for e in light.iter("cycleElement")]
+    parts = [(int(real(e.findtext("duration"))), e.findtext("color", "")) for e in light.iter("cycleElement")]
     if not parts or min(duration for duration, _ in parts) < 1 or light.findtext("active") == "false":
         return None
     ends = tuple(itertools.accumulate(duration for duration, _ in parts))
-    offset = int(_real(light.findtext("cycle/timeOffset") or "0"))
+    offset = int(real(light.findtext("cycle/timeOffset") or "0"))
     if max(ends[-1], abs(offset)) > LATEST_STEP:
         raise ValueError(f"a light with a cycle of {ends[-1]:.3g} steps from step {offset:.3g} on")
     return "".join(_LETTERS.get(color, "O") for _, color in parts), ends, offset
@@ -202,23 +213,56 @@ def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
 # --- traffic ----------------------------------------------------------------------------------
 
 
-def _obstacles(root: ET.Element, road: LoggedMap, work: Work) -> tuple[list[Track], list[str]]:
-    found, stand, without = list[Unfaced](), list[bool](), 0
-    for element in root:
-        if element.tag in ("dynamicObstacle", "obstacle", "staticObstacle"):
-            track = _track(element)
-            stands = element.tag == "staticObstacle" or element.findtext("role") == "static"
-            if track is None or (len(track.step) == 1 and element.find("occupancySet") is not None):
-                without += 1
-            else:
-                found.append(track)
-                stand.append(stands)
-    tracks = faced(found, road)
-    moving, standing = ([t for t, one in zip(tracks, stand, strict=True) if one == still] for still in (False, True))
+def _obstacles(root: ET.Element, road: LoggedMap, work: Work) -> tuple[list[Track], list[str], tuple[LeftOut, ...]]:
+    """Tracks, what had to be assumed, and who has none."""
+    found, without = list[tuple[ET.Element, Unfaced]](), dict[str, list[str]]()
+    for element in (one for one in root if one.tag in _OBSTACLES):
+        way = _unfaced(element)
+        why = _why_not(element, way)
+        if why:
+            without.setdefault(why, []).append(element.get("id", ""))
+        elif way is not None:
+            found.append((element, way))
+    tracks = faced((way for _, way in found), road)
+    boxes = list[tuple[ET.Element, Track]]()
+    odd, unsized = 0, 0
+    for (element, way), track in zip(found, tracks, strict=True):
+        parts = parts_of(element.find("shape"))
+        odd, unsized = odd + any(not part.filled for part in parts), unsized + (not parts)
+        names = [f"{way.agent.id}.{i}" if len(parts) > 1 else way.agent.id for i in range(1, len(parts) + 1)]
+        boxes += [(element, part.of(track, name, way.agent.kind)) for name, part in zip(names, parts, strict=True)]
+        boxes += [] if parts else [(element, track)]
+    moving, standing = ([track for element, track in boxes if _stands(element) == still] for still in (False, True))
     there = _instants(moving)
     work.spend("obstacles that stand x instants", len(standing), len(there))
-    tracks = [*moving, *(_standing(track, there) for track in standing)]
-    return tracks, [f"{without} obstacles have no positions, only sets, and are left out"] * (without > 0)
+    left_out = tuple(LeftOut("unsupported", len(ids), tuple(sorted(ids)), why) for why, ids in without.items())
+    notes = [f"left out: {_obstacles_in_words(one.ids)} ({one.detail})" for one in left_out]
+    vague = sum(any(place.find("point") is None for place in one.iter("position")) for one, _ in found)
+    notes += [f"{vague} obstacles whose positions are areas: the middle is taken"] * (vague > 0)
+    notes += [f"{odd} obstacles are no boxes: the smallest box around each stands for it"] * (odd > 0)
+    notes += [f"{unsized} obstacles without a size: that of their kind is taken"] * (unsized > 0)
+    return [*moving, *(_standing(track, there) for track in standing)], notes, left_out
+
+
+def _stands(element: ET.Element) -> bool:
+    return element.tag == "staticObstacle" or element.findtext("role") == "static"
+
+
+def _why_not(element: ET.Element, way: Unfaced | None) -> str | None:
+    """Why an obstacle has no track, in words; None where it has one."""
+    if element.tag in _UNSEEN:
+        return _UNSEEN[element.tag]
+    moves = element.find("trajectory/state") is not None
+    if element.find("occupancySet") is not None and not moves:
+        return "known by sets alone"
+    if way is None:
+        return "without positions"
+    return None if _stands(element) or moves else "known at one instant alone"
+
+
+def _obstacles_in_words(ids: tuple[str, ...]) -> str:
+    more = f" and {len(ids) - _NAMED} more" if len(ids) > _NAMED else ""
+    return f"obstacle{'s' * (len(ids) > 1)} {', '.join(ids[:_NAMED])}{more}"
 
 
 def _instants(moving: list[Track]) -> Int[np.ndarray, " instant"]:
@@ -235,14 +279,15 @@ def _standing(track: Track, there: Int[np.ndarray, " instant"]) -> Track:
     return replace(track, step=there, x=x, y=y, yaw=yaw)
 
 
-def _track(element: ET.Element) -> Unfaced | None:
+def _unfaced(element: ET.Element) -> Unfaced | None:
     states = [_state(state) for state in [*element.findall("initialState"), *element.findall("trajectory/state")]]
     rows = {round(state[0]): state[1:] for state in states if state is not None}
     if not rows:
         return None
     step = np.array(sorted(rows))
     x, y, yaw = np.array([rows[one] for one in step.tolist()], float).T
-    return Unfaced(_agent(element), step, x, y, yaw)
+    kind = _KINDS.get(element.findtext("type", ""), "other")
+    return Unfaced(Agent(element.get("id", ""), kind, *DEFAULT_SIZES[kind]), step, x, y, yaw)
 
 
 def _state(state: ET.Element) -> tuple[float, float, float, float] | None:
@@ -266,26 +311,13 @@ def _place(position: ET.Element | None) -> tuple[float, float] | None:
     if position is None:
         return None
     if (point := position.find("point")) is not None:
-        return _point(point)
+        return point_of(point)
     for shape in ("rectangle", "circle"):
         if (centre := position.find(f"{shape}/center")) is not None:
-            return _point(centre)
-    corners = [_point(point) for point in position.findall("polygon/point")]
-    return (float(np.mean([x for x, _ in corners])), float(np.mean([y for _, y in corners]))) if corners else None
-
-
-def _agent(element: ET.Element) -> Agent:
-    kind = _KINDS.get(element.findtext("type", ""), "other")
-    shape = element.find("shape")
-    length, width = 0.0, 0.0
-    if shape is not None and (rectangle := shape.find("rectangle")) is not None:
-        length, width = _real(rectangle.findtext("length")), _real(rectangle.findtext("width"))
-    elif shape is not None and (circle := shape.find("circle")) is not None:
-        length = width = 2.0 * _real(circle.findtext("radius"))
-    elif shape is not None and (corners := shape.findall("polygon/point")):
-        xy = np.array([_point(corner) for corner in corners])
-        length, width = np.ptp(xy, axis=0).tolist()
-    return sized(element.get("id", ""), kind, length, width)
+            return point_of(centre)
+    corners = [point_of(one) for one in position.findall("polygon/point")]
+    middle = shapely.Polygon(corners).centroid if len(corners) > 2 else shapely.MultiPoint(corners).centroid
+    return (middle.x, middle.y) if corners else None
 
 
 # --- ego --------------------------------------------------------------------------------------
@@ -314,12 +346,17 @@ def _ego(
     return Track(Agent(name, "car", *DEFAULT_SIZES["car"]), step, x, y, yaw), place or (float(x[-1]), float(y[-1]))
 
 
-def _without_goal(root: ET.Element) -> list[str]:
-    """What is said of planning problems that lead nowhere: the ego is then drawn from the traffic."""
-    names = [one.get("id", "") for one in root.findall("planningProblem")]
-    if not names:
+def _problems(root: ET.Element, solved: bool) -> list[str]:
+    """What is said of planning problems besides the ego's: of others, and of those that lead nowhere."""
+    problems = root.findall("planningProblem")
+    names = [one.get("id", "") for one in problems]
+    if names and not solved:
+        return [f"planning problem {names[0]} has no goal and is left out; the ego is drawn from the traffic"]
+    if len(names) < 2:
         return []
-    return [f"planning problem {names[0]} has no goal and is left out; the ego is drawn from the traffic"]
+    own = next(one.get("id", "") for one in problems if one.find("goalState") is not None)
+    others = ", ".join(name for name in names if name != own)
+    return [f"{len(names)} planning problems: the ego is that of {own}; left out: {others}"]
 
 
 def _goal_place(goal: ET.Element, lanes: tuple[LoggedLane, ...]) -> tuple[float, float] | None:

@@ -18,7 +18,7 @@ from regents_cosim.checks.ranges import Range
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.jumps import jumps
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Signal
+from regents_cosim.scenario import VEHICLE_KINDS, LeftOut, Scenario, Signal
 from regents_cosim.sources.logs.resample import Samples, sample
 from regents_cosim.sources.logs.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
@@ -168,7 +168,7 @@ class _SceneWindows:
         samples = [sample(track, self.scene.dt, first_step, self.instants) for track in here]
         kept = [(track, found) for track, found in zip(here, samples, strict=True) if found.valid.any()]
         begin_s = round(self.scene.begin_s + first_step * self.scene.dt, 6)
-        recording = _recording(begin_s, kept, self._signals(first_step))
+        recording = _recording(begin_s, kept, self._signals(first_step), self.scene.left_out)
         return RecordedScene.of(recording)
 
     def _signals(self, first_step: float) -> tuple[Signal, ...]:
@@ -226,7 +226,9 @@ def _on_another_level(ego: Track, other: Track) -> bool:
     return bool((near & apart).any())
 
 
-def _recording(begin_s: float, kept: Iterable[tuple[Track, Samples]], signals: tuple[Signal, ...]) -> Recording:
+def _recording(
+    begin_s: float, kept: Iterable[tuple[Track, Samples]], signals: tuple[Signal, ...], left_out: tuple[LeftOut, ...]
+) -> Recording:
     tracks, samples = zip(*kept, strict=True)
 
     def stacked(name: str) -> Float[np.ndarray, "vehicle time"]:
@@ -243,4 +245,5 @@ def _recording(begin_s: float, kept: Iterable[tuple[Track, Samples]], signals: t
         np.stack([found.valid for found in samples]),
         signals,
         guessed=frozenset(track.agent.id for track in tracks if track.guessed),
+        left_out=left_out,
     )

@@ -17,6 +17,7 @@ from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_lat_lon
 from regents_cosim.sources.logs.commonroad import centre_line
+from regents_cosim.sources.logs.line_markings import may_cross_way
 from regents_cosim.sources.logs.road import lanelet
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
 from regents_cosim.sources.logs.waymo_codes import MPH
@@ -40,6 +41,7 @@ class _Lanelet(NamedTuple):
     left: tuple[str, ...]  # node ids in the direction of travel
     right: tuple[str, ...]
     tags: dict[str, str]
+    as_drawn: tuple[bool, bool]  # left and right bound run as their ways do
 
 
 def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
@@ -47,10 +49,11 @@ def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
     root = read_xml(path, "osm")
     place = _nodes(root, origin)
     ways = {way.get("id", ""): tuple(nd.get("ref", "") for nd in way.findall("nd")) for way in root.findall("way")}
+    lines = {way.get("id", ""): _tags_of(way) for way in root.findall("way")}
     limits = _speed_limits(root)
     work = Work.of(path)
     found = [one for relation in root.findall("relation") if (one := _lanelet(relation, ways, place, work)) is not None]
-    neighbours = _Neighbours(found)
+    neighbours = _Neighbours(found, lines)
     lanes, areas = [], []
     for one in found:
         left, right = (np.array([place[node] for node in side]) for side in (one.left, one.right))
@@ -125,8 +128,9 @@ def _lanelet(
     if len(left) < 2 or len(right) < 2:
         return None
     work.spend("nodes of the bounds of one more lanelet x steps", len(left) + len(right), STEPS)
-    left, right = _in_driving_direction(left, right, place)
-    return _Lanelet(relation.get("id", ""), (refs["left"], refs["right"]), left, right, tags)
+    driven = _in_driving_direction(left, right, place)
+    as_drawn = driven[0] == left, driven[1] == right
+    return _Lanelet(relation.get("id", ""), (refs["left"], refs["right"]), *driven, tags, as_drawn)
 
 
 def _in_driving_direction(
@@ -145,7 +149,8 @@ def _in_driving_direction(
 class _Neighbours:
     """Which lanelets begin where one ends, and which share a bound with it."""
 
-    def __init__(self, every: list[_Lanelet]) -> None:
+    def __init__(self, every: list[_Lanelet], lines: dict[str, dict[str, str]]) -> None:
+        self._lines = lines
         self._from: dict[tuple[str, str], list[str]] = {}
         self._left: dict[tuple[str, str], str] = {}
         self._right: dict[tuple[str, str], str] = {}
@@ -159,12 +164,14 @@ class _Neighbours:
         return tuple(self._from.get((one.left[-1], one.right[-1]), ()))
 
     def left_of(self, one: _Lanelet) -> str | None:
-        """The one whose right bound is its left one and runs the same way."""
-        return self._right.get((one.ways[0], one.left[0]))
+        """The one whose right bound is its left one and runs the same way, if one may change to it."""
+        beside = self._right.get((one.ways[0], one.left[0]))
+        return beside if may_cross_way(self._lines.get(one.ways[0], {}), one.as_drawn[0]) else None
 
     def right_of(self, one: _Lanelet) -> str | None:
-        """The one whose left bound is its right one and runs the same way."""
-        return self._left.get((one.ways[1], one.right[0]))
+        """The one whose left bound is its right one and runs the same way, if one may change to it."""
+        beside = self._left.get((one.ways[1], one.right[0]))
+        return beside if may_cross_way(self._lines.get(one.ways[1], {}), not one.as_drawn[1]) else None
 
 
 def _lane(

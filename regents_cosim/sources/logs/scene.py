@@ -14,7 +14,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.errors import LogError, require
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import MOST_SIZE_M, Agent, Kind, LeftOut
 
 _FARTHEST_M = 1e8
 _LONGEST_M = 5000.0  # of a straight piece of kerb or lane
@@ -22,7 +22,8 @@ _COARSEST_S = 1.0  # between samples further apart the way of a vehicle is a gue
 _FINEST_S = 1e-3
 LATEST_STEP = 10**13  # 30,000 years at 10 Hz; instants that late are still told apart as numbers
 _JOIN_M = 0.6  # between the end of a lane and the start of the next
-_SIZES_M = (0.05, 100.0)  # of a road user; anything else is a damaged number
+_LEAST_M = 0.05  # long or wide; anything else is a damaged number
+_LONGEST_USER_M = 100.0
 DEFAULT_SIZES: dict[Kind, tuple[float, float]] = {
     "car": (4.7, 2.0), "truck": (9.0, 2.6), "bus": (11.0, 2.6), "motorcycle": (2.1, 0.8),
     "bicycle": (1.8, 0.65), "pedestrian": (0.6, 0.6), "other": (0.7, 0.7),
@@ -50,7 +51,7 @@ class Track:
             require(np.abs(values).max() < _FARTHEST_M, f"{name}: a number beyond {_FARTHEST_M:g}", LogError)
         require(bool((np.diff(self.step) > 0).all()), f"{name}: time does not increase", LogError)
         require(self.step[0] >= 0 and self.step[-1] <= LATEST_STEP, f"{name}: time is out of range", LogError)
-        least, most = _SIZES_M
+        least, most = _LEAST_M, MOST_SIZE_M if self.agent.kind == "other" else _LONGEST_USER_M  # walls are longer
         for size in (self.agent.length, self.agent.width):
             require(least <= size <= most, f"{name}: {size:g} m long or wide, expected {least} to {most} m", LogError)
 
@@ -163,6 +164,7 @@ class LoggedScene:
     signals: tuple[LoggedSignal, ...] = ()
     begin_s: float = 0.0  # time of instant 0 in the log [s]
     notes: tuple[str, ...] = ()  # what had to be assumed
+    left_out: tuple[LeftOut, ...] = ()  # road users of the file that have no track; `notes` says so too
 
     def __post_init__(self) -> None:
         require(

@@ -3,6 +3,8 @@
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
+
 from regents_cosim.errors import LogError
 from regents_cosim.sources.xml_input import read_tree
 
@@ -13,3 +15,16 @@ def read_xml(path: Path, root: str) -> ET.Element:
     if element.tag != root:
         raise LogError(f"{path}: the root element is <{element.tag[:60]}>, expected <{root}>")
     return element
+
+
+def real(text: str | None) -> float:
+    """A finite number. Raises ValueError where it is none."""
+    value = float(text or "nan")
+    if not np.isfinite(value):
+        raise ValueError(f"{text!r} is no number")
+    return value
+
+
+def point_of(element: ET.Element) -> tuple[float, float]:
+    """The x and y that an element holds. Raises ValueError where they are no numbers."""
+    return real(element.findtext("x")), real(element.findtext("y"))
