@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
 
 
-def _shown_default(value: object) -> str | None:
+def shown_default(value: object) -> str | None:
     """Defaults that say nothing are not shown; several words as they are typed."""
     if value is None or value is False or value in ("", ()):
         return None
@@ -88,7 +88,7 @@ app = App(
     ),
     version=lambda: version("regents_cosim"),
     default_parameter=Parameter(
-        negative_bool=(), negative_iterable=(), show_default=_shown_default, validator=_require_plain_numbers
+        negative_bool=(), negative_iterable=(), show_default=shown_default, validator=_require_plain_numbers
     ),
 )
 for _command in (record, inspect, attack, replay, export, report, gallery, shrink, evaluate, live, status):

@@ -1,4 +1,4 @@
-"""What the words of the page mean, in a sentence each; `docs/glossary.md` and `docs/measures.md` say more."""
+"""What the words of the page mean, in a sentence each; `docs/glossary.md` says more."""
 
 TERMS: dict[str, str] = {
     "telling": "Nothing spoils the crash as a test, the adversary keeps the law, and a careful driver in the planner's "

@@ -27,7 +27,7 @@ def merge_squeeze(meeting: Meeting) -> bool:
 
 
 def cut_out(meeting: Meeting) -> bool:
-    """In the last 3 s a third one, between the two, leaves the ego's way sideways; the other is in it, and slow."""
+    """In the last 3 s a third vehicle, between the two, leaves the ego's way sideways; the other is in it, and slow."""
     if meeting.entry is not None or not (meeting.in_front.all() and meeting.same_way[-1]):
         return False
     scenario, step = meeting.scenario, meeting.step
