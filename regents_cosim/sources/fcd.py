@@ -29,7 +29,8 @@ from regents_cosim.geometry.jumps import jumps
 from regents_cosim.geometry.nearest import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import LeftOut, Scenario
+from regents_cosim.sources.fcd_rides import Rides, what_it_lacks
 from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording, left_out
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, PEDESTRIAN, VehicleType, read_types, type_named
@@ -74,14 +75,20 @@ def record_fcd(
     require_file(log, "FCD log")
     road = read_road_map(net)
     known = read_types(routes_or_types)
-    grid = _time_grid(log)
+    rides = Rides(road)
+    grid = _time_grid(log, rides)
     heights = _RoadHeights(road, log)
-    recordings = list(_recordings(log, grid, known, windows, heights, tell))
+    recordings = list(_recordings(log, grid, known, windows, heights, rides, tell))
     _check_place(log, recordings, road)
     for line in left_out(recordings):
         tell(line)
-    recordings = [_resampled(recording, windows) for recording in recordings]
-    return choose_windows(recordings, road, RecordingOrigin("fcd", log.name, sha256_of(log)), windows)
+    lacks = what_it_lacks(log)
+    unlogged = _unlogged(lacks, rides)
+    recordings = [replace(_resampled(recording, windows), left_out=unlogged) for recording in recordings]
+    found = choose_windows(recordings, road, RecordingOrigin("fcd", log.name, sha256_of(log)), windows)
+    if lacks is None:
+        tell(f"{log.name} does not say how SUMO wrote it, so it is not known whether it holds all road users")
+    return found
 
 
 # --- time ---------------------------------------------------------------------------------------
@@ -105,9 +112,19 @@ class _Grid(NamedTuple):
         return numbers[numbers < self.steps // steps].tolist()
 
 
-def _time_grid(log: Path) -> _Grid:
-    """First instant, step, number of steps. Steps may be missing (SUMO can leave out empty ones)."""
-    times = np.array([time for time, _, _ in logged_instants(log)])
+def _time_grid(log: Path, rides: Rides) -> _Grid:
+    """First instant, step, number of steps. Steps may be missing (SUMO can leave out empty ones).
+
+    `rides` sees all who walk.
+    """
+    seen = list[float]()
+    for time, rows, _ in logged_instants(log):
+        seen.append(time)
+        for row in rows:
+            if row.walks:
+                rides.see(row.name, time, row.x, row.y, row.angle, row.speed)
+    rides.finish()
+    times = np.array(seen)
     if len(times) < 2:
         raise LogError(f"{log}: {len(times)} time steps, expected at least 2 (is it an fcd-output?)")
     gaps = np.diff(times)
@@ -131,6 +148,7 @@ def _recordings(
     known: dict[str, VehicleType],
     windows: Windows,
     heights: "_RoadHeights",
+    rides: Rides,
     tell: Callable[[str], None],
 ) -> Iterator[Recording]:
     steps = int(np.ceil(windows.horizon_s / grid.dt - 1e-6)) + 1
@@ -149,7 +167,7 @@ def _recordings(
         index, step = divmod(round((time - grid.begin_s) / grid.dt), steps)
         if index in slots:
             slots[index].riders.update(riders)
-            found |= _add(slots[index], step, rows, heights)
+            found |= _add(slots[index], step, _off_vehicles(slots[index], rows, time, rides), heights)
     for line in _unknown(log, found.values(), known):
         tell(line)
     types = {name: _type_of(row, known) for name, row in found.items()}
@@ -158,6 +176,25 @@ def _recordings(
         vehicles = len({row[0] for row in slot.rows})
         work.spend("vehicles x instants x numbers of the windows", vehicles, steps, _NUMBERS)
         yield slot.finish(types)
+
+
+def _off_vehicles(
+    slot: GrowingRecording, rows: "list[LoggedState]", time_s: float, rides: Rides
+) -> "list[LoggedState]":
+    """Those who ride in no vehicle; the others are the slot's riders."""
+    if not rides.number:
+        return rows
+    aboard = {row.name for row in rows if row.walks and rides.at(row.name, time_s)}
+    slot.riders |= aboard
+    return [row for row in rows if not (row.walks and row.name in aboard)]
+
+
+def _unlogged(lacks: str | None, rides: Rides) -> tuple[LeftOut, ...]:
+    """Why the log lacks road users; nothing where it does not, as far as it says."""
+    said = [lacks] if lacks else []
+    if rides.number:
+        said.append(f"persons in vehicles that it lacks: {rides.number}")
+    return (LeftOut("unlogged", 0, detail="; ".join(said)),) if said else ()
 
 
 def _add(
@@ -275,6 +312,7 @@ class LoggedState(NamedTuple):
     z: float | None
     lane: str
     walks: bool = False
+    speed: float | None = None  # [m/s] of a person, where the log has it
 
 
 _Instant = tuple[float, list[LoggedState], list[str]]  # time [s], who is where, persons who are left out
@@ -335,8 +373,9 @@ def _persons(entries: Sequence[Mapping[str, str]], vehicles: list[LoggedState]) 
         if (x, y) in taken:
             riding.append(entry.get("id", ""))
             continue
-        z, kind = entry.get("z"), entry.get("type") or "DEFAULT_PEDTYPE"
-        walking.append(LoggedState(entry.get("id", ""), kind, x, y, angle, _finite(z) if z else None, "", walks=True))
+        z, kind, speed = entry.get("z"), entry.get("type") or "DEFAULT_PEDTYPE", entry.get("speed")
+        height, speed_mps = (_finite(text) if text else None for text in (z, speed))
+        walking.append(LoggedState(entry.get("id", ""), kind, x, y, angle, height, "", walks=True, speed=speed_mps))
     return walking, riding
 
 

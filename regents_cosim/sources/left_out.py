@@ -8,17 +8,16 @@ _WORDS: dict[Reason, str] = {
     "radius": "out of the radius",
     "limit": "beyond --max-agents",
     "rider": "in a vehicle, on stairs or in a lift",
+    "unlogged": "that the log does not hold",
     "guessed": "with a guessed heading",
     "unsupported": "left out of the file",
 }
-_UNTOLD: frozenset[Reason] = frozenset(
-    {"radius", "rider", "unsupported"}
-)  # of every window, and told of while it is read
+_UNTOLD: frozenset[Reason] = frozenset({"radius", "rider", "unsupported"})  # of every window, and told of at reading
 
 
 def sentence_of(left_out: LeftOut) -> str:
     """One entry of the ledger in words."""
-    number = f"{left_out.count} road user{'s' * (left_out.count != 1)}"
+    number = f"{left_out.count or 'some'} road user{'s' * (left_out.count != 1)}"
     return f"{number} {_WORDS[left_out.reason]}{f' ({left_out.detail})' if left_out.detail else ''}"
 
 
@@ -32,6 +31,6 @@ def _told(scenarios: Sequence[Scenario], reason: Reason) -> list[str]:
     if not found:
         return []
     least, most = min(one.count for one in found), max(one.count for one in found)
-    number = str(least) if least == most else f"{least} to {most}"
+    number = str(least or "some") if least == most else f"{least} to {most}"
     detail = f" ({found[0].detail})" if len({one.detail for one in found}) == 1 and found[0].detail else ""
     return [f"road users {_WORDS[reason]}{detail}: {number} in {len(found)} of {len(scenarios)} windows"]

@@ -153,7 +153,7 @@ def test_passengers_of_a_log_are_left_out_also_where_it_does_not_say_so(town, tm
     said = []
     for case in record_fcd(tmp_path / "log.xml", town.net, routes_or_types=town.routes, count=2, tell=said.append):
         assert {agent.id for agent in case.agents} == {"c0", "c1", "c2", "walks"}
-    assert ["1 person left out" in line for line in said] == [True]
+    assert ["1 person left out" in line for line in said if "does not say how" not in line] == [True]
 
 
 @pytest.mark.slow

@@ -1,0 +1,137 @@
+"""Who rides in a vehicle that an fcd-output lacks, and whether it says that it lacks any.
+
+By default a log does not say that a person rides: it has the person where the vehicle is. Where it holds a share of the
+vehicles, a passenger of another one looks like somebody who walks along a lane at 50 km/h.
+"""
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from regents_cosim.checks.bounded import open_bounded
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.sources.xml_input import unpacked_limit
+
+_RUNS_MPS = 5.5  # nobody on foot is faster
+_RIDES_S = 3.0  # at least, where it is slower than that: places where walks bend are on lanes by chance
+_LEAST_S = 1e-3
+_JUMP_M = 0.3  # beyond what the speed explains: somebody gets in or out, or a vehicle changes lanes
+_ON_CENTRE_M = 0.5  # of a lane: there vehicles are, and persons walk along its border
+_ALONG_RAD = np.deg2rad(20.0)
+_HEAD_BYTES = 1 << 16
+_COMMENT = re.compile(rb"<!--(.*?)(-->|\Z)", re.DOTALL)
+_OPTION = re.compile(rb'<([\w.-]+)\s+value="([^"]*)"')
+
+
+class _Seen(NamedTuple):
+    """A person at an instant."""
+
+    time_s: float
+    x: float  # [m]
+    y: float  # [m]
+    angle: float  # degrees clockwise from north
+    speed: float  # [m/s]
+
+
+@dataclass
+class _Stretch:
+    """What one person did without getting in or out."""
+
+    first: _Seen
+    last: _Seen
+    fastest: _Seen
+
+
+@dataclass
+class Rides:
+    """When persons ride, told by how they move: `see` everything once, in the order of time, then ask `at`."""
+
+    road: RoadMap
+    _now: dict[str, _Stretch] = field(default_factory=dict)
+    _found: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+
+    def see(self, name: str, time_s: float, x: float, y: float, angle: float, speed: float | None) -> None:
+        """A person who may walk [m, degrees clockwise from north, m/s where the log has it]."""
+        now, known = _Seen(time_s, x, y, angle, speed or 0.0), self._now.get(name)
+        if known is not None:
+            last = known.last
+            dt, moved = time_s - last.time_s, math.hypot(x - last.x, y - last.y)
+            is_jump = speed is None or moved > max(now.speed, last.speed) * dt + _JUMP_M
+            if not is_jump or (self._aboard(last) and self._aboard(now)):
+                known.last = now if speed is not None else now._replace(speed=moved / max(dt, _LEAST_S))
+                known.fastest = max(known.fastest, known.last, key=lambda seen: seen.speed)
+                return
+            self._close(name)
+        self._now[name] = _Stretch(now, now, now)
+
+    def finish(self) -> "Rides":
+        """Itself, once all was seen."""
+        for name in list(self._now):
+            self._close(name)
+        return self
+
+    def at(self, name: str, time_s: float) -> bool:
+        """Whether a person rides at a time that was seen."""
+        return any(begin_s <= time_s <= end_s for begin_s, end_s in self._found.get(name, ()))
+
+    @property
+    def number(self) -> int:
+        """How many persons ride at some time."""
+        return len(self._found)
+
+    def _close(self, name: str) -> None:
+        done = self._now.pop(name)
+        begin_s, end_s = done.first.time_s, done.last.time_s
+        is_slow_ride = end_s - begin_s > _RIDES_S and all(map(self._aboard, (done.first, done.fastest, done.last)))
+        if is_slow_ride or done.fastest.speed > _RUNS_MPS:
+            self._found.setdefault(name, []).append((begin_s, end_s))
+
+    def _aboard(self, seen: _Seen) -> bool:
+        """Whether somebody is where a vehicle would be: on the middle of a lane, turned its way."""
+        point = shapely.Point(seen.x, seen.y)
+        near = self.road.centre_lines.query(point, predicate="dwithin", distance=_ON_CENTRE_M).tolist()
+        yaw = math.radians(90.0 - seen.angle)
+        return any(abs(wrap(_direction(self.road.lanes[i].centre, point) - yaw)) < _ALONG_RAD for i in near)
+
+
+def _direction(centre: np.ndarray, point: shapely.Point) -> float:
+    """Of a line beside a place [rad]."""
+    line = shapely.LineString(centre)
+    at = line.project(point)
+    before, after = (line.interpolate(min(max(at + d, 0.0), line.length)) for d in (-0.5, 0.5))
+    return math.atan2(after.y - before.y, after.x - before.x)
+
+
+def what_it_lacks(log: Path) -> str | None:
+    """Which options kept road users out of an fcd-output, by the configuration that SUMO writes at its top.
+
+    Empty where none did, None where the log does not say how it was written.
+    """
+    with open_bounded(log, unpacked_limit(log)) as stream:
+        head = stream.read(_HEAD_BYTES)
+    comment = _COMMENT.search(head.partition(b"<fcd-export")[0])
+    if comment is None or b"onfiguration" not in comment[1]:
+        return None
+    options = {name.decode(): value.decode("utf-8", "replace") for name, value in _OPTION.findall(comment[1])}
+    return ", ".join(f"{name} {value[:40]}" for name, value in options.items() if _restricts(name, value))
+
+
+def _restricts(name: str, value: str) -> bool:
+    if name in ("device.fcd.probability", "person-device.fcd.probability"):
+        try:
+            return 0.0 <= float(value) < 1.0
+        except ValueError:
+            return True
+    return bool(value) and name in (
+        "device.fcd.explicit",
+        "person-device.fcd.explicit",
+        "fcd-output.filter-edges.input-file",
+        "fcd-output.filter-shapes",
+        "person-fcd-output",
+    )
