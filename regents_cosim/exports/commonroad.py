@@ -2,7 +2,8 @@
 
 Two files, as there are two uses: `planning.xml` has all but the ego, whose start and target are
 the planning problem; `recorded.xml` has the ego among the obstacles and no problem. CommonRoad knows
-lanelets and obstacles by number alone; `ids.csv` says what the numbers stand for.
+lanelets, lights and obstacles by number alone; `ids.csv` says what the numbers stand for. Lights show what they show in
+the case, and begin again after it, as cycles do.
 
 Source of the format: CommonRoad 2020a, "Documentation of the XML format".
 """
@@ -17,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from regents_cosim.exports.lights import Light, lights_of, without_place
 from regents_cosim.exports.stays import Stay, poses, stays
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.maps.walkways import WalkwayKind
@@ -27,20 +29,30 @@ _TYPES: dict[Kind, str] = {
     "pedestrian": "pedestrian", "other": "unknown",
 }  # fmt: skip
 _WALKED: dict[WalkwayKind, str] = {"sidewalk": "sidewalk", "crossing": "crosswalk"}  # the areas between have no sides
+_COLOURS = {"r": "red", "s": "red", "u": "redYellow", "y": "yellow", "Y": "yellow", "g": "green", "G": "green"}
+_DIRECTIONS: dict[frozenset[str], str] = {
+    frozenset({"left"}): "left", frozenset({"straight"}): "straight", frozenset({"right"}): "right",
+    frozenset({"left", "straight"}): "leftStraight", frozenset({"straight", "right"}): "straightRight",
+    frozenset({"left", "right"}): "leftRight",
+}  # fmt: skip
 _SHARPEST = 0.25  # cosine of half a bend at which a bound stops reaching out further
 _GOAL_M = (6.0, 3.0)  # length and width of the place to reach
 _LEAST_STEP_M = 1e-3  # lines with points closer than that have no direction there
 
 
-def write_commonroad(scenario: Scenario, folder: Path) -> None:
-    """Write `planning.xml`, `recorded.xml` and `ids.csv` into `folder`."""
+def write_commonroad(scenario: Scenario, folder: Path) -> list[str]:
+    """Write `planning.xml`, `recorded.xml` and `ids.csv` into `folder`; what is left out."""
     numbers = itertools.count(1)
     lanes = {lane.id: str(next(numbers)) for lane in scenario.road.lanes}
     walkways = {one.id: str(next(numbers)) for one in scenario.road.walkways if one.kind in _WALKED}
+    lights = [(str(next(numbers)), light) for light in lights_of(scenario) if light.at in lanes | walkways]
     others = [(str(next(numbers)), stay) for stay in stays(scenario)]
-    recorded, planning = _document(scenario, "recorded"), _document(scenario, "planning")
+    left_out = without_place(scenario, ((one.signal, link) for _, one in lights for link in one.links))
+    recorded, planning = (_document(scenario, "; ".join([use, *left_out])) for use in ("recorded", "planning"))
+    stand_at = {name: [number for number, light in lights if light.at == name] for name in (*lanes, *walkways)}
     for root in (recorded, planning):
-        root.extend([*_lanelets(scenario.road, lanes), *_walkways(scenario.road, walkways)])
+        root.extend([*_lanelets(scenario.road, lanes, stand_at), *_walkways(scenario.road, walkways, stand_at)])
+        root.extend(_light(number, light) for number, light in lights)
     for number, stay in others:
         recorded.append(_obstacle(scenario, number, stay))
         if stay.index:
@@ -50,12 +62,15 @@ def write_commonroad(scenario: Scenario, folder: Path) -> None:
         ET.indent(root)
         (folder / f"{name}.xml").write_bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
     rows = [("lanelet", number, name, "") for name, number in (lanes | walkways).items()]
+    rows += [("light", number, f"{one.signal} {' '.join(map(str, one.links))}", "") for number, one in lights]
     rows += [("obstacle", number, stay.agent.id, stay.agent.role) for number, stay in others]
     with (folder / "ids.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([("what", "number", "id", "role"), *rows])
+    return left_out
 
 
 def _document(scenario: Scenario, use: str) -> ET.Element:
+    """The header; `use` also says what is left out."""
     root = ET.Element(
         "commonRoad",
         commonRoadVersion="2020a",
@@ -81,7 +96,7 @@ def _letters(name: str) -> str:
 # --- lanelets ---------------------------------------------------------------------------------
 
 
-def _lanelets(road: RoadMap, numbers: dict[str, str]) -> Iterator[ET.Element]:
+def _lanelets(road: RoadMap, numbers: dict[str, str], lights: dict[str, list[str]]) -> Iterator[ET.Element]:
     before: dict[str, list[str]] = {name: [] for name in numbers}
     for link in road.connections:
         before[link.target].append(numbers[link.source])
@@ -94,16 +109,36 @@ def _lanelets(road: RoadMap, numbers: dict[str, str]) -> Iterator[ET.Element]:
         for name, other in {"adjacentLeft": lane.left, "adjacentRight": lane.right}.items():
             if other in numbers:
                 ET.SubElement(element, name, ref=numbers[other], drivingDir="same")
-        ET.SubElement(element, "laneletType").text = "intersection" if lane.junction else "urban"
+        _typed(element, "intersection" if lane.junction else "urban", lights[lane.id])
         yield element
 
 
-def _walkways(road: RoadMap, numbers: dict[str, str]) -> Iterator[ET.Element]:
+def _walkways(road: RoadMap, numbers: dict[str, str], lights: dict[str, list[str]]) -> Iterator[ET.Element]:
     for one in road.walkways:
         if one.id in numbers:
             element = _lanelet(numbers[one.id], one.shape, one.width)
-            ET.SubElement(element, "laneletType").text = _WALKED[one.kind]
+            _typed(element, _WALKED[one.kind], lights[one.id])
             yield element
+
+
+def _typed(lanelet: ET.Element, kind: str, lights: list[str]) -> None:
+    """The last that a lanelet has: its type, and the lights at its end."""
+    ET.SubElement(lanelet, "laneletType").text = kind
+    for number in lights:
+        ET.SubElement(lanelet, "trafficLightRef", ref=number)
+
+
+def _light(number: str, light: Light) -> ET.Element:
+    element = ET.Element("trafficLight", id=number)
+    cycle = ET.SubElement(element, "cycle")
+    for steps, letter in light.phases:
+        shown = ET.SubElement(cycle, "cycleElement")
+        ET.SubElement(shown, "duration").text = str(steps)
+        ET.SubElement(shown, "color").text = _COLOURS.get(letter, "inactive")
+    ET.SubElement(cycle, "timeOffset").text = "0"
+    ET.SubElement(element, "direction").text = _DIRECTIONS.get(light.ways, "all")
+    ET.SubElement(element, "active").text = "true"
+    return element
 
 
 def _lanelet(number: str, centre: Float[np.ndarray, "point 2"], width: float) -> ET.Element:
@@ -148,10 +183,9 @@ def _obstacle(scenario: Scenario, number: str, stay: Stay) -> ET.Element:
         ET.SubElement(rectangle, name).text = _number(size)
     first, *rest = poses(scenario, stay)
     _state(ET.SubElement(element, "initialState"), stay.first, first)
-    if rest:
-        trajectory = ET.SubElement(element, "trajectory")
-        for step, pose in enumerate(rest, start=stay.first + 1):
-            _state(ET.SubElement(trajectory, "state"), step, pose)
+    trajectory = ET.SubElement(element, "trajectory")  # of one who is there for an instant, its only state
+    for step, pose in enumerate(rest or [first], start=stay.first + bool(rest)):
+        _state(ET.SubElement(trajectory, "state"), step, pose)
     return element
 
 

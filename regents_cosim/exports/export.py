@@ -1,5 +1,6 @@
 """`export`: a case as other tools read it."""
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
@@ -14,7 +15,7 @@ from regents_cosim.system.atomic import explain_write, new_folder, require_writa
 
 Format = Literal["fcd", "csv", "openscenario", "commonroad"]
 
-_WRITERS: dict[Format, Callable[[Scenario, Path], None]] = {
+_WRITERS: dict[Format, Callable[[Scenario, Path], list[str]]] = {
     "fcd": write_fcd,
     "csv": write_table,
     "openscenario": write_openscenario,
@@ -22,11 +23,15 @@ _WRITERS: dict[Format, Callable[[Scenario, Path], None]] = {
 }
 
 
-def export(scenario: Scenario, to: Format, folder: Path | str) -> list[Path]:
+def export(
+    scenario: Scenario, to: Format, folder: Path | str, tell: Callable[[str], None] = warnings.warn
+) -> list[Path]:
     """Write `scenario` in the format `to` into `folder`, new or empty; return its files.
 
     fcd is for SUMO, openscenario 1.2 (with OpenDRIVE) for esmini and its kin, commonroad 2020a, csv for
     all agents. Positions survive to less than 1 mm. The folder appears as a whole or not at all.
+
+    `tell` is called with what a format has no place for, as tables have none for traffic lights; a header says so too.
 
     Raises RegentsError where `folder` holds something or cannot be written, or a package is missing.
     """
@@ -37,5 +42,7 @@ def export(scenario: Scenario, to: Format, folder: Path | str) -> list[Path]:
     with explain_write(folder):
         folder.absolute().parent.mkdir(parents=True, exist_ok=True)
         with new_folder(folder) as fresh:
-            _WRITERS[to](scenario, fresh)
+            left_out = _WRITERS[to](scenario, fresh)
+    for line in left_out:
+        tell(f"{scenario.id} as {to}: {line}")
     return sorted(folder.iterdir())

@@ -15,6 +15,7 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.errors import require
+from regents_cosim.exports.lights import without_place
 from regents_cosim.exports.permitted_lanes import PermittedLanes
 from regents_cosim.exports.stays import lanes_along, poses, stays
 from regents_cosim.geometry.frames import Pose, to_sumo
@@ -31,8 +32,10 @@ _DIGITS = 6  # SUMO's default of two decimals is 1 cm
 _GUI_DELAY_MS = 100.0
 
 
-def write_fcd(scenario: Scenario, folder: Path) -> None:
+def write_fcd(scenario: Scenario, folder: Path) -> list[str]:
     """Write `case.net.xml.gz`, `types.add.xml`, `fcd.xml.gz`, `view.xml` and `case.sumocfg` into `folder`.
+
+    Returns what is left out.
 
     A map that does not come from SUMO becomes a network of bare lanes, without lights. Raises ScenarioError where it
     has none.
@@ -46,10 +49,14 @@ def write_fcd(scenario: Scenario, folder: Path) -> None:
     lanes = PermittedLanes(folder / "case.net.xml.gz")
     (folder / "fcd.xml.gz").write_bytes(gzip.compress(_bytes(_log(scenario, lanes)), mtime=0))
     _write(folder / "view.xml", _view(scenario))
-    _write(folder / "case.sumocfg", _configuration(scenario))
+    left_out = [] if scenario.road.sumo_net else without_place(scenario, ())
+    _write(folder / "case.sumocfg", _configuration(scenario), *left_out)
+    return left_out
 
 
-def _write(path: Path, root: ET.Element) -> None:
+def _write(path: Path, root: ET.Element, *said: str) -> None:
+    for line in said:
+        root.insert(0, ET.Comment(f" {line.replace('--', '__')} "))
     path.write_bytes(_bytes(root))
 
 

@@ -2,12 +2,15 @@
 
 As the standard has it a vehicle's position is that of its rear axle, here 0.3 of its length behind the box
 centre, and its bounding box lies that far ahead of it; pedestrians and other objects are placed by their
-centre. Agents that come later are added, and those that leave deleted, at their time.
+centre. Agents that come later are added, and those that leave deleted, at their time. Each traffic light is a
+controller of the signals that netconvert puts into the road, lamp by lamp: red, yellow, green.
 
-Source of the format: ASAM OpenSCENARIO XML 1.2.0, FollowTrajectoryAction, Vehicle, Axles, BoundingBox.
+Source of the format: ASAM OpenSCENARIO XML 1.2.0, FollowTrajectoryAction, Vehicle, Axles, BoundingBox,
+TrafficSignalController.
 """
 
 import subprocess
+import xml.etree.ElementTree as ET
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint
+from regents_cosim.exports.lights import without_place
 from regents_cosim.exports.stays import Stay, poses, stays
 from regents_cosim.replays.sumo.bare_network import network_of
 from regents_cosim.scenario import Agent, Scenario
@@ -27,18 +31,36 @@ _MASS_KG = 80.0  # of pedestrians and other objects; the schema wants one
 _WHEEL_M = 0.6
 _STEER_RAD = 0.6
 _SPEED_M_S, _ACCEL_M_S2 = 70.0, 10.0  # what a vehicle can do; trajectories do not ask
+_LAMPS = {
+    **dict.fromkeys("rs", "on;off;off"), "u": "on;on;off", **dict.fromkeys("yY", "off;on;off"),
+    **dict.fromkeys("gG", "off;off;on"),
+}  # fmt: skip
+_DARK = "off;off;off"
 _NET, _ROAD, _CASE = "case.net.xml.gz", "case.xodr", "case.xosc"
 
 
-def write_openscenario(scenario: Scenario, folder: Path) -> None:
-    """Write `case.xosc`, `case.xodr` and the network that it was made from into `folder`.
+def write_openscenario(scenario: Scenario, folder: Path) -> list[str]:
+    """Write `case.xosc`, `case.xodr` and the network that it was made from into `folder`; what is left out.
 
     Raises RegentsError where the packages of the extra `openscenario` are missing.
     """
     xosc = _package("scenariogeneration.xosc")
     (folder / _NET).write_bytes(network_of(scenario.road))
     _write_road(folder)
-    _Storyboard(xosc, scenario).scenario().write_xml(str(folder / _CASE))
+    links = _signals_of(scenario, folder / _ROAD)
+    left_out = without_place(scenario, ((signal, link) for signal, found in links.items() for link in found))
+    _Storyboard(xosc, scenario, links).scenario("; ".join([scenario.id, *left_out])).write_xml(str(folder / _CASE))
+    return left_out
+
+
+def _signals_of(scenario: Scenario, road: Path) -> dict[str, dict[int, str]]:
+    """For every traffic light that the OpenDRIVE road has: the ids of its signals there, by link."""
+    there = {element.get("id", "") for element in ET.parse(road).getroot().iter("signal")}
+    found = dict[str, dict[int, str]]()
+    for signal in scenario.signals:
+        names = {link: f"{signal.id}_{link}" for link in range(len(signal.letters(0)))}
+        found[signal.id] = {link: name for link, name in names.items() if name in there}
+    return {signal: links for signal, links in found.items() if links}
 
 
 def rear_axle(agent: Agent) -> float:
@@ -69,19 +91,34 @@ def _write_road(folder: Path) -> None:
 class _Storyboard:
     """One Scenario in the words of scenariogeneration's `xosc`."""
 
-    def __init__(self, xosc: Any, scenario: Scenario) -> None:
-        self._xosc, self._case = xosc, scenario
+    def __init__(self, xosc: Any, scenario: Scenario, links: dict[str, dict[int, str]]) -> None:
+        self._xosc, self._case, self._links = xosc, scenario, links
 
-    def scenario(self) -> Any:
+    def scenario(self, description: str) -> Any:
         """The whole file."""
         xosc = self._xosc
         entities = xosc.Entities()
         for agent in self._case.agents:
             entities.add_scenario_object(agent.id, self._entity(agent))
         return xosc.Scenario(
-            self._case.id, "regents_cosim", xosc.ParameterDeclarations(), entities, self._storyboard(),
-            xosc.RoadNetwork(_ROAD), xosc.Catalog(), osc_minor_version=2,
+            description, "regents_cosim", xosc.ParameterDeclarations(), entities, self._storyboard(),
+            self._road(), xosc.Catalog(), osc_minor_version=2,
         )  # fmt: skip
+
+    def _road(self) -> Any:
+        """The road, and what its lights show: a controller of each begins again after the case."""
+        xosc, dt, steps = self._xosc, self._case.dt, self._case.tracks.steps
+        network = xosc.RoadNetwork(_ROAD)
+        for signal in (one for one in self._case.signals if one.id in self._links):
+            controller = xosc.TrafficSignalController(signal.id)
+            begins = [step for step, _ in signal.changes if step < steps]
+            for number, (begin, end) in enumerate(zip(begins, [*begins[1:], steps], strict=True)):
+                phase = xosc.Phase(str(number), round((end - begin) * dt, 9))
+                for link, name in self._links[signal.id].items():
+                    phase.add_signal_state(name, _LAMPS.get(signal.letters(begin)[link], _DARK))
+                controller.add_phase(phase)
+            network.add_traffic_signal_controller(controller)
+        return network
 
     def _entity(self, agent: Agent) -> Any:
         xosc, height = self._xosc, _HEIGHTS_M.get(agent.kind, _HEIGHT_M)

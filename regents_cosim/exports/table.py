@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+from regents_cosim.exports.lights import without_place
 from regents_cosim.exports.stays import Stay, lanes_along, poses, stays
 from regents_cosim.scenario import Scenario
 
@@ -22,8 +23,8 @@ _READ_BACK = {
 }  # fmt: skip
 
 
-def write_table(scenario: Scenario, folder: Path) -> None:
-    """Write `tracks.csv`, and `tracks.toml` with which `regents record --log` reads it back, into `folder`."""
+def write_table(scenario: Scenario, folder: Path) -> list[str]:
+    """Write `tracks.csv`, and `tracks.toml` with which `regents record --log` reads it back; what is left out."""
     with (folder / "tracks.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -31,7 +32,10 @@ def write_table(scenario: Scenario, folder: Path) -> None:
             writer.writerows(_rows(scenario, stay))
     columns = [f"{ours} = {json.dumps(theirs)}" for ours, theirs in _READ_BACK.items()]
     ego = f"ego = {json.dumps(scenario.ego.id, ensure_ascii=False)}"
-    (folder / "tracks.toml").write_text("\n".join([ego, "", "[columns]", *columns, ""]), encoding="utf-8")
+    left_out = without_place(scenario, ())
+    said = [f"# {line}" for line in left_out]
+    (folder / "tracks.toml").write_text("\n".join([*said, ego, "", "[columns]", *columns, ""]), encoding="utf-8")
+    return left_out
 
 
 def _rows(scenario: Scenario, stay: Stay) -> Iterator[tuple[object, ...]]:

@@ -127,7 +127,7 @@ def check_commonroad(case, folder):
 @pytest.mark.parametrize("name", ["attacked", "recorded", "highway", "walking"])
 def test_a_table_and_commonroad_come_back(name, request, tmp_path):
     case = request.getfixturevalue(name)
-    export(case, "csv", tmp_path / "table")
+    export(case, "csv", tmp_path / "table", tell=str)
     check_table(case, tmp_path / "table")
     export(case, "commonroad", tmp_path / "commonroad")
     check_commonroad(case, tmp_path / "commonroad")

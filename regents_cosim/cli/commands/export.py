@@ -34,7 +34,7 @@ def export(
     if len(scenarios) > 1:
         raise RegentsError(f"{case} holds {len(scenarios)} cases; export takes one, name its folder")
     with terminal.waiting(f"writing {output}"):
-        files = run_export(scenarios[0], to, output)
+        files = run_export(scenarios[0], to, output, tell=terminal.say)
     rows = [{"file": file.name, "bytes": file.stat().st_size} for file in files]
     terminal.show(f"{scenarios[0].id} as {to} in {output}", rows)
     return 0

@@ -1,0 +1,81 @@
+"""Traffic lights as formats want them: by the lane at whose end they stand, with what they show over time."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.scenario import Scenario, Signal
+
+_STRAIGHT_RAD = np.deg2rad(30.0)
+_NAMED = 5  # of many
+_Ways = frozenset[str]
+
+
+@dataclass(frozen=True)
+class Light:
+    """What some links of a signal show, all of them the same throughout."""
+
+    signal: str
+    links: tuple[int, ...]
+    at: str  # lane or crossing at which it stands
+    ways: _Ways  # "left", "straight" and "right" that it is for; none: all of the lane
+    phases: tuple[tuple[int, str], ...]  # steps for which it shows a letter, in order
+
+
+def lights_of(scenario: Scenario) -> Iterator[Light]:
+    """Every light that stands somewhere: of lanes, then of crossings for pedestrians."""
+    road, shown = scenario.road, {signal.id: signal for signal in scenario.signals}
+    for lane in road.lanes:
+        yield from _of_lane(lane, road, shown, scenario.tracks.steps)
+    for one in road.walkways:
+        if one.kind == "crossing" and one.signal in shown and one.link < len(shown[one.signal].letters(0)):
+            phases = _phases(shown[one.signal], one.link, scenario.tracks.steps)
+            yield Light(one.signal, (one.link,), one.id, frozenset(), phases)
+
+
+def without_place(scenario: Scenario, placed: Iterable[tuple[str, int]]) -> list[str]:
+    """What is said of the lights that a format has no place for; `placed` are the links (signal, index) that it has."""
+    placed = set(placed)
+    has = {signal for signal, _ in placed}
+    lost = sorted({signal.id for signal in scenario.signals} - has)
+    said = [f"traffic light{'s' * (len(lost) > 1)} left out: {_listed(lost)}"] if lost else []
+    crossings = [(one.signal, one.link) for one in scenario.road.walkways if one.kind == "crossing"]
+    dark = sorted(f"{signal} {link}" for signal, link in crossings if signal in has and (signal, link) not in placed)
+    return said + ([f"traffic lights of crossings left out: {_listed(dark)}"] if dark else [])
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+
+
+def _of_lane(lane: Lane, road: RoadMap, shown: dict[str, Signal], steps: int) -> Iterator[Light]:
+    same = dict[tuple[str, tuple[tuple[int, str], ...]], list[Connection]]()
+    for link in road.exits[lane.id]:
+        signal = shown.get(link.signal or "")
+        if signal is not None and link.link < len(signal.letters(0)):
+            same.setdefault((signal.id, _phases(signal, link.link, steps)), []).append(link)
+    for (signal_id, phases), links in same.items():
+        ways = frozenset(_way(lane, road.lane[link.target]) for link in links) if len(same) > 1 else frozenset[str]()
+        yield Light(signal_id, tuple(sorted({link.link for link in links})), lane.id, ways, phases)
+
+
+def _phases(signal: Signal, link: int, steps: int) -> tuple[tuple[int, str], ...]:
+    begins = [step for step, _ in signal.changes if step < steps]
+    found = list[tuple[int, str]]()
+    for begin, end in zip(begins, [*begins[1:], steps], strict=True):
+        letter = signal.letters(begin)[link]
+        if found and found[-1][1] == letter:
+            found[-1] = found[-1][0] + end - begin, letter
+        else:
+            found.append((end - begin, letter))
+    return tuple(found)
+
+
+def _way(lane: Lane, after: Lane) -> str:
+    """Where one goes on to, by how far the way through the junction turns."""
+    before, beyond = (np.arctan2(*(line.centre[-1] - line.centre[-2])[::-1]) for line in (lane, after))
+    turn = float(wrap(beyond - before))
+    return "straight" if abs(turn) < _STRAIGHT_RAD else "left" if turn > 0 else "right"
