@@ -181,7 +181,7 @@ class Overlap:
 
 
 # Why a road user of the source is not, or not as it was, in a scenario.
-Reason = Literal["radius", "limit", "rider", "unlogged", "guessed", "unsupported"]
+Reason = Literal["radius", "limit", "rider", "unlogged", "jump", "gap", "level", "guessed", "unsupported"]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ RENAMED: dict[tuple[str, ...], dict[str, str]] = {
     ("attack",): {"--type": "--manoeuvre", "--against": "--also-crash"},
     ("evaluate",): {"--against": "--baseline"},
     ("suite", "coverage"): {"--against": "--older"},
+    ("inspect",): {"--against-fcd": "--against"},
 }
 
 

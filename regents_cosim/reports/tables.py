@@ -65,7 +65,7 @@ def case_row(scenario: Scenario) -> dict[str, Any]:
 
 
 def compared_row(found: Comparison, unexplained: int) -> dict[str, Any]:
-    """A case held against SUMO's own log: road users that it lacks, and how far the others are off at the most."""
+    """A case held against its source: road users that it lacks, and how far the others are off at the most."""
     return {
         "case": found.case,
         "states": found.compared,
@@ -73,6 +73,7 @@ def compared_row(found: Comparison, unexplained: int) -> dict[str, Any]:
         "unexplained": unexplained,
         "farthest_m": round(found.farthest_m, 6),
         "most_turned_deg": round(found.most_turned_deg, 6),
+        "most_resized_m": round(found.most_resized_m, 6),
     }
 
 

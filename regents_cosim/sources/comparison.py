@@ -18,7 +18,7 @@ _MARGIN_M = 12.0  # half of a car and half of a bus
 
 @dataclass
 class Comparison:
-    """A case held against an fcd-output: at every instant that both have, who is within the radius of the ego."""
+    """A case held against its source: at every instant that both have, who is within the radius of the ego."""
 
     case: str
     compared: int = 0  # states that both have
@@ -27,6 +27,8 @@ class Comparison:
     farthest: str = ""  # whose that is
     most_turned_deg: float = 0.0  # the largest difference of headings
     most_turned: str = ""
+    most_resized_m: float = 0.0  # the largest difference of lengths or widths; an fcd-output has none
+    most_resized: str = ""
 
     def take(self, name: str, away_m: float, turned_deg: float) -> None:
         """Count a state that both have."""
@@ -36,9 +38,15 @@ class Comparison:
         if turned_deg > self.most_turned_deg:
             self.most_turned_deg, self.most_turned = turned_deg, name
 
+    def take_size(self, name: str, off_m: float) -> None:
+        """Count the size of one that both have."""
+        if off_m > self.most_resized_m:
+            self.most_resized_m, self.most_resized = off_m, name
+
     def unexplained(self, scenario: Scenario) -> dict[str, int]:
         """The missing road users that the case does not say to leave out."""
-        named = {name for one in scenario.provenance.left_out for name in one.ids}
+        entries = scenario.provenance.left_out
+        named = {name for one in entries if one.reason != "guessed" for name in one.ids}
         return {name: count for name, count in self.missing.items() if name not in named}
 
 

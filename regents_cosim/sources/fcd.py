@@ -318,6 +318,16 @@ class LoggedState(NamedTuple):
 _Instant = tuple[float, list[LoggedState], list[str]]  # time [s], who is where, persons who are left out
 
 
+def is_fcd(path: Path) -> bool:
+    """Whether a file is an fcd-output, by its beginning."""
+    if path.is_dir():
+        return False
+    require_file(path, "log")
+    with open_bounded(path, unpacked_limit(path)) as stream:
+        head = stream.read(_LONGEST_LINE)
+    return b"<fcd-export" in head or head.lstrip(b'\xef\xbb\xbf"').startswith(_TIME.encode())
+
+
 def logged_instants(log: Path) -> Iterator[_Instant]:
     """Every instant, one at a time."""
     with _explain(log):

@@ -9,10 +9,14 @@ _WORDS: dict[Reason, str] = {
     "limit": "beyond --max-agents",
     "rider": "in a vehicle, on stairs or in a lift",
     "unlogged": "that the log does not hold",
+    "jump": "cut where they jump",
+    "gap": "gone for a while, as in the source",
+    "level": "on another level",
     "guessed": "with a guessed heading",
     "unsupported": "left out of the file",
 }
-_UNTOLD: frozenset[Reason] = frozenset({"radius", "rider", "unsupported"})  # of every window, and told of at reading
+# Of every window, told of while it is read, or no more than the source has.
+_UNTOLD: frozenset[Reason] = frozenset({"radius", "rider", "gap", "level", "unsupported"})
 
 
 def sentence_of(left_out: LeftOut) -> str:

@@ -37,6 +37,7 @@ class Recording:
     riders: frozenset[str] = frozenset()  # persons who are left out while they have no place of their own on the road
     z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
     guessed: frozenset[str] = frozenset()  # whose headings nothing tells
+    jumped: frozenset[str] = frozenset()  # who lacks instants of the source, at which it jumps
     left_out: tuple[LeftOut, ...] = ()  # road users of the source that are not in it
 
 

@@ -23,7 +23,7 @@ from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.jumps import jumps
 from regents_cosim.maps.levels import contains
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import VEHICLE_KINDS, Agent, LeftOut, Provenance, Scenario, Tracks
+from regents_cosim.scenario import VEHICLE_KINDS, Agent, LeftOut, Provenance, Reason, Scenario, Tracks
 from regents_cosim.sources.conflicts import Conflicts, Others
 from regents_cosim.sources.motion import speeds
 from regents_cosim.sources.recording import ANY_EGO, Recording
@@ -394,9 +394,23 @@ def _company(scene: RecordedScene, ego: int, windows: Windows) -> tuple[list[int
     if recording.riders:
         riders = tuple(sorted(recording.riders))
         left_out.append(LeftOut("rider", len(riders), riders, "while they have no place of their own on the road"))
-    if guessed := sorted(recording.guessed & {recording.ids[i] for i in (ego, *kept)}):
-        left_out.append(LeftOut("guessed", len(guessed), tuple(guessed), "they never move, and on no lane"))
-    return sorted(kept), tuple(left_out)
+    return sorted(kept), (*left_out, *_of_members(scene, [ego, *kept]))
+
+
+def _of_members(scene: RecordedScene, members: list[int]) -> Iterator[LeftOut]:
+    """What those of a window lack, or only seem to have."""
+    recording = scene.recording
+    here = {recording.ids[i] for i in members}
+    lost = recording.jumped - (set(recording.ids) - here)
+    lapses = {recording.ids[i] for i in members if (np.diff(np.flatnonzero(scene.valid[i])) > 1).any()}
+    found: list[tuple[Reason, set[str] | frozenset[str], str]] = [
+        ("jump", lost, "instants at which the log has them elsewhere at once"),
+        ("gap", lapses - lost, "instants between others"),
+        ("guessed", recording.guessed & here, "they never move, and on no lane"),
+    ]
+    for reason, names, why in found:
+        if names:
+            yield LeftOut(reason, len(names), tuple(sorted(names)), why)
 
 
 def _tracks(scene: RecordedScene, members: list[int]) -> Tracks:

@@ -10,12 +10,13 @@ from regents_cosim.errors import NEGATIVE_VERDICT, RegentsError
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
+    from regents_cosim.sources.logs.formats import CompanionFiles
 
 
 def inspect(
     log: Path,
     *,
-    against_fcd: Path | None = None,
+    against: Path | None = None,
     radius: float = 100.0,
     format: str = "auto",
     map: Path | None = None,
@@ -29,11 +30,12 @@ def inspect(
     ----------
     log
         a file of logged traffic, a folder of files, a case, or a folder of cases
-    against_fcd
-        an fcd-output of the run that the cases were recorded from: which of its road users they lack, and how far
-        places and headings differ; exit code 1 where one is missing that a case does not say to leave out
+    against
+        the log that the cases were recorded from, or an fcd-output of the run: which of its road users they lack, and
+        how far places, headings and sizes differ; exit code 1 where one is missing that a case does not say to leave
+        out
     radius
-        around the ego, within which road users of the fcd-output are looked for in the cases [m]
+        around the ego, within which road users of that log are looked for in the cases [m]
     format
         of the log; auto tells it by the content
     map
@@ -51,9 +53,9 @@ def inspect(
 
     terminal = open_terminal(talk)
     if cases := _cases(log):
-        return _inspect_cases(cases, against_fcd, radius, terminal)
-    if against_fcd is not None:
-        raise RegentsError(f"{log}: no case, expected one, or a folder of cases, beside --against-fcd")
+        return _inspect_cases(cases, against, CompanionFiles(map, columns), format, radius, terminal)
+    if against is not None:
+        raise RegentsError(f"{log}: no case, expected one, or a folder of cases, beside --against")
     found = []
     for _, name, scene in scenes_of(log, format, CompanionFiles(map, columns)):
         found.append(inspect_scene(scene, name))
@@ -73,25 +75,33 @@ def _cases(path: Path) -> list[Path]:
     return sorted(one.parent for one in path.glob(f"*/{HEADER}")) if path.is_dir() else []
 
 
-def _inspect_cases(cases: list[Path], against_fcd: Path | None, radius: float, terminal: "Terminal") -> int:
+def _inspect_cases(
+    cases: list[Path], against: Path | None, beside: "CompanionFiles", format: str, radius: float, terminal: "Terminal"
+) -> int:
     from regents_cosim.cases.files import load_case
     from regents_cosim.reports.tables import HELD_AGAINST, RECORDED, case_row, compared_row
     from regents_cosim.sources.comparison import compare_with_fcd
+    from regents_cosim.sources.fcd import is_fcd
     from regents_cosim.sources.left_out import sentence_of
+    from regents_cosim.sources.logs.comparison import compare_with_log
 
     scenarios = [load_case(case) for case in cases]
     for one in scenarios:
         for entry in one.provenance.left_out:
             terminal.say(f"{one.id}: {sentence_of(entry)}")
-    if against_fcd is None:
+    if against is None:
         terminal.show(f"{len(cases)} cases", [case_row(one) for one in scenarios], essential=RECORDED)
         return 0
     rows, lacking = [], 0
-    for one, found in zip(scenarios, compare_with_fcd(scenarios, against_fcd, radius), strict=True):
+    if is_fcd(against):
+        compared = compare_with_fcd(scenarios, against, radius)
+    else:
+        compared = compare_with_log(scenarios, against, format, beside, radius)
+    for one, found in zip(scenarios, compared, strict=True):
         unexplained = found.unexplained(one)
         for name, instants in sorted(unexplained.items()):
             terminal.say(f"{one.id}: {name!r} is missing at {instants} instants, which the case does not say")
         lacking += len(unexplained)
         rows.append(compared_row(found, len(unexplained)))
-    terminal.show(f"{len(cases)} cases against {against_fcd}", rows, essential=HELD_AGAINST)
+    terminal.show(f"{len(cases)} cases against {against}", rows, essential=HELD_AGAINST)
     return NEGATIVE_VERDICT if lacking else 0

@@ -140,6 +140,13 @@ class _SceneWindows:
         return tuple(sorted(smooth, key=lambda track: track.agent.id))
 
     @cached_property
+    def _cuts(self) -> dict[str, Int[np.ndarray, " cut"]]:
+        """The steps of the log that those who jump have lost, by id."""
+        left = {track.agent.id: track.step for track in self._tracks}
+        cuts = {one.agent.id: np.setdiff1d(one.step, left[one.agent.id], True) for one in self.scene.tracks}
+        return {name: steps for name, steps in cuts.items() if len(steps)}
+
+    @cached_property
     def _ends(self) -> tuple[Int[np.ndarray, " track"], Int[np.ndarray, " track"]]:
         """First and last steps of all."""
         first, last = (np.array([track.step[end] for track in self._tracks]) for end in (0, -1))
@@ -169,7 +176,9 @@ class _SceneWindows:
         kept = [(track, found) for track, found in zip(here, samples, strict=True) if found.valid.any()]
         begin_s = round(self.scene.begin_s + first_step * self.scene.dt, 6)
         recording = _recording(begin_s, kept, self._signals(first_step), self.scene.left_out)
-        return RecordedScene.of(recording)
+        last_step = first_step + self._span
+        jumped = (name for name, cut in self._cuts.items() if ((first_step <= cut) & (cut <= last_step)).any())
+        return RecordedScene.of(replace(recording, jumped=frozenset(jumped)))
 
     def _signals(self, first_step: float) -> tuple[Signal, ...]:
         step = np.floor(first_step + np.arange(self.instants) * STEP_S / self.scene.dt + 1e-6).astype(int)
@@ -185,7 +194,11 @@ class _SceneWindows:
         r = slot.recording
         here = np.flatnonzero(kept)
         ids, types = tuple(r.ids[i] for i in here), tuple(r.types[i] for i in here)
-        rest = replace(r, ids=ids, types=types, x=r.x[kept], y=r.y[kept], yaw=r.yaw[kept], valid=r.valid[kept])
+        away = tuple(r.ids[i] for i in np.flatnonzero(~kept))
+        left_out = (*r.left_out, LeftOut("level", len(away), away, "they pass above or below the ego"))
+        rest = replace(
+            r, ids=ids, types=types, x=r.x[kept], y=r.y[kept], yaw=r.yaw[kept], valid=r.valid[kept], left_out=left_out
+        )
         return RecordedScene.of(rest)
 
 

@@ -187,6 +187,7 @@ def test_vehicles_on_a_bridge_do_not_come_along():
     one = replace(scene(LoggedMap((), STREET), ego, bridge, beside), ego="ego")
     (found,) = cut(one, LogWindows(Windows(horizon_s=8.0)), RecordingOrigin("x", "x", "x"), Counter())
     assert [agent.id for agent in found.agents] == ["ego", "beside"]
+    assert [(one.reason, one.ids) for one in found.provenance.left_out] == [("level", ("bridge",))]
 
 
 def test_without_a_map_the_road_is_where_vehicles_drove():

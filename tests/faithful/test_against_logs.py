@@ -1,0 +1,103 @@
+"""Cases of logs are what their log says, or name what they lack; `inspect --against` finds what they do not name."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import log_files
+import numpy as np
+import pytest
+from log_files import WRITERS
+
+from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.errors import LogError
+from regents_cosim.sources.logs.comparison import compare_with_log
+from regents_cosim.sources.logs.record import record_log
+
+REGENTS = Path(sys.executable).with_name("regents")
+SAME_M, SAME_DEG = 0.01, 0.1
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_windows_of_every_format_hold_what_their_log_does(name, tmp_path):
+    log = log_files.write(name, tmp_path)
+    found = record_log(log, horizon_s=4.0, count=2, tell=lambda _: None)
+    for case, one in zip(found, compare_with_log(found, log), strict=True):
+        assert one.unexplained(case) == {}
+        assert one.compared >= 20
+        assert one.farthest_m <= SAME_M, one
+        assert one.most_turned_deg <= SAME_DEG, one
+        assert one.most_resized_m == 0.0, one
+
+
+ROWS = {  # x of b at every step; it leaps to and fro, and is not seen for a while
+    "a": 9.0 * np.arange(60) / 10,
+    "b": 20.0 + 0.9 * np.arange(60) + 5.0 * (np.arange(60) == 20),
+    "c": 40.0 + 0.9 * np.arange(60),
+}
+
+
+@pytest.fixture
+def leaping(tmp_path):
+    log = tmp_path / "leaping.csv"
+    rows = [
+        f"{name},{k / 10:.1f},{x:.2f},0.0,0.0,4.5,1.8"
+        for name, way in ROWS.items()
+        for k, x in enumerate(way.tolist())
+        if not (name == "c" and 25 <= k < 30)
+    ]
+    log.write_text("\n".join(["id,time,x,y,heading,length,width", *rows]))
+    return log
+
+
+def test_jumps_and_gaps_stand_in_the_ledger(leaping):
+    (case,) = record_log(leaping, ego="a", horizon_s=5.0, count=1, tell=lambda _: None)
+    entries = {one.reason: one.ids for one in case.provenance.left_out}
+    assert entries == {"jump": ("b",), "gap": ("c",)}
+    (one,) = compare_with_log([case], leaping)
+    assert one.missing["b"] >= 1
+    assert "c" not in one.missing, "the log has it not either"
+    assert one.unexplained(case) == {}
+
+
+def regents(*words):
+    return subprocess.run([REGENTS, *map(str, words)], capture_output=True, text=True, timeout=120)
+
+
+def test_inspect_finds_what_a_case_does_not_say(leaping, tmp_path):
+    done = regents("record", "--log", leaping, "--ego", "a", "--horizon", "5", "--count", "1", "-o", tmp_path / "cases")
+    assert "road users cut where they jump" in done.stderr
+    fine = regents("inspect", tmp_path / "cases", "--against", leaping)
+    assert fine.returncode == 0, fine.stderr
+    assert "cut where they jump" in fine.stderr
+    (folder,) = (one.parent for one in (tmp_path / "cases").glob("*/scenario.json"))
+    case = load_case(folder)
+    silent = replace(case, provenance=replace(case.provenance, left_out=()))
+    save_case(silent, tmp_path / "silent")
+    found = regents("inspect", tmp_path / "silent", "--against", leaping)
+    assert found.returncode == 1
+    assert "'b' is missing at" in found.stderr
+    (tmp_path / "other.csv").write_text(leaping.read_text().replace("0.90", "0.91"))
+    refused = regents("inspect", tmp_path / "cases", "--against", tmp_path / "other.csv")
+    assert refused.returncode == 2
+    assert "expected leaping.csv as it was when it was recorded" in refused.stderr
+
+
+def test_a_case_that_is_elsewhere_shows(leaping):
+    (case,) = record_log(leaping, ego="a", horizon_s=5.0, count=1, tell=lambda _: None)
+    tracks = case.tracks
+    off = replace(
+        tracks, x=tracks.x + np.array([[0.0], [0.0], [0.3]]) * tracks.valid, yaw=tracks.yaw + 0.1 * tracks.valid
+    )
+    agents = (replace(case.agents[0], length=5.0), *case.agents[1:])
+    (one,) = compare_with_log([replace(case, tracks=off, agents=agents)], leaping)
+    assert (one.farthest, one.farthest_m) == ("c", pytest.approx(0.3))
+    assert one.most_turned_deg == pytest.approx(np.rad2deg(0.1))
+    assert (one.most_resized, one.most_resized_m) == ("a", pytest.approx(0.5))
+
+
+def test_a_log_of_other_traffic_is_refused(tmp_path):
+    log = log_files.write("waymo", tmp_path)
+    with pytest.raises(LogError, match="no scene of case"):
+        compare_with_log(record_log(log, count=1, tell=print), log_files.write("ngsim", tmp_path))
