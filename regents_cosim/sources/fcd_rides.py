@@ -21,6 +21,7 @@ from regents_cosim.sources.xml_input import unpacked_limit
 _RUNS_MPS = 5.5  # nobody on foot is faster
 _RIDES_S = 3.0  # at least, where it is slower than that: places where walks bend are on lanes by chance
 _LEAST_S = 1e-3
+_SPEEDS_UP_M_S2 = 2.6  # where the log has no speeds
 _JUMP_M = 0.3  # beyond what the speed explains: somebody gets in or out, or a vehicle changes lanes
 _ON_CENTRE_M = 0.5  # of a lane: there vehicles are, and persons walk along its border
 _ALONG_RAD = np.deg2rad(20.0)
@@ -62,7 +63,8 @@ class Rides:
         if known is not None:
             last = known.last
             dt, moved = time_s - last.time_s, math.hypot(x - last.x, y - last.y)
-            is_jump = speed is None or moved > max(now.speed, last.speed) * dt + _JUMP_M
+            more_m = _JUMP_M if speed is not None else _JUMP_M + _SPEEDS_UP_M_S2 * dt**2
+            is_jump = moved > max(now.speed, last.speed) * dt + more_m
             if not is_jump or (self._aboard(last) and self._aboard(now)):
                 known.last = now if speed is not None else now._replace(speed=moved / max(dt, _LEAST_S))
                 known.fastest = max(known.fastest, known.last, key=lambda seen: seen.speed)
