@@ -122,7 +122,7 @@ def _time_grid(log: Path, rides: Rides) -> _Grid:
         seen.append(time)
         for row in rows:
             if row.walks:
-                rides.see(row.name, time, row.x, row.y, row.angle, row.speed)
+                rides.see(row.name, time, row.x, row.y, row.angle, _speed(row.speed))
     rides.finish()
     times = np.array(seen)
     if len(times) < 2:
@@ -312,7 +312,7 @@ class LoggedState(NamedTuple):
     z: float | None
     lane: str
     walks: bool = False
-    speed: float | None = None  # [m/s] of a person, where the log has it
+    speed: str = ""  # [m/s] of a person, as the log writes it
 
 
 _Instant = tuple[float, list[LoggedState], list[str]]  # time [s], who is where, persons who are left out
@@ -384,8 +384,8 @@ def _persons(entries: Sequence[Mapping[str, str]], vehicles: list[LoggedState]) 
             riding.append(entry.get("id", ""))
             continue
         z, kind, speed = entry.get("z"), entry.get("type") or "DEFAULT_PEDTYPE", entry.get("speed")
-        height, speed_mps = (_finite(text) if text else None for text in (z, speed))
-        walking.append(LoggedState(entry.get("id", ""), kind, x, y, angle, height, "", walks=True, speed=speed_mps))
+        height = _finite(z) if z else None
+        walking.append(LoggedState(entry.get("id", ""), kind, x, y, angle, height, "", True, speed or ""))
     return walking, riding
 
 
@@ -401,6 +401,14 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text[:20]!r} is no place or angle")
     return value
+
+
+def _speed(text: str) -> float | None:
+    """A speed [m/s], None where the log has none that is one."""
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return None
 
 
 def _seconds(time: str) -> float:

@@ -40,13 +40,22 @@ class _Seen(NamedTuple):
     speed: float  # [m/s]
 
 
-@dataclass
+@dataclass(slots=True)
 class _Stretch:
-    """What one person did without getting in or out."""
+    """What one person did without getting in or out: plain numbers, as every person of a log comes by at every step."""
 
     first: _Seen
-    last: _Seen
     fastest: _Seen
+    time_s: float  # of its end, so far
+    x: float  # [m]
+    y: float  # [m]
+    angle: float  # degrees clockwise from north
+    speed: float  # [m/s]
+
+    @property
+    def last(self) -> _Seen:
+        """Its end."""
+        return _Seen(self.time_s, self.x, self.y, self.angle, self.speed)
 
 
 @dataclass
@@ -59,18 +68,29 @@ class Rides:
 
     def see(self, name: str, time_s: float, x: float, y: float, angle: float, speed: float | None) -> None:
         """A person who may walk [m, degrees clockwise from north, m/s where the log has it]."""
-        now, known = _Seen(time_s, x, y, angle, speed or 0.0), self._now.get(name)
-        if known is not None:
-            last = known.last
-            dt, moved = time_s - last.time_s, math.hypot(x - last.x, y - last.y)
-            more_m = _JUMP_M if speed is not None else _JUMP_M + _SPEEDS_UP_M_S2 * dt**2
-            is_jump = moved > max(now.speed, last.speed) * dt + more_m
-            if not is_jump or (self._aboard(last) and self._aboard(now)):
-                known.last = now if speed is not None else now._replace(speed=moved / max(dt, _LEAST_S))
-                known.fastest = max(known.fastest, known.last, key=lambda seen: seen.speed)
+        known = self._now.get(name)
+        if known is None:
+            self._begin(name, _Seen(time_s, x, y, angle, speed or 0.0))
+            return
+        dt, dx, dy = time_s - known.time_s, x - known.x, y - known.y
+        if speed is None:
+            most_m = known.speed * dt + _JUMP_M + _SPEEDS_UP_M_S2 * dt * dt
+        else:
+            most_m = (speed if speed > known.speed else known.speed) * dt + _JUMP_M
+        if dx * dx + dy * dy > most_m * most_m:
+            now = _Seen(time_s, x, y, angle, speed or 0.0)
+            if not (self._aboard(known.last) and self._aboard(now)):
+                self._close(name)
+                self._begin(name, now)
                 return
-            self._close(name)
-        self._now[name] = _Stretch(now, now, now)
+        if speed is None:
+            speed = math.hypot(dx, dy) / max(dt, _LEAST_S)
+        known.time_s, known.x, known.y, known.angle, known.speed = time_s, x, y, angle, speed
+        if speed > known.fastest.speed:
+            known.fastest = known.last
+
+    def _begin(self, name: str, now: _Seen) -> None:
+        self._now[name] = _Stretch(now, now, *now)
 
     def finish(self) -> "Rides":
         """Itself, once all was seen."""
@@ -89,7 +109,7 @@ class Rides:
 
     def _close(self, name: str) -> None:
         done = self._now.pop(name)
-        begin_s, end_s = done.first.time_s, done.last.time_s
+        begin_s, end_s = done.first.time_s, done.time_s
         is_slow_ride = end_s - begin_s > _RIDES_S and all(map(self._aboard, (done.first, done.fastest, done.last)))
         if is_slow_ride or done.fastest.speed > _RUNS_MPS:
             self._found.setdefault(name, []).append((begin_s, end_s))
