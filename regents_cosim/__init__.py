@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from regents_cosim.cases.files import save_case as save_case
     from regents_cosim.cases.shipped import network_config as network_config
     from regents_cosim.cases.shipped import networks as networks
+    from regents_cosim.cases.suite import CaseList as CaseList
     from regents_cosim.cases.suite import load_suite as load_suite
     from regents_cosim.errors import MissingDependencyError as MissingDependencyError
     from regents_cosim.errors import NoWindowError as NoWindowError
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict as RegressionVerdict
     from regents_cosim.evaluation.regression.evaluate import BaselineComparison as BaselineComparison
     from regents_cosim.evaluation.regression.evaluate import Evaluation as Evaluation
+    from regents_cosim.evaluation.regression.evaluate import Evaluations as Evaluations
     from regents_cosim.evaluation.regression.evaluate import evaluate as evaluate
     from regents_cosim.evaluation.suites.building import Recipe as Recipe
     from regents_cosim.evaluation.suites.building import build_suite as build_suite
@@ -82,12 +84,12 @@ _NAMES = {
     "attacks.presets": "AttackConfig KING REGENTS REGENTS_FOCUSED",
     "cases.files": "load_case save_case",
     "cases.shipped": "network_config networks",
-    "cases.suite": "load_suite",
+    "cases.suite": "CaseList load_suite",
     "errors": "MissingDependencyError NoWindowError PlannerError RegentsError",
     "evaluation.drives.driving": "Drive DrivingRow",
     "evaluation.reduction.shrink": "Shrunk shrink",
     "evaluation.regression.comparison": "RegressionVerdict",
-    "evaluation.regression.evaluate": "BaselineComparison Evaluation evaluate",
+    "evaluation.regression.evaluate": "BaselineComparison Evaluation Evaluations evaluate",
     "evaluation.suites.building": "Recipe build_suite",
     "evaluation.training.before_after": "BeforeAfterRow",
     "evaluation.training.fine_tuning": "FineTuned finetune train",

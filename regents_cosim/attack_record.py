@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from regents_cosim.brief import Brief
+
 Outcome = Literal["collision", "no_collision", "no_candidate", "already_colliding", "diverged", "planner_error"]
 CollisionKind = Literal[
     "rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on",
@@ -35,8 +37,8 @@ HARMLESS_SHARE = "harmless_share"  # settings of a harmless neighbour: the share
 CAREFUL_COMPLETION = "careful_completion"  # and how far a careful driver gets there, a share of the recorded way
 
 
-@dataclass(frozen=True)
-class AttackRecord:
+@dataclass(frozen=True, repr=False)
+class AttackRecord(Brief):
     """How an attack went."""
 
     case: str  # id of the scenario before the attack

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+from regents_cosim.brief import Brief
+
 ReferenceDriver = Literal["careful", "fuzzy", "rss"]
 Side = Literal["own", "shoulder", "oncoming"]  # of the road; oncoming: any lane that the ego may not use
 
@@ -148,8 +150,8 @@ class ReferenceDrive:
 Escape = Literal["in time", "not in time", "never", "unknown", "avoidable"]
 
 
-@dataclass(frozen=True)
-class Judgement:
+@dataclass(frozen=True, repr=False)
+class Judgement(Brief):
     """What a crash says about the planner. Fields that older versions did not know are None or empty in their cases."""
 
     flaws: tuple[Flaw, ...]  # what spoils it as a test; clean has none

@@ -8,19 +8,23 @@ import bisect
 import itertools
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from html import escape
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.attack_record import AttackRecord
+from regents_cosim.brief import html_table
 from regents_cosim.checks.names import require_file_name, require_id
 from regents_cosim.errors import ScenarioError, require
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.judgement import Judgement
 from regents_cosim.maps.levels import Heights
 from regents_cosim.maps.roadmap import MOST_COORDINATE_M, RoadMap
+from regents_cosim.system.data_frames import Tabular
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
 Role = Literal["ego", "background", "adversary"]
@@ -214,7 +218,7 @@ class Provenance:
 
 
 @dataclass(frozen=True, eq=False)
-class Scenario:
+class Scenario(Tabular):
     """s = (g, v, w, q) of the ReGentS paper, section 3.1: map, agents, signals, tracks, target."""
 
     id: str
@@ -292,15 +296,24 @@ class Scenario:
             require(bool(evasion.valid.all()), "the ego's evasion has gaps, expected it throughout")
 
     def __repr__(self) -> str:
-        return f"Scenario({', '.join(f'{name}={value!r}' for name, value in self._summary().items())})"
+        return f"Scenario({', '.join(f'{name}={value!r}' for name, value in self.summary().items())})"
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in self._summary().items()
-        )
-        return f"<table>{rows}</table>"
+        return html_table([self.summary()], upright=True)
 
-    def _summary(self) -> dict[str, object]:
+    def plot(self) -> "Image":
+        """A picture of the collision, or of the end where there is none: notebooks show it, `.save(NAME)` keeps it."""
+        from regents_cosim.reports.picture import still_image
+
+        return still_image(self)
+
+    def table(self) -> list[dict[str, object]]:
+        """A row per agent and instant, with the columns of `regents export --to csv`; also `to_pandas()`."""
+        from regents_cosim.exports.table import track_rows
+
+        return track_rows(self)
+
+    def summary(self) -> dict[str, object]:
         """What a person asks first of a scenario."""
         found: dict[str, object] = {
             "id": self.id,

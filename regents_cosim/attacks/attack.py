@@ -9,7 +9,7 @@ import jax
 
 from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts, side_by_side
-from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig
+from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, preset
 from regents_cosim.attacks.searches import search_one
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import AttackedPlanners
@@ -30,8 +30,8 @@ Engine = Literal["auto", "threads", "batched"]
 
 
 def attack(
-    scenarios: Iterable[Scenario],
-    config: AttackConfig = REGENTS_FOCUSED,
+    scenarios: Iterable[Scenario] | Scenario,
+    config: AttackConfig | None = None,
     planner: AnyPlanner = "idm",
     batch: int = 32,
     extra_cost: ExtraCost | None = None,
@@ -39,16 +39,23 @@ def attack(
     act_timeout_s: float = ACT_TIMEOUT_S,
     also_crash: Sequence[AnyPlanner] = (),
     *,
+    method: str = "",
     progress: ShowProgress = True,
 ) -> Iterator[Scenario]:
     """Find how another road user could make `planner` crash; yields cases as soon as they are found.
+
+    `scenarios` may be one. `method` names a preset (focused, the default; king, regents, ...), in place of a `config`.
 
     What the arguments mean says `attack_each`, whose results come here one after the other. `judge` says of each what
     its crash is worth, `replay` verifies it in SUMO. On a terminal and in notebooks a bar shows how far it is, unless
     `progress` is False.
     """
+    if config is not None and method:
+        raise RegentsError(f"both a method ({method}) and a config ({config.method}) are given: leave out one of them")
+    chosen = config or preset(method or REGENTS_FOCUSED.method)
+    scenarios = [scenarios] if isinstance(scenarios, Scenario) else scenarios
     total = len(scenarios) if isinstance(scenarios, Sized) else None
-    windows = attack_each(scenarios, config, planner, batch, extra_cost, engine, act_timeout_s, also_crash)
+    windows = attack_each(scenarios, chosen, planner, batch, extra_cost, engine, act_timeout_s, also_crash)
     for results in shown(progress).each(windows, "attacking", total, window_row):
         yield from results
 

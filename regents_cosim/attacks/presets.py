@@ -5,7 +5,9 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from regents_cosim.brief import Brief
 from regents_cosim.checks.ranges import Range, check_ranges
+from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.scenario import ROAD_USERS, Kind, RoadUser
 
@@ -44,8 +46,8 @@ _RANGES = {
 }
 
 
-@dataclass(frozen=True)
-class AttackConfig:
+@dataclass(frozen=True, repr=False)
+class AttackConfig(Brief):
     """Everything that decides an attack, besides the scenario and the planner.
 
     Defaults are those that both papers share. Actions are optimised in [-1, 1], the share of
@@ -287,8 +289,10 @@ def road_users(text: str) -> tuple[RoadUser, ...]:
 def preset(method: str, **given: Any) -> AttackConfig:
     """The preset of that name, with what is given in its place; None leaves what the preset has.
 
-    Raises RegentsError for values that do not go together.
+    Raises RegentsError for an unknown name, and for values that do not go together.
     """
+    if method not in METHODS:
+        raise RegentsError(f"method {method!r} is not known: {did_you_mean(method, METHODS)}")
     return replace(METHODS[method], **{name: value for name, value in given.items() if value is not None})
 
 

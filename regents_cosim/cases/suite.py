@@ -13,6 +13,7 @@ from regents_cosim.cases.shipped import require_own
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import require_writable
+from regents_cosim.system.data_frames import Tabular
 from regents_cosim.system.interruption import keep, made_whole
 
 _log = logging.getLogger(__name__)
@@ -43,12 +44,22 @@ class SuiteWriter:
         return saved
 
 
-def load_suite(path: Path | str) -> list[Scenario]:
+class CaseList(list[Scenario], Tabular):
+    """Cases in memory: a list, which notebooks show as a table."""
+
+    def table(self) -> list[dict[str, object]]:
+        """A row per case."""
+        rows = [case.summary() for case in self]
+        names = dict.fromkeys(name for row in rows for name in row)
+        return [{name: row.get(name) for name in names} for row in rows]
+
+
+def load_suite(path: Path | str) -> CaseList:
     """The case at `path`, or all cases of the suite there, in the order of its manifest; also `shipped:standard`.
 
     Raises CaseError where there are none, or one cannot be read.
     """
-    return list(_cases_at(path))
+    return CaseList(_cases_at(path))
 
 
 class CasesOnDisk(Sequence[Scenario]):

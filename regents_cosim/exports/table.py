@@ -38,6 +38,12 @@ def write_table(scenario: Scenario, folder: Path) -> list[str]:
     return left_out
 
 
+def track_rows(scenario: Scenario) -> list[dict[str, object]]:
+    """The rows of `tracks.csv` by the names of its columns; None where it is empty."""
+    cells = (row for stay in stays(scenario) for row in _rows(scenario, stay))
+    return [{name: None if cell == "" else cell for name, cell in zip(COLUMNS, row, strict=True)} for row in cells]
+
+
 def _rows(scenario: Scenario, stay: Stay) -> Iterator[tuple[object, ...]]:
     agent, motion = stay.agent, poses(scenario, stay)
     z = scenario.tracks.z[stay.index, stay.steps]

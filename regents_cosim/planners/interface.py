@@ -28,6 +28,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
+from regents_cosim.brief import Brief
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Agent, Kind, Scenario, Signal
 
@@ -42,8 +43,8 @@ class Control:
     curvature: float  # [1/m] positive turns left
 
 
-@dataclass(frozen=True, eq=False)
-class Waypoints:
+@dataclass(frozen=True, eq=False, repr=False)
+class Waypoints(Brief):
     """Where the ego should be after 1, 2, ... times `spacing_s`; `waypoints.follow` steers along them."""
 
     points: Float[np.ndarray, "point 2"]  # [m]
@@ -140,8 +141,8 @@ class Light:
     shows: str  # SUMO's letter: r red, y yellow, g/G green, u red-yellow, s stop, o/O off
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Brief):
     """What a planner is told before the first step. Nothing in it tells what the others will do."""
 
     id: str
@@ -193,8 +194,8 @@ class Scene:
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observation(Brief):
     """What a planner sees at one step."""
 
     scene: Scene

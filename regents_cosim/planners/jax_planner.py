@@ -29,6 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from regents_cosim.brief import Brief
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
 from regents_cosim.mirror.compiled import compiled
@@ -40,8 +41,8 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
 
-@dataclass(frozen=True)
-class LoopScene:
+@dataclass(frozen=True, repr=False)
+class LoopScene(Brief):
     """What a planner is told before the first step: the scenario, and the same on the device.
 
     The device's coordinates are the map's less `origin`. The map is in the scenario: on the device all is road, but in

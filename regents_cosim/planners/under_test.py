@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from regents_cosim.brief import Brief
 from regents_cosim.checks.names import require_id
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.find import find_attribute, no_planner
@@ -25,8 +26,8 @@ _SHORT_NAMES = {place: name for name, place in OURS.items()}
 Where = Literal["compiled loop", "own process", "this process"]
 
 
-@dataclass(frozen=True, eq=False)
-class PlannerUnderTest:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlannerUnderTest(Brief):
     """A planner, what it is called on disk and in tables, and where it runs."""
 
     name: str

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from regents_cosim.brief import Brief
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import wrap
@@ -28,8 +29,8 @@ class ReportedCollision(NamedTuple):
     kind: str  # the simulator's word: "collision", "junction", "frontal", ... in SUMO, "crashed" in highway-env
 
 
-@dataclass(frozen=True, eq=False)
-class Replay:
+@dataclass(frozen=True, eq=False, repr=False)
+class Replay(Brief):
     """What a simulator made of a case.
 
     `verified`: the same first contact of the ego, or none as in the case; see `compare`. Errors are

@@ -45,13 +45,18 @@ def draw_into_case(scenario: Scenario, suite: Path) -> None:
 
 def still(scenario: Scenario) -> bytes:
     """A PNG of the collision, or of the end where there is none, with the ways that led there."""
+    return png_bytes(still_image(scenario))
+
+
+def still_image(scenario: Scenario) -> Image.Image:
+    """The same as an image."""
     scene = PicturedCase.of(scenario)
     step = scene.shown_step
     view = fit_latest(scene.main_points()[: step + 1], _inside(scene, STILL_SIZE), _STILL_PX_PER_M)
     picture = draw_ground(scene, view, _ZOOM)
     draw_moving(scene, picture, view, step)
     draw_close_up(scene, picture, view, step)
-    return png_bytes(_framed(picture, scene, view, step))
+    return _framed(picture, scene, view, step)
 
 
 def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None) -> None:

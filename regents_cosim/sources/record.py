@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TypedDict
 
 from regents_cosim.cases.shipped import located
+from regents_cosim.cases.suite import CaseList
 from regents_cosim.errors import RegentsError
-from regents_cosim.scenario import Scenario
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.record import record_log
@@ -61,7 +61,7 @@ def record(
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
     progress: ShowProgress = True,
-) -> list[Scenario]:
+) -> CaseList:
     """Up to `count` windows of ordinary traffic; the same seed gives the same.
 
     `source` is one of
@@ -110,7 +110,7 @@ def record(
     drawn = isinstance(given, str) or given.ego == ANY_EGO
     if drawn and ego_kind == "auto" and (said := no_cars(found)):
         tell(said)
-    return found
+    return CaseList(found)
 
 
 def _given(source: SumoInput | LogInput | Path | str) -> SumoInput | LogInput:

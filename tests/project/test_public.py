@@ -1,10 +1,12 @@
 """The whole tool from Python: every public name is there, typed and documented, and does what its command does."""
 
 import inspect
+import sys
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scenes import scene
 
@@ -12,8 +14,10 @@ import regents_cosim
 from regents_cosim import (
     Control,
     LogInput,
+    MissingDependencyError,
     RegentsError,
     SumoInput,
+    attack,
     evaluate,
     load_case,
     load_suite,
@@ -23,6 +27,7 @@ from regents_cosim import (
     shrink,
 )
 from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.exports.table import COLUMNS
 
 SCENES = [scene((0, 0, 10), (60, 3.2, 8), name="free"), scene((0, 0, 10), (25, 0, 0), name="blocked")]
 
@@ -66,6 +71,86 @@ def test_a_case_is_one_line_and_a_table_in_a_notebook():
     assert "<b>" not in strange._repr_html_()
     assert repr(SCENES[0].tracks) == f"Tracks(2 agents, {SCENES[0].tracks.steps} steps)"
     assert "lanes" in repr(SCENES[0].road)
+
+
+def here(planner: object, name: str) -> regents_cosim.PlannerUnderTest:
+    return regents_cosim.PlannerUnderTest.of(planner, name=name, own_process=False)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    return evaluate(SCENES, [here(Rolls(), "rolls"), here(Stops(), "stops")], progress=False)
+
+
+def test_several_planners_drive_the_same_cases(driven):
+    assert [(one.planner, len(one.drives)) for one in driven] == [("rolls", 2), ("stops", 2)]
+    assert (driven[0].rows[-1].collisions, len(driven[:1])) == (1, 1)
+    with pytest.raises(RegentsError, match="a folder keeps the drives of one planner"):
+        evaluate(SCENES, ["idm", "careful"], keep=Path("kept"))
+    assert evaluate(SCENES[0], here(Rolls(), "rolls"), progress=False).drives[0].case == "free"
+
+
+def test_results_are_data_frames(driven, monkeypatch):
+    frame = driven.to_pandas()
+    assert list(frame.planner) == ["rolls", "rolls", "stops", "stops"]
+    assert list(frame.columns) == driven.to_polars().columns
+    assert len(driven[0].to_pandas()) == 2
+    tracks = SCENES[0].to_pandas()
+    assert (len(tracks), tuple(tracks.columns)) == (int(SCENES[0].tracks.valid.sum()), COLUMNS)
+    assert SCENES[0].to_polars().columns == list(COLUMNS)
+    for package, call in (("pandas", driven.to_pandas), ("polars", SCENES[0].to_polars)):
+        monkeypatch.setitem(sys.modules, package, None)
+        with pytest.raises(MissingDependencyError, match=package):
+            call()
+
+
+def test_suites_and_results_are_tables_in_a_notebook(driven, tmp_path):
+    for one in SCENES:
+        save_case(one, tmp_path)
+    cases = load_suite(suite(tmp_path / "suite"))
+    assert cases._repr_html_().count("<tr>") == 1 + len(cases)
+    assert list(cases.to_pandas().id) == [case.id for case in cases]
+    assert driven._repr_html_().count("<tr>") == 1 + 2
+    assert "<th>planner</th>" in driven[0]._repr_html_()
+
+
+def test_a_case_has_a_picture():
+    assert SCENES[1].plot().size == SCENES[0].plot().size
+
+
+def test_what_is_public_is_shown_in_a_line(driven):
+    values = [
+        driven, driven[0], driven[0].drives[0], driven[0].rows[0], replay(SCENES[0], "mirror"), SCENES[0].road,
+        regents_cosim.REGENTS_FOCUSED, regents_cosim.TrainConfig(), regents_cosim.Rounds(),
+        regents_cosim.Waypoints(np.zeros((40, 2)), 0.1), here(Rolls(), "rolls"),
+        regents_cosim.AttackRecord("case", "king", "idm", "no_collision", 3, settings={str(n): n for n in range(40)}),
+        *seen_by_a_planner(),
+    ]  # fmt: skip
+    for value in values:
+        assert repr(value).startswith(type(value).__name__)
+        assert "\n" not in repr(value)
+        assert len(repr(value)) <= 300
+
+
+def seen_by_a_planner() -> list[object]:
+    seen: list[object] = []
+
+    class Looks(Rolls):
+        def act(self, observation):
+            seen[:] = observation, observation.scene
+            return super().act(observation)
+
+    evaluate(SCENES[0], here(Looks(), "looks"), progress=False)
+    return seen
+
+
+def test_a_method_is_named():
+    with pytest.raises(RegentsError, match=r"method 'kong' is not known: did you mean king\?"):
+        list(attack(SCENES, method="kong"))
+    with pytest.raises(RegentsError, match="both a method"):
+        list(attack(SCENES, regents_cosim.KING, method="regents"))
+    (found,) = attack(SCENES[1], method="king", planner=here(Rolls(), "rolls"), progress=False)
+    assert (found.attack.method, found.attack.outcome) == ("king", "already_colliding")
 
 
 def test_paths_are_strings_too(tmp_path):

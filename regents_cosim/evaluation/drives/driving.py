@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from itertools import tee
 from statistics import fmean
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from regents_cosim.attack_record import CollisionKind
+from regents_cosim.brief import Brief
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.crash_counts import CaseEnd, CrashCounts, is_ordinary
@@ -36,8 +37,8 @@ from regents_cosim.verdicts.offences import against_direction, knows_lights, red
 _AS_FAR = 0.8  # as a careful driver, where nothing is to be feared
 
 
-@dataclass(frozen=True)
-class Drive:
+@dataclass(frozen=True, repr=False)
+class Drive(Brief):
     """One case, driven."""
 
     case: str
@@ -63,6 +64,17 @@ class Drive:
     telling_case: bool = False  # the crash of the case as it was attacked is telling, whatever this drive does
     careful_completion: float | None = None  # of a harmless neighbour of a crash: how far a careful driver gets
 
+    def row(self) -> dict[str, object]:
+        """Its values for a data frame: of its decisions the mean time, of its crash whether it tells anything."""
+        left_out = ("act_s", "trace", "verdict")
+        values = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in left_out}
+        said = self.verdict
+        act_ms = 1e3 * fmean(self.act_s) if self.act_s else None
+        return values | {
+            "act_mean_ms": act_ms, "telling": said and said.telling, "clean": said and said.clean,
+            "at_fault": said and said.at_fault, "escape": said and said.escape,
+        }  # fmt: skip
+
     @property
     def end(self) -> CaseEnd:
         """How it ends, to be counted."""
@@ -74,8 +86,8 @@ class Drive:
         return self.careful_completion is not None and self.completion < _AS_FAR * self.careful_completion
 
 
-@dataclass(frozen=True)
-class DrivingRow:
+@dataclass(frozen=True, repr=False)
+class DrivingRow(Brief):
     """A planner's scores over cases, with 95 % intervals."""
 
     source: str

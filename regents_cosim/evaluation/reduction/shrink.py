@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from regents_cosim.attack_record import Collision
+from regents_cosim.brief import Brief
 from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
@@ -43,8 +44,8 @@ _LESS_M = 0.005  # what counts as less deviation ...
 _LESS = 0.01  # ... and as a share of it
 
 
-@dataclass(frozen=True, eq=False)
-class Shrunk:
+@dataclass(frozen=True, eq=False, repr=False)
+class Shrunk(Brief):
     """A case before and after, the latter judged."""
 
     attacked: Scenario

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from regents_cosim.brief import Brief
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.thresholds import METRICS, Threshold, shown
@@ -29,8 +30,8 @@ _SAID: dict[Status, str] = {
 }
 
 
-@dataclass(frozen=True)
-class RegressionVerdict:
+@dataclass(frozen=True, repr=False)
+class RegressionVerdict(Brief):
     """One case, judged."""
 
     case: str

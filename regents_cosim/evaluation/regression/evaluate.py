@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypedDict, Unpack, overload
 
+from regents_cosim.brief import Brief, html_table
 from regents_cosim.campaign.shards import WHOLE, Shard
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import located, require_own
@@ -30,12 +32,15 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Background, Simulator, check
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.data_frames import Tabular
 from regents_cosim.system.progress import ShowProgress, shown
 from regents_cosim.system.threads import in_turn
 
+Cases = Path | str | Scenario | Sequence[Scenario]
 
-@dataclass(frozen=True)
-class BaselineComparison:
+
+@dataclass(frozen=True, repr=False)
+class BaselineComparison(Brief):
     """A planner's drives held against what was accepted of it."""
 
     file: Path
@@ -49,9 +54,9 @@ class BaselineComparison:
         return any(verdict.fails(strict) for verdict in self.verdicts)
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """What a planner did in some cases."""
+@dataclass(frozen=True, repr=False)
+class Evaluation(Brief, Tabular):
+    """What a planner did in some cases. `table()`, `to_pandas()` and `to_polars()` have a row per drive."""
 
     planner: str  # its name
     where: Simulator
@@ -62,6 +67,13 @@ class Evaluation:
     def rows(self) -> list[DrivingRow]:
         """Scores by source of traffic, those of all cases last."""
         return driving_rows(self.drives)
+
+    def table(self) -> list[dict[str, object]]:
+        """A row per drive."""
+        return [{"planner": self.planner, "where": self.where, **drive.row()} for drive in self.drives]
+
+    def _repr_html_(self) -> str:
+        return Evaluations((self,))._repr_html_()
 
     @property
     def counts(self) -> CrashCounts:
@@ -74,9 +86,56 @@ class Evaluation:
         return [drive for drive in self.drives if drive.error]
 
 
+@dataclass(frozen=True, repr=False)
+class Evaluations(Brief, Tabular, Sequence[Evaluation]):
+    """What several planners did in the same cases, in the order in which they were named."""
+
+    each: tuple[Evaluation, ...]
+
+    @overload
+    def __getitem__(self, at: int) -> Evaluation: ...
+    @overload
+    def __getitem__(self, at: slice) -> "Evaluations": ...
+    def __getitem__(self, at: int | slice) -> "Evaluation | Evaluations":
+        """One of them, or some."""
+        return Evaluations(self.each[at]) if isinstance(at, slice) else self.each[at]
+
+    def __len__(self) -> int:
+        """How many planners."""
+        return len(self.each)
+
+    def table(self) -> list[dict[str, object]]:
+        """A row per drive."""
+        return [row for one in self.each for row in one.table()]
+
+    def _repr_html_(self) -> str:
+        return html_table([{"planner": one.planner, **asdict(row)} for one in self.each for row in one.rows])
+
+
+class _How(TypedDict, total=False):
+    """What `evaluate` takes besides, for type checkers."""
+
+    where: Simulator
+    background: Background
+    baseline: Path | str | None
+    update: bool
+    fail: str
+    margin: bool
+    act_timeout_s: float
+    executor: Executor | None
+    progress: ShowProgress
+    keep: Path | None
+    retry: bool
+    shard: Shard
+
+
+@overload
+def evaluate(cases: Cases, planner: AnyPlanner, **how: Unpack[_How]) -> Evaluation: ...
+@overload
+def evaluate(cases: Cases, planner: Sequence[AnyPlanner], **how: Unpack[_How]) -> Evaluations: ...
 def evaluate(
-    cases: Path | str | Sequence[Scenario],
-    planner: AnyPlanner,
+    cases: Cases,
+    planner: AnyPlanner | Sequence[AnyPlanner],
     *,
     where: Simulator = "mirror",
     background: Background = "log",
@@ -90,8 +149,10 @@ def evaluate(
     keep: Path | None = None,
     retry: bool = False,
     shard: Shard = WHOLE,
-) -> Evaluation:
-    """Let `planner` drive every case: a case or a suite on disk, or cases in memory.
+) -> Evaluation | Evaluations:
+    """Let `planner` drive every case: a case or a suite on disk, or one or several in memory.
+
+    Several planners drive the same cases one after the other, and give `Evaluations`.
 
     The others follow their tracks, or in SUMO, by `background` reactive, SUMO drives all but the adversary.
 
@@ -107,6 +168,17 @@ def evaluate(
     its own, or those of `executor`. Raises PlannerError for a planner that cannot be found, RegentsError, before
     anything is driven, for what cannot be read or measured.
     """
+    if isinstance(planner, list | tuple):
+        if keep is not None:
+            raise RegentsError("a folder keeps the drives of one planner: name one, or leave out `keep`")
+        several = partial(
+            evaluate, [cases] if isinstance(cases, Scenario) else cases, where=where, background=background,
+            baseline=baseline, update=update, fail=fail, margin=margin, act_timeout_s=act_timeout_s,
+            executor=executor, progress=progress, shard=shard,
+        )  # fmt: skip
+        given_all = [PlannerUnderTest.of(one) for one in planner]
+        return Evaluations(tuple(several(one) for one in given_all))
+    cases = [cases] if isinstance(cases, Scenario) else cases
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
     asked = _asked(folder, baseline, update, fail, margin, where)
     if asked is not None and background != "log":

@@ -19,6 +19,7 @@ from regents_cosim.archive.crash import crash_of
 from regents_cosim.archive.elites import Archive
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import AttackConfig, preset
+from regents_cosim.brief import Brief
 from regents_cosim.campaign.steps import Steps
 from regents_cosim.campaign.traffic_files import traffic_digest
 from regents_cosim.campaign.window_job import AttackRun
@@ -62,8 +63,8 @@ _RANGES = {
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True)
-class Recipe:
+@dataclass(frozen=True, repr=False)
+class Recipe(Brief):
     """Everything that decides which cases a suite holds."""
 
     nets: tuple[str, ...] = ()  # shipped SUMO networks, or .sumocfg files

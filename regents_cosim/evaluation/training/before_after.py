@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from regents_cosim.brief import Brief
 from regents_cosim.evaluation.drives.driving import Drive, driving_row
 from regents_cosim.evaluation.statistics import mcnemar
 from regents_cosim.scenario import Scenario
@@ -10,8 +11,8 @@ from regents_cosim.scenario import Scenario
 _HELD_BACK = 5  # one window in so many
 
 
-@dataclass(frozen=True)
-class BeforeAfterRow:
+@dataclass(frozen=True, repr=False)
+class BeforeAfterRow(Brief):
     """One planner's scores on some cases, with 95 % intervals."""
 
     cases: str

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from regents_cosim.brief import Brief
 from regents_cosim.cases.suite import cases_of
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.training.before_after import BeforeAfterRow, before_after
@@ -35,8 +36,8 @@ from regents_cosim.system.progress import Progress, ShowProgress, shown
 AnyCases = Path | str | Sequence[Scenario]  # a case or a folder of cases, or cases in memory
 
 
-@dataclass(frozen=True)
-class FineTuned:
+@dataclass(frozen=True, repr=False)
+class FineTuned(Brief):
     """What a fine-tuning gave; its weights are in the file that was named."""
 
     epochs: tuple[Epoch, ...]

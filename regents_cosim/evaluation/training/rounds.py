@@ -7,6 +7,7 @@ only if ordinary traffic is driven as well as in the beginning; else the next ro
 from dataclasses import dataclass
 from pathlib import Path
 
+from regents_cosim.brief import Brief
 from regents_cosim.campaign.identity import identity
 from regents_cosim.campaign.ledger import open_ledger
 from regents_cosim.campaign.steps import Steps
@@ -28,8 +29,8 @@ from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, s
 from regents_cosim.system.progress import ShowProgress, shown
 
 
-@dataclass(frozen=True)
-class AdversariallyTrained:
+@dataclass(frozen=True, repr=False)
+class AdversariallyTrained(Brief):
     """What the rounds gave; the weights are in the file that was named."""
 
     rounds: tuple[RoundRow, ...]

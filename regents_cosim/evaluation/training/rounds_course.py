@@ -12,6 +12,7 @@ import msgspec
 
 from regents_cosim.archive.coverage import archive_of
 from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.brief import Brief
 from regents_cosim.campaign.intake import SuiteIntake
 from regents_cosim.campaign.ledger import DoneUnit, Ledger, WorkUnit
 from regents_cosim.campaign.window_job import AttackRun, Still
@@ -33,8 +34,8 @@ from regents_cosim.system.progress import Progress
 _JUDGED = "held-out"
 
 
-@dataclass(frozen=True)
-class RoundRow:
+@dataclass(frozen=True, repr=False)
+class RoundRow(Brief):
     """What came of a round."""
 
     round: int

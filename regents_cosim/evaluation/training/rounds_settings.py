@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 from regents_cosim.archive.axes import Axes
 from regents_cosim.attacks.presets import OURS, AttackConfig
+from regents_cosim.brief import Brief
 from regents_cosim.cases.shipped import NETWORKS
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
@@ -13,8 +14,8 @@ REPLAN_EVERY = 25  # iterations between two drives of the network: attacks end a
 ATTACK = replace(OURS, replan_every=REPLAN_EVERY)
 
 
-@dataclass(frozen=True)
-class Rounds:
+@dataclass(frozen=True, repr=False)
+class Rounds(Brief):
     """How often, where and how long a planner is attacked, and how it learns from that."""
 
     rounds: int = 3

@@ -4,13 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from regents_cosim.brief import Brief
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.shown import LEAST_VIEW_M, MOST_VIEW_M
 
 
-@dataclass(frozen=True)
-class TrainConfig:
+@dataclass(frozen=True, repr=False)
+class TrainConfig(Brief):
     """How long and how fast to learn."""
 
     epochs: int = 40

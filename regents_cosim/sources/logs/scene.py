@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from regents_cosim.brief import Brief
 from regents_cosim.errors import LogError, require
 from regents_cosim.scenario import MOST_SIZE_M, Agent, Kind, LeftOut
 
@@ -151,8 +152,8 @@ class LoggedSignal:
         return [self.letters[i] for i in index]
 
 
-@dataclass(frozen=True, eq=False)
-class LoggedScene:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoggedScene(Brief):
     """One recording."""
 
     name: str

@@ -1,0 +1,46 @@
+"""Results as a data frame of pandas or polars, where one of them is installed, and as a table in a notebook."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from regents_cosim.brief import html_table
+from regents_cosim.errors import MissingDependencyError, install_hint
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
+
+
+class Tabular:
+    """What is a table too: `table` has its rows, by the names of the columns."""
+
+    def table(self) -> Sequence[Mapping[str, object]]:
+        """Its rows."""
+        raise NotImplementedError
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """The rows of `table` as a data frame. Raises MissingDependencyError where pandas is not installed."""
+        return _pandas_frame(self.table())
+
+    def to_polars(self) -> "polars.DataFrame":
+        """The rows of `table` as a data frame. Raises MissingDependencyError where polars is not installed."""
+        return _polars_frame(self.table())
+
+    def _repr_html_(self) -> str:
+        return html_table(self.table())
+
+
+def _pandas_frame(rows: Sequence[Mapping[str, object]]) -> "pandas.DataFrame":
+    try:
+        import pandas
+    except ImportError as error:
+        raise MissingDependencyError("to_pandas() needs pandas: pip install pandas") from error
+    return pandas.DataFrame(list(rows))
+
+
+def _polars_frame(rows: Sequence[Mapping[str, object]]) -> "polars.DataFrame":
+    try:
+        import polars
+    except ImportError as error:
+        raise MissingDependencyError(f"to_polars() needs polars: {install_hint('logs')}") from error
+    return polars.DataFrame(list(rows), infer_schema_length=None)
