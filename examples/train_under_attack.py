@@ -2,7 +2,7 @@
 
 A policy learns by DQN on highway-env's `highway-fast-v0`. Then it goes on twice, each time for twice as long: in
 ordinary traffic, and attacked in every second episode. Of each stretch the best of a few moments is kept, as other
-episodes of its own kinds show it. At the end all three drive on seeds that had no say in that, in ordinary traffic and
+episodes of its own kinds show it. At the end all three drive on held-out seeds, in ordinary traffic and
 attacked. Needs `pip install '.[sb3]'`, and takes about an hour of one core; `--steps 240 --episodes 5`
 shows the same in a minute and a half.
 """

@@ -33,7 +33,7 @@ COUNTS: dict[str, Callable[[Scenario], bool]] = {
     "clean": is_clean,
     "actionable": is_actionable,
 }
-ALL, HAD_A_SAY, HAD_NO_SAY = "all", "had a say", "had no say"
+ALL, TUNED_ON, HELD_OUT = "all", "tuned on", "held out"
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class MethodComparison:
     """Two methods on the same windows: which of them succeed in one and not in the other, and McNemar's p."""
 
     planner: str
-    places: str  # all, or those that had a say or none
+    places: str  # all, or those tuned on, or those held out
     first: str
     second: str
     count: str  # telling, success, clean or actionable
@@ -55,23 +55,23 @@ class Table1:
     """All there is to say about some runs."""
 
     scores: tuple[MethodScores, ...]
-    by_say: tuple[MethodScores, ...]  # of the places that had a say in the method, and of those that had none
+    by_use: tuple[MethodScores, ...]  # of the places that the methods were tuned on, and of those held out
     by_source: tuple[MethodScores, ...]
     comparisons: tuple[MethodComparison, ...]
-    ceilings: tuple[Ceiling, ...] = ()  # of each planner: of all windows, and by whether their places had a say
+    ceilings: tuple[Ceiling, ...] = ()  # of each planner: of all windows, and of those tuned on and held out
 
 
 def table1(runs: Sequence[MethodRun], tuned_on: Sequence[str] = (), again: Sequence[MethodRun] = ()) -> Table1:
     """Scores of every run, of all windows and source by source, and every pair of methods compared.
 
-    `tuned_on` names the places that had a say: those on which the methods were tried out while they were made.
+    `tuned_on` names the places that were used to choose settings of the methods; all others are held out.
     `again` are runs with ten times the budget, on windows in which no method found a telling crash.
     """
     sources = sorted({_file(results) for run in runs for results in run.windows})
-    groups = _by_say(sources, tuned_on)
+    groups = _by_use(sources, tuned_on)
     return Table1(
         scores=tuple(scores(run) for run in runs),
-        by_say=tuple(scores(run, say, files) for run in runs for say, files in groups.items()),
+        by_use=tuple(scores(run, use, files) for run in runs for use, files in groups.items()),
         by_source=tuple(scores(run, source, {source}) for run in runs for source in sources),
         comparisons=tuple(
             compare(first, second, count, places, files)
@@ -97,13 +97,13 @@ def require_places(windows: Sequence[Scenario], tuned_on: Sequence[str]) -> None
             raise RegentsError(f"--tuned-on {name}: no window is from there (expected some of {shown})")
 
 
-def _by_say(sources: Sequence[str], tuned_on: Sequence[str]) -> dict[str, set[str]]:
-    """The files of the places that had a say, and of the others, where there are any; nothing where none is named."""
+def _by_use(sources: Sequence[str], tuned_on: Sequence[str]) -> dict[str, set[str]]:
+    """The files tuned on and those held out, where there are any; nothing where none is named."""
     if not tuned_on:
         return {}
-    had = {file for file in sources if any(_is_called(file, name) for name in tuned_on)}
-    groups = {HAD_A_SAY: had, HAD_NO_SAY: set(sources) - had}
-    return {say: files for say, files in groups.items() if files}
+    tuned = {file for file in sources if any(_is_called(file, name) for name in tuned_on)}
+    groups = {TUNED_ON: tuned, HELD_OUT: set(sources) - tuned}
+    return {use: files for use, files in groups.items() if files}
 
 
 def _is_called(file: str, name: str) -> bool:
@@ -139,4 +139,4 @@ def compare(
 
 def as_json(table: Table1) -> dict[str, object]:
     """The same as plain values, with a schema number."""
-    return {"schema": 2, **dataclasses.asdict(table)}
+    return {"schema": 3, **dataclasses.asdict(table)}

@@ -35,7 +35,7 @@ def sections(table: Table1) -> list[Section]:
             Section(f"### {planner}", ("", *methods), _rows(columns)),
             Section("Crashes by what the road users did against the law:", ("", *methods), _offences(columns)),
             Section(_BY_USUAL, ("at least", *methods), _by_usual(columns)),
-            *_said(table, planner, methods),
+            *_by_use(table, planner, methods),
             *_ceilings(table, planner, methods),
             *_comparisons(table, planner),
             Section(
@@ -101,10 +101,10 @@ def _hits_persons(columns: Sequence[MethodScores]) -> bool:
     return any(column.death_risk_percent is not None for column in columns)
 
 
-def _said(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:
-    """Places that had a say in the methods, beside those that had none."""
-    groups = [one for one in table.by_say if one.planner == planner]
-    title = "Windows with a telling crash, where places had a say in the method (they were tuned on) and where not:"
+def _by_use(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:
+    """Places that the methods were tuned on, beside those that were held out."""
+    groups = [one for one in table.by_use if one.planner == planner]
+    title = "Windows with a telling crash, on places that the method was tuned on and on places held out:"
     return [Section(title, ("", "n", *methods), _grouped(groups, methods, _telling))] if groups else []
 
 
@@ -134,12 +134,12 @@ def _of_ceiling(one: Ceiling, share: float | None) -> str:
 
 
 def _comparisons(table: Table1, planner: str) -> list[Section]:
-    """Pairs on all windows; where places had a say and where not, only those that can be compared."""
+    """Pairs on all windows; on places tuned on and held out, only those that can be compared."""
     found = []
     for places in dict.fromkeys(one.places for one in table.comparisons):
         pairs = [one for one in table.comparisons if (one.planner, one.places) == (planner, places)]
         shown = [one for one in pairs if places == ALL or one.p is not None]
-        where = "" if places == ALL else f" of places that {places}"
+        where = "" if places == ALL else f" of places {places}"
         why = _APART if any(one.p is None for one in shown) else ""
         title = f"Windows{where} in which just one of two methods succeeds, and McNemar's p{why}:"
         found += [Section(title, ("", *COUNTS), _compared(shown))] if shown else []

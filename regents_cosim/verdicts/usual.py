@@ -47,7 +47,7 @@ class _Kind:
 
 
 # Peaks of the vehicles that `ordinary.CAR` was taken from and of those of Argoverse 2 and USA_Peach; of 17 pedestrians
-# of the eight scenes of Waymo and the two of Argoverse 2 that had a say. The two cyclists there say nothing.
+# of the eight scenes of Waymo and the two of Argoverse 2 that it was tuned on. The two cyclists there say nothing.
 _VEHICLES = _Kind(VEHICLE_KINDS, CAR, np.array([2.0, 1.0, 1.0]), median=0.7, spread=0.8)
 _HARD_ON_FOOT = DrivingLimits(accel=0.9, braking=0.9, lateral_accel=1.0, jerk=1.5)  # `ordinary.PEDESTRIAN`, rounded up
 _ON_FOOT = _Kind(frozenset({"pedestrian"}), _HARD_ON_FOOT, np.array([0.5, 0.3, 0.3]), median=1.0, spread=0.7)

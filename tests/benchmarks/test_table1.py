@@ -62,7 +62,7 @@ def test_the_table_has_a_column_for_each_method():
     assert "| king : focused | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
     assert text.count("###") == 2
     assert len(table.comparisons) == 4
-    assert json.loads(json.dumps(as_json(table)))["schema"] == 2
+    assert json.loads(json.dumps(as_json(table)))["schema"] == 3
 
 
 def replace_planner(run, planner):
@@ -114,7 +114,7 @@ def test_a_protocol_is_how_one_searches_and_not_for_what():
     assert (kept.method, kept.softmin_m, kept.exclude_rear, kept.accept) == ("king", 0.0, False, "telling")
 
 
-def test_places_that_had_a_say_are_shown_apart():
+def test_places_tuned_on_are_shown_apart():
     def from_(place, results):
         return [replace(case, provenance=replace(case.provenance, file=place)) for case in results]
 
@@ -122,14 +122,14 @@ def test_places_that_had_a_say_are_shown_apart():
     windows = [from_("grid.sumocfg", [good]), from_("grid.sumocfg", [bad]), from_("city_1.json", [good])]
     others = [from_("grid.sumocfg", [bad]), from_("grid.sumocfg", [bad]), from_("city_1.json", [bad])]
     table = table1([MethodRun("king", "idm", 1, windows), MethodRun("focused", "idm", 1, others)], ("grid",))
-    counted = {(one.method, one.source): (one.telling, one.n) for one in table.by_say}
-    assert counted["king", "had a say"] == (1, 2)
-    assert counted["king", "had no say"] == (1, 1)
+    counted = {(one.method, one.source): (one.telling, one.n) for one in table.by_use}
+    assert counted["king", "tuned on"] == (1, 2)
+    assert counted["king", "held out"] == (1, 1)
     pairs = {(one.places, one.count): one.only_first for one in table.comparisons}
-    assert (pairs["all", "telling"], pairs["had a say", "telling"], pairs["had no say", "telling"]) == (2, 1, 1)
-    assert "Windows of places that had no say in which" in markdown(table)
-    assert {one.source for one in table1([MethodRun("king", "idm", 1, windows)], ("grid", "city_*")).by_say} == {
-        "had a say"
+    assert (pairs["all", "telling"], pairs["tuned on", "telling"], pairs["held out", "telling"]) == (2, 1, 1)
+    assert "Windows of places held out in which" in markdown(table)
+    assert {one.source for one in table1([MethodRun("king", "idm", 1, windows)], ("grid", "city_*")).by_use} == {
+        "tuned on"
     }
     cases = [case for results in windows for case in results]
     require_places(cases, ("grid", "city_*"))
@@ -178,7 +178,7 @@ def test_bars_are_as_high_as_their_shares(tmp_path):
 
 @pytest.mark.slow
 def test_our_preset_finds_more_telling_crashes_than_those_of_the_papers(tmp_path):
-    """The table of the README on a few windows of a network that had no say in any choice."""
+    """The table of the README on a few windows of a network that was held out."""
     program = Path(sys.executable).parent / "regents"
     small = ["--nets", "merge", "--count", "4", "--seed", "3", "--adversaries", "one"]
     done = subprocess.run(

@@ -52,8 +52,8 @@ def table1(
         number of candidates, attempts and roll-outs, the same crashes accepted, the same reactions), beside king and
         regents as in their papers: what is left between them is due to the methods
     tuned_on
-        places (names of networks or files; * stands for any letters) that had a say in a method: the others, which
-        had none, are shown apart
+        places (names of networks or files; * stands for any letters) that a method was tuned on: the others, which
+        were held out, are shown apart
     ceiling
         methods that try again, by the rules of focused with ten times the roll-outs, the windows in which no column
         has a telling crash
