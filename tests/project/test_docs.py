@@ -23,7 +23,7 @@ BIN = Path(sys.executable).parent
 HOW_TO = sorted(
     page.stem for page in (ROOT / "docs/how-to").glob("*.md") if page.stem not in ("aim-bev", "rounds")
 )  # these train for minutes
-RUN = ["tutorial", "api", "file-formats", *(f"how-to/{name}" for name in HOW_TO)]
+RUN = ["tutorial", "api", "file-formats", "gallery", *(f"how-to/{name}" for name in HOW_TO)]
 
 
 class Block(NamedTuple):

@@ -1,5 +1,6 @@
-"""The tables of the command line in the documentation: made from the parser, so that nothing is missing in them."""
+"""What programs make of the documentation: the tables of the command line, and the pictures of the gallery."""
 
+import json
 import sys
 
 import pytest
@@ -31,3 +32,13 @@ def test_an_option_stands_with_its_default_its_choices_and_its_words(page):
     assert "`CASES`" in rows
     assert not [name for name in rows if "empty" in name or "--quiet" in name]
     assert not [name for name, row in rows.items() if row.endswith("|  |")]  # each says what it does
+
+
+def test_the_gallery_shows_ten_telling_crashes_in_small_pictures():
+    import make_gallery
+
+    shown = make_gallery.shown()
+    assert len({picture for picture, _ in shown}) == 10
+    for picture, case in shown:
+        assert 5_000 < picture.stat().st_size < 60_000
+        assert json.loads((case / "scenario.json").read_text())["attack"]["outcome"] == "collision"
