@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from regents_cosim.attacks.presets import REGENTS_FOCUSED as REGENTS_FOCUSED
     from regents_cosim.attacks.presets import AttackConfig as AttackConfig
     from regents_cosim.cases.files import load_case as load_case
-    from regents_cosim.cases.files import save_case as save_case
     from regents_cosim.cases.shipped import network_config as network_config
     from regents_cosim.cases.shipped import networks as networks
     from regents_cosim.cases.suite import CaseList as CaseList
     from regents_cosim.cases.suite import load_suite as load_suite
+    from regents_cosim.cases.suite import save_case as save_case
     from regents_cosim.errors import MissingDependencyError as MissingDependencyError
     from regents_cosim.errors import NoWindowError as NoWindowError
     from regents_cosim.errors import PlannerError as PlannerError
@@ -82,9 +82,9 @@ _NAMES = {
     "attack_record": "AttackRecord Collision",
     "attacks.attack": "attack",
     "attacks.presets": "AttackConfig KING REGENTS REGENTS_FOCUSED",
-    "cases.files": "load_case save_case",
+    "cases.files": "load_case",
     "cases.shipped": "network_config networks",
-    "cases.suite": "CaseList load_suite",
+    "cases.suite": "CaseList load_suite save_case",
     "errors": "MissingDependencyError NoWindowError PlannerError RegentsError",
     "evaluation.drives.driving": "Drive DrivingRow",
     "evaluation.reduction.shrink": "Shrunk shrink",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from regents_cosim.campaign.ledger import Ledger, WorkUnit, is_written
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, load_header, save_case
+from regents_cosim.cases.files import load_case, load_header, save_unlisted
 from regents_cosim.cases.manifest import drop_cases, find_cases
 from regents_cosim.checks.names import inside
 from regents_cosim.errors import CaseError
@@ -78,7 +78,7 @@ def recorded(
         if scenario.id not in known:
             new[scenario.id] = content_hash(scenario)
         if scenario.id not in known or scenario.id in needed:
-            save_case(scenario, kept)
+            save_unlisted(scenario, kept)
     windows = RunWindows(new, lambda name: load_case(kept / name))
     planned(ledger, windows, key, before)
     return windows

@@ -33,12 +33,11 @@ STILL = "still.png"
 CASE_FILES = frozenset({HEADER, "tracks.npz", "original.npz", "evasion.npz", STILL})
 
 
-def save_case(scenario: Scenario, suite: Path | str) -> Path:
-    """Write `scenario` to `suite/<id>`, replacing a case of that name; return its folder. The manifest stays as it is.
+def save_unlisted(scenario: Scenario, folder: Path) -> Path:
+    """Write `scenario` to `folder/<id>`, replacing a case of that name, and list it in no manifest; return its folder.
 
     Raises RegentsError where the folder cannot be written.
     """
-    folder = Path(suite)
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with writing(folder):

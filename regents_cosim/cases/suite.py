@@ -54,6 +54,17 @@ class CaseList(list[Scenario], Tabular):
         return [{name: row.get(name) for name in names} for row in rows]
 
 
+def save_case(scenario: Scenario, suite: Path | str) -> Path:
+    """Write `scenario` to `suite/<id>` and list it in the suite's manifest; return its folder.
+
+    A new folder becomes a suite. A case of the same name is replaced, and all others stay. Raises RegentsError where
+    the folder cannot be written, is a case, or its manifest cannot be read.
+    """
+    folder = Path(suite)
+    known = load_manifest(folder) if (folder / MANIFEST).exists() else None
+    return SuiteWriter(folder, known.seed if known else 0).add(scenario)
+
+
 def load_suite(path: Path | str) -> CaseList:
     """The case at `path`, or all cases of the suite there, in the order of its manifest; also `shipped:standard`.
 

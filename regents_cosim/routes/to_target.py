@@ -56,16 +56,29 @@ def _beside(lane: Lane) -> list[str]:
 
 
 def _under_ego(road: RoadMap, ego: Pose, z: float) -> dict[str, float]:
-    """Lanes that run the ego's way where it is, or the nearest of all, and what each costs [m]."""
+    """Lanes that run the ego's way where it is, or the nearest of all, and what each costs [m].
+
+    What the ego has behind it of a lane costs nothing: of a lane and the one after it, at whose beginning the ego is,
+    neither is dearer.
+    """
     here = np.array([ego.x, ego.y])
     ahead = here + 0.5 * np.array([np.cos(ego.yaw), np.sin(ego.yaw)])
     near = lanes_near(road, np.stack([here, ahead]), np.full(2, z))[0]
-    found = {lane.id: _OFF_CENTRE_COST * away for lane, away in near}
+    found = {lane.id: _OFF_CENTRE_COST * away - _along(lane, here) for lane, away in near}
     return found or {road.lanes[int(road.centre_lines.nearest(shapely.Point(here)))].id: 0.0}
 
 
+def _along(lane: Lane, place: np.ndarray) -> float:
+    """How far along a lane a place is [m]."""
+    return float(shapely.line_locate_point(shapely.LineString(lane.centre), shapely.Point(place)))
+
+
 def _under_target(road: RoadMap, target: tuple[float, float]) -> dict[str, float]:
+    """Lanes under the target, and what each costs up to there [m]."""
     there = shapely.Point(target)
     found = road.centre_lines.query(there, predicate="dwithin", distance=_REACH_M)
     away = shapely.distance(road.centre_lines.geometries[found], there)
-    return {road.lanes[i].id: _OFF_CENTRE_COST * float(off) for i, off in zip(found, away, strict=True)}
+    return {
+        road.lanes[i].id: _OFF_CENTRE_COST * float(off) + _along(road.lanes[i], np.array(target))
+        for i, off in zip(found, away, strict=True)
+    }

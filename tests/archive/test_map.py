@@ -13,7 +13,7 @@ from regents_cosim.archive.coverage import Coverage
 from regents_cosim.archive.crash import STANDINGS, Crash, crash_in, crash_of
 from regents_cosim.archive.elites import Archive
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, load_header, save_case
+from regents_cosim.cases.files import load_case, load_header, save_unlisted
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
@@ -95,7 +95,7 @@ def test_axes_that_do_not_exist_are_told_the_nearest_names():
 
 def test_a_saved_case_needs_no_tracks_and_its_hash_knows_nothing_of_the_map(tmp_path):
     case = braked(window(3), "crash", 6.0, 8.0, 40.0, spoilt=False)
-    folder = save_case(case, tmp_path)
+    folder = save_unlisted(case, tmp_path)
     seen = crash_of(case)
     assert crash_in(folder) == seen
     assert 2.0 < case.attack.collision.time_s - seen.departs_s < 3.0  # it brakes after 2 s, and is seen when 0.5 m off
@@ -109,7 +109,7 @@ def test_traffic_and_harmless_neighbours_are_no_crashes(tmp_path):
     hit = crash_on("merge")
     assert crash_in(hit) is not None
     assert crash_in(hit.with_name(f"{hit.name}-harmless")) is None
-    assert crash_in(save_case(window(0), tmp_path)) is None
+    assert crash_in(save_unlisted(window(0), tmp_path)) is None
 
 
 def test_what_a_suite_covers_that_another_does_not():

@@ -12,7 +12,7 @@ from scenes import platoon, scene
 
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.packed import pack_case, unpack_case
 from regents_cosim.cases.suite import SuiteWriter, load_suite
@@ -83,7 +83,7 @@ def raised():
 
 @pytest.mark.parametrize("make", [platoon, attacked, judged, raised])
 def test_what_is_saved_is_loaded_exactly(tmp_path, make):
-    assert_equal(load_case(save_case(make(), tmp_path)), make())
+    assert_equal(load_case(save_unlisted(make(), tmp_path)), make())
 
 
 @pytest.mark.parametrize("make", [platoon, attacked, judged, raised])
@@ -98,7 +98,7 @@ def test_what_travels_to_another_process_arrives_exactly_and_shares_its_map(make
 @given(st.lists(st.floats(-5e4, 5e4, allow_subnormal=True), min_size=3, max_size=3), st.floats(1e-3, 1.0))
 def test_every_number_survives_to_the_last_bit(tmp_path_factory, y, dt):
     made = scene(*((20.0 * i, value, 10.0) for i, value in enumerate(y)), dt=dt)
-    assert_equal(load_case(save_case(made, tmp_path_factory.mktemp("suite"))), made)
+    assert_equal(load_case(save_unlisted(made, tmp_path_factory.mktemp("suite"))), made)
 
 
 def test_equal_content_has_an_equal_hash_wherever_it_comes_from():
@@ -109,25 +109,25 @@ def test_equal_content_has_an_equal_hash_wherever_it_comes_from():
 
 
 def test_files_are_the_same_bytes_every_time(tmp_path):
-    first, second = (save_case(attacked(), tmp_path / name) for name in ("a", "b"))
+    first, second = (save_unlisted(attacked(), tmp_path / name) for name in ("a", "b"))
     for path in sorted(first.iterdir()):
         assert path.read_bytes() == (second / path.name).read_bytes()
 
 
 def test_a_flat_case_is_written_as_before_there_were_heights(tmp_path):
-    flat = save_case(platoon(), tmp_path / "flat")
+    flat = save_unlisted(platoon(), tmp_path / "flat")
     assert json.loads((flat / "scenario.json").read_text())["schema"] == 1
     with np.load(flat / "tracks.npz") as packed:
         assert packed.files == ["x", "y", "yaw", "speed", "valid"]
     plain = gzip.decompress(next((tmp_path / "flat" / "maps").glob("*.road.json.gz")).read_bytes())
     assert "heights" not in json.loads(plain)
-    assert json.loads((save_case(raised(), tmp_path / "raised") / "scenario.json").read_text())["schema"] == 2
+    assert json.loads((save_unlisted(raised(), tmp_path / "raised") / "scenario.json").read_text())["schema"] == 2
     assert content_hash(raised()) != content_hash(replace(raised(), tracks=platoon().tracks))
 
 
 def test_a_map_is_stored_once_per_suite(tmp_path):
     for seed in range(3):
-        save_case(platoon(seed=seed), tmp_path)
+        save_unlisted(platoon(seed=seed), tmp_path)
     assert len(list((tmp_path / "maps").iterdir())) == 1
     assert load_case(tmp_path / "platoon0").road is load_case(tmp_path / "platoon1").road
 
@@ -137,24 +137,24 @@ def test_a_map_is_shared_among_suites_however_many_others_are_loaded_in_between(
     suites = []
     for limit in range(20, 44):  # more maps than are kept for themselves
         lanes = tuple(replace(lane, speed_limit=float(limit)) for lane in made.road.lanes)
-        suites.append(save_case(replace(made, road=replace(made.road, lanes=lanes)), tmp_path / str(limit)))
+        suites.append(save_unlisted(replace(made, road=replace(made.road, lanes=lanes)), tmp_path / str(limit)))
     first, again = ([load_case(folder).road for folder in suites] for _ in range(2))
     assert all(one is other for one, other in zip(first, again, strict=True))
     assert len({id(road) for road in first}) == len(suites)
 
 
 def test_saving_again_replaces_the_case_and_leaves_nothing_else(tmp_path):
-    save_case(platoon(), tmp_path)
-    save_case(replace(platoon(), target=(1.0, 2.0)), tmp_path)
+    save_unlisted(platoon(), tmp_path)
+    save_unlisted(replace(platoon(), target=(1.0, 2.0)), tmp_path)
     assert load_case(tmp_path / "platoon0").target == (1.0, 2.0)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["maps", "platoon0"]
 
 
 def test_a_write_that_fails_leaves_the_old_case(tmp_path, monkeypatch):
-    save_case(platoon(), tmp_path)
+    save_unlisted(platoon(), tmp_path)
     monkeypatch.setattr("regents_cosim.cases.files.pack_tracks", lambda tracks: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        save_case(replace(platoon(), target=(1.0, 2.0)), tmp_path)
+        save_unlisted(replace(platoon(), target=(1.0, 2.0)), tmp_path)
     assert load_case(tmp_path / "platoon0").target == platoon().target
     assert sorted(path.name for path in tmp_path.iterdir()) == ["maps", "platoon0"]
 
@@ -162,7 +162,7 @@ def test_a_write_that_fails_leaves_the_old_case(tmp_path, monkeypatch):
 def test_an_output_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RegentsError, match="cannot write to .*file"):
-        save_case(platoon(), tmp_path / "file")
+        save_unlisted(platoon(), tmp_path / "file")
 
 
 # --- damage ------------------------------------------------------------------------------------
@@ -170,7 +170,7 @@ def test_an_output_folder_that_cannot_be_written_is_named(tmp_path):
 
 @pytest.fixture
 def case(tmp_path):
-    return save_case(attacked(), tmp_path)
+    return save_unlisted(attacked(), tmp_path)
 
 
 @pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "original.npz"])

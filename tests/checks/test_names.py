@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scenes import platoon, scene
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import SuiteEntry, find_cases, load_manifest
 from regents_cosim.cases.map_files import MapFiles
@@ -144,7 +144,7 @@ def test_a_manifest_that_names_a_folder_elsewhere_is_refused(tmp_path, name):
 
 
 def test_a_map_elsewhere_is_refused(tmp_path):
-    folder = save_case(platoon(), tmp_path)
+    folder = save_unlisted(platoon(), tmp_path)
     header = json.loads((folder / "scenario.json").read_text())
     header["map"]["road"] = "../../secret"
     (folder / "scenario.json").write_text(json.dumps(header))
@@ -202,7 +202,7 @@ def test_nothing_is_written_or_deleted_through_a_link(suite_and_outside, what):
     (suite / what).rename(suite / "moved")
     (suite / what).symlink_to(outside / what)
     with pytest.raises(CaseError, match="is a link, never followed for writing"):
-        save_case(replace(platoon(), target=(1.0, 2.0)), suite)
+        save_unlisted(replace(platoon(), target=(1.0, 2.0)), suite)
     assert {path: path.read_bytes() for path in outside.rglob("*") if path.is_file()} == before
 
 
@@ -239,7 +239,7 @@ def test_names_too_long_for_the_file_system_give_one_line(words, capsys, tmp_pat
 def test_the_longest_id_can_be_saved_and_replaced(tmp_path):
     long = scene((0.0, 0.0, 10.0), name="n" * MOST_BYTES)
     for _ in range(2):
-        assert load_case(save_case(long, tmp_path)).id == long.id
+        assert load_case(save_unlisted(long, tmp_path)).id == long.id
 
 
 def test_names_come_without_a_simulator():

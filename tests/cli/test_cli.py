@@ -18,7 +18,7 @@ from PIL import Image
 from scenes import DT, scene
 from scenes import crash as crashed
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.collisions import first_contact
@@ -127,7 +127,7 @@ def test_another_planner_may_get_away(tmp_path, same):
     case = crashed(made, replace(made.tracks, x=x, speed=speed))
     hit = case.attack.collision
     drive = ["--ego", "track"] if same else ["--planner", "constant_velocity"]
-    done = regents("replay", save_case(case, tmp_path), "--in", "mirror", *drive, "--json")
+    done = regents("replay", save_unlisted(case, tmp_path), "--in", "mirror", *drive, "--json")
     (row,) = json.loads(done.stdout)
     assert (done.returncode, row["verified"]) == ((0, True) if same else (1, False))
     assert row["expected"] == f"{hit.agent} at step {hit.step}"

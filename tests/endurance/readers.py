@@ -27,7 +27,7 @@ sys.path.append(str(Path(__file__).parents[1] / "support"))  # as a program, pyt
 import log_files
 import scenes
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.cases.manifest import Suite, SuiteEntry, load_manifest, save_suite
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
 from regents_cosim.evaluation.regression.thresholds import parse_thresholds
@@ -340,7 +340,7 @@ def _cases() -> list[Reader]:
     made = scenes.scene((0, 0, 10), (20, 0, 10), (40, 3.2, 10), steps=12)
     made = dataclasses.replace(made, road=dataclasses.replace(made.road, sumo_net=gzip.compress(_NET, mtime=0)))
     with tempfile.TemporaryDirectory() as folder:
-        case = save_case(made, Path(folder))
+        case = save_unlisted(made, Path(folder))
         save_suite(Path(folder), Suite((SuiteEntry(case.name, "0" * 64),), "command", 0, {"jax": "1"}))
         driven = {
             "idm": {

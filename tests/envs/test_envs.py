@@ -18,7 +18,7 @@ from gymnasium.utils.env_checker import check_env
 from scenes import scene
 from shipped_cases import QUICKSTART, crash_on
 
-from regents_cosim.cases.files import save_case
+from regents_cosim.cases.files import save_unlisted
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.envs import HighwayReplayEnv, InjectScenario
 from regents_cosim.errors import RegentsError
@@ -184,7 +184,7 @@ def test_vector_environments():
 
 @pytest.mark.slow
 def test_vector_environments_in_processes(tmp_path):
-    folder = save_case(crossing_paths(), tmp_path)
+    folder = save_unlisted(crossing_paths(), tmp_path)
     both = gymnasium.make_vec(
         ID,
         num_envs=2,
@@ -223,14 +223,14 @@ def test_a_recorded_adversary_is_put_into_another_environment():
 
 
 def test_gymnasium_s_own_checks_pass_with_an_injected_adversary(tmp_path):
-    folder = save_case(cut_in(), tmp_path)
+    folder = save_unlisted(cut_in(), tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # highway-env's observations have no bounds
         check_env(InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=folder))
 
 
 def test_its_spec_makes_the_same_environment(tmp_path):
-    folder = save_case(cut_in(), tmp_path)
+    folder = save_unlisted(cut_in(), tmp_path)
     env = InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=folder, who="background")
     for spec in (env.spec, EnvSpec.from_json(env.spec.to_json()), pickle.loads(pickle.dumps(env.spec))):
         made = gymnasium.make(spec, disable_env_checker=True)

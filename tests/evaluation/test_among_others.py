@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from crossing_scenes import LANE_Y, braking, scenario, straight
 
-from regents_cosim.cases.files import save_case
+from regents_cosim.cases.files import save_unlisted
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.evaluate import evaluate
@@ -36,7 +36,7 @@ def test_drives_among_others_that_react_are_kept_apart(tmp_path):
 
 @pytest.mark.slow
 def test_the_command_says_among_whom(tmp_path, capsys):
-    case = str(save_case(rammed(), tmp_path))
+    case = str(save_unlisted(rammed(), tmp_path))
     words = f"evaluate {case} --planner log_replay --in sumo --background reactive --quiet".split()
     assert run([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["collisions"] == 0

@@ -9,7 +9,7 @@ from scenes import platoon, scene
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.reduction.shrink import shrink_at, size
@@ -80,7 +80,7 @@ def test_a_shrunk_crash_tells_no_less(attacked, shrunk):
 
 @pytest.mark.slow
 def test_a_shrunk_case_shrinks_no_further(shrunk, driver, tmp_path):
-    saved = load_case(save_case(shrunk.case, tmp_path))
+    saved = load_case(save_unlisted(shrunk.case, tmp_path))
     assert content_hash(shrink_at(driver, saved).case) == content_hash(shrunk.case)
 
 

@@ -14,7 +14,7 @@ from made_networks import MADE, make_network
 from params import slow
 from places import ROOT
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.errors import NoWindowError
 from regents_cosim.sources.comparison import compare_with_fcd
 from regents_cosim.sources.sumo import record_sumo
@@ -165,7 +165,7 @@ def test_inspect_finds_a_missing_vehicle_unless_the_case_says_so(tmp_path):
     loaded = load_case(case)
     assert len(loaded.agents) == 20
     silent = replace(loaded, provenance=replace(loaded.provenance, left_out=()))
-    save_case(silent, tmp_path / "silent")
+    save_unlisted(silent, tmp_path / "silent")
     found = regents("inspect", tmp_path / "silent", "--against", log)
     assert found.returncode == 1
     assert "which the case does not say" in found.stderr
@@ -175,7 +175,7 @@ def test_inspect_finds_a_missing_vehicle_unless_the_case_says_so(tmp_path):
 def test_inspect_refuses_a_log_of_another_time(tmp_path):
     config = INPUTS / "11-more-than-64-around" / "jam.sumocfg"
     (case,) = record_sumo(SumoInput(config, begin_s=70.0, end_s=100.0), count=1, seed=SEED, tell=lambda _: None)
-    save_case(case, tmp_path / "case")
+    save_unlisted(case, tmp_path / "case")
     refused = regents("inspect", tmp_path / "case", "--against", own_log(config, tmp_path, (), 20.0))
     assert refused.returncode == 2
     assert "expected the fcd-output of the run" in refused.stderr

@@ -13,7 +13,7 @@ import pytest
 from params import slow
 from shipped_cases import shipped_window
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.exports.export import export
@@ -101,7 +101,7 @@ def test_openscenario_has_every_light_with_what_it_shows(case, tmp_path):
 
 def test_a_table_says_that_it_has_no_lights(case, tmp_path):
     program = Path(sys.executable).with_name("regents")
-    folder = save_case(case, tmp_path)
+    folder = save_unlisted(case, tmp_path)
     words = [program, "export", folder, "--to", "csv", "-o", tmp_path / "out"]
     done = subprocess.run([*map(str, words)], capture_output=True, text=True, cwd=tmp_path, timeout=60)
     assert done.returncode == 0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scenes import crash, scene
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.scenario import Agent, LeftOut
 from regents_cosim.sources.logs.facing import Unfaced, faced, heading_from_motion
 from regents_cosim.sources.logs.record import record_log, scenes_of
@@ -153,7 +153,7 @@ def test_of_a_crash_with_a_guess_nothing_is_known(tmp_path):
     assert (guessed.judgement.telling, guessed.judgement.escape) == (None, "unknown")
     assert is_telling(guessed) is None
     assert telling_words(guessed.judgement) == f"not known: the heading of {other} is a guess"
-    assert load_case(save_case(guessed, tmp_path)).judgement == guessed.judgement
+    assert load_case(save_unlisted(guessed, tmp_path)).judgement == guessed.judgement
     apart = replace(met, provenance=replace(met.provenance, left_out=(LeftOut("guessed", 1, ("z",)),)))
     assert judge(apart).judgement.guessed == ()
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.sources.logs.formats import CompanionFiles, format_of, read_log
 from regents_cosim.sources.logs.record import record_log
 
@@ -206,7 +206,7 @@ def test_those_who_wait_in_sind_point_where_it_says_and_its_pedestrians_are_ther
     (case,) = record_log(
         folder / "Veh_smoothed_tracks.csv", horizon_s=4.0, count=1, ego="6", radius_m=300.0, tell=said.append
     )
-    found = states(load_case(save_case(case, tmp_path)))
+    found = states(load_case(save_unlisted(case, tmp_path)))
     assert found["3"] == pytest.approx(("car", 4.5, 1.8, -18.2, 40.0, np.rad2deg(1.62)))
     assert found["4"] == pytest.approx(("bus", 11.0, 2.5, -27.0, 40.0, 360.0 - np.rad2deg(1.54)))
     assert found["P0"][0] == "pedestrian"

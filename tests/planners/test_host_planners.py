@@ -16,7 +16,7 @@ from scenes import platoon, scene
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import drive_each
@@ -150,7 +150,7 @@ def test_one_that_fails_says_how(attribute, said, tmp_path):
         assert "in fail" in case.attack.planner_error
         assert "host_process.py" not in case.attack.planner_error.partition("in fail")[0]
     assert np.array_equal(case.tracks.x, BUSY.tracks.x)
-    assert load_case(save_case(case, tmp_path)).attack == case.attack
+    assert load_case(save_unlisted(case, tmp_path)).attack == case.attack
 
 
 @pytest.mark.slow
@@ -190,7 +190,7 @@ def test_a_gradient_through_the_planner_wants_it_in_every_iteration():
 @pytest.mark.slow
 def test_the_command_line(tmp_path):
     for made in (replace(BUSY, id="good"), replace(BUSY, id="bad")):
-        save_case(made, tmp_path / "cases")
+        save_unlisted(made, tmp_path / "cases")
     cases = [tmp_path / "cases" / name for name in ("good", "bad")]
 
     def regents(*words):

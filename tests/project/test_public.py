@@ -27,6 +27,7 @@ from regents_cosim import (
     shrink,
 )
 from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.exports.table import COLUMNS
 
 SCENES = [scene((0, 0, 10), (60, 3.2, 8), name="free"), scene((0, 0, 10), (25, 0, 0), name="blocked")]
@@ -157,6 +158,15 @@ def test_paths_are_strings_too(tmp_path):
     folder = save_case(SCENES[0], tmp_path)
     assert load_case(str(folder)).id == "free"
     assert replay(str(folder), "mirror").case == "free"
+
+
+def test_saved_cases_are_a_suite_that_goes_on_as_one(tmp_path):
+    for one in SCENES:
+        save_case(one, tmp_path)
+    assert {one.id for one in load_suite(tmp_path)} == {one.id for one in SCENES}
+    save_case(SCENES[0], tmp_path)
+    assert len(load_suite(tmp_path)) == len(SCENES)
+    assert [row.problem for row in check_suite(tmp_path)] == [""] * len(SCENES)
 
 
 def test_the_version_and_the_networks_are_named():

@@ -28,7 +28,7 @@ from regents_cosim.campaign.identity import identity
 from regents_cosim.campaign.ledger import DoneUnit, WorkUnit, open_ledger
 from regents_cosim.campaign.recording import record_once
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import network_config, shipped
 from regents_cosim.cases.suite import SuiteWriter, load_suite
@@ -399,7 +399,7 @@ def case_of(suite):
     """The case that the suite of the fixture holds, made again."""
     made = platoon()
     record = AttackRecord(made.id, "regents", "exec:touch PWNED", "no_collision", 1)
-    return load_case(save_case(replace(made, attack=record, original=made.tracks), suite.parent / "again"))
+    return load_case(save_unlisted(replace(made, attack=record, original=made.tracks), suite.parent / "again"))
 
 
 def test_pytest_is_given_a_suite_with_an_equals_sign(suite, pytester):

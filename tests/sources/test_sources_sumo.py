@@ -12,7 +12,7 @@ from params import slow
 from places import ROOT
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.sources.conflicts import has_conflict
@@ -105,7 +105,7 @@ def test_the_same_seed_gives_the_same_bits_and_survives_the_disk(merge, tmp_path
     assert len({s.id for s in merge}) == 4
     other = record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=2)
     assert [content_hash(s) for s in other] != [content_hash(s) for s in merge]
-    loaded = load_case(save_case(merge[0], tmp_path))
+    loaded = load_case(save_unlisted(merge[0], tmp_path))
     assert content_hash(loaded) == content_hash(merge[0])
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import Suite, SuiteEntry, find_cases, save_suite
 from regents_cosim.cases.shipped import suite_folder
@@ -20,7 +20,7 @@ from regents_cosim.scenario import Scenario
 
 def make_large_suite(folder: Path, count: int, loaded: Sequence[Scenario]) -> None:
     """Let `folder`, which is new, hold so many cases, copies of those that are loaded."""
-    models = [save_case(case, folder / ".models") for case in loaded]  # as today's version writes them
+    models = [save_unlisted(case, folder / ".models") for case in loaded]  # as today's version writes them
     shutil.move(folder / ".models" / "maps", folder / "maps")
     entries = []
     for number in range(count):

@@ -12,7 +12,7 @@ from places import ROOT
 from scenes import DT, scene
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, load_header, save_case
+from regents_cosim.cases.files import load_case, load_header, save_unlisted
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.maps.roadmap import Lane, RoadMap
@@ -202,7 +202,7 @@ def test_a_small_ring_is_a_roundabout_and_a_large_one_a_bend(radius_m, place):
 
 def test_a_case_on_disk_says_its_tags_which_are_no_part_of_its_hash(tmp_path):
     case = moving(steady(0.0, 0.0, 10.0), steady(30.0, 0.0, 10.0))
-    folder = save_case(case, tmp_path)
+    folder = save_unlisted(case, tmp_path)
     assert load_header(folder).tags == tags_of(case)
     text = (folder / "scenario.json").read_text()
     (folder / "scenario.json").write_text(text.replace('"ego_goes_straight"', '"ego_stops"'))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from places import ROOT
 from scenes import DT, crash, platoon, scene, straight_road
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, ScenarioError
 from regents_cosim.geometry.boxes import Boxes, corners, overlap
@@ -152,7 +152,7 @@ def test_an_evasion_touches_nobody_keeps_to_the_road_and_can_be_driven(seed, dri
 
 def test_a_judged_case_is_read_as_it_was_written(tmp_path):
     judged = judge(braking_lead(35.4))
-    folder = save_case(judged, tmp_path)
+    folder = save_unlisted(judged, tmp_path)
     read = load_case(folder)
     assert read.judgement == judged.judgement
     assert read.judgement.actionable

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scenes import crash, scene
 from walkers import moved_through, walked
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.reports.caption import ending
 from regents_cosim.verdicts.clean import flaws
@@ -108,7 +108,7 @@ def test_a_picture_says_how_deadly_it_is():
 def test_a_judgement_keeps_how_deadly_it_is(tmp_path):
     judged = judge(crossing(36.0))
     assert judged.judgement.death_risk == pytest.approx(death_risk(5.0), abs=1e-4)
-    kept = load_case(save_case(judged, tmp_path))
+    kept = load_case(save_unlisted(judged, tmp_path))
     assert kept.judgement.death_risk == judged.judgement.death_risk
     assert judge(crossing(26.0)).judgement.death_risk is None
 

@@ -9,7 +9,7 @@ import shapely
 from avoidable_scenes import braking_lead, moved, pushed, standing_car
 from scenes import DT, crash, scene, straight_road
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.caption import way_out
@@ -210,7 +210,7 @@ def test_no_proof_contradicts_a_witness_in_many_scenes():
 
 def test_what_older_cases_do_not_say_is_not_hashed(tmp_path):
     judged = judge(braking_lead(40.0))
-    read = load_case(save_case(judged, tmp_path))
+    read = load_case(save_unlisted(judged, tmp_path))
     assert read.judgement == judged.judgement
     assert (read.judgement.avoidability.in_time, read.judgement.unavoidable) == (True, False)
     assert unavoidable(judged, judged.judgement.avoidability) is False

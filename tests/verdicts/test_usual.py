@@ -12,7 +12,7 @@ from walkers import walked
 
 from regents_cosim.benchmarks.table1 import table1
 from regents_cosim.benchmarks.table_files import write_table
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.cases.shipped import network
 from regents_cosim.evaluation.crashes.scores import USUAL, MethodRun, scores
 from regents_cosim.scenario import Scenario
@@ -103,10 +103,10 @@ def test_a_judged_case_keeps_it_and_an_older_one_has_none(tmp_path):
 
     older = crashed("a")
     assert usual(older) is not None
-    assert load_case(save_case(older, tmp_path)).judgement.usual is None
+    assert load_case(save_unlisted(older, tmp_path)).judgement.usual is None
     judged = judge(older)
     assert judged.judgement.usual == usual(older)
-    assert load_case(save_case(judged, tmp_path)).judgement.usual == judged.judgement.usual
+    assert load_case(save_unlisted(judged, tmp_path)).judgement.usual == judged.judgement.usual
 
 
 def test_success_falls_with_how_usual_an_adversary_has_to_be():

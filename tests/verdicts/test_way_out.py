@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from reference_scenes import aside, careful, cut_in
 from scenes import DT, crash, scene, straight_road
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.collisions import first_contact
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.replay import replay_each
@@ -115,11 +115,11 @@ def test_to_brake_for_a_moment_is_timing_and_no_answer():
 
 def test_the_driver_is_kept_and_older_cases_are_hashed_without_it(tmp_path):
     judged = judge(cut_in(18.0, 1.0))
-    read = load_case(save_case(judged, tmp_path))
+    read = load_case(save_unlisted(judged, tmp_path))
     assert read.judgement == judged.judgement
     np.testing.assert_array_equal(read.evasion.curvature, judged.evasion.curvature)
     by_bank = judge(cut_in(18.0, 1.0), BANK)
-    folder = save_case(replace(by_bank, id="older"), tmp_path)
+    folder = save_unlisted(replace(by_bank, id="older"), tmp_path)
     text = (folder / "scenario.json").read_text()
     assert '"driver": null' in text
     (folder / "scenario.json").write_text(text.replace(',\n    "driver": null', ""))

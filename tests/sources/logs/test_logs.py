@@ -15,7 +15,7 @@ from params import slow
 from places import ROOT
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.errors import LogError, NoWindowError, RegentsError
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, format_of, formats, read_log
@@ -103,7 +103,7 @@ def test_cases_are_saved_and_replayed_in_the_mirror_and_in_sumo(logs, name, tmp_
     from regents_cosim.replays.replay import replay
 
     scenario = record_log(logs[name], horizon_s=4.0, count=1, tell=str)[0]
-    again = load_case(save_case(scenario, tmp_path))
+    again = load_case(save_unlisted(scenario, tmp_path))
     assert content_hash(again) == content_hash(scenario)
     assert replay(again, "mirror").verified
     assert replay(again, "sumo").verified, "on the bare lanes of its map"
