@@ -1,5 +1,7 @@
 """Cases of logs are what their log says, or name what they lack; `inspect --against` finds what they do not name."""
 
+import contextlib
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,26 +11,44 @@ import log_files
 import numpy as np
 import pytest
 from log_files import WRITERS
+from places import ROOT
 
 from regents_cosim.cases.files import load_case, save_case
-from regents_cosim.errors import LogError
+from regents_cosim.errors import LogError, NoWindowError
 from regents_cosim.sources.logs.comparison import compare_with_log
 from regents_cosim.sources.logs.record import record_log
 
 REGENTS = Path(sys.executable).with_name("regents")
+DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 SAME_M, SAME_DEG = 0.01, 0.1
 
 
-@pytest.mark.parametrize("name", WRITERS)
-def test_windows_of_every_format_hold_what_their_log_does(name, tmp_path):
-    log = log_files.write(name, tmp_path)
-    found = record_log(log, horizon_s=4.0, count=2, tell=lambda _: None)
+def assert_faithful(log: Path, count: int, horizon_s: float) -> None:
+    found = record_log(log, horizon_s=horizon_s, count=count, prefer="none", tell=lambda _: None)
     for case, one in zip(found, compare_with_log(found, log), strict=True):
         assert one.unexplained(case) == {}
         assert one.compared >= 20
         assert one.farthest_m <= SAME_M, one
         assert one.most_turned_deg <= SAME_DEG, one
         assert one.most_resized_m == 0.0, one
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "folder", ["womd/json", "womd/proto", "scenarionet", "interaction", "commonroad", "argoverse2/motion"]
+)
+def test_windows_of_public_logs(folder):
+    logs = sorted((DATA / folder).iterdir()) if (DATA / folder).is_dir() else []
+    if not logs:
+        pytest.skip(f"no {DATA / folder} (REGENTS_DATA names the folder of recordings and cities)")
+    for log in logs[:12]:
+        with contextlib.suppress(NoWindowError):
+            assert_faithful(log, 1, 8.0)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_windows_of_every_format_hold_what_their_log_does(name, tmp_path):
+    assert_faithful(log_files.write(name, tmp_path), 2, 4.0)
 
 
 ROWS = {  # x of b at every step; it leaps to and fro, and is not seen for a while
@@ -65,6 +85,7 @@ def regents(*words):
     return subprocess.run([REGENTS, *map(str, words)], capture_output=True, text=True, timeout=120)
 
 
+@pytest.mark.slow
 def test_inspect_finds_what_a_case_does_not_say(leaping, tmp_path):
     done = regents("record", "--log", leaping, "--ego", "a", "--horizon", "5", "--count", "1", "-o", tmp_path / "cases")
     assert "road users cut where they jump" in done.stderr

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from params import slow
 
 from regents_cosim.sources.comparison import compare_with_fcd
 from regents_cosim.sources.fcd import record_fcd
@@ -32,7 +33,7 @@ def sumo(folder, log, *more, step="0.1", end="60"):
     return folder / log
 
 
-@pytest.fixture(scope="module", params=["0.1 xml", "1 csv", "0.1 xml without speeds"])
+@pytest.fixture(scope="module", params=["0.1 xml", slow("1 csv"), slow("0.1 xml without speeds")])
 def without_the_bus(request, tmp_path_factory):
     """SUMO's log of everything, less the bus."""
     step, ending, *bare = request.param.split()
@@ -76,10 +77,10 @@ def test_the_log_of_all_vehicles_lacks_nothing(tmp_path):
     ("options", "expected"),
     [
         (("--device.fcd.probability", "0.5"), "device.fcd.probability 0.5"),
-        (("--device.fcd.explicit", "b"), "device.fcd.explicit b"),
-        (("--person-device.fcd.probability", "0"), "person-device.fcd.probability 0"),
-        (("--device.fcd.probability", "1"), ""),
-        (("--fcd-output.filter-edges.input-file", "edges.txt"), "fcd-output.filter-edges.input-file edges.txt"),
+        slow(("--device.fcd.explicit", "b"), "device.fcd.explicit b"),
+        slow(("--person-device.fcd.probability", "0"), "person-device.fcd.probability 0"),
+        slow(("--device.fcd.probability", "1"), ""),
+        slow(("--fcd-output.filter-edges.input-file", "edges.txt"), "fcd-output.filter-edges.input-file edges.txt"),
     ],
 )
 def test_the_options_that_kept_vehicles_out_are_told(options, expected, tmp_path):

@@ -12,6 +12,7 @@ from scenes import crash, scene
 
 from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.scenario import Agent, LeftOut
+from regents_cosim.sources.left_out import told_left_out
 from regents_cosim.sources.logs.facing import Unfaced, faced, heading_from_motion
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap
@@ -128,7 +129,8 @@ PARKED = "id,time,x,y,length,width\n" + "".join(
 )
 
 
-def test_the_ledger_and_the_terminal_name_who_is_guessed(tmp_path):
+@pytest.mark.slow
+def test_the_terminal_names_who_is_guessed(tmp_path):
     (tmp_path / "parked.csv").write_text(PARKED)
     done = subprocess.run(
         [REGENTS, "record", "--log", "parked.csv", "--ego", "a", "--horizon", "4", "--count", "1", "-o", "out"],
@@ -138,6 +140,14 @@ def test_the_ledger_and_the_terminal_name_who_is_guessed(tmp_path):
     assert "road users with a guessed heading" in done.stderr
     (folder,) = (one.parent for one in (tmp_path / "out").glob("*/scenario.json"))
     assert load_case(folder).provenance.guessed == {"d"}, "c stands where others drive"
+
+
+def test_the_ledger_names_who_is_guessed(tmp_path):
+    (tmp_path / "parked.csv").write_text(PARKED)
+    (case,) = record_log(tmp_path / "parked.csv", ego="a", horizon_s=4.0, count=1, tell=lambda _: None)
+    assert case.provenance.guessed == {"d"}, "c stands where others drive"
+    (line,) = told_left_out([case])
+    assert line.startswith("road users with a guessed heading")
 
 
 def test_of_a_crash_with_a_guess_nothing_is_known(tmp_path):
