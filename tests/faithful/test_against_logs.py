@@ -13,7 +13,7 @@ import pytest
 from log_files import WRITERS
 from places import ROOT
 
-from regents_cosim.cases.files import load_case, save_case
+from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.errors import LogError, NoWindowError
 from regents_cosim.sources.logs.comparison import compare_with_log
 from regents_cosim.sources.logs.record import record_log
@@ -95,7 +95,7 @@ def test_inspect_finds_what_a_case_does_not_say(leaping, tmp_path):
     (folder,) = (one.parent for one in (tmp_path / "cases").glob("*/scenario.json"))
     case = load_case(folder)
     silent = replace(case, provenance=replace(case.provenance, left_out=()))
-    save_case(silent, tmp_path / "silent")
+    save_unlisted(silent, tmp_path / "silent")
     found = regents("inspect", tmp_path / "silent", "--against", leaping)
     assert found.returncode == 1
     assert "'b' is missing at" in found.stderr
