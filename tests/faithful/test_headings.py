@@ -83,6 +83,19 @@ def test_without_a_map_the_traffic_over_the_place_tells(speed):
     assert [(degrees(one), one.guessed) for one in found] == [(expected, False)] * 2 + [(expected, True)]
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.5, 4.0])
+def test_noise_is_no_heading(noise):
+    (found,) = faced([stands(0.0, 0.0, noise=noise)])
+    assert (degrees(found), found.guessed) == (0.0, True)
+
+
+def test_who_creeps_points_where_it_creeps_to():
+    creeps = stands(0.0, 0.0, noise=0.3)
+    (found,) = faced([creeps._replace(y=creeps.y - np.linspace(0.0, 0.8, 200))])
+    assert degrees(found) == pytest.approx(270.0, abs=5.0)
+    assert not found.guessed
+
+
 def test_traffic_of_two_ways_over_one_place_does_not_tell():
     found = faced([drives(0.0), drives(0.5, -10.0, "back"), stands(-20.0, 0.2)])
     assert found[-1].guessed

@@ -1,8 +1,8 @@
 """Which way road users point whose log does not say: one rule for all formats.
 
 The direction of their own motion, the last or the next one where they stand. Those who never move: the direction of
-the lane that they are on, or of the traffic that drives over their place, or of what little they moved. For the rest
-it is a guess, and `Track.guessed` says so.
+the lane that they are on, or of the traffic that drives over their place, or of the little way that they moved. For the
+rest it is a guess, and `Track.guessed` says so.
 """
 
 from collections.abc import Iterable
@@ -18,12 +18,13 @@ from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.scene import LoggedMap, Track
 
 _STIR_M = 0.5  # nearer places are one: detections of who stands scatter by less
-_MOVED_M = 1.0  # who stays within that never moves
+_MOVED_M, _PARTS = 0.8, 8  # who stays within that never moves, by the middle of each part of its places
 _BACKS_RAD = np.deg2rad(110.0)  # a vehicle that turns by more from one place to the next drives backwards
 _OVER_M = 1.5  # traffic that comes so near to a place drives over it
 _AGREES = 0.9  # mean of unit vectors: traffic that drives over a place one way
 _ALIKE_RAD = np.deg2rad(45.0)  # lanes on one place that differ by more say nothing
 _BESIDE_M = 0.5  # a lane is on a place as another is if its centre line is farther by less
+_MOST_LANES = 50  # on one place, beyond which they say nothing
 _LOOK_M = 30.0  # within which lanes and traffic are good for a guess
 _CELL_M, _SECTORS = 1.0, 12  # traffic is thinned to one piece for each cell and direction
 _SEEN_M = 10.0  # longer pieces are gaps of the log
@@ -73,7 +74,7 @@ def heading_from_motion(
     Told by places 0.5 m or more apart, so that noise of detections is no motion. With `backs` a turn on the spot is
     one that drives backwards; it drives forwards for the greater part of its way.
     """
-    if not len(x) or np.hypot(np.ptp(x), np.ptp(y)) < _MOVED_M:
+    if not len(x) or _extent_m(x, y) < _MOVED_M:
         return None
     at = _anchors(x, y)
     if len(at) < 2:
@@ -91,6 +92,14 @@ def heading_from_motion(
     gone = (x - x[at][piece]) + 1j * (y - y[at][piece])
     part = np.clip((gone * way.conj()).real / np.abs(way) ** 2, 0.0, 1.0)
     return np.asarray(wrap(yaw[piece] + part * (yaw[piece + 1] - yaw[piece])))
+
+
+def _extent_m(x: np.ndarray, y: np.ndarray) -> float:
+    """How far the places of somebody spread, the noise of detections averaged out [m]."""
+    starts = np.linspace(0, len(x), min(_PARTS, len(x)), endpoint=False).astype(int)
+    number = np.diff([*starts, len(x)])
+    width, height = (float(np.ptp(np.add.reduceat(values, starts) / number)) for values in (x, y))
+    return float(np.hypot(width, height))
 
 
 def _anchors(x: np.ndarray, y: np.ndarray) -> Int[np.ndarray, " place"]:
@@ -112,13 +121,18 @@ def _track(one: Unfaced, places: "_Places") -> Track:
     here = complex(np.median(x), np.median(y))
     on_foot = agent.kind == "pedestrian"
     direction = None if on_foot else places.direction(here)
-    if direction is None:
-        at = _anchors(x, y)
-        direction = float(np.angle(np.diff((x + 1j * y)[at])[-1])) if len(at) > 1 else None
+    direction = _drift(x, y) if direction is None else direction
     guessed = direction is None and not on_foot
     if direction is None:
         direction = 0.0 if on_foot else places.guess(here)
     return Track(agent, step, x, y, np.full(len(x), direction), guessed=guessed)
+
+
+def _drift(x: np.ndarray, y: np.ndarray) -> float | None:
+    """The direction from the middle of the first to that of the last quarter of its places [rad]; None: it has none."""
+    part = max(len(x) // 4, 1)
+    way = complex(x[-part:].mean() - x[:part].mean(), y[-part:].mean() - y[:part].mean())
+    return float(np.angle(way)) if abs(way) >= _STIR_M else None
 
 
 class _Places:
@@ -146,8 +160,9 @@ class _Places:
 
     def _of_lane(self, here: complex) -> float | None:
         point = shapely.Point(here.real, here.imag)
-        widest = max((lane.width for lane in self._lanes), default=0.0)
-        near = self._lines.query(point, predicate="dwithin", distance=0.5 * widest).tolist() if self._lanes else []
+        near = self._lines.query(point, predicate="dwithin", distance=0.5 * self._widest_m).tolist()
+        if len(near) > _MOST_LANES:
+            return None
         away = {i: float(shapely.distance(self._lines.geometries[i], point)) for i in near}
         away = {i: m for i, m in away.items() if m <= 0.5 * self._lanes[i].width}
         if not away:
@@ -169,6 +184,10 @@ class _Places:
         at = line.project(point)
         before, after = (line.interpolate(float(np.clip(at + d, 0.0, line.length))) for d in (-_STIR_M, _STIR_M))
         return float(np.arctan2(after.y - before.y, after.x - before.x))
+
+    @cached_property
+    def _widest_m(self) -> float:
+        return max((lane.width for lane in self._lanes), default=0.0)
 
     @cached_property
     def _lines(self) -> shapely.STRtree:
