@@ -19,7 +19,6 @@ from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.observed import OBSERVED
 from regents_cosim.live.plan import plan_of_case
 from regents_cosim.live.settings import HORIZON_S
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.replay import replay_in_sumo
@@ -82,7 +81,6 @@ class LiveWindowsRow:
 
 def drive_window(window: LiveWindow) -> LiveWindowEnd:
     """Drive one. Call it in a worker process. Raises DriveError, SumoError."""
-    keep_compiled_programs()
     scenario, attached = _going_on(window.case.before_attack(), HORIZON_S), _Attached(window)
     with Drivers(window.planner) as drivers, drivers.lend() as driver:
         seen = replay_in_sumo(

@@ -15,7 +15,6 @@ from regents_cosim.campaign.identity import Identity, identity
 from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.campaign.requests import Wanted
 from regents_cosim.cases.packed import PackedCase, pack_case, unpack_case
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.replay import replay_each
@@ -141,7 +140,6 @@ def attack_window(job: WindowJob) -> PackedWindow:
 @cache
 def _once_here() -> Executor:
     """Where SUMO runs for this process, as long as that lives; one process for each thread that works on a window."""
-    keep_compiled_programs()
     return local_processes(os.cpu_count() or 1)
 
 

@@ -1,5 +1,6 @@
 """Options that several commands share, each with the words that tell of it."""
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -336,11 +337,12 @@ class ProgramOptions:
     """keep compiled programs on disk (folder: $REGENTS_CACHE)"""
 
     def keep(self) -> None:
-        """Keep them from now on, if that is not turned off."""
-        if self.compile_cache:
-            from regents_cosim.mirror.compile_cache import keep_compiled_programs
+        """Keep them from now on, if that is not turned off, here and in processes that this one starts."""
+        from regents_cosim.mirror.compile_cache import OFF, keep_compiled_programs
 
-            keep_compiled_programs()
+        if not self.compile_cache:
+            os.environ["REGENTS_CACHE"] = OFF
+        keep_compiled_programs()
 
 
 @Parameter(name="*", group=OUTPUT)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from regents_cosim.live.settings import LiveSettings, live_config
+from regents_cosim.system.progress import DOING, shown
 
 
 @dataclass(frozen=True)
@@ -25,14 +26,13 @@ class AttachAdversary:
     def __call__(self, sumo: Any, ego: str) -> Callable[[], dict[str, Any]]:
         """Attach to the simulation, against an ego whose driver is not known."""
         from regents_cosim.live import Adversary
-        from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
-        keep_compiled_programs()
         without_samples = live_config(self.method, samples=False)  # many episodes are to be driven
         adversary = Adversary(
             sumo, ego, "observed", without_samples, replan_s=self.replan_s, horizon_s=self.horizon_s, judged=False,
             tell=_nothing,
         )  # fmt: skip
+        DOING.tell_once(shown(True).say)
 
         def watch() -> dict[str, Any]:
             adversary.step()

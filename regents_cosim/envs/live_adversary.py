@@ -21,6 +21,7 @@ from regents_cosim.live.search import Search
 from regents_cosim.live.settings import LiveSettings, live_config
 from regents_cosim.mirror.forked import require_own_threads
 from regents_cosim.planners.under_test import AnyPlanner
+from regents_cosim.system.progress import DOING, shown
 
 
 class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
@@ -63,6 +64,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         self._moments = Moments(Mirror(), horizon_s)
         self._tally = Tally()
         self._pilot: _Pilot | None = None
+        DOING.tell_once(shown(True).say)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset `env`; with a seed, which of the following episodes are attacked is drawn by it.

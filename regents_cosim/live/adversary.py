@@ -44,6 +44,7 @@ from regents_cosim.live.settings import HORIZON_S, Keep, LiveSettings, live_conf
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.progress import DOING
 
 State = HuntState | Literal["paused", "detached"]
 When = float | Callable[[Any], bool] | None
@@ -102,6 +103,7 @@ class Adversary(StepListener):
         settings = LiveSettings(replan_s, horizon_s, radius_m, keep, judged, seed)
         self._sumo, self._when, self._picks = connection, attack_when, picks
         self._tell, self._said = tell or _to_stderr, set[str]()
+        DOING.tell_once(self._tell)
         self._off: Literal["paused", "detached"] | None = None
         self.tally = Tally()
         search, moments = Search(planner, live_config(method), act_timeout_s), Moments(predictor or Mirror(), horizon_s)

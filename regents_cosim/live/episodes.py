@@ -13,7 +13,6 @@ from regents_cosim.live.drawn_ego import DrawnEgo
 from regents_cosim.live.history import touched
 from regents_cosim.live.planner_driver import PlannerDriver
 from regents_cosim.live.settings import HORIZON_S
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.planners.driver import Drivers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
@@ -77,7 +76,6 @@ def run_episodes(episodes: Episodes, seeds: list[int]) -> Iterator[EpisodeResult
 
 def run_episode(episodes: Episodes, seed: int) -> EpisodeResult:
     """One of them. Call it in a worker process."""
-    keep_compiled_programs()
     with scratch_folder() as folder:
         forced = {"step-length": str(STEP_S), "seed": str(seed), **CRASHES_STAY}
         command = ["-c", str(write_config(episodes.options, folder, forced, {}))]

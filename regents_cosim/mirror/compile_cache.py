@@ -1,5 +1,8 @@
 """Compiled and traced programs kept on disk: to make them costs seconds, to load them a tenth.
 
+They are kept by default, from when a process first wants one (`jax_settings.require_device`). A cache that the user has
+set up in JAX stays as it is.
+
 JAX can bound its cache itself, but then fails to write for ever where a kill fell between an entry and its time.
 """
 
@@ -7,11 +10,13 @@ import os
 from pathlib import Path
 
 import jax
+from jax.experimental.compilation_cache import compilation_cache
 
 from regents_cosim.mirror.kept_programs import private_folder, tidy
 from regents_cosim.mirror.traces import keep_traced_programs
 
 OFF = "off"
+_decided: list[bool] = []  # once in a process
 
 
 def cache_folder() -> Path | None:
@@ -27,8 +32,11 @@ def cache_folder() -> Path | None:
 def keep_compiled_programs(traced: bool = True) -> None:
     """Turn JAX's persistent compilation cache on, for programs however small; and ours of what it compiles.
 
-    Where no folder can be made nothing is kept. Raises RegentsError for one that others can write to.
+    The first call in a process decides. Where no folder can be made nothing is kept. Raises RegentsError for one that
+    others can write to.
     """
+    if _decided:
+        return
     folder = cache_folder()
     if folder is None:
         return
@@ -37,8 +45,11 @@ def keep_compiled_programs(traced: bool = True) -> None:
         tidy(folder)
     except OSError:  # a home that is read-only, say
         return
+    _decided.append(True)
     if traced:
         keep_traced_programs(traces)
+    if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
+        return
     for option, value in (
         ("jax_compilation_cache_dir", str(compiled)),
         ("jax_persistent_cache_min_compile_time_secs", 0.0),
@@ -47,4 +58,4 @@ def keep_compiled_programs(traced: bool = True) -> None:
         ("jax_traceback_in_locations_limit", 0),
     ):
         jax.config.update(option, value)
-        os.environ[option.upper()] = str(value)  # for processes that this one starts: SUMO's drive planners in JAX
+    compilation_cache.reset_cache()  # JAX looks at the folder once, when it compiles a process's first program

@@ -18,6 +18,7 @@ import jax
 
 from regents_cosim.mirror.compiling import tell_of_compiling
 from regents_cosim.mirror.forked import require_own_threads
+from regents_cosim.mirror.jax_settings import require_device
 from regents_cosim.mirror.program_room import make_room
 from regents_cosim.mirror.traces import traced
 
@@ -49,6 +50,7 @@ def compiled(function: Any = None, **how: Any) -> Any:
         wanted = (function, *(getattr(leaf, "shape", None) for leaf in jax.tree.leaves((given, named))))
         if wanted in _made:
             return program(*given, **named)
+        require_device()
         with _turn:  # of threads that want the same new program one makes it, and the others wait for it
             result = program(*given, **named)
         _made.add(wanted)

@@ -1,4 +1,4 @@
-"""What the package asks of JAX, whatever the environment or other code has set: float32, and a device."""
+"""What the package asks of JAX, whatever the environment or other code has set: float32, a device, kept programs."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -8,6 +8,7 @@ from typing import ParamSpec, TypeVar
 import jax
 
 from regents_cosim.errors import MissingDependencyError
+from regents_cosim.mirror.compile_cache import keep_compiled_programs
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -46,7 +47,12 @@ def each_in_float32(function: Callable[_P, Iterator[_R]]) -> Callable[_P, Iterat
 
 @cache
 def require_device() -> None:
-    """Raise MissingDependencyError where JAX has no device, as with JAX_PLATFORMS=cuda on a machine without one."""
+    """Before the first program of a process: its compiled programs are kept on disk from now on.
+
+    Raises MissingDependencyError where JAX has no device, as with JAX_PLATFORMS=cuda on a machine without one,
+    RegentsError where others can write to the folder of programs.
+    """
+    keep_compiled_programs()
     try:
         jax.devices()
     except Exception as error:  # each kind of device has its own

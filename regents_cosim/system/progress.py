@@ -76,10 +76,22 @@ class Doing:
 
     def __init__(self) -> None:
         self._by_thread: dict[int, list[tuple[float, str]]] = {}
+        self._tell: Callable[[str], None] | None = None
+        self._told = False
+        self._timer: threading.Timer | None = None
+
+    def tell_once(self, tell: Callable[[str], None]) -> None:
+        """Have `tell` told of what first lasts long, once in a process: for work that no bar is shown of."""
+        if not self._told:
+            self._tell = tell
 
     def begin(self, what: str) -> None:
         """The thread that calls is at something, until the `end` that belongs to it."""
         self._by_thread.setdefault(threading.get_ident(), []).append((monotonic(), what))
+        if self._tell is not None and (self._timer is None or not self._timer.is_alive()):
+            self._timer = threading.Timer(_SHOWN_AFTER_S + 0.1, self._tell_what_lasts)
+            self._timer.daemon = True
+            self._timer.start()
 
     def end(self) -> None:
         """It is not any more."""
@@ -88,6 +100,12 @@ class Doing:
             mine.pop()
         if not mine:
             self._by_thread.pop(threading.get_ident(), None)
+
+    def _tell_what_lasts(self) -> None:
+        tell, what = self._tell, self.now(_SHOWN_AFTER_S)
+        if what and tell is not None:
+            self._tell, self._told = None, True
+            tell(what)
 
     @contextmanager
     def during(self, what: str) -> Iterator[None]:

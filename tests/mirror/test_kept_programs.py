@@ -75,6 +75,42 @@ def test_entries_that_a_kill_has_cut_off_are_removed(tmp_path):
     assert [path.name for path in tmp_path.iterdir() if path.name.endswith("-cache")] == ["whole-cache"]
 
 
+OURS_AMONG_THE_USERS = """
+import sys
+import jax
+if sys.argv[1:]:
+    jax.config.update("jax_compilation_cache_dir", sys.argv[1])
+assert jax.jit(lambda x: x + 1)(41) == 42
+import jax.numpy as jnp
+from regents_cosim.mirror.compiled import compiled
+print(compiled(lambda x: x + 1)(jnp.ones(3)).tolist())
+assert jax.jit(lambda x: x + 2)(40) == 42
+"""
+
+
+def programs_in(folder):
+    return len(list(folder.glob("*-cache"))) if folder.exists() else 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cache", "of_the_user", "where"), [("kept", "", "kept/compiled"), ("kept", "theirs", "theirs"), ("off", "", None)]
+)
+def test_programs_are_kept_from_python_too_unless_the_user_says_otherwise(tmp_path, cache, of_the_user, where):
+    folder = cache if cache == "off" else str(tmp_path / cache)
+    given = [str(tmp_path / of_the_user)] if of_the_user else []
+    # the user's choice of what is worth keeping stands as well, which is by default a second of compilation
+    environment = os.environ | {"REGENTS_CACHE": folder}
+    if of_the_user:
+        environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    done = subprocess.run(
+        [sys.executable, "-c", OURS_AMONG_THE_USERS, *given], env=environment, capture_output=True, text=True
+    )
+    assert (done.stdout, done.stderr) == ("[2.0, 2.0, 2.0]\n", "")
+    places = {"kept/compiled", "theirs"}
+    assert {name for name in places if programs_in(tmp_path / name)} == ({where} if where else set())
+
+
 COMPILE = """
 import jax
 from regents_cosim.mirror.compile_cache import keep_compiled_programs

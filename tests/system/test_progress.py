@@ -10,6 +10,7 @@ import time
 import pytest
 from on_a_terminal import on_a_terminal
 
+from regents_cosim.system import progress
 from regents_cosim.system.progress import SILENT, Doing, shown
 from regents_cosim.system.progress_bar import Bar, _Pace
 
@@ -87,6 +88,18 @@ def test_what_a_thread_is_at_is_told_from_others_until_it_ends():
     thread.join()
     assert doing.now(after_s=0.0) == ""
     doing.end()  # of nothing
+
+
+def test_what_lasts_where_no_bar_is_shown_is_told_once(monkeypatch):
+    monkeypatch.setattr(progress, "_SHOWN_AFTER_S", 0.02)
+    doing, told, heard = Doing(), [], threading.Event()
+    doing.tell_once(lambda what: (told.append(what), heard.set()))
+    with doing.during("compiling"):
+        assert heard.wait(30.0)
+    doing.tell_once(told.append)
+    with doing.during("more of it"):
+        time.sleep(0.3)
+    assert told == ["compiling"]
 
 
 def test_a_bar_within_a_bar_says_nothing(monkeypatch):

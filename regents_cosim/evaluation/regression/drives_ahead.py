@@ -14,7 +14,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import Drive, drive_case, drive_each
 from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.mirror.jax_settings import require_device
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
@@ -43,7 +43,7 @@ class DrivesAhead:
         """
         if margin and where != "mirror":
             raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
-        keep_compiled_programs()
+        require_device()
         check(where, act_timeout_s=act_timeout_s)
         self.planner = PlannerUnderTest.of(planner)
         self.where: Simulator = where
