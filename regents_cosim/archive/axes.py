@@ -15,6 +15,7 @@ from regents_cosim.tags.table import TAGS, About
 
 Cell = tuple[str, ...]  # a label on every axis
 _OTHER = "none"
+FORMER_NAMES = {"tag": "manoeuvre", "kind": "collision_type"}  # of axes, in ledgers and scripts of earlier versions
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,8 @@ def _measured(
 AXES: dict[str, Axis] = {
     axis.name: axis
     for axis in (
-        _tagged("tag", "adversary", "what the adversary does, by its first tag"),
-        Axis("kind", "of collision", get_args(CollisionKind), lambda crash: crash.kind),
+        _tagged("manoeuvre", "adversary", "what the adversary does, by its first tag"),
+        Axis("collision_type", "how the two meet", get_args(CollisionKind), lambda crash: crash.kind),
         _measured(
             "closing_speed", "relative speed at the contact", (0, 5, 10, 15, 20), "m/s", lambda crash: crash.closing_m_s
         ),
@@ -69,7 +70,7 @@ AXES: dict[str, Axis] = {
         _tagged("density", "density", "how dense the traffic is"),
     )
 }
-DEFAULT_AXES = ("tag", "closing_speed", "departure")
+DEFAULT_AXES = ("manoeuvre", "closing_speed", "departure")
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class Axes:
     names: tuple[str, ...] = DEFAULT_AXES
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(FORMER_NAMES.get(name, name) for name in self.names))
         if not self.names:
             raise RegentsError(f"--axes: expected one or more of {', '.join(AXES)}")
         for at, name in enumerate(self.names):
@@ -107,6 +109,6 @@ class Axes:
 
 
 def parse_axes(text: str) -> Axes:
-    """`tag,closing_speed`; the default where that is empty. Raises RegentsError."""
+    """`manoeuvre,closing_speed`; the default where that is empty. Raises RegentsError."""
     names = tuple(word.strip() for word in text.split(",") if word.strip())
     return Axes(names) if text else Axes()

@@ -62,8 +62,8 @@ Networks = Annotated[
 MapAxes = Annotated[
     str,
     Parameter(
-        help="axes of the map of behaviours, with commas between them, of tag, kind, closing_speed, departure, ego, "
-        "place, lights and density; by default tag,closing_speed,departure"
+        help="axes of the map of behaviours, with commas between them, of manoeuvre, collision_type, closing_speed, "
+        "departure, ego, place, lights and density; by default manoeuvre,closing_speed,departure"
     ),
 ]
 Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO", group=OUTPUT)]

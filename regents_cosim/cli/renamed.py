@@ -1,4 +1,4 @@
-"""Options with a new name. The old name still works in this release; one line on stderr tells the new one."""
+"""Options and axes with a new name. The old name still works in this release; one line on stderr tells the new one."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,19 +6,34 @@ RENAMED: dict[tuple[str, ...], dict[str, str]] = {
     ("attack",): {"--type": "--manoeuvre", "--against": "--also-crash"},
     ("evaluate",): {"--against": "--baseline"},
     ("suite", "coverage"): {"--against": "--older"},
-    ("inspect",): {"--against-fcd": "--against"},
 }
+_Tell = Callable[[str], None]
 
 
-def with_new_names(words: Sequence[str], tell: Callable[[str], None]) -> list[str]:
-    """The words of a command line with each old option name replaced; `tell` gets a line for each that is."""
+def with_new_names(words: Sequence[str], tell: _Tell) -> list[str]:
+    """The words of a command line with each old name replaced; `tell` gets a line for each that is."""
     names = next((names for command, names in RENAMED.items() if tuple(words[: len(command)]) == command), {})
-    return [_new(word, names, tell) for word in words]
+    renamed = [_option(word, names, tell) for word in words]
+    return [_axes(word, after, tell) for after, word in zip(["", *renamed], renamed, strict=False)]
 
 
-def _new(word: str, names: dict[str, str], tell: Callable[[str], None]) -> str:
+def _option(word: str, names: dict[str, str], tell: _Tell) -> str:
     option, equals, value = word.partition("=")
-    if option not in names:
+    return f"{_told(option, names, tell)}{equals}{value}" if option in names else word
+
+
+def _axes(word: str, after: str, tell: _Tell) -> str:
+    """The value of `--axes`, which may be a word of its own."""
+    option, equals, value = ("", "", word) if after == "--axes" else word.partition("=")
+    if after != "--axes" and (option, equals) != ("--axes", "="):
         return word
-    tell(f"{option} is now called {names[option]}; the old name will go in the next release")
-    return f"{names[option]}{equals}{value}"
+    from regents_cosim.archive.axes import FORMER_NAMES
+
+    return f"{option}{equals}{','.join(_told(name.strip(), FORMER_NAMES, tell) for name in value.split(','))}"
+
+
+def _told(name: str, names: dict[str, str], tell: _Tell) -> str:
+    if name not in names:
+        return name
+    tell(f"{name} is now called {names[name]}; the old name will go in the next release")
+    return names[name]

@@ -20,7 +20,7 @@ from regents_cosim.sources.logs.inspection import Inspection
 RECORDED = ("case", "ego_kind", "ego_length_m", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
 HELD_AGAINST = ("case", "states", "missing", "unexplained", "farthest_m")
-ATTACKED = ("case", "when_s", "adversary", "kind", "preventable_by", "telling")
+ATTACKED = ("case", "when_s", "adversary", "collision_type", "preventable_by", "telling")
 REPLAYED = ("case", "verified", "found")
 LIVED = ("seed", "ego", "ended", "after_s", "telling", "SUMO_verified")
 DRIVEN = (
@@ -116,7 +116,7 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None) -> dict[str, 
         "when_s": hit.time_s if hit else None,
         "adversary": hit.agent if hit else None,
         "collision_step": hit.step if hit else None,
-        "kind": hit.kind if hit else None,
+        "collision_type": hit.kind if hit else None,
         "impact_m_s": round(hit.relative_speed, 2) if hit else None,
         "attributed": hit.attributed if hit else None,
         "telling": judged.telling if judged else None,
@@ -149,7 +149,8 @@ def status_row(status: RunStatus) -> dict[str, Any]:
 def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
     """A crash that was judged again; `before`: whether it was telling by its older judgement."""
     row = attack_row(after, None)
-    shown = ("case", "kind", "telling", "clean", "avoidable", "lawful", "offences", "preventable_by", "usual_percent")
+    shown = ("case", "collision_type", "telling", "clean", "avoidable", "lawful", "offences")
+    shown += ("preventable_by", "usual_percent")
     was = before.judgement.telling if before.judgement else None
     return {**{name: row[name] for name in shown}, "before": was}
 

@@ -78,18 +78,19 @@ def test_a_value_lies_in_the_bin_that_it_begins():
         "0-5 m/s", "0-5 m/s", "5-10 m/s", "15-20 m/s", "20+ m/s", "20+ m/s",
     ]  # fmt: skip
     assert AXES["departure"].of(crash(departs=None)) == "not seen"
-    assert AXES["tag"].of(crash(tags=("wrong_way", "cut_in", "junction"))) == "cut_in"
+    assert AXES["manoeuvre"].of(crash(tags=("wrong_way", "cut_in", "junction"))) == "cut_in"
     assert AXES["place"].of(crash()) == "none"
 
 
 def test_axes_that_do_not_exist_are_told_the_nearest_names():
     assert parse_axes("") == Axes()
-    assert parse_axes("kind, tag").names == ("kind", "tag")
+    assert parse_axes("collision_type, ego").names == ("collision_type", "ego")
+    assert parse_axes("kind, tag").names == ("collision_type", "manoeuvre")  # as they were called before
     with pytest.raises(RegentsError, match="unknown axis 'closingspeed': did you mean closing_speed"):
         parse_axes("tag,closingspeed")
-    with pytest.raises(RegentsError, match="axis 'tag' is given twice"):
+    with pytest.raises(RegentsError, match="axis 'manoeuvre' is given twice"):
         parse_axes("tag,kind,tag")
-    with pytest.raises(RegentsError, match="expected one or more of tag, kind"):
+    with pytest.raises(RegentsError, match="expected one or more of manoeuvre, "):
         parse_axes(",")
 
 
@@ -113,8 +114,8 @@ def test_traffic_and_harmless_neighbours_are_no_crashes(tmp_path):
 
 
 def test_what_a_suite_covers_that_another_does_not():
-    old = Archive(Axes(("tag",)), [crash(0), crash(1, tags=("hard_brake",))])
-    new = Archive(Axes(("tag",)), [crash(2), crash(3, tags=("run_red_light",))])
+    old = Archive(Axes(("manoeuvre",)), [crash(0), crash(1, tags=("hard_brake",))])
+    new = Archive(Axes(("manoeuvre",)), [crash(2), crash(3, tags=("run_red_light",))])
     found = Coverage(new, old)
     assert (found.new_cells, found.lost_cells) == ((("run_red_light",),), (("hard_brake",),))
     assert [row["new"] for row in found.rows()] == [False, True]
@@ -152,10 +153,10 @@ def test_coverage_is_printed_drawn_and_asked_for(suite, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["suite", "coverage", "shipped:quickstart", "--axes", "taf"], "unknown axis 'taf': did you mean tag"),
+        (["suite", "coverage", "shipped:quickstart", "--axes", "manover"], "unknown axis 'manover': did you mean manoeuvre"),
         (["suite", "coverage", "shipped:quickstart", "-o", "map.gif"], "expected a name that ends in .png"),
         pytest.param(
-            ["attack", "shipped:quickstart", "-o", "out", "--axes", "tag"],
+            ["attack", "shipped:quickstart", "-o", "out", "--axes", "manoeuvre"],
             "expected --archive or --into as well",
             marks=pytest.mark.slow,
         ),

@@ -22,7 +22,7 @@ from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import CaseError
 
-AXES = Axes(("tag", "closing_speed"))
+AXES = Axes(("manoeuvre", "closing_speed"))
 RUN = MadeCrashes(preset(method="king"), "constant_velocity", verify=False, pictures=False, archive=AXES)
 WINDOWS = [window(number) for number in range(5)]
 
@@ -118,9 +118,10 @@ def test_of_windows_that_are_gone_nothing_stays_and_the_next_best_comes(whole, t
 
 @pytest.mark.slow
 def test_a_folder_that_was_begun_with_another_map_is_refused(whole):
-    other = MadeCrashes(RUN.config, RUN.planner, verify=False, pictures=False, archive=Axes(("kind",)))
+    other = MadeCrashes(RUN.config, RUN.planner, verify=False, pictures=False, archive=Axes(("collision_type",)))
     with pytest.raises(
-        CaseError, match=r'begun with archive \["tag", "closing_speed"\], this run has archive \["kind"\]'
+        CaseError,
+        match=r'begun with archive \["manoeuvre", "closing_speed"\], this run has archive \["collision_type"\]',
     ):
         attack(whole, run=other)
 

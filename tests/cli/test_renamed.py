@@ -41,3 +41,14 @@ def test_a_command_with_the_old_name_runs(capsys, tmp_path):
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith("regents: note: --against is now called --baseline")
     assert "baseline not found" in said[1]
+
+
+@pytest.mark.parametrize("words", [["--axes", "tag, kind,ego"], ["--axes=tag, kind,ego"]])
+def test_axes_have_new_names_too(words):
+    told = []
+    renamed = with_new_names(["suite", "coverage", "tag", *words], told.append)
+    assert "=".join(renamed[3:]) == "--axes=manoeuvre,collision_type,ego"
+    assert renamed[2] == "tag"
+    assert [line.split(";")[0] for line in told] == [
+        "tag is now called manoeuvre", "kind is now called collision_type",
+    ]  # fmt: skip

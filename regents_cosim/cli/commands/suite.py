@@ -79,7 +79,7 @@ def build(
     attacked
         of these windows, in even steps; 0: all. The others cost little, and are for the ordinary cases
     adversarial
-        clean crashes that the planner could have avoided, balanced over kinds of collision and networks; the telling
+        clean crashes that the planner could have avoided, balanced over collision types and networks; the telling
         ones (by a lawful adversary, and a careful driver avoids them) before all others
     unavoidable
         crashes that no drive could have avoided, marked so
@@ -162,7 +162,7 @@ def list_cases(
     suite
         a folder of cases
     tag
-        cases of this kind only, e.g. cut_in or junction (docs/tags.md); given more than once: of all these kinds
+        only cases with this tag, e.g. cut_in or junction (docs/tags.md); may be repeated: cases with all these tags
     shipped
         list the suites and SUMO networks that come with the package instead
     """

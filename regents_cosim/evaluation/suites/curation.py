@@ -18,7 +18,7 @@ def choose_adversarial(
     """`count` clean crashes that the planner could have avoided, and `unavoidable` ones that it could not.
 
     Of the former those named in `first` come first, then the telling ones, others only where there are too few.
-    Balanced over kinds of collision, within a kind over networks. A window gives at most two cases, and those differ in
+    Balanced over collision types, within a type over networks. A window gives at most two cases, and those differ in
     their adversary or their kind. Sorted by name; fewer where there are not enough.
     """
     clean = [card for card in cards if card.clean]
