@@ -11,6 +11,7 @@ import log_files
 import numpy as np
 import pytest
 from log_files import WRITERS
+from params import slow
 from places import ROOT
 
 from regents_cosim.cases.files import load_case, save_unlisted
@@ -46,7 +47,7 @@ def test_windows_of_public_logs(folder):
             assert_faithful(log, 1, 8.0)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", [slow(name) if name.startswith("argoverse2") else name for name in WRITERS])
 def test_windows_of_every_format_hold_what_their_log_does(name, tmp_path):
     assert_faithful(log_files.write(name, tmp_path), 2, 4.0)
 

@@ -63,6 +63,7 @@ def test_who_rides_in_a_vehicle_that_the_log_lacks_does_not_walk(without_the_bus
     assert lacks == {"persons in vehicles that it lacks: 1"}
 
 
+@pytest.mark.slow
 def test_the_log_of_all_vehicles_lacks_nothing(tmp_path):
     log = sumo(tmp_path, "all.xml")
     said = []

@@ -135,6 +135,16 @@ def test_an_obstacle_of_commonroad_without_orientation_takes_its_lane(tmp_path):
     assert all(np.allclose(track.yaw, 0.0, atol=1e-6) for track in found.tracks if track.agent.kind != "pedestrian")
 
 
+def test_a_heading_that_interaction_leaves_empty_is_that_of_the_lane(tmp_path):
+    log = log_files.write("interaction", tmp_path)
+    rows = [f"77,{k},{100 * k},car,50.0,2.0,0,0,,4.5,1.8" for k in range(1, 60)]
+    log.write_text("\n".join([log.read_text().strip(), *rows]) + "\n")
+    ((_, _, found),) = scenes_of(log)
+    (parked,) = (track for track in found.tracks if track.agent.id == "77")
+    assert degrees(parked) == pytest.approx(0.0, abs=1e-3)
+    assert not parked.guessed
+
+
 PARKED = "id,time,x,y,length,width\n" + "".join(
     f"{name},{k / 10:.1f},{x + 0.1 * v * k:.2f},{y},4.5,1.8\n"
     for name, x, y, v in (("a", 0.0, 0.0, 9.0), ("b", 20.0, 0.0, 9.0), ("c", 35.0, 0.5, 0.0), ("d", 60.0, 5.0, 0.0))
