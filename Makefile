@@ -10,7 +10,7 @@ DEMO := -c sumo_nets/crossing/crossing.sumocfg --planner idm --count 10 --seed 0
 
 CHROMIUM := $(shell command -v chromium || command -v google-chrome)
 
-.PHONY: demo browser test test-all test-oldest lint docs bench bench-parts bench-gpu wheel release-check clean
+.PHONY: demo browser test test-all test-oldest lint docs bench bench-parts bench-gpu results wheel release-check clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -61,6 +61,9 @@ lint: .venv/installed-dev
 
 docs: .venv/installed-docs  ## the documentation, in site/index.html; any broken link is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+results: .venv/installed-dev  ## measure what the documentation reports and write its tables: hours; QUICK=1: half an hour
+	$(BIN)/python tests/measured/measure.py $(if $(QUICK),--quick)
 
 bench: .venv/installed-dev  ## what searches and suites cost, as one table, in a few minutes
 	$(BIN)/python tests/speed/table.py

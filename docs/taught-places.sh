@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Places that SUMO's own tools make to teach AIM-BEV on, for docs/aim-bev-results.md: bash docs/taught-places.sh FOLDER
+# Places that SUMO's own tools make to teach AIM-BEV on: bash docs/taught-places.sh FOLDER
 # (FOLDER NUMBER adds the number to all seeds: other towns by the same rules, and other traffic on the same grids and webs)
 #
 # Random towns, grids and webs: one to three lanes, 30 to 80 km/h, priority, right before left, all-way stops and

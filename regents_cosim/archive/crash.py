@@ -31,7 +31,7 @@ class Crash:
     closing_m_s: float  # relative speed at the contact
     departs_s: float | None  # from when the adversary can be seen to leave its log to the contact; None: it cannot
     standing: Standing
-    usual_percent: float | None  # how usual the adversary's motion is (docs/measures.md); None: not known
+    usual_percent: float | None  # how usual the adversary's motion is (docs/crashes.md); None: not known
     deviation_m: float  # of the adversary from its log, on average up to the contact
 
     @property

@@ -31,7 +31,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.judge import is_telling
 
 DiverseName = Literal["cma-mega", "cma-me", "qd-random", "cma-mega-log", "cma-me-log", "qd-random-log"]
-BEST: DiverseName = "cma-me"  # docs/coverage.md has the comparison
+BEST: DiverseName = "cma-me"  # 20.2 cells, focused 7.8: means of 4 held-out seeds of 6 windows, as many roll-outs
 ROLLOUTS = 2000  # in a window, where none are given
 _FROM_LOG = "-log"  # ends the names of those that begin with the log alone
 

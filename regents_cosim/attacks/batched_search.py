@@ -1,7 +1,7 @@
 """Many descents side by side in one compiled loop, for accelerators.
 
 A slot whose search is over is given to the next one that waits. On a CPU this gains nothing
-over one descent per thread (`docs/performance.md`): there `attack` uses threads.
+over one descent per thread: there `attack` uses threads.
 """
 
 from collections import defaultdict

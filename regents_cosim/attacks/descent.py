@@ -2,8 +2,6 @@
 
 One compiled loop per scenario. It stops at the first collision of the ego with any background
 agent, or when the iterations are spent. Source: ReGentS section 3.2 (and KING section 3).
-
-What makes it fast, what was tried, and what it was measured to take: `docs/performance.md`.
 """
 
 from collections.abc import Callable

@@ -53,7 +53,7 @@ _EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
 _GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
 _MOST_GAINED_M = 25.0  # ... up to so far
 _ALONE_M = 1.1  # off its own way, where it can only be driven faster or slower
-_MOST_SAMPLED = 200  # roll-outs of one search that samples: those that find a crash take no more (docs/performance.md)
+_MOST_SAMPLED = 200  # roll-outs of one search that samples: those that find a crash take no more
 _SAMPLED_BETWEEN = 60  # of these in a step between two looks; each takes 0.6 to 0.8 ms
 _ROAD_LASTS_S = 2.0  # that the adversary's road is kept: it reaches as far as it could come in the horizon
 

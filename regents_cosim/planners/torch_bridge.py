@@ -13,7 +13,7 @@ in float32, in the ego's frame (x ahead, y to the left, from box centre to box c
 - answer: acceleration [m/s^2], curvature [1/m] positive to the left, cut off at 6 m/s^2 and 0.3 1/m.
 
 It runs inside the compiled loop where it can be translated (`torch_translation`), else in a process of
-its own, many scenes at a time. How long each takes: `docs/performance.md`.
+its own, many scenes at a time.
 
 A module that wants lanes, lights or memory needs `reset` and `act` around it (`interface`).
 """

@@ -60,15 +60,6 @@ def test_in_python(tmp_path):
 
 
 @pytest.mark.slow
-def test_in_a_running_simulation(tmp_path):
-    (example,) = (block for block in blocks("python") if "Adversary" in block)
-    assert len([line for line in example.splitlines() if line.strip()]) <= 10
-    (tmp_path / "example.py").write_text(short_script(example))
-    (tmp_path / "sumo_nets").symlink_to(ROOT / "sumo_nets")
-    run(f"{BIN}/python example.py", tmp_path)
-
-
-@pytest.mark.slow
 def test_on_your_own_traffic(tmp_path):
     """The commands as they stand there, `your.sumocfg` being the grid. What they run is compiled as for users."""
     net = ROOT / "sumo_nets" / "grid"
@@ -82,11 +73,6 @@ def test_on_your_own_traffic(tmp_path):
     for line in lines[1:]:
         run(line.replace("CASE", case), tmp_path, as_users_have_it())
     assert (tmp_path / "crash.gif").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize("place", re.findall(r"\]\((?!http)([^)]+)\)", README))
-def test_files_that_it_shows_exist(place):
-    assert (ROOT / place).is_file()
 
 
 @pytest.mark.slow

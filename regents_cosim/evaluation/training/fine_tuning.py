@@ -3,8 +3,6 @@
 A fine-tuning takes the crashes of the weights that it begins with which could have been avoided by what is in view
 (19 m to each side, or as far as the weights say), keeps as much of what was learnt as ordinary traffic bears, and says
 what that changed.
-
-Who teaches, and what it gave, was measured: `docs/aim-bev-results.md`.
 """
 
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ A reader hands over tracks of valid samples at the log's own step, the map's lan
 areas, signals, who the recorder was, and notes on what it had to assume. `formats` tells a format
 by its content and takes readers of other packages (entry point group `regents_cosim.sources`).
 
-How well each format reads, and what attacks on it find, was measured: `docs/performance.md`.
-
 Who overlaps the ego when both first appear in a log neither attacks nor counts as hit. A planner that collides
 unattacked (idm turns left in front of oncoming traffic, or drives on where the recorder waited) is
 `already_colliding`, which is no success.

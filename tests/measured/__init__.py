@@ -1,0 +1,1 @@
+"""What the pages of results and performance are made of: `make results` measures, and writes their tables."""

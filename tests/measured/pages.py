@@ -1,0 +1,191 @@
+"""The tables of README, results and performance, made from `docs/measured.json` and put between their marks."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from regents_cosim.reports.bars import PercentWithInterval, draw_bars
+
+ROOT = Path(__file__).resolve().parents[2]
+MEASURED = ROOT / "docs/measured.json"
+PAGES = ("README.md", "docs/results.md", "docs/performance.md")
+PICTURE = ROOT / "docs/results.png"
+_MARKED = re.compile(r"(<!-- measured: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_NAMES = {"focused": "`focused`", "regents": "ReGentS", "king": "KING"}
+_METHODS = tuple(_NAMES)
+
+
+def write_pages() -> None:
+    """Put the tables of today's numbers into the pages, and draw the figure of the results."""
+    measured = json.loads(MEASURED.read_text())
+    for name in PAGES:
+        page = ROOT / name
+        page.write_text(filled(page.read_text(), measured))
+    groups = {
+        where: [PercentWithInterval(row["telling_percent"], *row["telling_interval"]) for row in rows]
+        for where, rows in _headline(measured)[:3]
+    }
+    draw_bars("Windows with a telling crash of idm", [_NAMES[one].strip("`") for one in _METHODS], groups, PICTURE)
+
+
+def filled(page: str, measured: dict[str, Any]) -> str:
+    """A page with the measured tables between its marks."""
+    return _MARKED.sub(lambda found: f"{found[1]}{_PARTS[found[2]](measured).strip()}\n{found[3]}", page)
+
+
+def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = (head, ["---"] * len(head), *rows)
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _share(row: dict[str, Any]) -> str:
+    low, high = row["telling_interval"]
+    return f"{row['telling']} of {row['n']}: {row['telling_percent']:.0f} % ({low:.0f} to {high:.0f})"
+
+
+def _rows(part: Sequence[dict[str, Any]], planner: str, source: str) -> list[dict[str, Any]]:
+    """The rows of the methods, in the order of the columns."""
+    found = {row["method"]: row for row in part if (row["planner"], row["source"]) == (planner, source)}
+    return [found[method] for method in _METHODS]
+
+
+def _headline(measured: dict[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:
+    shipped, made = measured["results"]["shipped"], measured["results"]["made"]
+    return [
+        ("held out", _rows(shipped["by_use"], "idm", "held out")),
+        ("made places", _rows(made["scores"], "idm", "all")),
+        ("tuned on", _rows(shipped["by_use"], "idm", "tuned on")),
+        ("careful", _rows(measured["results"]["careful"]["scores"], "careful", "all")),
+    ]
+
+
+_WORDS = {
+    "held out": "three shipped networks, held out",
+    "made places": "six made places, held out",
+    "tuned on": "three shipped networks, *tuned on*",
+    "careful": "planner `careful`, held out",
+}
+
+
+def _telling(measured: dict[str, Any]) -> str:
+    rows = [[_WORDS[where], *map(_share, row)] for where, row in _headline(measured)]
+    return _grid(["", *_NAMES.values()], rows)
+
+
+def _readme(measured: dict[str, Any]) -> str:
+    """The same in fewer words: windows stand with the row, where they are the same for all methods or nearly so."""
+    rows = []
+    for where, found in _headline(measured):
+        windows = sorted({row["n"] for row in found})
+        cells = [f"{row['telling_percent']:.0f} % ({_range(row['telling_interval'])})" for row in found]
+        rows.append([f"{_WORDS[where]} ({_range((windows[0], windows[-1]))} windows)", *cells])
+    return _grid(["", *_NAMES.values()], rows)
+
+
+def _range(ends: Sequence[float]) -> str:
+    low, high = (f"{end:.0f}" for end in (ends[0], ends[-1]))
+    return low if low == high else f"{low}-{high}"
+
+
+def _about(measured: dict[str, Any]) -> str:
+    versions = ", ".join(f"{name} {number}" for name, number in measured["versions"].items())
+    form = "the quick form (`make results QUICK=1`)" if measured["quick"] else "the full form (`make results`)"
+    return (
+        f"Commit `{measured['commit']}`, seed {measured['seed']}, {form}. {versions}. {measured['machine']}. "
+        "The interval in brackets is the 95 % Wilson interval [percent]."
+    )
+
+
+def _figure(measured: dict[str, Any]) -> str:
+    return f"![Share of windows with a telling crash, by place and method]({PICTURE.name})"
+
+
+def _crashes(measured: dict[str, Any]) -> str:
+    rows = []
+    for planner, step in (("idm", "shipped"), ("careful", "careful")):
+        for row in _rows(measured["results"][step]["scores"], planner, "all"):
+            counts = (row["n"], row["crashes"], row["clean"], row["lawful"], row["telling"], row["verified_in_sumo"])
+            rows.append([f"`{planner}`", _NAMES[row["method"]], *map(str, counts)])
+    head = ["planner", "method", "windows", "crashes", "windows with a clean one", "crashes by a lawful adversary"]
+    return _grid([*head, "windows with a telling one", "crashes verified in SUMO"], rows)
+
+
+def _by_place(measured: dict[str, Any]) -> str:
+    results = measured["results"]
+    of_all = [*results["shipped"]["by_source"], *results["made"]["by_source"]]
+    places = dict.fromkeys(row["source"] for row in of_all)
+    rows = [
+        [place.removesuffix(".sumocfg"), *(f"{row['telling']} of {row['n']}" for row in _rows(of_all, "idm", place))]
+        for place in places
+    ]
+    return _grid(["place", *_NAMES.values()], rows)
+
+
+def _equal(measured: dict[str, Any]) -> str:
+    rows = [
+        [row["method"].partition(",")[0], _share(row), f"{row['mean_rollouts']:.0f}"]
+        for row in measured["results"]["equal"]["scores"]
+    ]
+    return _grid(["search", "windows with a telling crash", "roll-outs a window, mean"], rows)
+
+
+def _persons(measured: dict[str, Any]) -> str:
+    rows = [
+        [row["source"].removesuffix(".sumocfg"), _share(row)] for row in measured["results"]["persons"]["by_source"]
+    ]
+    return _grid(["network", "windows with a telling crash"], rows)
+
+
+def _fit(measured: dict[str, Any]) -> str:
+    rows = [
+        [row["network"], str(row["agents"]), f"{row['smooth_mean_cm']:.1f}", f"{row['smooth_p99_cm']:.1f}"]
+        for row in measured["results"]["fit"]
+    ]
+    return _grid(["network", "vehicles", "mean error [cm]", "99th percentile [cm]"], rows)
+
+
+def _transfer(measured: dict[str, Any]) -> str:
+    rows = []
+    for row in measured["results"]["transfer"]:
+        low, high = row["interval_percent"]
+        share = f"{row['same_crash_percent']:.0f} % ({low:.0f} to {high:.0f})"
+        rows.append([row["place"], str(row["crashes"]), f"{row['same_crash']}: {share}", str(row["invented"])])
+    return _grid(["replayed in", "crashes", "same crash, same step", "crashes that the case does not have"], rows)
+
+
+def _performance(measured: dict[str, Any]) -> str:
+    found = measured["results"]["performance"]
+    head = [
+        "what",
+        "for one",
+        "CPU s, first run",
+        "first / second",
+        "CPU s, second run",
+        "yardsticks",
+        "s, second run",
+        "MiB",
+    ]
+    return f"{_grid(head, found['rows'])}\n\n{found['note']}"
+
+
+def _commands(measured: dict[str, Any]) -> str:
+    wanted = [f"{name:12} {shown}" for name, shown in measured["commands"].items()]
+    return "\n".join(["```text", *wanted, "```"])
+
+
+_PARTS = {
+    "telling": _telling,
+    "readme": _readme,
+    "about": _about,
+    "figure": _figure,
+    "crashes": _crashes,
+    "places": _by_place,
+    "equal": _equal,
+    "persons": _persons,
+    "fit": _fit,
+    "transfer": _transfer,
+    "performance": _performance,
+    "commands": _commands,
+}
