@@ -46,7 +46,7 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
     """The searches that a scenario takes: one, or some for each of the candidates that promise most."""
     if scenario.attack is not None:
         raise RegentsError(
-            f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack its original recording"
+            f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack the recorded window"
         )
     limits = limits_by_kind(scenario, setup.config)
     world = _world(setup, scenario, limits)

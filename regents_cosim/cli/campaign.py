@@ -47,13 +47,13 @@ class CampaignOptions:
     most usual adversary, then the least deviation (`regents suite coverage` shows the map)"""
     axes: Annotated[MapAxes, Advanced] = ""
     rollouts: Annotated[int | None, Parameter(validator=Number(gte=0, lte=1_000_000), group=ADVANCED)] = None
-    """with --archive: roll-outs in each window, by a search that goes on after its first crash for others that differ
+    """roll-outs in each window with --archive, by a search that goes on after its first crash for others that differ
     (CMA-ME, by the rules of focused); default 2000. 0: the search of --method, which ends there"""
     into: Annotated[Path | None, OfOutput] = None
     """a suite to which crashes are added that are new: in an empty cell of the map of behaviours, or better than the
     best there; windows with the surroundings that are least explored come first. With -o they are saved there too"""
     minutes: Annotated[float | None, OfOutput] = None
-    """with --into: how long; what is at work then is finished. Default 10"""
+    """time for --into [min]; windows that are being attacked then are finished. Default 10"""
 
     def map_axes(self) -> "Axes | None":
         """Of the map whose best crashes alone are kept; None: all are. Raises RegentsError."""

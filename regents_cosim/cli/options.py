@@ -44,8 +44,8 @@ PlannerName = Annotated[str, Parameter(help=f"system under test: {all_that_may_b
 PlannerOfCase = Annotated[
     str | None,
     Parameter(
-        help="who drives the ego, any that `attack --planner` takes; default the planner that was attacked, if it is "
-        "one of ours: what a case names is not run",
+        help="driver of the ego, any that `attack --planner` takes; by default the planner that was attacked, if it is "
+        "one of ours: code that a case names is not run",
         group=PLANNER,
     ),
 ]
@@ -53,7 +53,7 @@ ActTimeout = Annotated[
     float, Parameter(help="a planner outside JAX that takes longer over one decision has failed [s]", group=ADVANCED)
 ]
 Executor = Annotated[
-    str, Parameter(help="who does the work: local, dask (a worker for each core), or dask:ADDRESS", group=ADVANCED)
+    str, Parameter(help="where the work is done: local, dask (a worker for each core), or dask:ADDRESS", group=ADVANCED)
 ]
 Networks = Annotated[
     tuple[str, ...],
@@ -91,17 +91,17 @@ class TrafficOptions:
     count: int = 8
     """windows wanted"""
     seed: Seed = 0
-    """of SUMO and of the choice of windows"""
+    """random seed of SUMO and of the choice of windows"""
     horizon: float = 8.0
     """length of a window [s]; of a log that is shorter, all of it"""
     prefer: Literal["conflicts", "pedestrians", "none"] = "conflicts"
-    """which egos come first: those whose path another road user can lawfully cross or join within the window, those
-    whose path a pedestrian can, or any"""
+    """egos that come first: conflicts: those whose path another road user can lawfully cross or join within the window;
+    pedestrians: those whose path a pedestrian can cross; none: any"""
     ego: str = "auto"
     """id of a logged road user, or in SUMO of a vehicle, a vehicle type or a flow; auto: the recorder's vehicle or the
     planning problem's, else one drawn by seed"""
     ego_kind: Literal["auto", "any", "car", "truck", "bus", "motorcycle"] = "auto"
-    """of vehicle the ego may be; auto: passenger cars before the rest; any: as it is drawn"""
+    """kind of vehicle that the ego may be; auto: passenger cars before the rest; any: whatever is drawn"""
     net: Annotated[Path | None, Parameter(["--net-file", "-n"])] = None
     """SUMO network (.net.xml, .net.xml.gz)"""
     routes: Annotated[str, Parameter(["--route-files", "-r"])] = ""
@@ -115,11 +115,11 @@ class TrafficOptions:
     fcd: Path | None = None
     """an fcd-output of SUMO (xml, xml.gz, csv) to read instead of running SUMO; needs -n"""
     policy: Annotated[str, Advanced] = "idm"
-    """who drives the ego in highway-env: idm, mdp, random, package.module:attribute or file.py:attribute"""
+    """driver of the ego in highway-env: idm, mdp, random, package.module:attribute or file.py:attribute"""
     format: Annotated[str, Advanced] = "auto"
-    """of --log; auto tells it by the content, a wrong name lists all"""
+    """format of --log; auto recognises it by the content, a wrong name lists all formats"""
     stride: Annotated[float | None, Advanced] = None
-    """from one window of a log to the next [s]; the horizon by default"""
+    """time from one window of a log to the next [s]; the horizon by default"""
     map: Annotated[Path | None, Advanced] = None
     """lanelet2 map (.osm) of a log that does not lie beside it"""
     columns: Annotated[Path | None, Advanced] = None
@@ -138,13 +138,14 @@ class SearchRules:
     nearest: int | None = None
     """candidates that get a search of their own"""
     adversaries: Literal["all", "one"] | None = None
-    """of these: a case for all that succeed, or for the first, which ends a scenario's search"""
+    """all: a case for each candidate that succeeds; one: the first success ends the search of a scenario"""
     as_published: bool | None = None
-    """do as the public ReGentS code where it departs from its paper (king and regents only)"""
+    """follow the public ReGentS code where it departs from its paper (king and regents only)"""
     patience: int | None = None
     """updates without progress after which a search ends; 0: it goes on to the last"""
     accept: Annotated[Literal["any", "clean", "telling"] | None, OfSearch] = None
-    """which collisions end a search: any, one that nothing spoils, or only one that a careful driver avoids as well"""
+    """collisions that end a search: any; clean: one that nothing spoils; telling: only one that a careful driver avoids
+    as well"""
     law: Annotated[Literal["any", "strict"] | None, OfSearch] = None
     """strict: the adversary keeps to its own lanes and turns, to lights and to the speed limit; on foot to crossings"""
     starts: int | None = None
@@ -152,7 +153,7 @@ class SearchRules:
     attempts: int | None = None
     """searches for each candidate, from another start each, until one succeeds"""
     sampled: int | None = None
-    """of these so many, the first, sample changes (CMA-ES) in place of a descent"""
+    """number of these searches, counted from the first, that sample changes (CMA-ES) instead of descending"""
     replan_every: int | None = None
     """iterations between two closed loops of the planner; 1 in the compiled loop, 10 for planners outside it"""
 
@@ -168,30 +169,33 @@ class SearchOptions:
     search: Literal["joint", "per-candidate"] | None = None
     """one search over all candidates, or one for each of the nearest (every adversary found is a case)"""
     adversary_kinds: str | None = None
-    """who may attack, with commas between: vehicle, cyclist, pedestrian (focused: all; king, regents: vehicle)"""
+    """road users that may attack, with commas between: vehicle, cyclist, pedestrian; by default all (king, regents:
+    vehicle)"""
     background: Annotated[Literal["log", "reactive"] | None, Advanced] = None
-    """do other agents replay their log, or brake for what stands in their way"""
+    """how other agents move: log: as recorded; reactive: they also brake for what stands in their way"""
     dynamics: Annotated[Literal["recorded", "bicycle", "highway"] | None, Advanced] = None
-    """how vehicles move: by the mirror's bicycle, or exactly as in highway-env; recorded: as where the case is from"""
+    """model of motion: bicycle: the mirror's; highway: exactly that of highway-env; recorded: that of the
+    simulator that the case is from"""
     gradient: Annotated[Literal["adversary", "through-planner"] | None, Advanced] = None
-    """is the planner's track constant to the gradient, or is the planner (in JAX) differentiated as well"""
+    """adversary: the gradient takes the planner's track as constant; through-planner: it also goes through the planner
+    (only in JAX)"""
     iterations: int | None = None
     """updates at most"""
     universal: Annotated[Literal["mean", "worst"] | None, Advanced] = None
     """with --also-crash: lower the mean of the planners' costs, or the cost of the one furthest from a crash"""
     max_deviation: Annotated[float | None, Advanced] = None
-    """of an action from the logged one, as a share of its limit; 0: no bound"""
+    """how far an action may differ from the logged one, as a share of the limit of actions; 0: no bound"""
     driving: Literal["any", "ordinary"] | None = None
     """ordinary: the adversary accelerates, brakes and steers no harder, and with no more jerk, than drivers in the
     traffic of its scene, or than its kind of vehicle is known for; any: as hard as the mirror can"""
     max_accel: Annotated[float | None, Advanced] = None
-    """of the adversary, unless its log has more [m/s^2]; 0: as --driving says; so for the next three"""
+    """highest acceleration of the adversary, unless its log has more [m/s^2]; 0: as --driving says"""
     max_braking: Annotated[float | None, Advanced] = None
-    """the same for braking [m/s^2]"""
+    """hardest braking of the adversary, unless its log has more [m/s^2]; 0: as --driving says"""
     max_lateral_accel: Annotated[float | None, Advanced] = None
-    """the same to either side [m/s^2]"""
+    """highest lateral acceleration of the adversary, unless its log has more [m/s^2]; 0: as --driving says"""
     max_jerk: Annotated[float | None, Advanced] = None
-    """the same for how fast the acceleration changes [m/s^3]"""
+    """highest jerk of the adversary, unless its log has more [m/s^3]; 0: as --driving says"""
 
     def config(self, rules: SearchRules) -> "AttackConfig":
         """The preset with what was given in its place."""
@@ -244,18 +248,18 @@ class AdversarialRounds:
     """Rounds of attack and training: what is attacked, how long, and where the crashes go."""
 
     adversarial: Annotated[int | None, Parameter(validator=Number(gte=1, lte=1000))] = None
-    """so many rounds: attack the planner in fresh windows, let it learn from the crashes that a careful driver avoids
+    """number of rounds: attack the planner in fresh windows, let it learn from the crashes that a careful driver avoids
     and that it can see coming, and attack what it has become; a round whose weights drive ordinary traffic worse than
     those at the beginning does not count. The same command goes on after a stop"""
     nets: Networks = ()
     windows: Annotated[Count, OfTraffic] = 24
-    """of each network that are attacked in each round"""
+    """windows of each network that are attacked in each round"""
     held_out_windows: Annotated[Count, OfTraffic] = 24
-    """of each network, with a seed of their own, in which the weights before and after are attacked at the end"""
+    """windows of each network, with a seed of their own, in which both sets of weights are attacked at the end"""
     first_seed: Annotated[Seed, OfTraffic] = 1
-    """of SUMO in the first round; each round takes the next, and the judgement the one after the last"""
+    """seed of SUMO in the first round; each round takes the next one, and the comparison at the end the one after"""
     method: Annotated[Literal["focused", "regents", "king"], OfSearch] = "focused"
-    """who attacks, as in `regents attack`"""
+    """method of the attack, as in `regents attack`"""
     into: Annotated[Path | None, OfOutput] = None
     """a suite that grows by the crashes of new kinds that the rounds find; default OUTPUT.rounds/suite"""
     neighbours: Switch = True
@@ -301,23 +305,23 @@ class TrainOptions:
     """first layers of the encoder that learn no more, for a warm start; an epoch costs half with 4, a quarter with
     8; 0, or 4 with --finetune"""
     learning_rate: Annotated[float | None, Parameter(validator=Number(gt=0.0, lte=10.0))] = None
-    """of Adam, at the first epoch; 1e-3, or 5e-4 with --finetune"""
+    """learning rate of Adam at the first epoch; 1e-3, or 5e-4 with --finetune"""
     teacher: Literal["log", "idm", "careful"] | None = None
     """log: every vehicle near an ego shows how to drive; idm: an IDM in the ego's place that sees no further than the
     view, which can tell what to do wherever the network has got to by itself; careful: the same, but it brakes fully
     while the careful driver of UN R157 would expect to meet another in view, and three tenths of the lessons are such
     steps; idm with --finetune, else log"""
     target: Literal["end", "route"] | None = None
-    """what the network drives to: end: where its log ends; route: a point of its route 20 m ahead, and it is shown the
-    lights of its own way alone, which is taught with all of them red and all green besides (needs --teacher idm); as
-    the weights of --resume have it, else end"""
+    """goal that the network drives to: end: where its log ends; route: a point of its route 20 m ahead, and it is shown
+    the lights of its own way alone, which is taught with all of them red and all green besides (needs --teacher idm);
+    as the weights of --resume have it, else end"""
     view: Annotated[float | None, Parameter(validator=Number(gt=0.0))] = None
-    """how far the network sees ahead, behind and to each side [m], in as many pixels, so at the same cost; as the
+    """distance that the network sees ahead, behind and to each side [m], in as many pixels, so at the same cost; as the
     weights of --resume have it, else 19.2 as in the papers"""
     threads: Annotated[Count, Advanced] = 2
-    """of torch"""
+    """number of threads of torch"""
     seed: Seed = 0
-    """of everything that is drawn"""
+    """random seed of everything that is drawn"""
 
     def config(self, from_crashes: bool, evading: float | None) -> "TrainConfig":
         """The settings of training or of learning from crashes, with what was given in their place."""

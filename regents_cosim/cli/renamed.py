@@ -6,6 +6,7 @@ RENAMED: dict[tuple[str, ...], dict[str, str]] = {
     ("attack",): {"--type": "--manoeuvre", "--against": "--also-crash"},
     ("evaluate",): {"--against": "--baseline"},
     ("suite", "coverage"): {"--against": "--older"},
+    ("replay",): {"--beside-original": "--beside-log"},
 }
 _Tell = Callable[[str], None]
 

@@ -142,12 +142,12 @@ def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -
         draw_into_case(scenario, suite)
 
 
-def draw(scenario: "Scenario", path: Path, beside_original: bool, terminal: "Terminal") -> None:
+def draw(scenario: "Scenario", path: Path, beside_log: bool, terminal: "Terminal") -> None:
     """A picture of one case, still or moving."""
     from regents_cosim.reports.picture import animate, animate_pair, draw_still
 
     with terminal.waiting(f"drawing {path}"):
-        if beside_original:
+        if beside_log:
             animate_pair(scenario.before_attack(), scenario, path)
         else:
             (animate if path.suffix == ".gif" else draw_still)(scenario, path)

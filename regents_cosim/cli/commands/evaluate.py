@@ -52,9 +52,9 @@ def evaluate(
     cases
         a case or a folder of cases; attacked ones are driven among their adversaries
     where
-        in the mirror, in SUMO, or in highway-env
+        simulator that it drives in: the mirror, SUMO, or highway-env
     background
-        in SUMO the others follow their tracks, or only the adversary does and SUMO drives the rest (reactive)
+        log: in SUMO the others follow their tracks; reactive: only the adversary does, and SUMO drives the rest
     output
         folder that keeps every drive as it is made: after a stop the same command goes on from there
     shard

@@ -35,9 +35,9 @@ def inspect(
         how far places, headings and sizes differ; exit code 1 where one is missing that a case does not say to leave
         out
     radius
-        around the ego, within which road users of that log are looked for in the cases [m]
+        distance from the ego within which road users of that log are looked for in the cases [m]
     format
-        of the log; auto tells it by the content
+        format of the log; auto recognises it by the content
     map
         lanelet2 map (.osm) that does not lie beside the log
     columns

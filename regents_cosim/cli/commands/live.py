@@ -72,15 +72,15 @@ def live(
     episodes
         runs of SUMO, each with a seed of its own
     seed
-        of the first
+        random seed of the first run of SUMO
     longest
         time after which an episode ends [s]
     replan
-        from one plan to the next [s]
+        time from one plan to the next [s]
     horizon
         planned ahead, and kept of a crash [s]
     radius
-        around the ego, in which others are seen [m]
+        distance from the ego within which others are seen [m]
     keep
         crashes, or the near misses as well
     gui

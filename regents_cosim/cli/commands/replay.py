@@ -20,7 +20,7 @@ def replay(
     planner: PlannerOfCase = None,
     gui: bool = False,
     record: Path | None = None,
-    beside_original: bool = False,
+    beside_log: bool = False,
     executor: Executor = "local",
     talk: OutputOptions = OutputOptions(),
 ) -> int:
@@ -31,11 +31,11 @@ def replay(
     cases
         a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the package
     where
-        in SUMO, in highway-env, or in the mirror
+        simulator of the replay: SUMO, highway-env, or the mirror
     mode
-        in highway-env the others are placed on their tracks, or moved by its own physics (actions)
+        track: in highway-env the others are placed on their tracks; actions: its own physics moves them
     background
-        in SUMO the others follow their tracks, or only the adversary does and SUMO drives the rest (reactive)
+        log: in SUMO the others follow their tracks; reactive: only the adversary does, and SUMO drives the rest
     ego
         track: as in the case; planner: driven in closed loop by the planner (default where --planner is given);
         evasion: by the drive that avoids the collision
@@ -43,7 +43,7 @@ def replay(
         show it in the simulator's own window, sumo-gui or highway-env's
     record
         file for a picture of one case: .gif moves, .png is a still
-    beside_original
+    beside_log
         show the traffic before the attack beside it (.gif)
     """
     from regents_cosim.cases.suite import load_suite
@@ -58,8 +58,8 @@ def replay(
     if (record or gui) and len(scenarios) > 1:
         raise RegentsError(f"{cases} holds {len(scenarios)} cases; --record and --gui show one, name its folder")
     require_picture_name(record)
-    if beside_original and (record is None or record.suffix != ".gif" or scenarios[0].attack is None):
-        raise RegentsError("--beside-original shows an attacked case in the .gif that --record names")
+    if beside_log and (record is None or record.suffix != ".gif" or scenarios[0].attack is None):
+        raise RegentsError("--beside-log shows an attacked case in the .gif that --record names")
     driven_by = planner
     if ego == "planner" and planner is None:
         driven_by = attacked_planner(scenarios)
@@ -69,7 +69,7 @@ def replay(
         replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode, background)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios), ended_row))
     if record and found[0].replayed:
-        draw(found[0].replayed, record, beside_original, terminal)
+        draw(found[0].replayed, record, beside_log, terminal)
     rows = [
         replay_row(result, not talk.json) | (traffic_row(result) if background == "reactive" else {})
         for result in found

@@ -15,7 +15,7 @@ def status(folder: Path, *, talk: OutputOptions = OutputOptions()) -> int:
     Parameters
     ----------
     folder
-        that `regents record`, `attack`, `evaluate`, `suite build` or `bench table1` was given with -o
+        folder that `regents record`, `attack`, `evaluate`, `suite build` or `bench table1` was given with -o
     """
     from regents_cosim.campaign.status import runs_in
     from regents_cosim.reports.tables import STATUS, status_row

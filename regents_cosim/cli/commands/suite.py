@@ -75,9 +75,10 @@ def build(
     highway
         environments of highway-env, separated by commas, e.g. merge-v1,roundabout-v1
     windows
-        of traffic, on each network and environment
+        windows of traffic from each network and environment
     attacked
-        of these windows, in even steps; 0: all. The others cost little, and are for the ordinary cases
+        number of these windows that are attacked, taken in even steps; 0: all. The others cost little, and
+        are for the ordinary cases
     adversarial
         clean crashes that the planner could have avoided, balanced over collision types and networks; the telling
         ones (by a lawful adversary, and a careful driver avoids them) before all others
@@ -91,21 +92,21 @@ def build(
         a careful driver keeps 1 m from all others, brakes by no more than 3 m/s^2 and gets on. Who always brakes is
         held up there
     planner
-        that is attacked; may be given more than once, the best first. A crash is kept where the careful driver
+        planner that is attacked; may be given more than once, the best first. A crash is kept where the careful driver
         (--planner careful) and all planners before it pass: the crashes of a bad planner are near misses of a good
         one, and show when that gets worse. The first has to drive the ordinary cases without a collision
     method
-        of the attack
+        method of the attack
     adversary_kinds
         who may attack, with commas between: vehicle, cyclist, pedestrian (focused: all; king, regents: vehicle)
     prefer
         which windows come first: those in which another road user can lawfully cross or join the ego's path, those in
         which a pedestrian can, or any
     min_cells
-        of the map of behaviours that the crashes have to fill (`regents suite coverage`): the best crash of each cell
-        comes before all others
+        cells of the map of behaviours that the crashes have to fill (`regents suite coverage`): the best crash of each
+        cell comes before all others
     seed
-        of the traffic and of the choice
+        random seed of the traffic and of the choice
     """
     from regents_cosim.archive.axes import parse_axes
     from regents_cosim.archive.coverage import archive_of
@@ -254,7 +255,7 @@ def check(
     replay
         replay every case in the simulator that it is from as well, and compare every position
     min_cells
-        of the map of behaviours that the suite has to fill (`regents suite coverage`)
+        cells of the map of behaviours that the suite has to fill (`regents suite coverage`)
     """
     from regents_cosim.archive.axes import parse_axes
     from regents_cosim.archive.coverage import require_cells
@@ -344,7 +345,7 @@ def rank(
     suite
         a folder of cases
     planner
-        as often as there are planners, the best first
+        name of a planner; give the option once for each planner, the best first
     """
     from regents_cosim.cases.suite import cases_on_disk
     from regents_cosim.evaluation.drives.driving import drive_each
@@ -381,7 +382,7 @@ def merge(
     output
         folder for the new one
     seed
-        that the manifest notes
+        random seed that the manifest notes
     """
     from regents_cosim.campaign.merging import merge_shards, shards_in
     from regents_cosim.evaluation.suites.folders import merge_into
