@@ -3,7 +3,7 @@
     pytest --regents-suite scenarios/standard --regents-planner my_package.planner:Mine
 
 Loading it imports neither NumPy nor JAX; without `--regents-suite` it does nothing. What a regression
-is says `evaluation.regression.comparison`; here are only the hooks. Needs pytest 8.3 or newer.
+is says `evaluation.regression.comparison`; here are only the hooks. Needs pytest 9.
 """
 
 from __future__ import annotations

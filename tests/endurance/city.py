@@ -1,6 +1,6 @@
 """A city with an adversary after one ordinary vehicle after the other; what becomes of vehicles that are given back.
 
-    python -m tests.endurance.city ../shared/data/sumo/bologna_acosta/run.sumocfg --after 600 --minutes 20
+    python -m tests.endurance.city CITY.sumocfg --after 600 --minutes 20
 
 SUMO drives the egos, `observed` is what the adversary expects of them. The same run without it tells which vehicles
 arrive by themselves. Exit code 1 where fewer than 95 % of those that attacked arrive as they do in that run.

@@ -2,7 +2,7 @@
 
     python -m tests.endurance.dask_windows FOLDER --windows 10000
     python -m tests.endurance.dask_windows FOLDER --windows 80 --on local --as-users-do
-    python -m tests.endurance.dask_windows FOLDER --city ../shared/data/sumo/wildau/wildau.sumocfg
+    python -m tests.endurance.dask_windows FOLDER --city CITY.sumocfg
 
 Windows of the shipped networks, and of each `--city` as many as of a network. They come again under other names, in an
 order drawn by chance, where more are wanted than `--recorded`. After

@@ -1,7 +1,7 @@
 """Vehicles that were made to attack: what they have before and after, how they brake once given back, and who arrives.
 
     python -m tests.endurance.takeovers crossing merge grid multilane --attacks 200
-    python -m tests.endurance.takeovers ../shared/data/sumo/bologna_acosta/run.sumocfg --after 600 --attacks 50
+    python -m tests.endurance.takeovers CITY.sumocfg --after 600 --attacks 50
 
 SUMO drives the egos, one after the other, and `observed` is what the adversary expects of them. Every getter of TraCI
 is asked of a vehicle before it is taken and after it was given back, and its speed in the next 20 steps. The same run

@@ -1,7 +1,7 @@
 """How far off vehicles are from where `Mirror` foresaw them, in traffic that nothing attacks.
 
     python -m tests.live.prediction_error merge crossing grid roundabout signals multilane --seed 610 --count 2
-    python -m tests.live.prediction_error ../shared/data/sumo/resco_cologne3/cologne3.sumocfg
+    python -m tests.live.prediction_error CITY.sumocfg
 
 Every other second one vehicle is the ego; asked is where all others within 60 m of it are some seconds later. What
 SUMO says of an ego's planner does not matter here: SUMO drives all of them.

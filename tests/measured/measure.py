@@ -124,7 +124,12 @@ def _lines(said: str) -> Any:
     return {"rows": rows[2:], "note": said.strip().splitlines()[-1]}
 
 
-_KEPT: dict[str, Callable[[str], Any]] = {"fit": json.loads, "transfer": json.loads, "performance": _lines}
+def _transfer(said: str) -> Any:
+    """The rows without the single replays."""
+    return [{key: value for key, value in row.items() if key != "replays"} for row in json.loads(said)]
+
+
+_KEPT: dict[str, Callable[[str], Any]] = {"fit": json.loads, "transfer": _transfer, "performance": _lines}
 
 
 def commit() -> str:

@@ -25,14 +25,22 @@ def write_pages() -> None:
         page.write_text(filled(page.read_text(), measured))
     groups = {
         where: [PercentWithInterval(row["telling_percent"], *row["telling_interval"]) for row in rows]
-        for where, rows in _headline(measured)[:3]
+        for where, rows in _headline(measured)
+        if where != "careful"
     }
     draw_bars("Windows with a telling crash of idm", [_NAMES[one].strip("`") for one in _METHODS], groups, PICTURE)
 
 
 def filled(page: str, measured: dict[str, Any]) -> str:
     """A page with the measured tables between its marks."""
-    return _MARKED.sub(lambda found: f"{found[1]}{_PARTS[found[2]](measured).strip()}\n{found[3]}", page)
+    return _MARKED.sub(lambda found: f"{found[1]}{_part(found[2], measured)}\n{found[3]}", page)
+
+
+def _part(name: str, measured: dict[str, Any]) -> str:
+    try:
+        return _PARTS[name](measured).strip()
+    except KeyError:
+        return "Not measured yet at this commit: `make results`."
 
 
 def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -48,17 +56,19 @@ def _share(row: dict[str, Any]) -> str:
 def _rows(part: Sequence[dict[str, Any]], planner: str, source: str) -> list[dict[str, Any]]:
     """The rows of the methods, in the order of the columns."""
     found = {row["method"]: row for row in part if (row["planner"], row["source"]) == (planner, source)}
-    return [found[method] for method in _METHODS]
+    return [found[method] for method in _METHODS if method in found]
 
 
 def _headline(measured: dict[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:
-    shipped, made = measured["results"]["shipped"], measured["results"]["made"]
-    return [
-        ("held out", _rows(shipped["by_use"], "idm", "held out")),
-        ("made places", _rows(made["scores"], "idm", "all")),
-        ("tuned on", _rows(shipped["by_use"], "idm", "tuned on")),
-        ("careful", _rows(measured["results"]["careful"]["scores"], "careful", "all")),
-    ]
+    """The rows of the first table: those that were measured."""
+    wanted = (
+        ("held out", "shipped", "by_use", "idm", "held out"),
+        ("made places", "made", "scores", "idm", "all"),
+        ("tuned on", "shipped", "by_use", "idm", "tuned on"),
+        ("careful", "careful", "scores", "careful", "all"),
+    )
+    found = measured["results"]
+    return [(name, _rows(found[step][part], *which)) for name, step, part, *which in wanted if step in found]
 
 
 _WORDS = {
@@ -105,7 +115,7 @@ def _figure(measured: dict[str, Any]) -> str:
 def _crashes(measured: dict[str, Any]) -> str:
     rows = []
     for planner, step in (("idm", "shipped"), ("careful", "careful")):
-        for row in _rows(measured["results"][step]["scores"], planner, "all"):
+        for row in _rows(measured["results"].get(step, {}).get("scores", ()), planner, "all"):
             counts = (row["n"], row["crashes"], row["clean"], row["lawful"], row["telling"], row["verified_in_sumo"])
             rows.append([f"`{planner}`", _NAMES[row["method"]], *map(str, counts)])
     head = ["planner", "method", "windows", "crashes", "windows with a clean one", "crashes by a lawful adversary"]
@@ -114,7 +124,7 @@ def _crashes(measured: dict[str, Any]) -> str:
 
 def _by_place(measured: dict[str, Any]) -> str:
     results = measured["results"]
-    of_all = [*results["shipped"]["by_source"], *results["made"]["by_source"]]
+    of_all = [row for step in ("shipped", "made") if step in results for row in results[step]["by_source"]]
     places = dict.fromkeys(row["source"] for row in of_all)
     rows = [
         [place.removesuffix(".sumocfg"), *(f"{row['telling']} of {row['n']}" for row in _rows(of_all, "idm", place))]
@@ -140,7 +150,7 @@ def _persons(measured: dict[str, Any]) -> str:
 
 def _fit(measured: dict[str, Any]) -> str:
     rows = [
-        [row["network"], str(row["agents"]), f"{row['smooth_mean_cm']:.1f}", f"{row['smooth_p99_cm']:.1f}"]
+        [row["network"], str(row["agents"]), f"{row['smooth_mean_cm']:.2f}", f"{row['smooth_p99_cm']:.2f}"]
         for row in measured["results"]["fit"]
     ]
     return _grid(["network", "vehicles", "mean error [cm]", "99th percentile [cm]"], rows)

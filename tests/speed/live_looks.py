@@ -1,6 +1,6 @@
 """How long one look of a live adversary for a plan takes in crowded places, and what it finds there.
 
-    python tests/speed/live_looks.py ../shared/data/sumo/bologna_acosta/run.sumocfg --after 600 --count 100
+    python tests/speed/live_looks.py CITY.sumocfg --after 600 --count 100
 
 There are 31 others within 100 m, and at each place the ego is another one, far from the one before. What is timed is
 the second look at it, two tenths of a second after its first, and what is done in the step after it: the road ahead of

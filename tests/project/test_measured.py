@@ -1,0 +1,52 @@
+"""Tables of measured numbers: they are made from `docs/measured.json`, never typed."""
+
+import io
+import json
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+from places import ROOT
+
+sys.path.insert(0, str(ROOT / "tests/measured"))
+
+
+@pytest.fixture(scope="module")
+def pages():
+    import pages
+
+    return pages
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/results.md", "docs/performance.md"])
+def test_pages_show_what_was_measured(name, pages):
+    text = (ROOT / name).read_text()
+    assert "<!-- measured: " in text
+    assert pages.filled(text, json.loads(pages.MEASURED.read_text())) == text, (
+        "run `python tests/measured/measure.py --pages`"
+    )
+
+
+def test_every_result_is_of_one_commit_and_has_its_command(pages):
+    found = json.loads(pages.MEASURED.read_text())
+    assert len(found["commit"]) == 12
+    assert set(found["results"]) <= set(found["commands"])
+
+
+def test_a_table_in_the_readme_has_four_rows_and_columns_at_most(pages):
+    table = pages.filled("<!-- measured: readme -->\n<!-- end -->", json.loads(pages.MEASURED.read_text()))
+    rows = [line for line in table.splitlines() if line.startswith("|")]
+    assert len(rows) <= 2 + 4
+    assert all(row.count("|") <= 5 for row in rows)
+
+
+def test_the_figure_of_the_architecture_is_the_scripts():
+    sys.path.insert(0, str(ROOT / "docs"))
+    import draw_how_it_works
+
+    drawn, kept = (
+        Image.open(source) for source in (io.BytesIO(draw_how_it_works.draw()), ROOT / "docs/how-it-works.png")
+    )
+    assert drawn.size == kept.size
+    assert np.abs(np.asarray(drawn, int) - np.asarray(kept, int)).mean() < 1.0
