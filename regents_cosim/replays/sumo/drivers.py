@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
+from regents_cosim.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Scenario
 
 
@@ -59,11 +60,17 @@ AGGRESSIVE_DRIVER = DriverParameters(
 
 
 def background_drivers(scenario: Scenario) -> dict[int, DriverParameters]:
-    """All vehicles but the ego and the adversary, by index."""
+    """All vehicles but the ego, the adversary and those that never move, by index.
+
+    What holds a vehicle for the whole log may not be in the scene: a queue further on, or others with right of way.
+    SUMO would set it off.
+    """
+    tracks = scenario.tracks
+    stands = tracks.valid.any(axis=1) & ~(tracks.valid & (tracks.speed > STANDING_M_S)).any(axis=1)
     return {
         index: SUMO_DRIVER
         for index, agent in enumerate(scenario.agents)
-        if index > 0 and agent.role != "adversary" and agent.kind in VEHICLE_KINDS
+        if index > 0 and agent.role != "adversary" and agent.kind in VEHICLE_KINDS and not stands[index]
     }
 
 
