@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
+import numpy as np
+
 from regents_cosim.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Scenario
 
@@ -66,7 +68,8 @@ def background_drivers(scenario: Scenario) -> dict[int, DriverParameters]:
     SUMO would set it off.
     """
     tracks = scenario.tracks
-    stands = tracks.valid.any(axis=1) & ~(tracks.valid & (tracks.speed > STANDING_M_S)).any(axis=1)
+    moves = tracks.valid & (tracks.speed > STANDING_M_S)
+    stands = np.array([there.any() and not moved.any() for there, moved in zip(tracks.valid, moves, strict=True)])
     return {
         index: SUMO_DRIVER
         for index, agent in enumerate(scenario.agents)
