@@ -22,6 +22,7 @@ from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.replays.sumo.bare_network import lane_names, network_of
 from regents_cosim.replays.sumo.vehicle_types import free_name
 from regents_cosim.scenario import Agent, Kind, Role, Scenario, Signal
+from regents_cosim.sources.fcd_rides import ALL_OF_A_CASE
 
 _CLASSES: dict[Kind, str] = {
     "car": "passenger", "truck": "truck", "bus": "bus", "motorcycle": "motorcycle", "bicycle": "bicycle",
@@ -70,6 +71,7 @@ def _bytes(root: ET.Element) -> bytes:
 
 def _log(scenario: Scenario, permitted: PermittedLanes) -> ET.Element:
     root = ET.Element("fcd-export")
+    root.append(ET.Comment(ALL_OF_A_CASE))
     instants = [
         ET.SubElement(root, "timestep", time=_number(step * scenario.dt)) for step in range(scenario.tracks.steps)
     ]
