@@ -200,7 +200,8 @@ class _Places:
         pieces = [np.zeros((5, 0)), *(_pieces(one) for one in drive)]
         x, y, dx, dy, yaw = np.concatenate(pieces, axis=1)
         sector = (yaw % (2.0 * np.pi)) // (2.0 * np.pi / _SECTORS)
-        kept = np.unique(np.stack([x // _CELL_M, y // _CELL_M, sector]), axis=1, return_index=True)[1]
+        cell = (x - x[:1]) // _CELL_M, (y - y[:1]) // _CELL_M  # of the first one, wherever that is
+        kept = np.unique(np.stack([*cell, sector]), axis=1, return_index=True)[1]
         x, y, dx, dy, yaw = (values[kept] for values in (x, y, dx, dy, yaw))
         ends = np.stack([np.stack([x, y], axis=-1), np.stack([x + dx, y + dy], axis=-1)], axis=1)
         return shapely.STRtree(np.asarray(shapely.linestrings(ends))), yaw
