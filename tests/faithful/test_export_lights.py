@@ -50,7 +50,7 @@ def numbers(folder):
     return {row["number"]: (row["id"].split()[0], [int(link) for link in row["id"].split()[1:]]) for row in rows}
 
 
-@pytest.mark.parametrize("name", ["recorded", "planning"])
+@pytest.mark.parametrize("name", ["recorded", slow("planning")])
 def test_commonroad_has_every_light_with_what_it_shows(case, written, name):
     ((_, _, found),) = scenes_of(written / f"{name}.xml")
     lights = {light.id: light for light in found.signals}
@@ -63,6 +63,7 @@ def test_commonroad_has_every_light_with_what_it_shows(case, written, name):
         assert [COLOURS[letter] for letter in lights[number].shown(steps)] == ours, signal
 
 
+@pytest.mark.slow
 def test_commonroad_io_sees_what_they_show(case, written):
     pytest.importorskip("commonroad", reason="commonroad-io is not installed")
     with warnings.catch_warnings():
@@ -82,6 +83,7 @@ def test_commonroad_io_sees_what_they_show(case, written):
     assert referred == set(stand_for)
 
 
+@pytest.mark.slow
 def test_openscenario_has_every_light_with_what_it_shows(case, tmp_path):
     pytest.importorskip("scenariogeneration")
     told = []
@@ -99,6 +101,7 @@ def test_openscenario_has_every_light_with_what_it_shows(case, tmp_path):
     assert begin == pytest.approx(case.tracks.steps * case.dt)
 
 
+@pytest.mark.slow
 def test_a_table_says_that_it_has_no_lights(case, tmp_path):
     program = Path(sys.executable).with_name("regents")
     folder = save_unlisted(case, tmp_path)

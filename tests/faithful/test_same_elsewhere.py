@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from moved_scenes import moved_scene, turned
+from params import slow
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.attack import attack
@@ -43,7 +44,7 @@ def without_room(field):
     return np.asarray(field.cells)[: rows * columns, 0], field.shape, field.corner
 
 
-@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
 @given(by=SHIFTS)
 def test_a_scene_that_is_moved_is_the_same_on_the_device(here, at_home, by):
     there = on_the_device(moved_scene(here, by))
@@ -51,7 +52,7 @@ def test_a_scene_that_is_moved_is_the_same_on_the_device(here, at_home, by):
     assert all(np.array_equal(mine, theirs) for mine, theirs in zip(at_home, there, strict=True))
 
 
-@pytest.mark.parametrize("quarters", [1, 2, 3])
+@pytest.mark.parametrize("quarters", [1, slow(2), slow(3)])
 def test_a_scene_that_is_turned_is_the_same_on_the_device_but_for_that(here, quarters):
     home, there = to_world(here), to_world(moved_scene(here, (5e6, -1234.567), quarters))
     mine, theirs = (np.stack([world.log.x, world.log.y], axis=-1).astype(float) for world in (home, there))
