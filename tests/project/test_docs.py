@@ -75,6 +75,11 @@ def test_links_lead_to_files(page):
         assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_pages_say_at_their_top_whom_they_serve(page):
+    assert any(line.startswith("*For ") for line in page.read_text().splitlines()[:4])
+
+
 def test_the_documentation_is_short():
     assert len((ROOT / "README.md").read_text().split()) <= 600
     assert sum(len(page.read_text().split()) for page in PAGES) <= 22_000
