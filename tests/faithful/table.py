@@ -1,4 +1,4 @@
-"""How faithful recordings are, as the table of docs/coverage.md: `python tests/faithful/table.py --write`.
+"""How faithful recordings are, as the table of docs/results.md: `python tests/faithful/table.py --write`.
 
 It records windows of every place, holds them against SUMO's own log of the same run (a centimetre, a tenth of a degree,
 lights letter by letter), and CommonRoad's files against commonroad-io. Exit code 1 where anything differs.
@@ -26,7 +26,7 @@ from regents_cosim.scenario import LeftOut  # noqa: E402
 from regents_cosim.sources.left_out import sentence_of  # noqa: E402
 from regents_cosim.sources.logs.record import scenes_of  # noqa: E402
 
-PAGE = ROOT / "docs" / "coverage.md"
+PAGE = ROOT / "docs" / "results.md"
 BEGIN, END = "<!-- made by tests/faithful/table.py -->", "<!-- end of it -->"
 
 
@@ -107,7 +107,7 @@ def table(rows: Iterable[Row]) -> Iterator[str]:
 def main() -> int:
     """Print the table, or write it into the documentation."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="into docs/coverage.md")
+    parser.add_argument("--write", action="store_true", help="into docs/results.md")
     parser.add_argument("--only", default="", help="places whose names hold this")
     parser.add_argument("--commonroad", type=Path, action="append", default=[], help="more folders of files")
     asked = parser.parse_args()
