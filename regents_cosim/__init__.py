@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from regents_cosim.judgement import Judgement as Judgement
     from regents_cosim.maps.roadmap import Lane as Lane
     from regents_cosim.maps.roadmap import RoadMap as RoadMap
-    from regents_cosim.mirror.bicycle import Controls as Controls
+    from regents_cosim.mirror.bicycle import ControlArrays as ControlArrays
     from regents_cosim.mirror.bicycle import Motion as Motion
     from regents_cosim.planners.aim_bev.train_config import Epoch as Epoch
     from regents_cosim.planners.aim_bev.train_config import TrainConfig as TrainConfig
@@ -100,7 +100,7 @@ _NAMES = {
     "exports.export": "export",
     "judgement": "Judgement",
     "maps.roadmap": "Lane RoadMap",
-    "mirror.bicycle": "Controls Motion",
+    "mirror.bicycle": "ControlArrays Motion",
     "planners.aim_bev.train_config": "Epoch TrainConfig",
     "planners.interface": "AgentState Control Light Observation Planner Scene Waypoints",
     "planners.jax_planner": "JaxPlanner LoopScene",

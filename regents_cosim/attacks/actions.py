@@ -6,23 +6,23 @@ import jax.numpy as jnp
 from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, accumulate, running_minimum
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, accumulate, running_minimum
 from regents_cosim.mirror.world import World
 
 
-def to_actions(controls: Controls) -> Controls:
+def to_actions(controls: ControlArrays) -> ControlArrays:
     """Controls as shares of the mirror's limits."""
-    return Controls(controls.accel / ACCEL_LIMIT, controls.curvature / CURVATURE_LIMIT)
+    return ControlArrays(controls.accel / ACCEL_LIMIT, controls.curvature / CURVATURE_LIMIT)
 
 
-def to_controls(actions: Controls) -> Controls:
+def to_controls(actions: ControlArrays) -> ControlArrays:
     """The inverse of `to_actions`."""
-    return Controls(actions.accel * ACCEL_LIMIT, actions.curvature * CURVATURE_LIMIT)
+    return ControlArrays(actions.accel * ACCEL_LIMIT, actions.curvature * CURVATURE_LIMIT)
 
 
 def allowed(
-    actions: Controls, logged: Controls, world: World, searched: SearchedAgents, config: AttackConfig
-) -> Controls:
+    actions: ControlArrays, logged: ControlArrays, world: World, searched: SearchedAgents, config: AttackConfig
+) -> ControlArrays:
     """The nearest actions [searched step] that the configuration allows; logged ones always are."""
     most = config.max_deviation
     if most > 0.0:
@@ -35,7 +35,7 @@ def allowed(
     return to_actions(within_bounds(world, searched, to_controls(actions)))
 
 
-def not_too_fast(actions: Controls, world: World, searched: SearchedAgents) -> Controls:
+def not_too_fast(actions: ControlArrays, world: World, searched: SearchedAgents) -> ControlArrays:
     """The actions [searched step] without what would take a searched agent beyond its top speed."""
     rows = searched.rows
     begun, moving, most = rows(world.start.speed), rows(world.moving), rows(world.top_speed)[:, None]
@@ -43,4 +43,4 @@ def not_too_fast(actions: Controls, world: World, searched: SearchedAgents) -> C
     wanted = summed - running_minimum(jnp.minimum(summed, 0.0), 0.0)  # who stands does not get any slower
     accel = jnp.diff(jnp.minimum(wanted, most)) / (ACCEL_LIMIT * world.dt)
     too_fast = moving & (wanted[:, 1:] > most)
-    return Controls(jnp.where(too_fast, jnp.minimum(actions.accel, accel), actions.accel), actions.curvature)
+    return ControlArrays(jnp.where(too_fast, jnp.minimum(actions.accel, accel), actions.accel), actions.curvature)

@@ -109,7 +109,7 @@ def attack_each(
     iterations; one that fails, or takes more than `act_timeout_s` for a decision, costs its
     scenario only.
 
-    `extra_cost` of (World, Motion [agent, time] with the ego in row 0, Controls [agent, step]) is
+    `extra_cost` of (World, Motion [agent, time] with the ego in row 0, ControlArrays [agent, step]) is
     added to the cost, to ask for more than a collision; it must be differentiable by JAX.
 
     `also_crash` names more planners, in JAX too: then one adversary is to make all of them crash

@@ -19,7 +19,7 @@ from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import to_tracks
 from regents_cosim.planners.jax_planner import require_finite
@@ -153,7 +153,7 @@ def _label(planner: str) -> str:
 
 
 def _who_crashes(
-    several: AttackedPlanners, scenario: Scenario, job: SearchJob, background: Motion, controls: Controls
+    several: AttackedPlanners, scenario: Scenario, job: SearchJob, background: Motion, controls: ControlArrays
 ) -> list[str]:
     """Names of the planners that crash among `background`, each in a drive of its own, by the exact boxes.
 

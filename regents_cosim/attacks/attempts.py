@@ -16,7 +16,7 @@ from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.scenario import Scenario
 
 # Searches that make at most so many updates; none is a look at their starts.
@@ -34,7 +34,7 @@ class Prepared(NamedTuple):
     """What a search needs to know of a candidate."""
 
     job: SearchJob  # that begins with the log
-    starts: tuple[Controls, ...] = ()  # actions [searched step] to begin with instead, the most promising first
+    starts: tuple[ControlArrays, ...] = ()  # actions [searched step] to begin with instead, the most promising first
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Candidate:
         return self._prepared.job
 
     @property
-    def starts(self) -> tuple[Controls, ...]:
+    def starts(self) -> tuple[ControlArrays, ...]:
         """What it may begin with instead."""
         return self._prepared.starts
 
@@ -69,7 +69,7 @@ class _Candidates:
 
     def __init__(self, candidates: Sequence[Candidate], searchers: Searchers, config: AttackConfig) -> None:
         self._all, self._searchers, self._config = candidates, searchers, config
-        self._near: dict[int, list[Controls]] = defaultdict(list)  # starts that crashed the ego, but not as wanted
+        self._near: dict[int, list[ControlArrays]] = defaultdict(list)  # starts that crashed the ego, but not as wanted
         self.ended: list[SearchEnd | None] = [None] * len(candidates)
 
     def look(self, rank: int, some: list[int]) -> None:
@@ -112,7 +112,7 @@ class _Candidates:
         over = {id(self._all[index].scenario) for index in range(len(self._all)) if self._is_settled(index)}
         return [index for index in some if id(self._all[index].scenario) not in over]
 
-    def _longer(self, index: int) -> list[tuple[bool, Controls | None]]:
+    def _longer(self, index: int) -> list[tuple[bool, ControlArrays | None]]:
         """The longer searches of a candidate: whether it samples, and what it begins with.
 
         Starts that crashed the ego come before the others. The last search that samples begins with the log, or the
@@ -126,7 +126,7 @@ class _Candidates:
         return [*samples, *((False, start) for start in starts[: config.descents] or [one.job.start])]
 
     def _searched(
-        self, search: RunSearches, begun: Mapping[int, Controls | None], iterations: int
+        self, search: RunSearches, begun: Mapping[int, ControlArrays | None], iterations: int
     ) -> Iterator[tuple[int, SearchEnd]]:
         chosen = [self._all[index] for index in begun]
         jobs = [

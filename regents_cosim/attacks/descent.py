@@ -22,7 +22,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
 from regents_cosim.attacks.search_state import Looks, Rollout, SearchResult, SearchState
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.rollout import (
     LoopPlanner,
     as_scripted,
@@ -36,7 +36,7 @@ from regents_cosim.mirror.separation import Box, pose_gradient
 from regents_cosim.mirror.world import World
 
 # Whatever else a user wants of the scenario, as a cost to be lowered: smooth, in the cost's units.
-ExtraCost = Callable[[World, Motion, Controls], Float[Array, ""]]
+ExtraCost = Callable[[World, Motion, ControlArrays], Float[Array, ""]]
 
 _UNCHANGED = 1e-6  # [1] actions that differ by less from the logged ones are rounding
 
@@ -49,7 +49,7 @@ class Descent(eqx.Module):
     memory: Any
     searched: SearchedAgents
     undisturbed: Motion | None  # [agent time] what the logged controls make of all; None: all are searched
-    start: Controls | None  # [searched step] actions to begin with; None: the logged ones
+    start: ControlArrays | None  # [searched step] actions to begin with; None: the logged ones
     config: AttackConfig = eqx.field(static=True)
     extra_cost: ExtraCost | None = eqx.field(static=True)
 
@@ -61,7 +61,7 @@ class Descent(eqx.Module):
         memory: Any,
         searched: SearchedAgents,
         config: AttackConfig,
-        start: Controls | None = None,
+        start: ControlArrays | None = None,
         extra_cost: ExtraCost | None = None,
     ) -> "Descent":
         """Set a descent up, to begin with the logged actions unless others are given."""
@@ -86,7 +86,7 @@ class Descent(eqx.Module):
         )
 
     def look_and_advance(
-        self, starts: Controls, count: Int[Array, ""], passes: Int[Array, ""]
+        self, starts: ControlArrays, count: Int[Array, ""], passes: Int[Array, ""]
     ) -> tuple[SearchState, Looks]:
         """Look at the first `count` of some actions, up to one that is accepted; then so many updates of the last.
 
@@ -163,7 +163,7 @@ class Descent(eqx.Module):
         steps = self.steps(steps)
         accelerates = self.searched.rows(self.searched.candidate)
         steers = accelerates & self.may_steer(search.seen)
-        moved = Controls(
+        moved = ControlArrays(
             search.actions.accel + jnp.where(accelerates[:, None], steps.accel, 0.0),
             search.actions.curvature + jnp.where(steers[:, None], steps.curvature, 0.0),
         )
@@ -182,15 +182,15 @@ class Descent(eqx.Module):
         )
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
 
-    def allowed(self, actions: Controls) -> Controls:
+    def allowed(self, actions: ControlArrays) -> ControlArrays:
         """The nearest actions [searched step] that the configuration allows."""
         return allowed(actions, self.logged(), self.world, self.searched, self.config)
 
-    def steps(self, steps: Controls) -> Controls:
+    def steps(self, steps: ControlArrays) -> ControlArrays:
         """Adam's steps as shares of the limits: they are, because the actions are."""
         return steps
 
-    def look(self, actions: Controls, before: Rollout) -> Rollout:
+    def look(self, actions: ControlArrays, before: Rollout) -> Rollout:
         """Roll out, after a roll-out that showed what was seen `before`."""
         motion, ego_controls, last = self.drive(actions, ask(self.planner.recall, self.memory, before.kept))
         return Rollout(motion, self.world.boxes(motion), ego_controls, ask(self.planner.keep, last))
@@ -200,7 +200,7 @@ class Descent(eqx.Module):
         log, of_ego = self.world.log, jax.tree.map(lambda values: values[0], self.world.controls)
         return Rollout(log, self.world.boxes(log), of_ego, ask(self.planner.keep, self.memory))
 
-    def drive(self, actions: Controls, memory: Any) -> tuple[Motion, Controls, Any]:
+    def drive(self, actions: ControlArrays, memory: Any) -> tuple[Motion, ControlArrays, Any]:
         """Every agent's motion [agent time] and the ego's controls [step] under the searched agents' actions.
 
         `memory` is the planner's at first, the third that at the end.
@@ -214,14 +214,14 @@ class Descent(eqx.Module):
         motion, controls, last = drive_among_reacting(self.planner, memory, world, background, self.reacting())
         return searched.put(motion, own), controls, last
 
-    def own_motion(self, actions: Controls) -> Motion:
+    def own_motion(self, actions: ControlArrays) -> Motion:
         """Where the searched agents go [searched time]."""
         world, rows = self.world, self.searched.rows
         start, moving = rows(world.start), rows(world.moving)
         own = rows(world.mobility).roll_out(start, to_controls(actions), moving, world.dt)
         return as_scripted(world, own) if self.searched.are_all else own
 
-    def background(self, actions: Controls) -> Motion:
+    def background(self, actions: ControlArrays) -> Motion:
         """Every agent's own track [agent time]: of those that react, before they do."""
         return self.among_all(self.own_motion(actions))
 
@@ -229,7 +229,7 @@ class Descent(eqx.Module):
         """Every agent's motion [agent time], of which `own` [searched time] is the searched agents'."""
         return own if self.undisturbed is None else self.searched.put(self.undisturbed, own)
 
-    def gradient(self, actions: Controls, seen: Rollout) -> tuple[Float[Array, ""], Costs, Controls]:
+    def gradient(self, actions: ControlArrays, seen: Rollout) -> tuple[Float[Array, ""], Costs, ControlArrays]:
         """The cost, its terms, and its gradient with respect to the actions [searched step].
 
         Where an agent went is differentiated without rolling out again, and without the planner.
@@ -249,7 +249,7 @@ class Descent(eqx.Module):
         )  # fmt: skip
         return total, costs, jax.tree.map(jnp.add, on_actions, to_controls(on_controls))
 
-    def cost(self, boxes: Box, motion: Motion, actions: Controls) -> tuple[Float[Array, ""], Costs]:
+    def cost(self, boxes: Box, motion: Motion, actions: ControlArrays) -> tuple[Float[Array, ""], Costs]:
         """The cost of a roll-out, and its terms."""
         costs = self.terms(boxes, motion)
         if self.extra_cost is None:
@@ -261,7 +261,7 @@ class Descent(eqx.Module):
         """The terms of the cost."""
         return total_cost(self.world, boxes, self.searched, self.config)
 
-    def cost_through_planner(self, actions: Controls) -> tuple[Float[Array, ""], Costs]:
+    def cost_through_planner(self, actions: ControlArrays) -> tuple[Float[Array, ""], Costs]:
         """The cost as a function of the actions alone."""
         motion, *_ = self.drive(actions, self.memory)
         return self.cost(self.world.boxes(motion), motion, actions)
@@ -285,7 +285,7 @@ class Descent(eqx.Module):
         )
         return hit & (at_log | wanted)
 
-    def departs(self, actions: Controls) -> Bool[Array, " searched"]:
+    def departs(self, actions: ControlArrays) -> Bool[Array, " searched"]:
         """Whose actions differ from the logged ones."""
         deviation = jax.tree.map(lambda new, old: jnp.abs(new - old).max(axis=1), actions, self.logged())
         return jnp.maximum(deviation.accel, deviation.curvature) > _UNCHANGED
@@ -321,11 +321,11 @@ class Descent(eqx.Module):
             history=end.history,
         )
 
-    def first(self) -> Controls:
+    def first(self) -> ControlArrays:
         """The actions [searched step] that the search begins with."""
         return self.logged() if self.start is None else self.start
 
-    def logged(self) -> Controls:
+    def logged(self) -> ControlArrays:
         """The actions [searched step] that reproduce the log."""
         return self.searched.rows(to_actions(self.world.controls))
 

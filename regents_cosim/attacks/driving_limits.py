@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.limits import ACCEL_WINDOW_S
-from regents_cosim.mirror.bicycle import TURN_PACE_M_S, Controls, stopping_speed
+from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, stopping_speed
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.world import DriveBounds, World
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
@@ -61,7 +61,7 @@ def with_bounds(world: World, scenario: Scenario, config: AttackConfig, limits: 
     return replace(world, bounds=DriveBounds(**{name: on_device(row, np.float32) for name, row in rows.items()}))
 
 
-def within_bounds(world: World, searched: SearchedAgents, controls: Controls) -> Controls:
+def within_bounds(world: World, searched: SearchedAgents, controls: ControlArrays) -> ControlArrays:
     """The nearest `controls` [searched step] within the world's bounds; those that reproduce the log always are.
 
     Who drives may do what its log does at the same time; who walks only until it leaves its log.
@@ -88,10 +88,10 @@ def within_bounds(world: World, searched: SearchedAgents, controls: Controls) ->
         speed = slower
     tightest = _lateral(bounds, logged, rows(world.log.speed)) / jnp.maximum(_square(speed), SLOWEST_TURN_M_S**2)
     if world.walks is None:
-        return Controls(accel, jnp.clip(controls.curvature, -tightest, tightest))
+        return ControlArrays(accel, jnp.clip(controls.curvature, -tightest, tightest))
     walks = rows(world.walks)[:, None]
     tightest = jnp.where(walks, _fastest_turn(bounds, speed), tightest)
-    held = Controls(accel, jnp.clip(controls.curvature, -tightest, tightest))
+    held = ControlArrays(accel, jnp.clip(controls.curvature, -tightest, tightest))
     there_yet = walks & _not_left(controls, logged)
     return jax.tree.map(lambda own, log: jnp.where(there_yet, log, own), held, logged)
 
@@ -105,7 +105,7 @@ def _fastest_turn(bounds: DriveBounds, speed: Float[Array, "searched time"]) -> 
     return STEADY_TURN * bounds.lateral_accel[:, None] / pace
 
 
-def _not_left(controls: Controls, logged: Controls) -> Bool[Array, "searched step"]:
+def _not_left(controls: ControlArrays, logged: ControlArrays) -> Bool[Array, "searched step"]:
     """The steps before the first at which they are not those of the log."""
     (accel, curvature), steps = _AS_LOGGED, controls.accel.shape[1]
     left = jnp.abs(controls.accel - logged.accel) > accel
@@ -164,7 +164,7 @@ def _may_change(within_s: Float[Array, "..."], jerk: Float[Array, "..."]) -> Flo
 
 
 def _lateral(
-    bounds: DriveBounds, logged: Controls, speed: Float[Array, "searched time"]
+    bounds: DriveBounds, logged: ControlArrays, speed: Float[Array, "searched time"]
 ) -> Float[Array, "searched step"]:
     """Sideways acceleration that is allowed at each step [m/s^2]: as much as in the log, too."""
     return jnp.maximum(bounds.lateral_accel[:, None], jnp.abs(logged.curvature) * _square(speed))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.world import World
 
 
@@ -16,7 +16,7 @@ class SearchJob(NamedTuple):
     world: World
     memory: Any  # the planner's, of the scene
     searched: SearchedAgents
-    start: Controls | None = None  # [searched step] actions to begin with; None: the logged ones
+    start: ControlArrays | None = None  # [searched step] actions to begin with; None: the logged ones
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ from regents_cosim.attacks.costs import Costs
 from regents_cosim.attacks.descent import Descent
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search_state import Rollout
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.road_field import MARGIN_M
 from regents_cosim.mirror.rollout import as_scripted, drive, with_ego
@@ -124,17 +124,17 @@ def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     return rules.candidates(world, unruled) & rules.candidates(filled, config)
 
 
-def in_physical_units(steps: Controls, config: AttackConfig) -> Controls:
+def in_physical_units(steps: ControlArrays, config: AttackConfig) -> ControlArrays:
     """Action units: Adam's steps taken as m/s^2 and 1/m, as shares of the limits.
 
     Adam does not care about the scale of an action, so this is the same as searching in these
     units. ReGentS, known by its rule 1, halves those of steering.
     """
     halved = 0.5 if config.cancel_front_steering else 1.0
-    return Controls(steps.accel / ACCEL_LIMIT, halved * steps.curvature / CURVATURE_LIMIT)
+    return ControlArrays(steps.accel / ACCEL_LIMIT, halved * steps.curvature / CURVATURE_LIMIT)
 
 
-def roll_out_background(world: World, controls: Controls) -> Motion:
+def roll_out_background(world: World, controls: ControlArrays) -> Motion:
     """Braking past standstill: speeds become negative, and agents creep backwards. No agent waits for its log.
 
     Saved tracks, whose speeds are never negative, say 0 then.
@@ -192,18 +192,18 @@ def _accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent s
 class PublishedDescent(Descent):
     """The descent with these functions in the place of the paper's; all candidates are searched together."""
 
-    def logged(self) -> Controls:
+    def logged(self) -> ControlArrays:
         """The actions that reproduce the log where there is one."""
         return to_actions(stage(self.world).controls)
 
-    def drive(self, actions: Controls, memory: Any) -> tuple[Motion, Controls, Any]:
+    def drive(self, actions: ControlArrays, memory: Any) -> tuple[Motion, ControlArrays, Any]:
         """Every agent's motion [agent time], the ego's controls [step] and the planner's memory at the end."""
         others = roll_out_background(stage(self.world), to_controls(actions))
         seen = others if self.config.gradient == "through-planner" else jax.lax.stop_gradient(others)
         ego, controls, last = drive(self.planner, memory, stage(self.world), seen)
         return with_ego(others, ego), controls, last
 
-    def gradient(self, actions: Controls, seen: Rollout) -> tuple[Float[Array, ""], Costs, Controls]:
+    def gradient(self, actions: ControlArrays, seen: Rollout) -> tuple[Float[Array, ""], Costs, ControlArrays]:
         """By differentiating the roll-out as a whole."""
         (total, costs), gradient = jax.value_and_grad(self.cost_through_planner, has_aux=True)(actions)
         return total, costs, gradient
@@ -212,7 +212,7 @@ class PublishedDescent(Descent):
         """The terms of the cost."""
         return total_cost(self.world, motion, self.searched.candidate, self.config)
 
-    def steps(self, steps: Controls) -> Controls:
+    def steps(self, steps: ControlArrays) -> ControlArrays:
         """Adam's steps as shares of the limits."""
         return in_physical_units(steps, self.config)
 

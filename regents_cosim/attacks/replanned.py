@@ -16,7 +16,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import set_up
 from regents_cosim.attacks.search_state import SearchResult, SearchState
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import EgoTrack, FixedEgo
 from regents_cosim.mirror.world import World
@@ -35,7 +35,7 @@ def searching(
     searched: SearchedAgents,
     every: int,
     iterations: int,
-    start: Controls | None = None,
+    start: ControlArrays | None = None,
     extra_cost: ExtraCost | None = None,
 ) -> Generator[BackgroundTraffic, EgoTrack, SearchResult]:
     """The search: yields traffic, wants the ego's track among it, returns what was found.
@@ -53,7 +53,7 @@ def searching(
         search, traffic = _advance(given, ego, search, passes)
 
 
-_Given = tuple[World, AttackConfig, SearchedAgents, Controls | None, ExtraCost | None]
+_Given = tuple[World, AttackConfig, SearchedAgents, ControlArrays | None, ExtraCost | None]
 
 
 def _descent(given: _Given, ego: EgoTrack | None) -> Descent:
@@ -89,6 +89,6 @@ def _result(given: _Given, ego: EgoTrack, search: SearchState) -> SearchResult:
     return _descent(given, ego).result(search)
 
 
-def _traffic(descent: Descent, actions: Controls) -> BackgroundTraffic:
+def _traffic(descent: Descent, actions: ControlArrays) -> BackgroundTraffic:
     reacts = descent.config.background == "reactive"
     return BackgroundTraffic(descent.background(actions), descent.reacting() if reacts else None)

@@ -25,7 +25,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import LOOKED_AT, descend, look_and_descend, shared
 from regents_cosim.attacks.search_state import Looks, SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import LoopPlanner
@@ -151,7 +151,7 @@ def _after(found: SearchResult, tried: int, history: Float[np.ndarray, "iteratio
 
 
 @compiled
-def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change coordinate"]) -> Controls:
+def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change coordinate"]) -> ControlArrays:
     """The actions [change searched step] of some changes, as far as the configuration and the law allow them."""
     logged = job.searched.rows(to_actions(job.world.controls))
     first = logged if job.start is None else job.start
@@ -162,13 +162,13 @@ def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change
 
 
 def changed(
-    first: Controls, change: Float[Array, " coordinate"], at_its_pace: Float[Array, "searched 1"] | float
-) -> Controls:
+    first: ControlArrays, change: Float[Array, " coordinate"], at_its_pace: Float[Array, "searched 1"] | float
+) -> ControlArrays:
     """Actions [searched step] plus a change [2 * KNOTS], of who moves `at_its_pace`."""
     units = _UNIT[0] * at_its_pace, _UNIT[1]
     steps = first.accel.shape[1]
     knots, times = jnp.linspace(0.0, steps - 1.0, KNOTS), jnp.arange(steps)
-    return Controls(
+    return ControlArrays(
         *(
             own + unit * jnp.interp(times, knots, part)
             for own, unit, part in zip(

@@ -15,7 +15,7 @@ from regents_cosim.attacks.published import PublishedDescent
 from regents_cosim.attacks.search_state import Looks, SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.universal import AttackedPlanners, UniversalDescent
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import LoopPlanner
@@ -30,7 +30,7 @@ def set_up(
     memory: Any,
     config: AttackConfig,
     searched: SearchedAgents,
-    start: Controls | None = None,
+    start: ControlArrays | None = None,
     extra_cost: ExtraCost | None = None,
 ) -> Descent:
     """The descent that `config` asks for, on `planner` (with its `memory` of the scene) in `world`."""
@@ -46,7 +46,7 @@ def look_and_descend(
     memory: Any,
     config: AttackConfig,
     searched: SearchedAgents,
-    starts: Controls | None,
+    starts: ControlArrays | None,
     count: Int[Array, ""],
     iterations: Int[Array, ""],
     extra_cost: ExtraCost | None = None,
@@ -82,7 +82,7 @@ def descend(
     return found
 
 
-def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[Controls], config: AttackConfig) -> Looks:
+def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[ControlArrays], config: AttackConfig) -> Looks:
     """What is seen of some actions that a job may begin with, at most `LOOKED_AT`, up to one that is accepted."""
     given = [*starts, *[starts[-1]] * (LOOKED_AT - len(starts))]
     room = jax.tree.map(lambda *values: on_device(np.stack(values), np.float32), *given)
@@ -91,7 +91,7 @@ def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[Controls], co
     return looks
 
 
-def _with_room(start: Controls, config: AttackConfig) -> Controls:
+def _with_room(start: ControlArrays, config: AttackConfig) -> ControlArrays:
     """Actions [start searched step]: a start, as often as the program has room for one."""
     room = LOOKED_AT if config.starts else 1
     return jax.tree.map(

@@ -6,7 +6,7 @@ import equinox as eqx
 import optax
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.separation import Box
 
 
@@ -14,7 +14,7 @@ class SearchResult(eqx.Module):
     """What an attack ended with."""
 
     motion: Motion  # [agent time] last roll-out, ego in row 0
-    controls: Controls  # [agent step] that made it, the ego's own in row 0
+    controls: ControlArrays  # [agent step] that made it, the ego's own in row 0
     changed: Bool[Array, " agent"]  # the attack moved this agent's controls
     hit: Bool[Array, ""]
     accepted: Bool[Array, ""]  # a hit of the kind that was looked for
@@ -37,14 +37,14 @@ class Rollout(eqx.Module):
 
     motion: Motion  # [agent time]
     boxes: Box  # [agent time] of that motion
-    ego_controls: Controls  # [step]
+    ego_controls: ControlArrays  # [step]
     kept: Any  # by the planner, of this drive for the next one
 
 
 class SearchState(eqx.Module):
     """What one pass of the loop hands to the next."""
 
-    actions: Controls  # [searched step] as shares of their limits
+    actions: ControlArrays  # [searched step] as shares of their limits
     adam: optax.OptState
     seen: Rollout  # of those actions, once it has `looked`; before that of the log
     looked: Bool[Array, ""]

@@ -30,7 +30,7 @@ from regents_cosim.attacks.speed_profiles import DRIVING, WALKING, Lights, Profi
 from regents_cosim.attacks.walking import walk
 from regents_cosim.limits import ACCEL_WINDOW_S
 from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS, fit_controls
-from regents_cosim.mirror.bicycle import Controls, Motion, clip
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.world import World, scene_origin
@@ -58,7 +58,7 @@ class Start:
     promise: float  # the greater the earlier it is tried
 
 
-def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int) -> list[Controls]:
+def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int) -> list[ControlArrays]:
     """The actions [1, step] with which a job's candidate follows drives, of which there are at most `most`."""
     if not found:
         return []
@@ -74,7 +74,7 @@ def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: i
     return [jax.tree.map(lambda values, k=k: on_device(values[k], np.float32), actions) for k in range(len(found))]
 
 
-def _fitted(job: SearchJob, wanted: Motion) -> Controls:
+def _fitted(job: SearchJob, wanted: Motion) -> ControlArrays:
     """The controls [drive, step] with which the job's candidate follows drives [drive, time].
 
     Walks are made of such controls (`walking`).
@@ -92,7 +92,7 @@ def _fitted(job: SearchJob, wanted: Motion) -> Controls:
 
 
 @compiled
-def _allowed(world: World, searched: SearchedAgents, fitted: Controls) -> Controls:
+def _allowed(world: World, searched: SearchedAgents, fitted: ControlArrays) -> ControlArrays:
     """The nearest of some drives' controls that keep to the world's bounds [drive searched step]."""
     return jax.vmap(lambda own: within_bounds(world, searched, jax.tree.map(lambda values: values[None], own)))(fitted)
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from regents_cosim.attacks.costs import Costs
 from regents_cosim.attacks.descent import Descent
 from regents_cosim.attacks.search_state import Rollout, SearchResult, SearchState
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 
 
@@ -54,7 +54,7 @@ class UniversalDescent(Descent):
             for planner, memory in zip(self.planner.planners, self.memory, strict=True)
         )
 
-    def look(self, actions: Controls, before: Rollout) -> Rollout:
+    def look(self, actions: ControlArrays, before: Rollout) -> Rollout:
         """Roll out with each planner."""
         return _by_all(tuple(one.look(actions, shown) for one, shown in zip(self.alone(), _each(before), strict=True)))
 
@@ -62,7 +62,7 @@ class UniversalDescent(Descent):
         """The log, as often as there are planners."""
         return _by_all(tuple(one.unseen() for one in self.alone()))
 
-    def gradient(self, actions: Controls, seen: Rollout) -> tuple[Float[Array, ""], Costs, Controls]:
+    def gradient(self, actions: ControlArrays, seen: Rollout) -> tuple[Float[Array, ""], Costs, ControlArrays]:
         """Of the mean cost, or of the cost of the planner that is furthest from the adversary."""
         found = [one.gradient(actions, own) for one, own in zip(self.alone(), _each(seen), strict=True)]
         totals, costs, gradients = (jax.tree.map(lambda *v: jnp.stack(v), *part) for part in zip(*found, strict=True))

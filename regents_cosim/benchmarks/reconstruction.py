@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.mirror.bicycle import Controls, clip
+from regents_cosim.mirror.bicycle import ControlArrays, clip
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import roll_out_background
@@ -52,7 +52,7 @@ def reconstruction_row(network: str, scenarios: Sequence[Scenario]) -> Reconstru
 _roll_out = compiled(roll_out_background)
 
 
-def _errors(world: World, controls: Controls) -> Float[np.ndarray, " sample"]:
+def _errors(world: World, controls: ControlArrays) -> Float[np.ndarray, " sample"]:
     """Distance [m] of the roll-out to the log at every valid step."""
     motion = _roll_out(world, controls)
     miss = np.hypot(np.asarray(motion.x - world.log.x, float), np.asarray(motion.y - world.log.y, float))

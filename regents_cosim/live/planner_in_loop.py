@@ -19,7 +19,7 @@ from regents_cosim.attacks.search import LOOKED_AT, descend, look_at
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
 from regents_cosim.live.moments import Moment
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.jax_planner import JaxPlanner
@@ -91,7 +91,7 @@ class PlannerInLoop:
         (ended,) = search_by_samples([(self.moment.scenario, job)], self._loop, by_samples, most, None)
         return ended
 
-    def wanted(self, job: SearchJob, begun: Sequence[Controls], config: AttackConfig) -> Iterator[int]:
+    def wanted(self, job: SearchJob, begun: Sequence[ControlArrays], config: AttackConfig) -> Iterator[int]:
         """Which of the actions that a job may begin with crash the ego as wanted. Raises DriveError."""
         if self._loop is None:
             yield from (k for k, one in enumerate(begun) if self.search(job._replace(start=one), 0, config).accepted)

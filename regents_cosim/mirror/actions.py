@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip, turning_way, wrap
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, clip, turning_way, wrap
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.scenario import Tracks
@@ -63,7 +63,7 @@ def fit_controls(
     dt: Float[Array, ""],
     mobility: Mobility,
     passes: int = OF_RECORDINGS,
-) -> Controls:
+) -> ControlArrays:
     """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time].
 
     By highway-env's model the plain estimate is kept where it follows more closely: for a log of
@@ -112,9 +112,9 @@ def _fit_one(
     valid: Array,
     start: Motion,
     moving: Array,
-    first: Controls,
+    first: ControlArrays,
     dt: Array,
-) -> Controls:
+) -> ControlArrays:
     controls = jnp.stack([first.accel, first.curvature], axis=-1)
     goal = jnp.stack([log.x, log.y, log.yaw, log.speed], axis=-1)
     goal = jnp.concatenate([goal, jnp.concatenate([controls[:1], controls])], axis=-1)
@@ -130,7 +130,7 @@ def _fit_one(
 
     nominal = _Trajectory(goal, controls, jnp.asarray(jnp.inf, goal.dtype))
     best, _ = jax.lax.scan(improve, nominal, length=passes)
-    return Controls(best.controls[:, 0], best.controls[:, 1])
+    return ControlArrays(best.controls[:, 0], best.controls[:, 1])
 
 
 def _fit_own(
@@ -140,9 +140,9 @@ def _fit_own(
     valid: Array,
     start: Motion,
     moving: Array,
-    first: Controls,
+    first: ControlArrays,
     dt: Array,
-) -> Controls:
+) -> ControlArrays:
     """The fit by our own models."""
     return _fit_one(partial(_advance, mobility.walks), passes, log, valid, start, moving, first, dt)
 
@@ -160,7 +160,7 @@ def _advance(walks: Array | None, state: Array, control: Array, moves: Array, dt
 
 def _advance_highway(mobility: Mobility, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
     """The same by highway-env's model."""
-    ahead = mobility.step(Motion(*state[:4]), Controls(*control), dt)
+    ahead = mobility.step(Motion(*state[:4]), ControlArrays(*control), dt)
     moved = jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
     return jnp.concatenate([jnp.where(moves, moved, state[:4]), control])
 
@@ -172,14 +172,14 @@ def _fit_highway(
     valid: Array,
     start: Motion,
     moving: Array,
-    first: Controls,
+    first: ControlArrays,
     dt: Array,
-) -> Controls:
+) -> ControlArrays:
     """The fit by highway-env's model, or `first` where that follows the log more closely."""
     advance = partial(_advance_highway, mobility)
     begin = jnp.stack([start.x, start.y, start.yaw, start.speed, 0.0 * start.x, 0.0 * start.x])
 
-    def miss(controls: Controls) -> Float[Array, ""]:
+    def miss(controls: ControlArrays) -> Float[Array, ""]:
         def forward(state: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
             return advance(state, *now, dt), state[:2]
 

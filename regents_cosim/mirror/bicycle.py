@@ -54,15 +54,15 @@ class Motion(eqx.Module):
     speed: Float[Array, "*axes"]  # [m/s] never negative
 
 
-class Controls(eqx.Module):
-    """What vehicles do, held constantly over each step."""
+class ControlArrays(eqx.Module):
+    """What vehicles do, as JAX arrays, held constant over each step (a planner outside JAX answers a `Control`)."""
 
     accel: Float[Array, "*axes"]  # [m/s^2]
     curvature: Float[Array, "*axes"]  # [1/m] positive turns left; of who walks, its turn rate over `TURN_PACE_M_S`
 
 
 def step(
-    state: Motion, control: Controls, dt: Float[Array, ""] | float, walks: Bool[Array, "*#axes"] | None = None
+    state: Motion, control: ControlArrays, dt: Float[Array, ""] | float, walks: Bool[Array, "*#axes"] | None = None
 ) -> Motion:
     """Advance by one step; all fields broadcast."""
     speed = jnp.maximum(state.speed + control.accel * dt, 0.0)
@@ -75,7 +75,7 @@ def step(
 @jax.custom_vjp
 def roll_out(
     start: Motion,
-    controls: Controls,
+    controls: ControlArrays,
     moving: Bool[Array, "agent step"],
     dt: Float[Array, ""] | float,
     walks: Bool[Array, " agent"] | None = None,
@@ -95,14 +95,14 @@ def roll_out(
 
 
 def pull_back(
-    controls: Controls,
+    controls: ControlArrays,
     moving: Bool[Array, "agent step"],
     dt: Float[Array, ""] | float,
     motion: Motion,
     heading: tuple[Float[Array, "agent time"], Float[Array, "agent time"]],
     gradient: Motion,
     walks: Bool[Array, " agent"] | None = None,
-) -> tuple[Motion, Controls]:
+) -> tuple[Motion, ControlArrays]:
     """Gradients with respect to start [agent] and `controls`, of what has `gradient` with respect to `motion`.
 
     The transpose of `roll_out`, where `motion` [agent, time] came from: a chain of suffix sums that
@@ -120,12 +120,12 @@ def pull_back(
     gained = _until_stop(_spread(gradient.speed, dt * per_metre), motion.speed, controls.accel * dt)
     start = Motion(gradient.x.sum(axis=1), gradient.y.sum(axis=1), turned.sum(axis=1), gained[:, 0])
     on_curvature = _turning(travelled, walks, moving, dt) * later_yaw
-    return start, Controls(jnp.where(moving, gained[:, 1:] * dt, 0.0), on_curvature)
+    return start, ControlArrays(jnp.where(moving, gained[:, 1:] * dt, 0.0), on_curvature)
 
 
 def _roll_out_forward(
     start: Motion,
-    controls: Controls,
+    controls: ControlArrays,
     moving: Bool[Array, "agent step"],
     dt: Float[Array, ""] | float,
     walks: Bool[Array, " agent"] | None = None,
@@ -134,7 +134,7 @@ def _roll_out_forward(
     return motion, (controls, moving, dt, motion, walks)
 
 
-def _roll_out_backward(kept: Any, gradient: Motion) -> tuple[Motion, Controls, None, None, None]:
+def _roll_out_backward(kept: Any, gradient: Motion) -> tuple[Motion, ControlArrays, None, None, None]:
     controls, moving, dt, motion, walks = kept
     heading = jnp.cos(motion.yaw), jnp.sin(motion.yaw)
     start, on_controls = pull_back(controls, moving, dt, motion, heading, gradient, walks)
@@ -146,7 +146,7 @@ roll_out.defvjp(_roll_out_forward, _roll_out_backward)
 
 def controls_between(
     motion: Motion, dt: Float[Array, ""] | float, walks: Bool[Array, " agent"] | None = None
-) -> Controls:
+) -> ControlArrays:
     """Controls [agent, step] that lead from each state of `motion` [agent, step + 1] to the next.
 
     Exact for motions of this model; for other tracks it is the local estimate of the ReGentS
@@ -155,12 +155,12 @@ def controls_between(
     travelled = turning_way(0.5 * (motion.speed[:, :-1] + motion.speed[:, 1:]) * dt, _column(walks), dt)
     turned = wrap(jnp.diff(motion.yaw, axis=1))
     curvature = jnp.where(travelled > _MIN_TRAVEL_M, turned / jnp.maximum(travelled, _MIN_TRAVEL_M), 0.0)
-    return Controls(jnp.diff(motion.speed, axis=1) / dt, curvature)
+    return ControlArrays(jnp.diff(motion.speed, axis=1) / dt, curvature)
 
 
-def clip(controls: Controls, most_braking: float = ACCEL_LIMIT) -> Controls:
+def clip(controls: ControlArrays, most_braking: float = ACCEL_LIMIT) -> ControlArrays:
     """Controls within the limits of the mirror, braking by at most `most_braking` [m/s^2]."""
-    return Controls(
+    return ControlArrays(
         jnp.clip(controls.accel, -most_braking, ACCEL_LIMIT),
         jnp.clip(controls.curvature, -CURVATURE_LIMIT, CURVATURE_LIMIT),
     )

@@ -5,7 +5,7 @@ import jax
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror import bicycle, highway_bicycle
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.scenario import Dynamics
 
 
@@ -16,14 +16,14 @@ class Mobility(eqx.Module):
     walks: Bool[Array, "*#axes"] | None = None  # a point mass that turns on the spot; None: no agent does
     dynamics: Dynamics = eqx.field(static=True, default="bicycle")
 
-    def step(self, state: Motion, control: Controls, dt: Float[Array, ""] | float) -> Motion:
+    def step(self, state: Motion, control: ControlArrays, dt: Float[Array, ""] | float) -> Motion:
         """Advance by one step; all fields broadcast."""
         if self.dynamics == "highway":
             return highway_bicycle.step(state, control, self.half_length, dt)
         return bicycle.step(state, control, dt, self.walks)
 
     def roll_out(
-        self, start: Motion, controls: Controls, moving: Bool[Array, "agent step"], dt: Float[Array, ""] | float
+        self, start: Motion, controls: ControlArrays, moving: Bool[Array, "agent step"], dt: Float[Array, ""] | float
     ) -> Motion:
         """Motion [agent, step + 1] from `start` [agent] under `controls` [agent, step]; agents wait until `moving`."""
         if self.dynamics == "highway":
@@ -33,13 +33,13 @@ class Mobility(eqx.Module):
     def pull_back(
         self,
         start: Motion,
-        controls: Controls,
+        controls: ControlArrays,
         moving: Bool[Array, "agent step"],
         dt: Float[Array, ""] | float,
         motion: Motion,
         heading: tuple[Float[Array, "agent time"], Float[Array, "agent time"]],
         gradient: Motion,
-    ) -> Controls:
+    ) -> ControlArrays:
         """The gradient with respect to `controls` of what has `gradient` with respect to their roll-out `motion`.
 
         `heading` is the cosine and sine of its yaw. highway-env's model is rolled out once more.
@@ -49,7 +49,7 @@ class Mobility(eqx.Module):
             return back(gradient)[0]
         return bicycle.pull_back(controls, moving, dt, motion, heading, gradient, self.walks)[1]
 
-    def controls_between(self, motion: Motion, dt: Float[Array, ""] | float) -> Controls:
+    def controls_between(self, motion: Motion, dt: Float[Array, ""] | float) -> ControlArrays:
         """Controls [agent, step] that lead from each state of `motion` [agent, step + 1] to the next."""
         if self.dynamics == "highway":
             return highway_bicycle.controls_between(motion, dt)

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import Controls, Motion, accumulate, wrap
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, accumulate, wrap
 
 TOP_SPEED = 40.0  # [m/s] from which on highway-env brakes
 # Vehicles under highway-env's own control steer up to 60 degrees: sin(arctan(tan(60 degrees) / 2)).
@@ -25,7 +25,9 @@ LARGEST_SLIP_SINE = 0.6546536707
 _MIN_TRAVEL_M = 1e-6  # a vehicle that moves less in a step has no measurable curvature
 
 
-def step(state: Motion, control: Controls, half_length: Float[Array, "*#axes"], dt: Float[Array, ""] | float) -> Motion:
+def step(
+    state: Motion, control: ControlArrays, half_length: Float[Array, "*#axes"], dt: Float[Array, ""] | float
+) -> Motion:
     """Advance by one step; all fields broadcast."""
     sine = _slip_sine(control.curvature, half_length)
     travelled = state.speed * dt
@@ -40,7 +42,7 @@ def step(state: Motion, control: Controls, half_length: Float[Array, "*#axes"], 
 
 def roll_out(
     start: Motion,
-    controls: Controls,
+    controls: ControlArrays,
     moving: Bool[Array, "agent step"],
     half_length: Float[Array, " agent"],
     dt: Float[Array, ""] | float,
@@ -59,7 +61,7 @@ def roll_out(
     return Motion(x, y, yaw, speed)
 
 
-def controls_between(motion: Motion, dt: Float[Array, ""] | float) -> Controls:
+def controls_between(motion: Motion, dt: Float[Array, ""] | float) -> ControlArrays:
     """Controls [agent, step] that lead from each state of `motion` [agent, step + 1] to the next.
 
     Exact for motions of this model, the accelerations being those that were reached. Standing
@@ -68,7 +70,7 @@ def controls_between(motion: Motion, dt: Float[Array, ""] | float) -> Controls:
     travelled = motion.speed[:, :-1] * dt
     turned = wrap(jnp.diff(motion.yaw, axis=1))
     curvature = jnp.where(travelled > _MIN_TRAVEL_M, turned / jnp.maximum(travelled, _MIN_TRAVEL_M), 0.0)
-    return Controls(jnp.diff(motion.speed, axis=1) / dt, curvature)
+    return ControlArrays(jnp.diff(motion.speed, axis=1) / dt, curvature)
 
 
 def _slip_sine(curvature: Float[Array, "*#axes"], half_length: Float[Array, "*#axes"]) -> Float[Array, "*axes"]:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, clip
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion, clip
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.reactions import LogProgress, begin, place, react
 from regents_cosim.mirror.world import World
@@ -45,7 +45,7 @@ class LoopPlanner(Protocol):
         """What it makes of the others: leaves [time, ...], row k from step k of `traffic` alone."""
         ...
 
-    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
+    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
         """Its control at one step, from row k of `look` and the ego's state, and its next memory."""
         ...
 
@@ -72,7 +72,7 @@ def _raised_in_loop(error: BaseException) -> RaisedInLoopError:
     return RaisedInLoopError(f"the planner failed: {said_by(error)}", "".join(traceback.format_exception(error)))
 
 
-def roll_out_background(world: World, controls: Controls) -> Motion:
+def roll_out_background(world: World, controls: ControlArrays) -> Motion:
     """Motion [agent, time] of all agents under open-loop `controls` [agent, step]; row 0 is not the ego's."""
     return as_scripted(world, world.mobility.roll_out(world.start, controls, world.moving, world.dt))
 
@@ -89,7 +89,7 @@ class EgoTrack(eqx.Module):
     """Where a closed loop outside the compiled one has put the ego."""
 
     motion: Motion  # [time]
-    controls: Controls  # [step] that made it, or come closest to it
+    controls: ControlArrays  # [step] that made it, or come closest to it
 
 
 class FixedEgo(eqx.Module):
@@ -101,7 +101,7 @@ class FixedEgo(eqx.Module):
         """Nothing."""
         return ()
 
-    def step(self, memory: EgoTrack, sight: Any, ego: Motion) -> tuple[Controls, Any]:
+    def step(self, memory: EgoTrack, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
         """Never asked: its motion is known."""
         raise NotImplementedError
 
@@ -113,7 +113,7 @@ class FixedEgo(eqx.Module):
         return memory
 
 
-def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -> tuple[Motion, Controls, Any]:
+def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -> tuple[Motion, ControlArrays, Any]:
     """The ego's motion [time] and controls [step] when `planner` drives among `background` [agent, time].
 
     The third is the planner's memory at the end.
@@ -122,7 +122,7 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
         return memory.motion, memory.controls, memory
     sight = ask(planner.look, memory, others(world, background, world.valid))
 
-    def advance(carry: tuple[Motion, Any], sight_now: Any) -> tuple[tuple[Motion, Any], tuple[Motion, Controls]]:
+    def advance(carry: tuple[Motion, Any], sight_now: Any) -> tuple[tuple[Motion, Any], tuple[Motion, ControlArrays]]:
         ego, recalled = carry
         control, recalled = ask(planner.step, recalled, sight_now, ego)
         control = _limited(planner, control)
@@ -143,7 +143,7 @@ class BackgroundInstant(eqx.Module):
 
 def drive_among_reacting(
     planner: LoopPlanner, memory: Any, world: World, background: Motion, reacting: Bool[Array, " agent"]
-) -> tuple[Motion, Controls, Any]:
+) -> tuple[Motion, ControlArrays, Any]:
     """The motion [agent, time] of all agents when `reacting` ones brake for what stands in their way.
 
     The others follow `background` [agent, time]. Returns the ego's controls [step] and the planner's memory at the end
@@ -152,7 +152,7 @@ def drive_among_reacting(
 
     def advance(
         carry: tuple[Motion, Any, LogProgress], inputs: tuple[BackgroundInstant, Any]
-    ) -> tuple[Any, tuple[Motion, Controls]]:
+    ) -> tuple[Any, tuple[Motion, ControlArrays]]:
         ego, recalled, progress = carry
         instant, held = inputs
         now = placed(background, reacting, progress, instant.log, ego)
@@ -201,20 +201,20 @@ def reacted(
     )
 
 
-def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> tuple[Controls, Any]:
+def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> tuple[ControlArrays, Any]:
     """The planner's control and next memory from one instant of `traffic` [agent, 1], within the limits."""
     sight = jax.tree.map(lambda values: values[0], ask(planner.look, memory, traffic))
     control, memory = ask(planner.step, memory, sight, ego)
     return _limited(planner, control), memory
 
 
-def _limited(planner: LoopPlanner, control: Controls) -> Controls:
+def _limited(planner: LoopPlanner, control: ControlArrays) -> ControlArrays:
     """A planner's answer within its limits; what is not finite stays, for the host to see (`jax_planner`)."""
     within = clip(control, planner.most_braking_m_s2)
     return jax.tree.map(lambda said, cut: jnp.where(jnp.isfinite(said), cut, said), control, within)
 
 
-def move_ego(world: World, ego: Motion, control: Controls) -> Motion:
+def move_ego(world: World, ego: Motion, control: ControlArrays) -> Motion:
     """The ego one step later."""
     return Mobility(world.half_length[0], dynamics=world.dynamics).step(ego, control, world.dt)
 

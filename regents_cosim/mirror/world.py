@@ -17,7 +17,7 @@ from regents_cosim.limits import MOST_SPEED_M_S
 from regents_cosim.maps.levels import contains, has_levels
 from regents_cosim.mirror import bicycle
 from regents_cosim.mirror.actions import OF_RECORDINGS, fill_gaps, fit_controls
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.levels import HeightMap, to_height_map
@@ -47,7 +47,7 @@ class World(eqx.Module):
 
     log: Motion  # [agent time] as recorded
     valid: Bool[Array, "agent time"]
-    controls: Controls  # [agent step] that reproduce the log
+    controls: ControlArrays  # [agent step] that reproduce the log
     start: Motion  # [agent] state at the first valid step
     moving: Bool[Array, "agent step"]  # from the first valid step on
     half_length: Float[Array, " agent"]  # [m]
@@ -196,7 +196,7 @@ def _top_speeds(scenario: Scenario, padded: int) -> Float[Array, " agent"]:
     return on_device(most, np.float32)
 
 
-def to_tracks(motion: Motion, controls: Controls, scenario: Scenario) -> Tracks:
+def to_tracks(motion: Motion, controls: ControlArrays, scenario: Scenario) -> Tracks:
     """Tracks of `scenario`'s agents along `motion`, in the map frame; absent where it has them absent.
 
     On the host a curvature is that of the way, of pedestrians too.

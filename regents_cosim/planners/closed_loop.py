@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, clip
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.jax_settings import in_float32
@@ -75,7 +75,7 @@ class ClosedLoop:
     def track(self) -> EgoTrack:
         """Where the ego has been, up to the last step."""
         motion, controls = np.array(self._states, np.float32).T, np.array(self._controls, np.float32).T
-        return EgoTrack(Motion(*jnp.asarray(motion)), Controls(*jnp.asarray(controls)))
+        return EgoTrack(Motion(*jnp.asarray(motion)), ControlArrays(*jnp.asarray(controls)))
 
     def _placed(self, at: Placement, before: State) -> State:
         """The ego at a place, its yaw continuous."""
@@ -129,7 +129,7 @@ def control_between(world: World, ego: State, ahead: State) -> tuple[float, floa
 def _move(
     dynamics: Dynamics, ego: Float[Array, " 4"], control: Float[Array, " 2"], half_length: Array, dt: Array
 ) -> Float[Array, " 4"]:
-    ahead = Mobility(half_length[0], dynamics=dynamics).step(Motion(*ego), clip(Controls(*control)), dt)
+    ahead = Mobility(half_length[0], dynamics=dynamics).step(Motion(*ego), clip(ControlArrays(*control)), dt)
     return jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
 
 

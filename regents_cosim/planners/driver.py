@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import decide, move_ego, others
@@ -120,7 +120,7 @@ class HostDriver:
 @compiled
 def _move(
     planner: JaxPlanner, memory: Any, world: World, seen: Motion, valid: Bool[Array, "agent 1"]
-) -> tuple[Motion, Controls, Any]:
+) -> tuple[Motion, ControlArrays, Any]:
     """The ego's next state, the planner's control and its next memory, from one instant of all agents."""
     ego = jax.tree.map(lambda values: values[0, 0], seen)
     control, memory = decide(planner, memory, others(world, seen, valid), ego)

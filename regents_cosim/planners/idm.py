@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.on_device import on_device, seen_from
@@ -126,7 +126,7 @@ class IDM(JaxPlanner):
         sight = (along - reach, along + reach, motion.speed * cos, traffic.valid & inside)
         return IdmSight(*(values.T for values in sight))
 
-    def step(self, memory: IdmMemory, sight: IdmSight, ego: Motion) -> tuple[Controls, IdmMemory]:
+    def step(self, memory: IdmMemory, sight: IdmSight, ego: Motion) -> tuple[ControlArrays, IdmMemory]:
         """IDM acceleration for the tightest obstacle, pure-pursuit curvature."""
         along, _, index = _project(memory, ego.x, ego.y)
         nose = along + memory.half_length
@@ -139,7 +139,7 @@ class IDM(JaxPlanner):
         speeds = jnp.concatenate([jnp.where(ahead, sight.speed, ego.speed), jnp.where(held, 0.0, ego.speed)])
         accel = self._accel(ego.speed, look_up(memory.speed, index), gaps, speeds)
         memory = eqx.tree_at(lambda m: m.now, memory, memory.now + 1)
-        return Controls(accel, self._curvature(memory, along, ego)), memory
+        return ControlArrays(accel, self._curvature(memory, along, ego)), memory
 
     def _accel(self, speed: Array, desired: Array, gaps: Array, speeds: Array) -> Float[Array, ""]:
         power = int(self.exponent) if float(self.exponent).is_integer() else self.exponent  # whole: a few products

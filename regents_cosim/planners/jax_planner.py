@@ -4,14 +4,14 @@ Ten lines do:
 
 ```python
 import jax.numpy as jnp
-from regents_cosim import Controls, JaxPlanner
+from regents_cosim import ControlArrays, JaxPlanner
 
 
 class Cautious(JaxPlanner):
     def step(self, memory, sight, ego):
         ahead = (sight.motion.x - ego.x) * jnp.cos(ego.yaw) + (sight.motion.y - ego.y) * jnp.sin(ego.yaw)
         near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
-        return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
+        return ControlArrays(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
 ```
 """
 
@@ -31,7 +31,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.brief import Brief
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import RaisedInLoopError, Traffic, decide, others
@@ -87,7 +87,7 @@ class JaxPlanner(eqx.Module):
         sizes = (traffic.half_length, traffic.half_width)
         return Traffic(motion, valid, *(jnp.broadcast_to(v, (steps, *v.shape)) for v in sizes), z=z)
 
-    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
+    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
         """Scalar controls for one step and the next memory.
 
         They are clipped to the mirror's limits and `most_braking_m_s2`; what is not finite is an error of the
@@ -133,7 +133,7 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
     return memory
 
 
-def require_finite(controls: Controls, name: str, case: str, first_step: int = 0) -> None:
+def require_finite(controls: ControlArrays, name: str, case: str, first_step: int = 0) -> None:
     """Raise DriveError for a planner whose answers, from `first_step` on, are not all finite."""
     answers = np.stack([np.ravel(np.asarray(values)) for values in (controls.accel, controls.curvature)])
     bad = np.flatnonzero(~np.isfinite(answers).all(axis=0))
@@ -178,7 +178,7 @@ def _at_first(world: World) -> tuple[Traffic, Motion]:
     return others(world, now, world.valid[:, :1]), jax.tree.map(lambda values: values[0, 0], now)
 
 
-def _forms(planner: JaxPlanner, *given: Any) -> tuple[Controls, Any]:
+def _forms(planner: JaxPlanner, *given: Any) -> tuple[ControlArrays, Any]:
     """The form of what `decide` returns. Traced once for all scenes of one shape: tracing costs more than a drive."""
     arrays, rest = eqx.partition(planner, eqx.is_array)
     try:
@@ -189,7 +189,7 @@ def _forms(planner: JaxPlanner, *given: Any) -> tuple[Controls, Any]:
 
 
 @partial(jax.jit, static_argnums=0)
-def _decided(rest: JaxPlanner, arrays: JaxPlanner, *given: Any) -> tuple[Controls, Any]:
+def _decided(rest: JaxPlanner, arrays: JaxPlanner, *given: Any) -> tuple[ControlArrays, Any]:
     return traced(decide, (eqx.combine(arrays, rest), *given), {})
 
 

@@ -5,19 +5,19 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
 
 class LogReplay(JaxPlanner):
     """Applies the controls of the smooth fit of the ego's own track, one after the other."""
 
-    def init(self, scene: LoopScene) -> tuple[Int[Array, ""], Controls]:
+    def init(self, scene: LoopScene) -> tuple[Int[Array, ""], ControlArrays]:
         """The step to come, and all controls."""
         logged = scene.world.controls
-        return jnp.int32(0), Controls(logged.accel[0], logged.curvature[0])
+        return jnp.int32(0), ControlArrays(logged.accel[0], logged.curvature[0])
 
-    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[Controls, Any]:
+    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
         """The logged control of this step."""
         now, logged = memory
-        return Controls(logged.accel[now], logged.curvature[now]), (now + 1, logged)
+        return ControlArrays(logged.accel[now], logged.curvature[now]), (now + 1, logged)

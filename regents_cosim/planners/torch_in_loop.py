@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
@@ -51,11 +51,11 @@ class TorchInLoop(JaxPlanner):
         sizes = (scene.world.half_length[0], scene.world.half_width[0])
         return TorchMemory(scene.on_device(np.array([scene.scenario.target]))[0], 2.0 * jnp.stack(sizes))
 
-    def step(self, memory: TorchMemory, sight: Traffic, ego: Motion) -> tuple[Controls, TorchMemory]:
+    def step(self, memory: TorchMemory, sight: Traffic, ego: Motion) -> tuple[ControlArrays, TorchMemory]:
         """Look, and ask the module."""
         at = jnp.stack([ego.speed, *memory.size, *_from(ego, *memory.target)])
         accel, curvature = self.module(at[None], _others(sight, ego)[None])[0]
-        return Controls(accel, curvature), memory
+        return ControlArrays(accel, curvature), memory
 
 
 def _others(sight: Traffic, ego: Motion) -> Float[Array, "nearest 8"]:

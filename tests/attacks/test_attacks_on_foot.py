@@ -24,7 +24,7 @@ from regents_cosim.cli.options import SearchOptions, SearchRules
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.limits import MOST_SPEED_M_S
-from regents_cosim.mirror.bicycle import TURN_PACE_M_S, Controls, Motion
+from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
@@ -116,7 +116,7 @@ def _held(world, actions):
 def test_whatever_a_search_asks_for_people_move_like_people(seed):
     world = bounded(FOCUSED_COST)
     rng = np.random.default_rng(seed)
-    wild = Controls(*(jnp.asarray(rng.uniform(-1, 1, world.controls.accel.shape), jnp.float32) for _ in range(2)))
+    wild = ControlArrays(*(jnp.asarray(rng.uniform(-1, 1, world.controls.accel.shape), jnp.float32) for _ in range(2)))
     held, motion = _held(world, wild)
     for agent, kind in ((2, "bicycle"), (3, "pedestrian")):
         assert float(motion.speed[agent].max()) <= MOST_SPEED_M_S[kind] + 1e-3

@@ -10,13 +10,13 @@ from regents_cosim.attacks.attempts import Candidate, Prepared, Searchers, attem
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.search_state import SearchResult
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 
 FEW = replace(REGENTS_FOCUSED, starts=3, iterations=20)
 
 
 def drive(value):
-    return Controls(jnp.full((1, 2), value), jnp.zeros((1, 2)))
+    return ControlArrays(jnp.full((1, 2), value), jnp.zeros((1, 2)))
 
 
 LOG, STARTS = drive(0.0), (drive(1.0), drive(2.0), drive(3.0))

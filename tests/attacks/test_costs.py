@@ -15,7 +15,7 @@ from regents_cosim.attacks import costs
 from regents_cosim.attacks.presets import KING
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.geometry import boxes as host
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import COMPILER_OPTIONS
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.separation import distance
@@ -222,7 +222,7 @@ def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
     """A minimum that XLA computes twice and rounds differently once lost the gradient of every tenth step."""
     world, _, searched = prepared(scene((0, 0, 10), (20, 2.9, 9), (50, 3.2, 10)), [1])
     noise = 0.03 * np.random.default_rng(0).normal(size=(2, *world.controls.accel.shape)).astype(np.float32)
-    controls = Controls(world.controls.accel + 6.0 * noise[0], world.controls.curvature + 0.3 * noise[1])
+    controls = ControlArrays(world.controls.accel + 6.0 * noise[0], world.controls.curvature + 0.3 * noise[1])
 
     @eqx.filter_jit
     def moved(own):

@@ -18,7 +18,7 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds, within_bounds
 from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
@@ -82,7 +82,7 @@ _within = compiled(within_bounds)
 def wild_controls(world, seed, scale=1.0):
     rng, shape = np.random.default_rng(seed), world.controls.accel.shape
     limits = (ACCEL_LIMIT, CURVATURE_LIMIT)
-    return Controls(*(jnp.asarray(rng.uniform(-limit, limit, shape) * scale, jnp.float32) for limit in limits))
+    return ControlArrays(*(jnp.asarray(rng.uniform(-limit, limit, shape) * scale, jnp.float32) for limit in limits))
 
 
 BRAKES = np.where(np.arange(80) < 20, -5.5, 1.0)
@@ -148,12 +148,12 @@ def test_they_have_the_gradient_of_finite_differences(x64):
     world = jax.tree.map(lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, bounded(platoon()))
     one = SearchedAgents.only(4, len(world.valid))
     rng = np.random.default_rng(0)
-    wild = Controls(*(jnp.asarray(rng.uniform(-s, s, (1, 80))) for s in (ACCEL_LIMIT, 0.03)))
+    wild = ControlArrays(*(jnp.asarray(rng.uniform(-s, s, (1, 80))) for s in (ACCEL_LIMIT, 0.03)))
     weight = jnp.asarray(rng.normal(size=(1, 80)))
 
     @jax.jit
     def pulled(accel, curvature):
-        kept = within_bounds(world, one, Controls(accel, curvature))
+        kept = within_bounds(world, one, ControlArrays(accel, curvature))
         return (weight * kept.accel).sum() + (weight * kept.curvature).sum()
 
     check_grads(pulled, (wild.accel, wild.curvature), order=1, modes=["rev"], eps=1e-6, rtol=1e-4)

@@ -25,7 +25,7 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.cli import run as regents
 from regents_cosim.errors import RegentsError
 from regents_cosim.limits import OVER_LIMIT
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
@@ -100,7 +100,7 @@ def test_nobody_gets_faster_than_its_top_speed(seed, scale):
     searched = SearchedAgents.only(1, len(world.valid))
     logged = searched.rows(to_actions(world.controls))
     wild = jnp.asarray(np.random.default_rng(seed).normal(0.2, scale, logged.accel.shape).clip(-1, 1), jnp.float32)
-    limited, speed = held_to_its_speed(world, searched, Controls(wild, logged.curvature))
+    limited, speed = held_to_its_speed(world, searched, ControlArrays(wild, logged.curvature))
     assert float(speed[1].max()) <= float(world.top_speed[1]) + 1e-2
     assert (np.asarray(limited.accel) <= np.asarray(wild) + 1e-6).all()
 

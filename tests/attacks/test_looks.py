@@ -13,7 +13,7 @@ from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.search import look_and_descend, shared
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import LoopScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest
@@ -33,7 +33,7 @@ def looking():
 
     def look(chosen, updates=0):
         given = [starts[index] for index in (*chosen, *[chosen[-1]] * (len(starts) - len(chosen)))]
-        stacked = Controls(*(jnp.stack(values) for values in zip(*map(jax.tree.leaves, given), strict=True)))
+        stacked = ControlArrays(*(jnp.stack(values) for values in zip(*map(jax.tree.leaves, given), strict=True)))
         count, most = jnp.int32(len(chosen)), jnp.int32(updates)
         return look_and_descend(world, planner, job.memory, shared(ANY), job.searched, stacked, count, most)
 

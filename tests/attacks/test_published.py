@@ -16,7 +16,7 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, roll_out
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, roll_out
 from regents_cosim.mirror.road_field import MARGIN_M
 from regents_cosim.mirror.world import scene_origin, to_world
 
@@ -153,12 +153,12 @@ def test_fillers_count_as_places():
 def test_a_step_of_adam_moves_far_by_steering_and_hardly_by_accelerating():
     """The end point after 9 s at 7.4 m/s: 4 cm and 2.2 m, of which ReGentS takes half."""
     world = replace(to_world(scene((0, 0, 7.4), (50, 0, 7.4), (90, 6.4, 7.4))), dt=jnp.float32(9 / 80))
-    logged = roll_out_published(world, Controls(jnp.zeros((16, 80)), jnp.zeros((16, 80))))
+    logged = roll_out_published(world, ControlArrays(jnp.zeros((16, 80)), jnp.zeros((16, 80))))
     moved = []
     for config in (KING, REGENTS):
-        step = published.in_physical_units(Controls(jnp.float32(1e-3), jnp.float32(1e-3)), config)
+        step = published.in_physical_units(ControlArrays(jnp.float32(1e-3), jnp.float32(1e-3)), config)
         accel, curvature = step.accel * ACCEL_LIMIT, step.curvature * CURVATURE_LIMIT
-        controls = Controls(jnp.zeros((16, 80)).at[1].set(accel), jnp.zeros((16, 80)).at[2].set(curvature))
+        controls = ControlArrays(jnp.zeros((16, 80)).at[1].set(accel), jnp.zeros((16, 80)).at[2].set(curvature))
         motion = roll_out_published(world, controls)
         moved += [motion.x[1, -1] - logged.x[1, -1], motion.y[2, -1] - logged.y[2, -1]]
     assert moved == pytest.approx([0.0405, 2.22, 0.0405, 1.11], rel=0.02)
@@ -166,7 +166,7 @@ def test_a_step_of_adam_moves_far_by_steering_and_hardly_by_accelerating():
 
 def test_braking_past_standstill_creeps_backwards():
     world = to_world(scene((0, 0, 10), (50, 0, 2)))
-    controls = Controls(jnp.zeros((16, 80)).at[1].set(-1.0), jnp.zeros((16, 80)))
+    controls = ControlArrays(jnp.zeros((16, 80)).at[1].set(-1.0), jnp.zeros((16, 80)))
     motion = roll_out_published(world, controls)
     assert motion.speed[1, [20, 80]] == pytest.approx([0.0, -6.0], abs=1e-4)
     assert motion.x[1, 80] - motion.x[1, 0] == pytest.approx(2 * 8 - 0.5 * 8**2, abs=1e-3)

@@ -15,7 +15,7 @@ from scenes import scene
 from shipped_cases import crash_on
 from test_cli import regents
 
-from regents_cosim import Controls, JaxPlanner
+from regents_cosim import ControlArrays, JaxPlanner
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.mirror.jax_settings import each_in_float32, in_float32
@@ -27,7 +27,7 @@ QUICK = replace(REGENTS, iterations=3)
 DOUBLE = """
 import jax
 import jax.numpy as jnp
-from regents_cosim import Controls, JaxPlanner
+from regents_cosim import ControlArrays, JaxPlanner
 
 jax.config.update("jax_enable_x64", True)
 HALF = jnp.asarray(0.5)
@@ -35,7 +35,7 @@ HALF = jnp.asarray(0.5)
 
 class Sets(JaxPlanner):
     def step(self, memory, sight, ego):
-        return Controls(HALF * (10.0 - ego.speed), jnp.float32(0.0)), memory
+        return ControlArrays(HALF * (10.0 - ego.speed), jnp.float32(0.0)), memory
 """
 
 
@@ -45,7 +45,7 @@ class Holds(JaxPlanner):
     gain: Array
 
     def step(self, memory, sight, ego):
-        return Controls(self.gain * (10.0 - ego.speed), jnp.float32(0.0)), memory
+        return ControlArrays(self.gain * (10.0 - ego.speed), jnp.float32(0.0)), memory
 
 
 def same_tracks(one, other):

@@ -15,7 +15,7 @@ from regents_cosim.cases.suite import SuiteWriter
 LEAVES = """
 import os
 
-from regents_cosim import Control, Controls, JaxPlanner
+from regents_cosim import Control, ControlArrays, JaxPlanner
 
 
 def makes():

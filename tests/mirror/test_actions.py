@@ -7,7 +7,7 @@ import pytest
 from scenes import platoon, scene
 
 from regents_cosim.mirror.actions import fill_gaps, fit_controls
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, controls_between, roll_out
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, controls_between, roll_out
 from regents_cosim.mirror.dynamics import Mobility
 
 STEPS, DT = 80, jnp.float32(0.1)
@@ -18,7 +18,7 @@ def wavy(agents=12, seed=0):
     rng = np.random.default_rng(seed)
     time = np.arange(STEPS) * 0.1
     phase, rate = rng.uniform(0, 6, (agents, 1)), rng.uniform(0.3, 1.2, (agents, 1))
-    controls = Controls(
+    controls = ControlArrays(
         jnp.asarray(1.5 * np.sin(rate * time + phase) - 0.5, jnp.float32),
         jnp.asarray(0.08 * np.cos(rate * time + phase), jnp.float32),
     )

@@ -8,7 +8,7 @@ from jax.test_util import check_grads
 from params import slow
 
 from regents_cosim.mirror import bicycle
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, Controls, Motion, clip, wrap
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, clip, wrap
 
 # Compiled as a whole: op by op, every shape and precision would compile each of them alone.
 controls_between, roll_out, step = map(jax.jit, (bicycle.controls_between, bicycle.roll_out, bicycle.step))
@@ -23,7 +23,7 @@ def random_start(agents, seed, slowest=0.0):
 
 def random_controls(agents, seed, accel=2.0):
     rng = np.random.default_rng(seed + 1)
-    return Controls(
+    return ControlArrays(
         jnp.asarray(rng.uniform(-accel, accel, (agents, STEPS))), jnp.asarray(rng.uniform(-0.1, 0.1, (agents, STEPS)))
     )
 
@@ -75,7 +75,7 @@ def test_the_inverse_recovers_the_controls_of_a_moving_vehicle(x64):
 
 def test_a_braking_vehicle_stops_and_stays():
     start = Motion(*(jnp.array([value]) for value in (0.0, 0.0, 0.0, 3.0)))
-    motion = roll_out(start, Controls(jnp.full((1, STEPS), -2.0), jnp.full((1, STEPS), 0.3)), always(1), 0.1)
+    motion = roll_out(start, ControlArrays(jnp.full((1, STEPS), -2.0), jnp.full((1, STEPS), 0.3)), always(1), 0.1)
     assert motion.speed.min() == 0
     assert motion.speed[0, 15] == pytest.approx(0, abs=1e-5)
     # it turns while it rolls, so the way is along an arc of 3^2 / (2 * 2) = 2.25 m
@@ -86,7 +86,7 @@ def test_a_braking_vehicle_stops_and_stays():
 def test_a_circle_closes():
     radius, speed = 20.0, 2 * np.pi * 20.0 / (STEPS * 0.1)
     start = Motion(*(jnp.array([value]) for value in (0.0, 0.0, 0.0, speed)))
-    motion = roll_out(start, Controls(jnp.zeros((1, STEPS)), jnp.full((1, STEPS), 1 / radius)), always(1), 0.1)
+    motion = roll_out(start, ControlArrays(jnp.zeros((1, STEPS)), jnp.full((1, STEPS), 1 / radius)), always(1), 0.1)
     assert (motion.x[0, -1], motion.y[0, -1]) == pytest.approx((0, 0), abs=1e-3)
     assert motion.yaw[0, -1] == pytest.approx(2 * np.pi, abs=1e-4)
 
@@ -103,7 +103,7 @@ def test_an_agent_that_enters_late_waits_at_its_start():
 @pytest.mark.parametrize("braking", [slow(0.0), 3.0])
 def test_gradients_are_those_of_finite_differences(x64, braking):
     start, controls = random_start(3, 5), random_controls(3, 5)
-    controls = Controls(controls.accel - braking * jnp.sin(jnp.arange(STEPS) / 10), controls.curvature)
+    controls = ControlArrays(controls.accel - braking * jnp.sin(jnp.arange(STEPS) / 10), controls.curvature)
     weights = jnp.asarray(np.random.default_rng(0).normal(size=(4, 3, STEPS + 1)))
 
     @jax.jit
@@ -120,7 +120,7 @@ def test_a_standing_vehicle_can_be_set_in_motion():
     start = Motion(*(jnp.array([0.0]) for _ in range(4)))
 
     def way(accel):
-        return roll_out(start, Controls(accel, jnp.zeros((1, STEPS))), always(1), 0.1).x[0, -1]
+        return roll_out(start, ControlArrays(accel, jnp.zeros((1, STEPS))), always(1), 0.1).x[0, -1]
 
     gradient = jax.jit(jax.grad(way))(jnp.zeros((1, STEPS)))
     assert jnp.isfinite(gradient).all()
@@ -132,7 +132,7 @@ def test_what_came_before_a_stop_does_not_matter_after_it():
     accel = jnp.where(jnp.arange(STEPS) < 40, -2.0, 1.0)[None]
 
     def last_speed(accel):
-        return roll_out(start, Controls(accel, jnp.zeros((1, STEPS))), always(1), 0.1).speed[0, -1]
+        return roll_out(start, ControlArrays(accel, jnp.zeros((1, STEPS))), always(1), 0.1).speed[0, -1]
 
     gradient = np.asarray(jax.jit(jax.grad(last_speed))(accel))[0]
     assert gradient[:40] == pytest.approx(0)
@@ -140,7 +140,7 @@ def test_what_came_before_a_stop_does_not_matter_after_it():
 
 
 def test_clip_keeps_controls_within_the_limits():
-    clipped = clip(Controls(jnp.array([-99.0, 99.0]), jnp.array([-9.0, 0.1])))
+    clipped = clip(ControlArrays(jnp.array([-99.0, 99.0]), jnp.array([-9.0, 0.1])))
     assert clipped.accel.tolist() == [-ACCEL_LIMIT, ACCEL_LIMIT]
     assert clipped.curvature.tolist() == pytest.approx([-CURVATURE_LIMIT, 0.1])
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway, wheel_from_curvature
 from regents_cosim.mirror import bicycle, highway_bicycle
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 
 HORIZON_S = 8.0
 
@@ -29,7 +29,7 @@ class Drive(NamedTuple):
     def on_device(self, dtype=jnp.float64) -> tuple:
         arrays = [[jnp.asarray(v, dtype) for v in values] for values in (self.start, self.controls)]
         moving = jnp.ones(self.controls.shape[1:], bool)
-        return Motion(*arrays[0]), Controls(*arrays[1]), moving, jnp.asarray(0.5 * self.lengths, dtype), self.dt
+        return Motion(*arrays[0]), ControlArrays(*arrays[1]), moving, jnp.asarray(0.5 * self.lengths, dtype), self.dt
 
 
 def random_drive(seed: int, dt: float = 0.1, agents: int = 4) -> Drive:
@@ -133,7 +133,7 @@ def test_the_gradient_is_that_of_finite_differences(x64):
     start, controls, moving, half_length, dt = gentle_drive(11).on_device()
 
     def end(shift: jax.Array) -> jax.Array:
-        moved = Controls(controls.accel + shift[..., 0], controls.curvature + 0.01 * shift[..., 1])
+        moved = ControlArrays(controls.accel + shift[..., 0], controls.curvature + 0.01 * shift[..., 1])
         motion = highway_bicycle.roll_out(start, moved, moving, half_length, dt)
         return jnp.sum(motion.x[:, -1] + 2.0 * motion.y[:, -1])
 

@@ -23,9 +23,9 @@ class Brakes(JaxPlanner):
     """Stops at once, where its log does not."""
 
     def step(self, memory, sight, ego):
-        from regents_cosim.mirror.bicycle import Controls
+        from regents_cosim.mirror.bicycle import ControlArrays
 
-        return Controls(jnp.float32(-6.0), jnp.float32(0.0)), memory
+        return ControlArrays(jnp.float32(-6.0), jnp.float32(0.0)), memory
 
 
 def driven(scenario, planner, reacting=True):

@@ -4,7 +4,7 @@ import numpy as np
 from jax.test_util import check_grads
 from scenes import scene
 
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.rollout import drive, roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import JaxPlanner
@@ -16,7 +16,7 @@ class Follows(JaxPlanner):
     def step(self, memory, sight, ego):
         gap = sight.motion.x[0] - ego.x - 15.0
         accel = 2.0 * jnp.tanh(0.1 * gap + 0.2 * (sight.motion.speed[0] - ego.speed))
-        return Controls(accel, 0.01 * jnp.tanh(sight.motion.y[0] - ego.y)), memory
+        return ControlArrays(accel, 0.01 * jnp.tanh(sight.motion.y[0] - ego.y)), memory
 
 
 def test_the_gradient_through_the_planner_is_that_of_finite_differences(x64):

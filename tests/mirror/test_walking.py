@@ -10,7 +10,7 @@ from jax.test_util import check_grads
 from scenes import scene
 from walkers import walked
 
-from regents_cosim.mirror.bicycle import CURVATURE_LIMIT, TURN_PACE_M_S, Controls, Motion
+from regents_cosim.mirror.bicycle import CURVATURE_LIMIT, TURN_PACE_M_S, ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.rollout import roll_out_background
@@ -33,7 +33,7 @@ def random_walk(seed, fastest=2.0):
     ranges = ((-50, 50), (-50, 50), (-3, 3), (0.0, fastest))
     start = Motion(*(jnp.asarray(rng.uniform(low, high, AGENTS)) for low, high in ranges))
     accel = rng.uniform(-1.0, 1.0, (AGENTS, STEPS))
-    return start, Controls(jnp.asarray(accel), jnp.asarray(rng.uniform(-0.2, 0.2, (AGENTS, STEPS))))
+    return start, ControlArrays(jnp.asarray(accel), jnp.asarray(rng.uniform(-0.2, 0.2, (AGENTS, STEPS))))
 
 
 def always():
@@ -62,7 +62,7 @@ def test_the_closed_form_is_the_loop_and_its_inverse_recovers_the_controls(x64, 
 
 def test_a_walker_turns_on_the_spot_and_wheels_do_not():
     start = Motion(*(jnp.zeros(2) for _ in range(4)))
-    turning = Controls(jnp.zeros((2, STEPS)), jnp.full((2, STEPS), CURVATURE_LIMIT))
+    turning = ControlArrays(jnp.zeros((2, STEPS)), jnp.full((2, STEPS), CURVATURE_LIMIT))
     motion = roll_out(mixed(np.array([True, False])), start, turning, jnp.ones((2, STEPS), bool))
     assert motion.yaw[:, -1] == pytest.approx([CURVATURE_LIMIT * TURN_PACE_M_S * STEPS * DT, 0.0], abs=1e-4)
     assert np.abs(motion.x).max() == 0.0
@@ -79,7 +79,7 @@ def test_a_walker_that_enters_late_does_not_turn_before():
 @pytest.mark.parametrize("braking", [0.0, 1.0])
 def test_gradients_of_mixed_traffic_are_those_of_finite_differences(x64, braking):
     start, controls = random_walk(5)
-    controls = Controls(controls.accel - braking * jnp.sin(jnp.arange(STEPS) / 10), controls.curvature)
+    controls = ControlArrays(controls.accel - braking * jnp.sin(jnp.arange(STEPS) / 10), controls.curvature)
     weights = jnp.asarray(np.random.default_rng(0).normal(size=(4, AGENTS, STEPS + 1)))
 
     @jax.jit

@@ -18,7 +18,7 @@ from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, step
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion, step
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.world import to_world
@@ -42,7 +42,7 @@ def waypoints_of(accel, curvature, speed):
     """What constant controls lead to in 0.8 s."""
     state, found = Motion(*map(jnp.float32, (0.0, 0.0, 0.0, speed))), []
     for _ in range(8):
-        state = step(state, Controls(jnp.float32(accel), jnp.float32(curvature)), 0.1)
+        state = step(state, ControlArrays(jnp.float32(accel), jnp.float32(curvature)), 0.1)
         found.append([state.x, state.y])
     return jnp.array(found, jnp.float32)
 

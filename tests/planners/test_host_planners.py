@@ -20,7 +20,7 @@ from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import drive_each
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.rollout import drive_among_reacting
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
@@ -44,7 +44,7 @@ class CautiousInJax(JaxPlanner):
         ahead = (sight.motion.x - ego.x) * jnp.cos(ego.yaw) + (sight.motion.y - ego.y) * jnp.sin(ego.yaw)
         left = (sight.motion.y - ego.y) * jnp.cos(ego.yaw) - (sight.motion.x - ego.x) * jnp.sin(ego.yaw)
         near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0) & (jnp.abs(left) < 2.0))
-        return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
+        return ControlArrays(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
 
 
 IN_JAX = f"{Path(__file__)}:CautiousInJax"

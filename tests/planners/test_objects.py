@@ -13,7 +13,7 @@ from params import slow
 from places import SUPPORT
 from scenes import scene
 
-from regents_cosim import Control, Controls, JaxPlanner
+from regents_cosim import Control, ControlArrays, JaxPlanner
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.cases.content_hash import content_hash
@@ -62,7 +62,7 @@ class Push(JaxPlanner):
     push: float = 1.0
 
     def step(self, memory, sight, ego):
-        return Controls(accel=self.push * 0.0 + 1.0, curvature=sight.motion.x[0] * 0.0), memory
+        return ControlArrays(accel=self.push * 0.0 + 1.0, curvature=sight.motion.x[0] * 0.0), memory
 
 
 def local_class():

@@ -16,7 +16,7 @@ from regents_cosim.planners.under_test import PlannerUnderTest
 
 MINE = """
 import jax.numpy as jnp
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.planners.jax_planner import JaxPlanner
 
@@ -24,7 +24,7 @@ class Cautious(JaxPlanner):
     def step(self, memory, sight, ego):
         ahead = (sight.motion.x - ego.x) * jnp.cos(ego.yaw) + (sight.motion.y - ego.y) * jnp.sin(ego.yaw)
         near = jnp.any(sight.valid & (ahead > 0) & (ahead < 15.0))
-        return Controls(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
+        return ControlArrays(accel=jnp.where(near, -4.0, 1.0), curvature=jnp.float32(0.0)), memory
 
 class Raises(JaxPlanner):
     def step(self, memory, sight, ego):
@@ -32,18 +32,18 @@ class Raises(JaxPlanner):
 
 class Vectors(JaxPlanner):
     def step(self, memory, sight, ego):
-        return Controls(accel=jnp.zeros(3), curvature=jnp.zeros(3)), memory
+        return ControlArrays(accel=jnp.zeros(3), curvature=jnp.zeros(3)), memory
 
 class Forgets(JaxPlanner):
     def init(self, scene):
         return jnp.zeros(3)
 
     def step(self, memory, sight, ego):
-        return Controls(accel=jnp.float32(0.0), curvature=jnp.float32(0.0)), jnp.zeros(2)
+        return ControlArrays(accel=jnp.float32(0.0), curvature=jnp.float32(0.0)), jnp.zeros(2)
 
 class Absurd(JaxPlanner):
     def step(self, memory, sight, ego):
-        return Controls(accel=jnp.float32(jnp.nan), curvature=jnp.float32(0.0)), memory
+        return ControlArrays(accel=jnp.float32(jnp.nan), curvature=jnp.float32(0.0)), memory
 
 NOT_ONE = 7
 """

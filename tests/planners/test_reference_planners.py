@@ -9,7 +9,7 @@ from reference_scenes import aside
 from scenes import scene, straight_road
 from test_idm import driven
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.planners.reference.parameters import CAREFUL
@@ -41,7 +41,7 @@ class Slams(JaxPlanner):
     """Brakes as hard as it may."""
 
     def step(self, memory, sight, ego):
-        return Controls(jnp.float32(-100.0), jnp.float32(0.0)), memory
+        return ControlArrays(jnp.float32(-100.0), jnp.float32(0.0)), memory
 
 
 class SlamsHarder(Slams):

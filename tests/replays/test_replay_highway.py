@@ -23,7 +23,7 @@ from shipped_cases import crash_on, shipped_window
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import PlannerError, RegentsError
 from regents_cosim.geometry.frames import Pose, points_to_highway
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.highway_bicycle import roll_out
 from regents_cosim.mirror.world import scene_origin, to_tracks
 from regents_cosim.replays.highway.cast import ReplayRoad
@@ -137,7 +137,7 @@ def driven_by_the_twin():
     start, steps = jax.tree.map(lambda values: values[:, 0], from_tracks(recorded)), recorded.tracks.steps - 1
     row, time = np.arange(4)[:, None], np.arange(steps)
     accel, curvature = -1.5 * (row % 2) + np.sin(0.1 * time + row), 0.03 * np.cos(0.15 * time + row)
-    controls = Controls(*(jnp.asarray(values, jnp.float32) for values in (accel, curvature)))
+    controls = ControlArrays(*(jnp.asarray(values, jnp.float32) for values in (accel, curvature)))
     half = jnp.array([0.5 * agent.length for agent in recorded.agents], jnp.float32)
     return replace(
         recorded,

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.planners.jax_planner import JaxPlanner
 
 AT_STEP = 7
@@ -20,7 +20,7 @@ class FailsInOneCase(JaxPlanner):
     def step(self, memory, sight, ego):
         asked, answer = memory
         accel = jnp.where(asked < AT_STEP, 0.0, answer)
-        return Controls(accel=accel, curvature=jnp.float32(0.0)), (asked + 1, answer)
+        return ControlArrays(accel=accel, curvature=jnp.float32(0.0)), (asked + 1, answer)
 
 
 class RaisesInOneCase(JaxPlanner):
@@ -31,7 +31,7 @@ class RaisesInOneCase(JaxPlanner):
 
     def step(self, memory, sight, ego):
         accel = jax.pure_callback(_call, jax.ShapeDtypeStruct((), jnp.float32), memory, vmap_method="sequential")
-        return Controls(accel=accel, curvature=jnp.float32(0.0)), memory
+        return ControlArrays(accel=accel, curvature=jnp.float32(0.0)), memory
 
 
 def _call(bad):

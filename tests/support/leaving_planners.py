@@ -9,7 +9,7 @@ import sys
 import jax.numpy as jnp
 
 from regents_cosim import Control
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.planners.jax_planner import JaxPlanner
 
 
@@ -51,7 +51,7 @@ class StraightInJax(JaxPlanner):
         return jnp.zeros(2 if scene.scenario.id == "bad" else 1)
 
     def step(self, memory, sight, ego):
-        return Controls(accel=jnp.float32(0.0), curvature=jnp.float32(0.0)), memory
+        return ControlArrays(accel=jnp.float32(0.0), curvature=jnp.float32(0.0)), memory
 
     def keep(self, last):
         return last

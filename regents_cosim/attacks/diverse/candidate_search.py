@@ -23,7 +23,7 @@ from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.sampled_search import KNOTS
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.mirror.bicycle import Controls
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Scenario
 
@@ -41,7 +41,7 @@ class CandidateSearch:
     grid: EliteGrid = field(default_factory=EliteGrid)
 
     @cached_property
-    def starts(self) -> Controls:
+    def starts(self) -> ControlArrays:
         """What may be changed: actions [start searched step], those of the log last."""
         job = self.candidate.job
         log = job.searched.rows(to_actions(job.world.controls))
@@ -61,7 +61,7 @@ class CandidateSearch:
         job, planner, config = self._given
         return job._replace(start=self._starting([proposal.start], 0)), planner, config
 
-    def _starting(self, chosen: Sequence[int], at: slice | int = slice(None)) -> Controls:
+    def _starting(self, chosen: Sequence[int], at: slice | int = slice(None)) -> ControlArrays:
         return jax.tree.map(lambda values: jnp.asarray(values[np.asarray(chosen)][at], jnp.float32), self.starts)
 
     def look(self) -> None:

@@ -16,7 +16,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.sampled_search import changed, pace
 from regents_cosim.attacks.search import set_up
 from regents_cosim.attacks.search_state import SearchResult, SearchState
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.planners.jax_planner import JaxPlanner
 
@@ -30,13 +30,13 @@ def try_changes(
     job: SearchJob,
     planner: JaxPlanner,
     config: AttackConfig,
-    starts: Controls,
+    starts: ControlArrays,
     changes: Float[Array, "change coordinate"],
 ) -> tuple[Float[Array, "change row"], Bool[Array, " change"]]:
     """Of every change of its start [change searched step] the value and the measures, and whether it is accepted."""
     same = _descent(job, planner, config)
 
-    def one(given: tuple[Controls, Float[Array, " coordinate"]]) -> tuple[Array, Array]:
+    def one(given: tuple[ControlArrays, Float[Array, " coordinate"]]) -> tuple[Array, Array]:
         start, change = given
         descent = replace(same, start=start)
         search = _seen(descent, change)
@@ -78,11 +78,11 @@ def _seen(descent: Descent, change: Float[Array, " coordinate"]) -> SearchState:
     return descent.seeing(replace(descent.begin(), actions=_changed(descent, change)))
 
 
-def _changed(descent: Descent, change: Float[Array, " coordinate"]) -> Controls:
+def _changed(descent: Descent, change: Float[Array, " coordinate"]) -> ControlArrays:
     return descent.allowed(changed(descent.first(), change, pace(descent.world, descent.searched)))
 
 
-def _rows(descent: Descent, motion: Motion, actions: Controls) -> Float[Array, " row"]:
+def _rows(descent: Descent, motion: Motion, actions: ControlArrays) -> Float[Array, " row"]:
     total, _ = descent.cost(descent.world.boxes(motion), motion, actions)
     ego = jax.tree.map(lambda values: values[0], motion)
     own = jax.tree.map(lambda values: values[0], descent.searched.rows(motion))

@@ -20,7 +20,7 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.benchmarks.gallery.roads import straight_road
 from regents_cosim.benchmarks.gallery.scenes import Car, traffic
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import roll_out_background
@@ -106,7 +106,7 @@ def _gradients(
 
     def cost(controls: tuple[Array, Array], place: tuple[Array, Array, Array]) -> Float[Array, ""]:
         placed = eqx.tree_at(lambda w: w.start, world, _start(world, place))
-        steered = Controls(
+        steered = ControlArrays(
             world.controls.accel.at[_ADVERSARY].set(controls[0]),
             world.controls.curvature.at[_ADVERSARY].set(controls[1]),
         )

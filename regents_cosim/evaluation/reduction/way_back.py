@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
@@ -46,14 +46,16 @@ class WayBack:
 
         Its first state is in between as well, for a case that begins after the attack did.
         """
-        shares = Controls(*(jnp.float32(share if part in ("both", name) else 1.0) for name in ("accel", "curvature")))
+        shares = ControlArrays(
+            *(jnp.float32(share if part in ("both", name) else 1.0) for name in ("accel", "curvature"))
+        )
         motion, controls = _between(self._world, self._logged, shares)
         found = to_tracks(motion, controls, self._attacked)
         return replace(self._attacked, tracks=_with_row(self._attacked.tracks, found, self._agent))
 
 
 @compiled
-def _between(world: World, logged: World, shares: Controls) -> tuple[Motion, Controls]:
+def _between(world: World, logged: World, shares: ControlArrays) -> tuple[Motion, ControlArrays]:
     attacked = world.mobility.controls_between(world.log, world.dt)
     controls = jax.tree.map(lambda log, own, share: log + share * (own - log), logged.controls, attacked, shares)
     most = jnp.maximum(shares.accel, shares.curvature)

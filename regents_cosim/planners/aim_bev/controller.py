@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.planners.aim_bev.architecture import WAYPOINT_S, WAYPOINTS
 
@@ -40,7 +40,7 @@ class Controller(eqx.Module):
 
     def steer(
         self, errors: SpeedErrors, waypoints: Float[Array, "waypoint 2"], speed: Float[Array, ""]
-    ) -> tuple[Controls, SpeedErrors]:
+    ) -> tuple[ControlArrays, SpeedErrors]:
         """Controls along `waypoints` [m, ego frame, x ahead] at the present `speed` [m/s]."""
         steps = jnp.diff(waypoints, axis=0, prepend=jnp.zeros((1, 2)))
         desired = jnp.hypot(steps[:, 0], steps[:, 1]).sum() / (WAYPOINTS * WAYPOINT_S)
@@ -54,4 +54,4 @@ class Controller(eqx.Module):
         accel = jnp.where(speed > self.brake_ratio * desired, -ACCEL_LIMIT, accel)
         accel = jnp.where(desired == 0.0, -jnp.minimum(speed / WAYPOINT_S, ACCEL_LIMIT), accel)
         ahead, left = waypoints[-1]
-        return Controls(accel, 2.0 * left / jnp.maximum(ahead**2 + left**2, _LEAST_WAY_M2)), errors
+        return ControlArrays(accel, 2.0 * left / jnp.maximum(ahead**2 + left**2, _LEAST_WAY_M2)), errors

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, UInt8
 
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars, to_ground
 from regents_cosim.mirror.levels import HeightMap, same_level
 from regents_cosim.mirror.observe import Surroundings, observe
@@ -93,7 +93,7 @@ class AimBev(JaxPlanner):
         boxes = Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *sizes, z=traffic.z)
         return jax.tree.map(lambda values: values.T, AimBevSight(boxes, motion.speed, traffic.valid))
 
-    def step(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> tuple[Controls, AimBevMemory]:
+    def step(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> tuple[ControlArrays, AimBevMemory]:
         """See, plan waypoints, steer along them."""
         view = Surroundings(sight.boxes, sight.speed, self.on_level(memory, sight, ego), memory.lights[memory.now])
         seen, before = in_view(view, ego, self.given.camera), memory.recollection.at(memory.now)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from regents_cosim.mirror.bicycle import Controls, Motion, clip, step
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, step
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 
 _SPRING = 0.25  # [1/s^2] per metre behind the log
@@ -33,7 +33,7 @@ def expert_waypoints(
     return jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin], axis=-1)
 
 
-def _controls(log: Motion, along: Array, last: Array, now: Array, ego: Motion, dt: Array | float) -> Controls:
+def _controls(log: Motion, along: Array, last: Array, now: Array, ego: Motion, dt: Array | float) -> ControlArrays:
     steps = jnp.arange(log.x.shape[0])
     away = jnp.where(steps <= last, jnp.hypot(log.x - ego.x, log.y - ego.y), jnp.inf)
     nearest = jnp.argmin(away)
@@ -48,7 +48,7 @@ def _controls(log: Motion, along: Array, last: Array, now: Array, ego: Motion, d
     y = _at(wanted, along, log.y, last) + beyond * jnp.sin(log.yaw[last]) - ego.y
     left = y * jnp.cos(ego.yaw) - x * jnp.sin(ego.yaw)
     accel = jnp.clip(accel, -_MOST_BRAKE, _MOST_ACCEL)
-    return clip(Controls(accel, 2.0 * left / jnp.maximum(x**2 + y**2, 1.0)))
+    return clip(ControlArrays(accel, 2.0 * left / jnp.maximum(x**2 + y**2, 1.0)))
 
 
 def _at(wanted: Array, along: Array, values: Array, last: Array) -> Float[Array, ""]:

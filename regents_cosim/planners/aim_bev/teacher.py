@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Controls, Motion, clip, step
+from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion, clip, step
 from regents_cosim.mirror.camera import PAPERS, Camera
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
@@ -40,7 +40,7 @@ _AT_LOG_M, _AT_LOG_S = 2.0, 0.3  # nearer to its log than this, and so much of i
 
 _PACE = IDM(max_accel=3.0, exponent=12.0, lateral_accel=5.0)
 
-_Drives = Callable[[Motion, Array], Controls]  # from a state, so many steps ahead
+_Drives = Callable[[Motion, Array], ControlArrays]  # from a state, so many steps ahead
 
 
 class Teacher(eqx.Module):
@@ -102,7 +102,7 @@ class Teacher(eqx.Module):
         seen = room.valid[one.scene] & _in_view(room, one)[:, None]
         sizes = room.half_length[one.scene], room.half_width[one.scene]
 
-        def drives(ego: Motion, ahead: Array) -> Controls:
+        def drives(ego: Motion, ahead: Array) -> ControlArrays:
             now = jnp.minimum(one.step + ahead, room.steps - 1)
             motion, valid = jax.tree.map(lambda values: values[:, now][:, None], (others, seen))
             sight = jax.tree.map(lambda values: values[0], self.idm.look(route, Traffic(motion, valid, *sizes)))
@@ -116,7 +116,7 @@ class Teacher(eqx.Module):
 
         def advance(ego: Motion, ahead: Array) -> tuple[Motion, Motion]:
             control = idm(ego, ahead)
-            control = Controls(
+            control = ControlArrays(
                 jnp.where(braking > 0.0, jnp.minimum(control.accel, -braking), control.accel), control.curvature
             )
             after = step(ego, clip(control), room.dt)

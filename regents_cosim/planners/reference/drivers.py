@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import Controls, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
@@ -87,7 +87,9 @@ class ReferencePlanner(JaxPlanner):
         """The braking [m/s^2] that each of the others calls for."""
         raise NotImplementedError
 
-    def step(self, memory: ReferenceMemory, sight: SurroundingTraffic, ego: Motion) -> tuple[Controls, ReferenceMemory]:
+    def step(
+        self, memory: ReferenceMemory, sight: SurroundingTraffic, ego: Motion
+    ) -> tuple[ControlArrays, ReferenceMemory]:
         """IDM's controls, or the emergency braking once it has reacted."""
         nominal, idm = self.idm.step(memory.idm, sight.idm, ego)
         wanted = jnp.where(sight.traffic.valid, self.wanted(memory, sight, ego), 0.0)
@@ -99,7 +101,7 @@ class ReferencePlanner(JaxPlanner):
             "there": _pushed(memory.there, sight.traffic.valid),
             "own": _pushed(memory.own, ego.speed),
         }
-        return Controls(accel, nominal.curvature), ReferenceMemory(
+        return ControlArrays(accel, nominal.curvature), ReferenceMemory(
             idm, memory.lanes, memory.dt, **past, reaction=reaction
         )
 
