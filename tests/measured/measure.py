@@ -74,10 +74,14 @@ def _table(
     count: int,
     planner: str,
     nets: tuple[str, ...],
-    methods: str = "--methods focused --methods regents --methods king",
+    methods: str = "",
     tuned_on: tuple[str, ...] = (),
 ) -> Step:
-    asked = [f"--count {count} --seed {SEED} --adversaries one", f"--planners {planner}", methods]
+    asked = [
+        f"--count {count} --seed {SEED} --adversaries one",
+        *([] if planner == "idm" else [f"--planners {planner}"]),
+        methods,
+    ]
     asked += [f"--tuned-on {one}" for one in tuned_on]
     where = [str(folder / f"places/{one}.sumocfg") if one in PLACES else one for one in nets]
     words = ["bench", "table1", *" ".join(asked).split()]

@@ -50,7 +50,7 @@ def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _share(row: dict[str, Any]) -> str:
     low, high = row["telling_interval"]
-    return f"{row['telling']} of {row['n']}: {row['telling_percent']:.0f} % ({low:.0f} to {high:.0f})"
+    return f"{row['telling']}/{row['n']}: {row['telling_percent']:.0f} % ({low:.0f}-{high:.0f})"
 
 
 def _rows(part: Sequence[dict[str, Any]], planner: str, source: str) -> list[dict[str, Any]]:
@@ -127,7 +127,7 @@ def _by_place(measured: dict[str, Any]) -> str:
     of_all = [row for step in ("shipped", "made") if step in results for row in results[step]["by_source"]]
     places = dict.fromkeys(row["source"] for row in of_all)
     rows = [
-        [place.removesuffix(".sumocfg"), *(f"{row['telling']} of {row['n']}" for row in _rows(of_all, "idm", place))]
+        [place.removesuffix(".sumocfg"), *(f"{row['telling']}/{row['n']}" for row in _rows(of_all, "idm", place))]
         for place in places
     ]
     return _grid(["place", *_NAMES.values()], rows)
@@ -160,7 +160,7 @@ def _transfer(measured: dict[str, Any]) -> str:
     rows = []
     for row in measured["results"]["transfer"]:
         low, high = row["interval_percent"]
-        share = f"{row['same_crash_percent']:.0f} % ({low:.0f} to {high:.0f})"
+        share = f"{row['same_crash_percent']:.0f} % ({low:.0f}-{high:.0f})"
         rows.append([row["place"], str(row["crashes"]), f"{row['same_crash']}: {share}", str(row["invented"])])
     return _grid(["replayed in", "crashes", "same crash, same step", "crashes that the case does not have"], rows)
 

@@ -82,6 +82,8 @@ def test_pages_say_at_their_top_whom_they_serve(page):
 
 def test_the_documentation_is_short():
     assert len((ROOT / "README.md").read_text().split()) <= 600
+    assert len((ROOT / "docs/results.md").read_text().split()) <= 1_500
+    assert len((ROOT / "docs/performance.md").read_text().split()) <= 800
     assert sum(len(page.read_text().split()) for page in PAGES) <= 22_000
 
 
