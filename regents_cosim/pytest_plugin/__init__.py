@@ -16,9 +16,10 @@ from regents_cosim.pytest_plugin.fixture import Regents
 from regents_cosim.pytest_plugin.session import SuiteSession
 from regents_cosim.pytest_plugin.settings import WHERE, suites
 from regents_cosim.pytest_plugin.strangers import require_no_strangers_code
+from regents_cosim.pytest_plugin.suites_alone import conftests_of_tests_left_out
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator, Iterator
 
 _RUN = "regents-run"
 
@@ -30,7 +31,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     def add(name: str, text: str, **how: Any) -> None:
         group.addoption(f"--regents-{name}", dest=f"regents_{name}", help=text, **how)
 
-    add("suite", "folder of cases to run as tests; may be given more than once", action="append", metavar="PATH")
+    add(
+        "suite",
+        "folder of cases to run as tests, alone where no tests are named; repeatable",
+        action="append",
+        metavar="PATH",
+    )
     add("planner", "system under test, as in `regents evaluate --planner`", metavar="NAME")
     add("in", "where it drives: mirror (default), sumo or highway", choices=WHERE)
     add("baseline", "file of accepted outcomes (default: baseline.json in each suite)", metavar="PATH")
@@ -49,10 +55,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini("regents_fail", "which metrics may get how much worse")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_load_initial_conftests(early_config: pytest.Config) -> Generator[None, object, object]:
     """Before the first file of anybody's is run."""
     require_no_strangers_code(early_config)
+    with conftests_of_tests_left_out(early_config):
+        return (yield)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -10,6 +10,7 @@ import pytest
 from regents_cosim.pytest_plugin.items import CaseItem, SuiteFile
 from regents_cosim.pytest_plugin.settings import MANIFEST, drives_ahead, from_here, is_worker, option, suites, where
 from regents_cosim.pytest_plugin.strangers import named_paths
+from regents_cosim.pytest_plugin.suites_alone import suites_alone
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable
@@ -76,6 +77,8 @@ class SuiteSession:
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection(self) -> None:
         """What is named of a suite is collected by us: pytest would go there through the folders above it."""
+        if suites_alone(self.config):
+            self.config.args.clear()
         rest: list[str] = []
         for argument, path in zip(self.config.args, named_paths(self.config, self.config.args), strict=True):
             suite = next((one for one in self.cases if path in (one, one / MANIFEST)), None)

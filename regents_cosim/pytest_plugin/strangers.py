@@ -8,7 +8,6 @@ folders that they lie in.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -44,7 +43,7 @@ def require_no_strangers_code(config: pytest.Config) -> None:
         raise pytest.UsageError(f"{ini} is none of yours, and pytest obeys it: write --regents-suite=FOLDER")
     for suite in given:
         ways = [folder for folder in suite.parents if not own.has(folder)]  # from the suite upwards
-        code = _gone_through(suite, ways, tests, config, given)
+        code = _gone_through(suite, ways, tests)
         if code is not None:
             raise pytest.UsageError(
                 f"{code} lies beside a suite, and pytest would run it: move the suite elsewhere, or name the folder of "
@@ -63,23 +62,11 @@ class _Own:
         return folder in self._above or _lies_in(folder, self._tests)
 
 
-def _gone_through(
-    suite: Path, ways: list[Path], tests: list[Path], config: pytest.Config, suites: list[Path]
-) -> Path | None:
-    """Code that pytest comes by on its ways to a suite: to a case of it that is named, or from here to all tests."""
-    if any(test.is_relative_to(suite) for test in tests):
-        return next((folder / name for folder in ways for name in run_by_pytest(folder)), None)
-    from_here = not tests and not config.getini("testpaths")
-    if not from_here or not suite.is_relative_to(config.invocation_params.dir.resolve()):
+def _gone_through(suite: Path, ways: list[Path], tests: list[Path]) -> Path | None:
+    """Code that pytest comes by on its way to a case of a suite that is named."""
+    if not any(test.is_relative_to(suite) for test in tests):
         return None
-    return next((code for folder in ways[-1:] for code in _code_in(folder, suites)), None)
-
-
-def _code_in(folder: Path, suites: list[Path]) -> Iterator[Path]:
-    """Python files in a folder and those below it, but for suites, which pytest does not go into."""
-    for place, folders, files in os.walk(folder):
-        folders[:] = sorted(one for one in folders if Path(place, one) not in suites)
-        yield from (Path(place, name) for name in sorted(files) if name.endswith(".py"))
+    return next((folder / name for folder in ways for name in run_by_pytest(folder)), None)
 
 
 def _lies_in(path: Path, folders: list[Path]) -> bool:
