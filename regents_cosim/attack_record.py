@@ -39,7 +39,7 @@ CAREFUL_COMPLETION = "careful_completion"  # and how far a careful driver gets t
 
 @dataclass(frozen=True, repr=False)
 class AttackRecord(Brief):
-    """How an attack went."""
+    """The result of an attack on one scenario."""
 
     case: str  # id of the scenario before the attack
     method: str

@@ -152,7 +152,10 @@ Escape = Literal["in time", "not in time", "never", "unknown", "avoidable"]
 
 @dataclass(frozen=True, repr=False)
 class Judgement(Brief):
-    """What a crash says about the planner. Fields that older versions did not know are None or empty in their cases."""
+    """The verdicts on a crash: what it says about the planner.
+
+    Fields that older versions did not know are None or empty in their cases.
+    """
 
     flaws: tuple[Flaw, ...]  # what spoils it as a test; clean has none
     avoidability: Avoidability | None = None
@@ -186,7 +189,7 @@ class Judgement(Brief):
 
     @property
     def into_evasion(self) -> tuple[str, ...]:
-        """Who replays a log into the back of the drive that avoids it: noted, not counted."""
+        """Road users that follow their log into the back of the ego that avoids the crash: noted, not counted."""
         best = self.avoidability.gentlest if self.avoidability else None
         if best is None or best.driver is None:
             return ()

@@ -314,7 +314,7 @@ class Scenario(Tabular):
         return track_rows(self)
 
     def summary(self) -> dict[str, object]:
-        """What a person asks first of a scenario."""
+        """The main facts of the scenario, by name."""
         found: dict[str, object] = {
             "id": self.id,
             "agents": len(self.agents),

@@ -75,7 +75,7 @@ DEFAULT_AXES = ("manoeuvre", "closing_speed", "departure")
 
 @dataclass(frozen=True)
 class Axes:
-    """Those of one map. Raises RegentsError for none, for one given twice, and for an unknown one."""
+    """The axes of one map. Raises RegentsError for none, for one given twice, and for an unknown one."""
 
     names: tuple[str, ...] = DEFAULT_AXES
 

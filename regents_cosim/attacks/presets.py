@@ -151,21 +151,21 @@ class AttackConfig(Brief):
 
     @property
     def may_attack(self) -> frozenset[Kind]:
-        """What kinds of road users may attack."""
+        """The kinds of road users that may attack."""
         return frozenset[Kind]().union(*(ROAD_USERS[user] for user in self.adversary_kinds))
 
     @property
     def samples(self) -> int:
-        """How many of the attempts sample, in place of a descent."""
+        """The number of attempts that sample instead of descending."""
         return min(self.sampled, self.attempts - 1)
 
     @property
     def descents(self) -> int:
-        """How many of the attempts descend."""
+        """The number of attempts that descend."""
         return self.attempts - self.samples
 
     def descending(self) -> "AttackConfig":
-        """The same where no search can sample: in place of those that would, one more descent, from the log."""
+        """A copy for searches that cannot sample: one more descent, from the log, replaces all samplings."""
         return replace(self, attempts=self.descents + min(self.samples, 1), sampled=0)
 
     @property

@@ -43,7 +43,7 @@ from regents_cosim.system.foreign_code import foreign_code, said_by
 
 @dataclass(frozen=True, repr=False)
 class LoopScene(Brief):
-    """What a planner is told before the first step: the scenario, and the same on the device.
+    """The scene that a planner is told before the first step: the scenario, and the same on the device.
 
     The device's coordinates are the map's less `origin`. The map is in the scenario: on the device all is road, but in
     some attacks. A planner that looks at later steps of the tracks knows the future; only `log_replay` is meant to.
@@ -96,7 +96,7 @@ class JaxPlanner(eqx.Module):
         raise NotImplementedError
 
     def keep(self, last: Any) -> Any:
-        """What of the memory at the end of a drive may spare work in the next one through the same scene.
+        """The part of the final memory that saves work in the next drive through the same scene.
 
         By default nothing. It must not change any answer.
         """

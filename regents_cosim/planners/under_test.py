@@ -58,7 +58,7 @@ class PlannerUnderTest(Brief):
 
     @property
     def ticket(self) -> "PlannerTicket | None":
-        """What another process gets it by; None where it cannot leave this one."""
+        """The value from which another process makes the planner; None if it cannot leave this process."""
         return None if self.source is None else PlannerTicket(self.name, self.source, self.loop is not None)
 
 

@@ -31,7 +31,7 @@ class ReportedCollision(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Replay(Brief):
-    """What a simulator made of a case.
+    """The result of replaying a case in a simulator.
 
     `verified`: the same first contact of the ego, or none as in the case; see `compare`. Errors are
     of those who were scripted, 0 for all others and where absent.

@@ -36,7 +36,7 @@ _JUDGED = "held-out"
 
 @dataclass(frozen=True, repr=False)
 class RoundRow(Brief):
-    """What came of a round."""
+    """The result of one round."""
 
     round: int
     windows: int  # that were attacked

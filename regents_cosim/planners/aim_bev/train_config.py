@@ -12,7 +12,7 @@ from regents_cosim.planners.aim_bev.shown import LEAST_VIEW_M, MOST_VIEW_M
 
 @dataclass(frozen=True, repr=False)
 class TrainConfig(Brief):
-    """How long and how fast to learn."""
+    """Settings of a training: how long and how fast to learn."""
 
     epochs: int = 40
     seed: int = 0
@@ -72,7 +72,7 @@ def require_as_begun(config: TrainConfig, way: str) -> None:
 
 @dataclass(frozen=True)
 class Epoch:
-    """How an epoch went."""
+    """The losses and scores of one epoch of training."""
 
     epoch: int
     loss_m: float  # mean absolute error of the waypoints' coordinates
