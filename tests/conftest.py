@@ -2,6 +2,7 @@ import gc
 import os
 import sys
 
+import checked_shapes  # noqa: F401
 import hypothesis
 import jax
 import pytest
@@ -34,6 +35,7 @@ hypothesis.settings.load_profile("shared")
 
 def pytest_configure(config):
     """Before JAX compiles the first program, and for the commands that tests start; `bench-parts` asks for speed."""
+    config.option.benchmark_skip = not config.option.benchmark_only
     if not config.option.benchmark_only:
         os.environ["XLA_FLAGS"] = f"{QUICK_XLA} {os.environ.get('XLA_FLAGS', '')}".strip()
 
