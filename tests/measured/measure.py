@@ -6,7 +6,7 @@
 
 Every step is a command of `regents` that a user can give. What a step gives is kept in `.benchmarks/measured/COMMIT`,
 and the same call goes on from there after a stop. At the end `docs/measured.json` has all of it, and the pages take
-their tables from that file.
+their tables from that file. Leave the checkout as it is while this runs: new processes read the code from it.
 """
 
 import argparse
