@@ -135,7 +135,7 @@ def test_what_no_round_can_be_made_of_is_said_at_once(ordinary, tmp_path, capsys
 TINY = Rounds(
     rounds=1,
     nets=("crossing",),
-    windows=9,
+    windows=12,
     held_out=1,
     attack=replace(METHODS["starts"], nearest=4, adversaries="one"),
     training=replace(FINE_TUNING, epochs=1, lessons=64, drives=2, frozen=13),
@@ -173,7 +173,7 @@ def test_killed_in_its_last_training_it_ends_with_the_same_bytes(tmp_path, monke
     copies = Copies()
     whole = train_adversarially(standing, output, TINY, weights=blind, progress=copies)
     (first,) = whole.rounds
-    assert first.windows == 9
+    assert first.windows == TINY.windows
     assert first.teachable > 0
     assert first.kept_percent is not None, "there is enough to learn from"
     assert len(find_cases(whole.suite)) >= first.suite_cells > 0
