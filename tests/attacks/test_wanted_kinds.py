@@ -11,7 +11,7 @@ from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.starts import Start
 from regents_cosim.attacks.wanted_kinds import Unattacked, of_wanted_kinds
-from regents_cosim.campaign.requests import parse_types
+from regents_cosim.campaign.requests import parse_manoeuvres
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
@@ -65,7 +65,7 @@ def test_a_drive_is_the_crash_that_it_would_make_were_the_ego_to_drive_on():
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["crossing_path", "cut_out"])
 def test_only_crashes_of_the_kind_are_found_and_where_no_drive_leads_to_one_nothing_is_searched(kind):
-    wanted, few = parse_types([kind], 1), replace(REGENTS_FOCUSED, iterations=50)
+    wanted, few = parse_manoeuvres([kind], 1), replace(REGENTS_FOCUSED, iterations=50)
     (found,) = attack_each([shipped_window("crossing")], few, "idm", wanted=wanted)
     promised = found[0].attack.settings["kinds"].split()
     crashes = [case for case in found if case.attack.outcome == "collision"]
@@ -77,7 +77,7 @@ def test_only_crashes_of_the_kind_are_found_and_where_no_drive_leads_to_one_noth
 @pytest.mark.slow
 def test_a_cut_out_is_found_where_traffic_has_one_that_leaves_the_lane_late():
     source = SumoInput(network_config("exit_lane"), end_s=65.0, ego="road.onward.passenger.2")
-    (window,), wanted = record(source, count=1, seed=5), parse_types(["cut_out"], 1)
+    (window,), wanted = record(source, count=1, seed=5), parse_manoeuvres(["cut_out"], 1)
     ((crash,),) = attack_each([window], REGENTS_FOCUSED, "constant_velocity", wanted=wanted)
     assert crash.attack.outcome == "collision"
     assert wanted.of_crash(crash) == {"cut_out"}
